@@ -1,0 +1,1 @@
+"""Packaged scenarios: each module builds a Drake Diagram, its YAML beside it."""

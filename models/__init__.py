@@ -1,0 +1,1 @@
+"""Robots and objects of the packaged scenarios, as model files."""
