@@ -1,0 +1,1 @@
+"""Rigid-body quantities of a Drake plant, vectorised over samples."""

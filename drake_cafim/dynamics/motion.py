@@ -1,0 +1,197 @@
+"""Spatial kinematics and momentum of a tree over many samples at once.
+
+Spatial vectors stand about the world origin, in world axes, angular part first (Featherstone, *Rigid Body
+Dynamics Algorithms*, 2008, ch. 2): a joint's axis S, a link's velocity V = Σ S v, its momentum h = I V.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from drake_cafim.dynamics.tree import FIXED, Body, Tree
+from drake_cafim.typing import Array
+
+
+def skew(a: Array) -> Array:
+    """(..., 3) to the (..., 3, 3) matrices of a ×."""
+    result = np.zeros((*a.shape, 3))
+    result[..., 0, 1], result[..., 0, 2] = -a[..., 2], a[..., 1]
+    result[..., 1, 0], result[..., 1, 2] = a[..., 2], -a[..., 0]
+    result[..., 2, 0], result[..., 2, 1] = -a[..., 1], a[..., 0]
+    return result
+
+
+def cross_motion(V: Array, S: Array) -> Array:
+    """V × S for motion vectors (..., 6)."""
+    angular = np.cross(V[..., :3], S[..., :3])
+    linear = np.cross(V[..., :3], S[..., 3:]) + np.cross(V[..., 3:], S[..., :3])
+    return np.concatenate([angular, linear], axis=-1)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where the links are and how they move.
+
+    `q`, `v` (N, n); `R_WJ` (N, n, 3, 3), `p_WJ` (N, n, 3) poses of the joints' moving frames; `axes` (N, n, 6)
+    and `velocities` (N, n, 6) about the world origin, world axes.
+    """
+
+    tree: Tree
+    q: Array
+    v: Array
+    R_WJ: Array
+    p_WJ: Array
+    axes: Array
+    velocities: Array
+
+    @cached_property
+    def axes_rate(self) -> Array:
+        """Ṡ = V × S, (N, n, 6)."""
+        return cross_motion(self.velocities, self.axes)
+
+    @cached_property
+    def link_inertias(self) -> Array:
+        """(N, n, 6, 6) spatial inertia of all that rides each joint itself."""
+        return link_inertias(self, self.tree.bodies)
+
+    def carried(self, wrench: Array) -> Array:
+        """Sums (N, n, ...) over each joint's subtree."""
+        total = wrench.copy()
+        for j in range(len(self.tree.joints) - 1, -1, -1):
+            parent = self.tree.joints[j].parent
+            if parent != FIXED:
+                total[:, parent] += total[:, j]
+        return total
+
+    def project(self, wrench: Array) -> Array:
+        """Generalized forces (N, n) of wrenches (N, n, 6) that act on the links."""
+        return np.einsum("njk,njk->nj", self.axes, self.carried(wrench))
+
+    def point(self, joint: int, p_JP: Array) -> tuple[Array, Array]:
+        """World position and velocity, each (N, 3), of points fixed in frame J; `p_JP` (3,) or (N, 3)."""
+        if joint == FIXED:
+            position = np.broadcast_to(p_JP, (len(self.q), 3)).copy()
+            return position, np.zeros_like(position)
+        position = self.p_WJ[:, joint] + np.einsum("nij,...j->ni", self.R_WJ[:, joint], p_JP) \
+            if p_JP.ndim == 1 else self.p_WJ[:, joint] + np.einsum("nij,nj->ni", self.R_WJ[:, joint], p_JP)
+        V = self.velocities[:, joint]
+        return position, V[:, 3:] + np.cross(V[:, :3], position)
+
+
+def motion(tree: Tree, q: Array, v: Array) -> Motion:
+    """The motion of `tree` at positions `q` and velocities `v`, each (N, n)."""
+    samples, n = q.shape
+    R_WJ, p_WJ = np.empty((samples, n, 3, 3)), np.empty((samples, n, 3))
+    axes, velocities = np.zeros((samples, n, 6)), np.zeros((samples, n, 6))
+    for j, joint in enumerate(tree.joints):
+        if joint.parent == FIXED:
+            R_WF, p_WF = np.broadcast_to(joint.R_PF, (samples, 3, 3)), np.broadcast_to(joint.p_PF, (samples, 3))
+            V_parent = np.zeros((samples, 6))
+        else:
+            R_WP = R_WJ[:, joint.parent]
+            R_WF, p_WF = R_WP @ joint.R_PF, p_WJ[:, joint.parent] + R_WP @ joint.p_PF
+            V_parent = velocities[:, joint.parent]
+        axis_W = R_WF @ joint.axis
+        if joint.prismatic:
+            R_WJ[:, j], p_WJ[:, j] = R_WF, p_WF + axis_W * q[:, j, None]
+            axes[:, j, 3:] = axis_W
+        else:
+            R_WJ[:, j], p_WJ[:, j] = R_WF @ _rotation(joint.axis, q[:, j]), p_WF
+            axes[:, j, :3], axes[:, j, 3:] = axis_W, np.cross(p_WF, axis_W)
+        velocities[:, j] = V_parent + axes[:, j] * v[:, j, None]
+    return Motion(tree, q, v, R_WJ, p_WJ, axes, velocities)
+
+
+def _rotation(axis: Array, angle: Array) -> Array:
+    """Rodrigues: (N, 3, 3) rotations by `angle` (N,) about a unit `axis` (3,)."""
+    K = skew(axis)
+    sine, versine = np.sin(angle)[:, None, None], (1.0 - np.cos(angle))[:, None, None]
+    return np.eye(3) + sine * K + versine * (K @ K)
+
+
+def link_inertias(moving: Motion, bodies: tuple[Body, ...]) -> Array:
+    """(N, n, 6, 6) spatial inertias about the world origin, summed over the `bodies` that ride each joint."""
+    samples, n = moving.q.shape
+    result = np.zeros((samples, n, 6, 6))
+    for joint in range(n):
+        riding = [body for body in bodies if body.joint == joint]
+        if not riding:
+            continue
+        mass = sum(body.mass for body in riding)
+        first = np.sum([b.mass * (b.p_JB + b.R_JB @ b.p_BBcm) for b in riding], axis=0)
+        about_J = np.sum([_inertia_about_J(b) for b in riding], axis=0)
+        R, p = moving.R_WJ[:, joint], moving.p_WJ[:, joint]
+        first_W = R @ first
+        # parallel axis from Jo to Wo: I_Wo = R I_Jo Rᵀ − m p×p× − (p× f× + f× p×), f the first moment
+        P, F = skew(p), skew(first_W)
+        result[:, joint, :3, :3] = R @ about_J @ np.swapaxes(R, 1, 2) - mass * P @ P - P @ F - F @ P
+        moment = skew(mass * p + first_W)
+        result[:, joint, :3, 3:] = moment
+        result[:, joint, 3:, :3] = -moment
+        result[:, joint, 3:, 3:] = mass * np.eye(3)
+    return result
+
+
+def _inertia_about_J(body: Body) -> Array:
+    p_JBcm = body.p_JB + body.R_JB @ body.p_BBcm
+    C = skew(p_JBcm)
+    return np.asarray(body.R_JB @ body.I_BBcm_B @ body.R_JB.T - body.mass * C @ C, dtype=float)
+
+
+@dataclass(frozen=True)
+class MomentumBalance:
+    """The two sides of d/dt(∂T/∂v) = ∂T/∂q + gravity + applied, each (N, n)."""
+
+    momentum: Array
+    """p = M(q) v."""
+    force: Array
+    """∂T/∂q + gravity."""
+
+
+def momentum_balance(moving: Motion, inertias: Array, gravity: Array) -> MomentumBalance:
+    """Generalized momentum and its inertial and gravity forces.
+
+    `inertias` (N, n, 6, 6) about the world origin; `gravity` (3,) m/s² in the world. With h the momentum that
+    joint k carries, p_k = S_k·h and ∂T/∂q_k = Ṡ_k·h.
+    """
+    h = moving.carried(np.einsum("njab,njb->nja", inertias, moving.velocities))
+    field = np.concatenate([np.zeros(3), gravity])
+    weight = moving.carried(inertias @ field)
+    return MomentumBalance(
+        momentum=np.einsum("njk,njk->nj", moving.axes, h),
+        force=np.einsum("njk,njk->nj", moving.axes_rate, h) + np.einsum("njk,njk->nj", moving.axes, weight),
+    )
+
+
+def mass_matrix(moving: Motion, inertias: Array) -> Array:
+    """M(q), (N, n, n), by composite inertias; without rotor inertias."""
+    composite = moving.carried(inertias)
+    n = moving.q.shape[1]
+    carried = moving.tree.supports()
+    result = np.zeros((len(moving.q), n, n))
+    for j in range(n):
+        f = np.einsum("nab,nb->na", composite[:, j], moving.axes[:, j])
+        for k in range(j + 1):
+            if carried[j, k]:
+                result[:, j, k] = result[:, k, j] = np.einsum("na,na->n", f, moving.axes[:, k])
+    return result
+
+
+def bias_force(moving: Motion, inertias: Array, gravity: Array) -> Array:
+    """C(q, v) v − gravity, (N, n): the force that keeps v̇ = 0."""
+    acceleration = np.zeros_like(moving.velocities)
+    for j, joint in enumerate(moving.tree.joints):
+        own = moving.axes_rate[:, j] * moving.v[:, j, None]
+        acceleration[:, j] = own if joint.parent == FIXED else acceleration[:, joint.parent] + own
+    h = np.einsum("njab,njb->nja", inertias, moving.velocities)
+    V = moving.velocities
+    gyroscopic = np.concatenate(
+        [
+            np.cross(V[..., :3], h[..., :3]) + np.cross(V[..., 3:], h[..., 3:]),
+            np.cross(V[..., :3], h[..., 3:]),
+        ],
+        axis=-1,
+    )
+    falling = acceleration - np.concatenate([np.zeros(3), gravity])
+    return moving.project(np.einsum("njab,njb->nja", inertias, falling) + gyroscopic)

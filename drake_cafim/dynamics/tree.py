@@ -1,0 +1,222 @@
+"""The kinematic tree and inertias of a Drake plant as plain arrays: thousands of samples go through at once."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint, WeldJoint
+from pydrake.systems.framework import Context
+
+from drake_cafim.errors import InputError
+from drake_cafim.typing import Array
+
+OneAxisJoint: TypeAlias = RevoluteJoint | PrismaticJoint
+
+FIXED = -1  # the joint index of what stands still in the world
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A one-axis joint; frame J moves with its child and coincides with F on the parent at zero position."""
+
+    name: str
+    parent: int
+    """Index of the joint that the parent rides, `FIXED` for the world."""
+    R_PF: Array
+    p_PF: Array
+    axis: Array
+    prismatic: bool
+    rotor_inertia: float
+    damping: float
+    position_limits: tuple[float, float]
+    velocity_limit: float
+    effort_limit: float
+
+    @property
+    def effort_unit(self) -> str:
+        return "N" if self.prismatic else "N m"
+
+    @property
+    def position_unit(self) -> str:
+        return "m" if self.prismatic else "rad"
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body fixed in frame J of the joint that it rides."""
+
+    name: str
+    joint: int
+    R_JB: Array
+    p_JB: Array
+    mass: float
+    p_BBcm: Array
+    """Centre of mass in the body frame, m."""
+    I_BBcm_B: Array
+    """Rotational inertia about the centre of mass, (3, 3), body axes, kg m²."""
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Joints in an order in which parents come first, and the bodies that ride them."""
+
+    joints: tuple[Joint, ...]
+    bodies: tuple[Body, ...]
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return tuple(joint.name for joint in self.joints)
+
+    def joint_index(self, name: str) -> int:
+        if name not in self.joint_names:
+            raise InputError(f"the model has no joint named {name!r}; it has: {', '.join(self.joint_names)}")
+        return self.joint_names.index(name)
+
+    def body(self, name: str) -> Body:
+        for body in self.bodies:
+            if body.name == name:
+                return body
+        raise InputError(f"the model has no body named {name!r}; it has: {', '.join(b.name for b in self.bodies)}")
+
+    def supports(self) -> Array:
+        """(n, n) ones where joint k (column) carries joint j (row), itself included."""
+        n = len(self.joints)
+        carried = np.eye(n)
+        for j, joint in enumerate(self.joints):
+            if joint.parent != FIXED:
+                carried[j] += carried[joint.parent]
+        return carried
+
+    def with_bodies(self, bodies: Iterable[Body]) -> "Tree":
+        """The tree with the bodies of the same names replaced."""
+        changed = {body.name: body for body in bodies}
+        return replace(self, bodies=tuple(changed.get(body.name, body) for body in self.bodies))
+
+    def with_joints(self, joints: Iterable[Joint]) -> "Tree":
+        """The tree with the joints of the same names replaced."""
+        changed = {joint.name: joint for joint in joints}
+        return replace(self, joints=tuple(changed.get(joint.name, joint) for joint in self.joints))
+
+
+def tree_of(plant: MultibodyPlant) -> Tree:
+    """The tree of a finalized plant whose joints are revolute, prismatic or welds.
+
+    Joints keep the order of the plant's velocities. Raises `InputError` for any other kind of joint.
+    """
+    context = plant.CreateDefaultContext()
+    zero: Array = np.zeros(plant.num_positions())
+    plant.SetPositions(context, zero)
+    moving: list[OneAxisJoint] = []
+    for i in plant.GetJointIndices():
+        joint = plant.get_joint(i)
+        if joint.num_velocities() == 0:
+            continue
+        if isinstance(joint, RevoluteJoint | PrismaticJoint):
+            moving.append(joint)
+        else:
+            raise InputError(
+                f"joint {joint.name()}: its type {type(joint).__name__} is not supported here, "
+                "expected revolute, continuous, prismatic or fixed"
+            )
+    moving.sort(key=lambda one: int(one.velocity_start()))
+    index = {joint.name(): k for k, joint in enumerate(moving)}
+    rides = _rides(plant, index)
+    rotors = _rotor_inertias(plant)
+    joints = tuple(_joint(plant, context, joint, rides, rotors) for joint in moving)
+    bodies = tuple(
+        _body(plant, context, name, rides[name])
+        for name in rides
+        if name != plant.world_body().name()
+    )
+    return Tree(joints, bodies)
+
+
+def _rides(plant: MultibodyPlant, index: dict[str, int]) -> dict[str, int]:
+    """Body name to the index of the last moving joint on its way to the world."""
+    rides = {plant.world_body().name(): FIXED}
+    waiting = [plant.get_joint(i) for i in plant.GetJointIndices()]
+    while waiting:
+        known = [joint for joint in waiting if joint.parent_body().name() in rides]
+        if not known:
+            names = ", ".join(joint.child_body().name() for joint in waiting)
+            raise InputError(f"bodies {names} hang on no chain to the world; weld the base (`weld:`)")
+        for joint in known:
+            parent = rides[joint.parent_body().name()]
+            is_weld = isinstance(joint, WeldJoint)
+            rides[joint.child_body().name()] = parent if is_weld else index[joint.name()]
+            waiting.remove(joint)
+    return rides
+
+
+def _rotor_inertias(plant: MultibodyPlant) -> dict[str, float]:
+    """Joint name to reflected rotor inertia, gear ratio squared times rotor inertia, kg m² (kg)."""
+    rotors: dict[str, float] = {}
+    for i in plant.GetJointActuatorIndices():
+        actuator = plant.get_joint_actuator(i)
+        reflected = actuator.default_gear_ratio() ** 2 * actuator.default_rotor_inertia()
+        name = actuator.joint().name()
+        rotors[name] = rotors.get(name, 0.0) + float(reflected)
+    return rotors
+
+
+def _joint(
+    plant: MultibodyPlant,
+    context: Context,
+    joint: OneAxisJoint,
+    rides: dict[str, int],
+    rotors: dict[str, float],
+) -> Joint:
+    parent = rides[joint.parent_body().name()]
+    X_WF: RigidTransform = joint.frame_on_parent().CalcPoseInWorld(context)
+    X_WP = _moving_frame(plant, context, parent)
+    X_PF = X_WP.inverse().multiply(X_WF)
+    axis = joint.translation_axis() if isinstance(joint, PrismaticJoint) else joint.revolute_axis()
+    effort = [
+        plant.get_joint_actuator(i).effort_limit()
+        for i in plant.GetJointActuatorIndices()
+        if plant.get_joint_actuator(i).joint().name() == joint.name()
+    ]
+    return Joint(
+        name=joint.name(),
+        parent=parent,
+        R_PF=np.array(X_PF.rotation().matrix()),
+        p_PF=np.array(X_PF.translation()),
+        axis=np.array(axis, dtype=float) / np.linalg.norm(axis),
+        prismatic=isinstance(joint, PrismaticJoint),
+        rotor_inertia=rotors.get(joint.name(), 0.0),
+        damping=float(joint.default_damping()),
+        position_limits=(float(joint.position_lower_limit()), float(joint.position_upper_limit())),
+        velocity_limit=float(joint.velocity_upper_limit()),
+        effort_limit=float(sum(effort)) if effort else np.inf,
+    )
+
+
+
+def _moving_frame(plant: MultibodyPlant, context: Context, joint: int) -> RigidTransform:
+    if joint == FIXED:
+        return RigidTransform()
+    for i in plant.GetJointIndices():
+        candidate = plant.get_joint(i)
+        if candidate.num_velocities() > 0 and int(candidate.velocity_start()) == joint:
+            return candidate.frame_on_child().CalcPoseInWorld(context)
+    raise AssertionError(f"no joint starts at velocity {joint}")
+
+
+def _body(plant: MultibodyPlant, context: Context, name: str, joint: int) -> Body:
+    body = plant.GetBodyByName(name)
+    X_WJ = _moving_frame(plant, context, joint)
+    X_JB = X_WJ.inverse().multiply(plant.EvalBodyPoseInWorld(context, body))
+    M_BBo_B = body.default_spatial_inertia()
+    about_center = M_BBo_B.Shift(M_BBo_B.get_com())
+    return Body(
+        name=name,
+        joint=joint,
+        R_JB=np.array(X_JB.rotation().matrix()),
+        p_JB=np.array(X_JB.translation()),
+        mass=float(M_BBo_B.get_mass()),
+        p_BBcm=np.array(M_BBo_B.get_com(), dtype=float),
+        I_BBcm_B=np.array(about_center.CalcRotationalInertia().CopyToFullMatrix3(), dtype=float),
+    )

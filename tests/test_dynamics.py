@@ -1,0 +1,95 @@
+"""The vectorised rigid-body quantities against Drake's own."""
+
+import numpy as np
+import pytest
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+
+from drake_cafim.dynamics.motion import bias_force, mass_matrix, momentum_balance, motion
+from drake_cafim.dynamics.tree import Tree, tree_of
+from drake_cafim.errors import InputError
+
+BRANCHED = """<robot name="branched">
+  <link name="base"/>
+  {links}
+  <joint name="turn" type="revolute"><parent link="base"/><child link="a"/>
+    <origin xyz="0.1 0.2 0.3" rpy="0.3 -0.2 0.5"/>
+    <axis xyz="0.2 0.3 0.9"/><limit lower="-2" upper="2" effort="30" velocity="4"/></joint>
+  <joint name="mount" type="fixed"><parent link="a"/><child link="b"/><origin xyz="0 0.1 0.2" rpy="0.1 0.4 0"/></joint>
+  <joint name="slide" type="prismatic"><parent link="b"/><child link="c"/><origin xyz="0.2 0 0" rpy="0 0.7 0"/>
+    <axis xyz="0 1 0.5"/></joint>
+  <joint name="left" type="continuous"><parent link="b"/><child link="d"/>
+    <origin xyz="0 0 0.4" rpy="1 0 0"/><axis xyz="1 0 0"/></joint>
+  <joint name="tip" type="continuous"><parent link="c"/><child link="e"/>
+    <origin xyz="0.1 0.1 0.1"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+LINK = """<link name="{name}"><inertial><origin xyz="{x} 0.02 -0.03" rpy="0.2 0 0.1"/><mass value="{m}"/>
+  <inertia ixx="0.03" iyy="0.02" izz="0.04" ixy="0.002" ixz="-0.001" iyz="0.003"/></inertial></link>"""
+
+
+@pytest.fixture
+def branched() -> MultibodyPlant:
+    links = "".join(LINK.format(name=name, x=0.05 * k, m=1.0 + k) for k, name in enumerate("abcde"))
+    plant = MultibodyPlant(0.0)
+    Parser(plant).AddModelsFromString(BRANCHED.format(links=links), "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    plant.Finalize()
+    return plant
+
+
+def test_mass_matrix_bias_and_momentum_are_drakes(branched: MultibodyPlant) -> None:
+    tree = tree_of(branched)
+    rng = np.random.default_rng(3)
+    q, v = rng.normal(size=(20, 4)), rng.normal(size=(20, 4))
+    gravity = np.array([1.0, -2.0, -9.0])
+    branched.mutable_gravity_field().set_gravity_vector(gravity)
+    moving = motion(tree, q, v)
+    M = mass_matrix(moving, moving.link_inertias)
+    bias = bias_force(moving, moving.link_inertias, gravity)
+    balance = momentum_balance(moving, moving.link_inertias, gravity)
+    context = branched.CreateDefaultContext()
+    for k in range(len(q)):
+        branched.SetPositions(context, q[k])
+        branched.SetVelocities(context, v[k])
+        M_drake = branched.CalcMassMatrix(context)
+        bias_drake = branched.CalcBiasTerm(context) - branched.CalcGravityGeneralizedForces(context)
+        np.testing.assert_allclose(M[k], M_drake, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(bias[k], bias_drake, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(balance.momentum[k], M_drake @ v[k], rtol=0, atol=1e-12)
+
+
+def test_kinetic_energy_gradient_matches_differences(branched: MultibodyPlant) -> None:
+    tree = tree_of(branched)
+    rng = np.random.default_rng(4)
+    q, v = rng.normal(size=(5, 4)), rng.normal(size=(5, 4))
+
+    def kinetic(position: np.ndarray) -> np.ndarray:
+        moving = motion(tree, position, v)
+        return 0.5 * np.einsum("nj,njk,nk->n", v, mass_matrix(moving, moving.link_inertias), v)
+
+    moving = motion(tree, q, v)
+    force = momentum_balance(moving, moving.link_inertias, np.zeros(3)).force
+    for j in range(4):
+        step = np.zeros(4)
+        step[j] = 1e-6
+        difference = (kinetic(q + step) - kinetic(q - step)) / 2e-6
+        np.testing.assert_allclose(force[:, j], difference, rtol=0, atol=1e-7)
+
+
+def test_tree_keeps_limits_and_names_what_it_lacks(branched: MultibodyPlant) -> None:
+    tree: Tree = tree_of(branched)
+    assert tree.joint_names == tuple(
+        sorted(tree.joint_names, key=lambda name: branched.GetJointByName(name).velocity_start())
+    )
+    turn = tree.joints[tree.joint_index("turn")]
+    assert turn.position_limits == (-2.0, 2.0) and turn.velocity_limit == 4.0
+    with pytest.raises(InputError, match="no joint named 'elbow'; it has: turn"):
+        tree.joint_index("elbow")
+
+
+def test_floating_bodies_are_refused_with_a_sentence() -> None:
+    plant = MultibodyPlant(0.0)
+    Parser(plant).AddModelsFromString(f"<robot name='r'>{LINK.format(name='a', x=0, m=1)}</robot>", "urdf")
+    plant.Finalize()
+    with pytest.raises(InputError, match="QuaternionFloatingJoint is not supported"):
+        tree_of(plant)
