@@ -1,0 +1,112 @@
+"""What is wrong with a file, said once: what makes it unusable raises, what can be left out is noted."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from drake_cafim.errors import InputError
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.typing import Array
+
+INTERVALS_TOLD = 3  # a note tells this many intervals and counts the rest
+GAP = 10.0  # steps longer than this many median steps are noted
+
+
+def cleaned(name: str, table: Mapping[str, Array], notes: Sequence[str] = ()) -> Recording:
+    """A `Recording` of the raw columns of a file, `time` among them, with what was left out in its notes.
+
+    Left out and noted: infinite values, runs of NaN (they stay NaN), rows that repeat the stamp before them.
+    Raises `InputError` for no samples, no `time`, NaN or infinity in `time`, and decreasing time.
+    """
+    if "time" not in table:
+        there = ", ".join(table) or "no column at all"
+        raise InputError(f"{name}: there is no column time; it has {there}")
+    time = np.asarray(table["time"], dtype=np.float64)
+    if time.size == 0:
+        raise InputError(f"{name}: the file is empty, it has columns but not one sample")
+    _check_time(name, time)
+    fresh = np.concatenate([[True], np.diff(time) > 0.0])
+    said = [*notes, *_repeats(time, fresh)]
+    time = time[fresh]
+    columns: dict[str, Array] = {}
+    for column, raw in table.items():
+        if column != "time":
+            columns[column] = _finite(np.asarray(raw, dtype=np.float64)[fresh])
+            said += _missing(column, time, columns[column])
+    return Recording(name=name, time=time, columns=columns, notes=(*said, *_gaps(time)))
+
+
+def require(recording: Recording, columns: Sequence[str]) -> None:
+    """Raises `InputError` for the first of `columns` that is not there or holds nothing but NaN."""
+    for column in columns:
+        recording.measured(column)
+
+
+def _check_time(name: str, time: Array) -> None:
+    wrong = np.flatnonzero(~np.isfinite(time))
+    if wrong.size:
+        raise InputError(
+            f"{name}: column time holds {time[wrong[0]]} in sample {wrong[0] + 1} of {time.size}, "
+            "expected seconds that increase"
+        )
+    back = np.flatnonzero(np.diff(time) < 0.0)
+    if back.size:
+        i = back[0]
+        raise InputError(
+            f"{name}: column time decreases from {float(time[i])!r} s to {float(time[i + 1])!r} s at sample "
+            f"{i + 2} of {time.size}, expected it to increase"
+        )
+
+
+def _finite(values: Array) -> Array:
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _repeats(time: Array, fresh: np.ndarray) -> list[str]:
+    rows = np.flatnonzero(~fresh)
+    if rows.size == 0:
+        return []
+    count = f"{rows.size} rows that repeat" if rows.size > 1 else "1 row that repeats"
+    return [f"time: {count} the stamp of the row before, left out at {_times(time[rows])}"]
+
+
+def _missing(column: str, time: Array, values: Array) -> list[str]:
+    """One sentence with the column and the intervals where it holds no measurement."""
+    gone = np.isnan(values)
+    if not gone.any():
+        return []
+    if gone.all():
+        return [f"{column}: nothing but NaN, left out"]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(np.int8)))
+    first, last = edges[0::2], edges[1::2] - 1
+    # In a table joined from topics with stamps of their own, holes are the rule: they need no list.
+    if first.size > max(INTERVALS_TOLD, 0.05 * time.size):
+        return [f"{column}: no measurement in {gone.sum()} of {time.size} samples, left out"]
+    intervals = [f"{_span(time[i], time[j])} ({j - i + 1})" for i, j in zip(first, last, strict=True)]
+    return [f"{column}: no measurement in {gone.sum()} samples, left out in {_listed(intervals)}"]
+
+
+def _gaps(time: Array) -> list[str]:
+    steps = np.diff(time)
+    if steps.size < 3:
+        return []
+    median = float(np.median(steps))
+    wide = np.flatnonzero(steps > GAP * median)
+    if wide.size == 0:
+        return []
+    intervals = [_span(time[i], time[i + 1]) for i in wide]
+    return [f"time: no samples in {_listed(intervals)}, where the median step is {median:.6g} s"]
+
+
+def _span(start: float, end: float) -> str:
+    return f"{start:.6g} s" if start == end else f"{start:.6g} to {end:.6g} s"
+
+
+def _times(stamps: Array) -> str:
+    return _listed([f"{stamp:.6g} s" for stamp in stamps])
+
+
+def _listed(items: Sequence[str]) -> str:
+    told = ", ".join(items[:INTERVALS_TOLD])
+    more = len(items) - INTERVALS_TOLD
+    return told if more <= 0 else f"{told} and {more} more"

@@ -1,0 +1,124 @@
+"""Comma-separated tables, in and out; semicolons and tabs are understood on the way in."""
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow
+import pyarrow.csv
+
+from drake_cafim.errors import InputError
+from drake_cafim.recordings.columns import as_numbers
+from drake_cafim.recordings.recording import Recording, is_signal
+from drake_cafim.typing import Array
+
+MISSING = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "null", "NULL", "None"]
+
+
+def read_csv(path: Path) -> tuple[dict[str, Array], list[str]]:
+    """The numeric columns of the file, and notes on those that are left alone.
+
+    The first line names the columns. A last line that was cut short is left out and noted; any other line of
+    a wrong length, and text in a signal's column, raise `InputError`.
+    """
+    names, delimiter = _header(path)
+    cut: list[str] = []
+    table = _parsed(path, names, delimiter, cut)
+    numbers, notes = as_numbers(str(path), table)
+    return numbers, [*notes, *cut]
+
+
+def write_csv(recording: Recording, path: Path) -> None:
+    """Write the shortest digits that read back to the same bits; a missing measurement is an empty cell."""
+    arrays = {"time": recording.time, **recording.columns}
+    cells = {name: pyarrow.array(np.ascontiguousarray(a), from_pandas=True) for name, a in arrays.items()}
+    options = pyarrow.csv.WriteOptions(quoting_style="needed")
+    pyarrow.csv.write_csv(pyarrow.table(cells), path, options)
+
+
+def _header(path: Path) -> tuple[list[str], str]:
+    """The column names and the delimiter, by the first line; a leading comment sign belongs to no name."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        line = file.readline().strip("\r\n")
+    if not line.strip() or "\x00" in line:
+        raise InputError(f"{path}: the first line is no header, expected the names of the columns")
+    delimiter = next((sign for sign in (",", ";", "\t") if sign in line), ",")
+    names = [name.strip().strip('"') for name in line.lstrip("#% ").split(delimiter)]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"{path}: column {twice[0]} stands in the header twice, expected once")
+    return names, delimiter
+
+
+def _parsed(path: Path, names: list[str], delimiter: str, cut: list[str]) -> pyarrow.Table:
+    wrong: list[pyarrow.csv.InvalidRow] = []
+
+    def keep_in_mind(row: pyarrow.csv.InvalidRow) -> str:
+        wrong.append(row)
+        return "skip"
+
+    parse = pyarrow.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=keep_in_mind)
+    try:
+        table = _read(path, names, parse, text=False)
+    except pyarrow.ArrowInvalid:
+        wrong.clear()
+        table = _numbers_where_possible(path, _read(path, names, parse, text=True))
+    _judge(path, names, wrong, cut)
+    return table
+
+
+def _read(path: Path, names: list[str], parse: pyarrow.csv.ParseOptions, *, text: bool) -> pyarrow.Table:
+    kind = pyarrow.string() if text else pyarrow.float64()
+    convert = pyarrow.csv.ConvertOptions(
+        column_types=dict.fromkeys(names, kind), null_values=MISSING, strings_can_be_null=True
+    )
+    # One thread: rows that are skipped then come with their line numbers.
+    read = pyarrow.csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False)
+    try:
+        return pyarrow.csv.read_csv(path, read_options=read, parse_options=parse, convert_options=convert)
+    except pyarrow.ArrowInvalid as error:
+        if not text:
+            raise
+        why = str(error).splitlines()[0]
+        raise InputError(f"{path}: not a table of comma-separated values ({why})") from error
+
+
+def _numbers_where_possible(path: Path, table: pyarrow.Table) -> pyarrow.Table:
+    """Each text column as numbers where all of it is, else as it stands; a signal with text is refused."""
+    for j, name in enumerate(table.column_names):
+        text = table.column(j)
+        bad = next((i for i, cell in enumerate(text) if cell.is_valid and not _is_number(cell.as_py())), None)
+        if bad is None:
+            values = [float(cell.as_py()) if cell.is_valid else np.nan for cell in text]
+            table = table.set_column(j, name, pyarrow.array(values, pyarrow.float64()))
+        elif name == "time" or is_signal(name):
+            raise InputError(
+                f"{path}: column {name} holds {text[bad].as_py()!r} in sample {bad + 1}, expected a number"
+            )
+    return table
+
+
+def _judge(path: Path, names: list[str], wrong: list[pyarrow.csv.InvalidRow], cut: list[str]) -> None:
+    """Refuse rows of a wrong length, unless it is the last line alone, which a killed writer leaves."""
+    if not wrong:
+        return
+    row = wrong[0]
+    if len(wrong) == 1 and row.actual_columns < len(names) and _last_line(path) == row.text.strip():
+        cut.append(f"the last line was cut short ({row.actual_columns} of {len(names)} cells), left out")
+        return
+    where = f"line {row.number}" if row.number is not None else f"the line {row.text[:40]!r}"
+    raise InputError(f"{path}: {where} has {row.actual_columns} cells, expected {len(names)} as the header")
+
+
+def _last_line(path: Path) -> str:
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - 65536))
+        lines = file.read().decode("utf-8", errors="replace").strip().splitlines()
+    return lines[-1].strip() if lines else ""
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,140 @@
+"""The table that a robot leaves behind: one row a sample, one named column a signal."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_cafim.errors import InputError
+from drake_cafim.typing import Array
+
+JOINT_KINDS = ("q", "v", "u", "cmd")
+WRENCH_COMPONENTS = ("fx", "fy", "fz", "tx", "ty", "tz")
+POSE_COMPONENTS = ("x", "y", "z", "qw", "qx", "qy", "qz")
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One recording, SI units throughout.
+
+    Columns are `q.<joint>` (rad, m), `v.<joint>` (rad/s, m/s), `u.<joint>` (N m, N), `cmd.<joint>` (rad, m),
+    `wrench.<sensor>.fx..tz` (N, N m), `pose.<body>.x..qz` (X_WB: m and a unit quaternion); any other is kept
+    and left alone. Arrays are read-only. NaN marks a measurement that is missing; no sample is ever made up.
+
+    Raises `InputError` when `time` is not finite and strictly increasing or a column has another length.
+    """
+
+    name: str  # as given on the command line
+    time: Array  # (N,) s, strictly increasing, need not be uniform
+    columns: Mapping[str, Array] = field(repr=False)  # column name -> (N,)
+    notes: tuple[str, ...] = ()  # what was wrong with the file and left out, one sentence each
+
+    def __post_init__(self) -> None:
+        time = _frozen(self.time)
+        columns = {column: _frozen(values) for column, values in self.columns.items()}
+        if time.ndim != 1 or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
+            raise InputError(f"{self.name}: time must be finite and strictly increasing, one number a sample")
+        for column, values in columns.items():
+            if values.shape != time.shape:
+                raise InputError(
+                    f"{self.name}: column {column} has shape {values.shape}, expected {time.shape} like time"
+                )
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "columns", columns)
+
+    def __len__(self) -> int:
+        """The number of samples N."""
+        return int(self.time.size)
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first sample to the last; 0 for fewer than two."""
+        return float(self.time[-1] - self.time[0]) if len(self) > 1 else 0.0
+
+    def __getitem__(self, column: str) -> Array:
+        """One column (N,); `InputError` when it is not there, naming those that are."""
+        if column not in self.columns:
+            raise InputError(f"{self.name}: there is no column {column}; it has {_listed(self.columns)}")
+        return self.columns[column]
+
+    def measured(self, column: str) -> Array:
+        """One column (N,); `InputError` when it is not there or holds nothing but NaN."""
+        values = self[column]
+        if np.all(np.isnan(values)):
+            raise InputError(f"{self.name}: column {column} holds nothing but NaN, expected measurements")
+        return values
+
+    def matrix(self, kind: str, names: Sequence[str]) -> Array:
+        """The columns `<kind>.<name>` side by side, (N, len(names)).
+
+        `kind` is "q", "v", "u", "cmd", or a sensor's or body's whole prefix such as "wrench.wrist".
+        Raises `InputError` when a column is missing or holds nothing but NaN.
+        """
+        matrix = np.empty((len(self), len(names)))
+        for j, name in enumerate(names):
+            matrix[:, j] = self.measured(f"{kind}.{name}")
+        return matrix
+
+    def wrench(self, sensor: str) -> Array:
+        """Force and torque (N, 6): fx fy fz in N, tx ty tz in N m, about and in the sensor frame."""
+        return self.matrix(f"wrench.{sensor}", WRENCH_COMPONENTS)
+
+    def pose(self, body: str) -> Array:
+        """X_WB as (N, 7): x y z in m, then the quaternion qw qx qy qz."""
+        return self.matrix(f"pose.{body}", POSE_COMPONENTS)
+
+    def joints(self, kind: str = "q") -> tuple[str, ...]:
+        """The joints that have a column of this kind, in the file's order."""
+        prefix = f"{kind}."
+        return tuple(column.removeprefix(prefix) for column in self.columns if column.startswith(prefix))
+
+    @property
+    def wrench_sensors(self) -> tuple[str, ...]:
+        """The sensors that have at least one wrench component, in the file's order."""
+        return self._places("wrench", WRENCH_COMPONENTS)
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """The bodies that have at least one pose component, in the file's order."""
+        return self._places("pose", POSE_COMPONENTS)
+
+    @property
+    def other_columns(self) -> tuple[str, ...]:
+        """The columns that mean nothing here; they are listed in the report and left alone."""
+        return tuple(column for column in self.columns if not is_signal(column))
+
+    def window(self, start: float, end: float) -> "Recording":
+        """The samples with start <= time <= end (s); the notes are kept."""
+        keep = (self.time >= start) & (self.time <= end)
+        columns = {column: values[keep] for column, values in self.columns.items()}
+        return Recording(name=self.name, time=self.time[keep], columns=columns, notes=self.notes)
+
+    def _places(self, kind: str, components: tuple[str, ...]) -> tuple[str, ...]:
+        found = {}
+        for column in self.columns:
+            head, _, component = column.rpartition(".")
+            if head.startswith(f"{kind}.") and component in components:
+                found[head.removeprefix(f"{kind}.")] = True
+        return tuple(found)
+
+
+def is_signal(column: str) -> bool:
+    """Whether the name is one of those that a recording gives a meaning to (`time` apart)."""
+    kind, _, rest = column.partition(".")
+    if kind in JOINT_KINDS:
+        return bool(rest)
+    place, _, component = rest.rpartition(".")
+    components = {"wrench": WRENCH_COMPONENTS, "pose": POSE_COMPONENTS}.get(kind, ())
+    return bool(place) and component in components
+
+
+def _frozen(values: Array) -> Array:
+    """The same numbers as float64 that nobody can write to; the caller's own array stays writable."""
+    array = np.asarray(values, dtype=np.float64)
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def _listed(columns: Mapping[str, Array]) -> str:
+    return ", ".join(["time", *columns])

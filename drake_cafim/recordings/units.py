@@ -1,0 +1,82 @@
+"""Degrees where radians are expected: told from the joints' limits and from q against the integral of v."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.typing import Array
+
+DEGREES = 180.0 / np.pi
+FAR = 1.0  # of the joint's range: an overrun this long is no inaccurate limit
+MARGIN = 0.1  # of the joint's range: in radians the motion lies within the limits and this much beyond
+CORRELATED = 0.95  # q and the integral of v must tell the same story before their ratio is believed
+
+
+def unit_mistakes(recording: Recording, limits: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
+    """One sentence for each revolute joint whose q or v is in degrees; empty when none is.
+
+    `limits` maps each revolute joint to its (lower, upper) in rad; infinite ones are allowed. Two signs
+    count: q runs beyond the limits by more than their whole range while q·π/180 stays within them; or, where
+    v was measured, q and the integral of v differ by the factor 180/π. A small motion in degrees without v,
+    or with v in degrees too, stays within the limits and cannot be told.
+    """
+    found = []
+    for joint in recording.joints("q"):
+        if joint in limits:
+            sentence = _by_velocity(recording, joint) or _by_limits(recording, joint, limits[joint])
+            found += [sentence] if sentence else []
+    return tuple(found)
+
+
+def _by_limits(recording: Recording, joint: str, limits: tuple[float, float]) -> str | None:
+    lower, upper = limits
+    q = recording.columns[f"q.{joint}"]
+    q = q[np.isfinite(q)]
+    span = upper - lower
+    if q.size == 0 or not np.isfinite(span) or span <= 0.0:
+        return None
+    least, most = float(q.min()), float(q.max())
+    overrun = max(most - upper, lower - least)
+    within = least / DEGREES >= lower - MARGIN * span and most / DEGREES <= upper + MARGIN * span
+    if overrun <= FAR * span or not within:
+        return None
+    return (
+        f"{recording.name}: column q.{joint} runs from {least:.4g} to {most:.4g}, far beyond the joint's "
+        f"limits {lower:.4g} to {upper:.4g} rad, as degrees would; expected rad"
+    )
+
+
+def _by_velocity(recording: Recording, joint: str) -> str | None:
+    if f"v.{joint}" not in recording.columns:
+        return None
+    ratio = _slope(recording.time, recording.columns[f"q.{joint}"], recording.columns[f"v.{joint}"])
+    if ratio is None:
+        return None
+    if 0.8 * DEGREES < ratio < 1.25 * DEGREES:
+        return (
+            f"{recording.name}: column q.{joint} moves {ratio:.3g} times as far as the integral of "
+            f"v.{joint}, as degrees would; expected rad"
+        )
+    if 0.8 / DEGREES < ratio < 1.25 / DEGREES:
+        return (
+            f"{recording.name}: the integral of column v.{joint} is {1 / ratio:.3g} times the motion of "
+            f"q.{joint}, as degrees per second would be; expected rad/s"
+        )
+    return None
+
+
+def _slope(time: Array, q: Array, v: Array) -> float | None:
+    """The factor between the motion of q and the integral of v; None where they are not alike."""
+    there = np.isfinite(q) & np.isfinite(v)
+    if there.sum() < 10:
+        return None
+    t, q, v = time[there], q[there], v[there]
+    travelled = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+    # A constant offset of v is a ramp in its integral; taking ramps out of both leaves the motion.
+    basis = np.column_stack([np.ones_like(t), t - t[0]])
+    a, b = (y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0] for y in (travelled, q))
+    scale = float(np.linalg.norm(a) * np.linalg.norm(b))
+    if scale == 0.0 or abs(float(a @ b)) < CORRELATED * scale:
+        return None
+    return float(np.linalg.norm(b) / np.linalg.norm(a)) * float(np.sign(a @ b))
