@@ -1,0 +1,95 @@
+"""The normal force of the three contact laws, and its derivatives.
+
+With penetration d = −φ (m, positive in contact) and its rate ḋ (m/s, positive on approach):
+
+    paper          λ = max(0, K d − C |ḋ|)                 as printed (paper, "Contact Model"); damps on both ways
+    kelvin_voigt   λ = max(0, K d + C ḋ)   for d > 0        Nothing pulls, and nothing pushes before touch
+    hunt_crossley  λ = K d max(0, 1 + c ḋ) for d > 0        Drake's compliant point contact
+"""
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+
+from drake_cafim.errors import InputError
+from drake_cafim.typing import Array
+
+NormalLaw: TypeAlias = Literal["paper", "kelvin_voigt", "hunt_crossley"]
+NORMAL_LAWS: tuple[str, ...] = get_args(NormalLaw)
+
+Scalars: TypeAlias = float | Array
+"""A float or an array that broadcasts over samples (..., ); AutoDiffXd arrays pass as well."""
+
+
+@dataclass(frozen=True)
+class NormalForce:
+    """λ (...,) in N and its derivatives, each (...,); on a kink, those of the side that touches no longer."""
+
+    force: Array
+    wrt_penetration: Array
+    wrt_rate: Array
+    wrt_stiffness: Array
+    wrt_damping: Array
+    wrt_dissipation: Array
+
+
+def normal_force(
+    law: NormalLaw,
+    penetration: Array,
+    rate: Array,
+    *,
+    stiffness: Scalars,
+    damping: Scalars = 0.0,
+    dissipation: Scalars = 0.0,
+) -> Array:
+    """λ (...,) in N of `law` for penetration (...,) m and penetration rate (...,) m/s.
+
+    `stiffness` in N/m, `damping` in N s/m (paper, kelvin_voigt), `dissipation` in s/m (hunt_crossley).
+    Works on floats and on object arrays of AutoDiffXd. Raises `InputError` on an unknown law.
+    """
+    touching = penetration > 0
+    if law == "paper":
+        force = stiffness * penetration - damping * np.abs(rate)
+    elif law == "kelvin_voigt":
+        force = stiffness * penetration + damping * rate
+    elif law == "hunt_crossley":
+        force = stiffness * penetration * (1.0 + dissipation * rate)
+    else:
+        raise InputError(f"contact law {law!r}: expected one of {', '.join(NORMAL_LAWS)}")
+    return np.asarray(np.where(touching & (force > 0), force, 0.0))
+
+
+def normal_force_derivatives(
+    law: NormalLaw,
+    penetration: Array,
+    rate: Array,
+    *,
+    stiffness: Scalars,
+    damping: Scalars = 0.0,
+    dissipation: Scalars = 0.0,
+) -> NormalForce:
+    """`normal_force` with its analytic derivatives; arguments, shapes and errors are the same."""
+    force = normal_force(law, penetration, rate, stiffness=stiffness, damping=damping, dissipation=dissipation)
+    active = np.where(force > 0, 1.0, 0.0)
+    zero = np.zeros_like(active)
+    if law == "hunt_crossley":
+        factor = active * (1.0 + dissipation * rate)
+        product = active * penetration
+        return NormalForce(
+            force=force,
+            wrt_penetration=stiffness * factor,
+            wrt_rate=stiffness * dissipation * product,
+            wrt_stiffness=penetration * factor,
+            wrt_damping=zero,
+            wrt_dissipation=stiffness * product * rate,
+        )
+    speed, slope = (-np.abs(rate), -np.sign(rate)) if law == "paper" else (rate, 1.0)
+    return NormalForce(
+        force=force,
+        wrt_penetration=stiffness * active,
+        wrt_rate=damping * slope * active,
+        wrt_stiffness=penetration * active,
+        wrt_damping=speed * active,
+        wrt_dissipation=zero,
+    )
