@@ -1,0 +1,118 @@
+"""One recording as the weak form needs it: measured and locally smoothed motion, efforts, wrenches."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from drake_cafim.diagnosis.local_polynomial import local_polynomial
+from drake_cafim.diagnosis.windows import Windows, lay_windows
+from drake_cafim.errors import InputError
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.scenario.scene import Scene
+from drake_cafim.typing import Array
+
+SMOOTHING_REACH = 0.008
+"""s on either side: the motion in products and kinked laws is smoothed over 16 ms."""
+WINDOW_WIDTH = 0.06
+"""s; test functions this wide resolve what happens at reversals and still average the noise."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Measured channels of one recording, with the linear operators that act on them.
+
+    `q`, `u` (N, n); `v` (N, n) measured, or differentiated from q where `differentiate` is not None; `wrenches` one
+    (N, 6) a sensor. `smooth_q` and the pair `smooth_v` (from v, from q) are (N, N).
+    """
+
+    recording: Recording
+    time: Array
+    q: Array
+    v: Array
+    u: Array
+    wrenches: tuple[Array, ...]
+    std: dict[str, float]
+    """Noise of one sample by column, SI."""
+    windows: Windows
+    smooth_q: sp.csr_matrix
+    smooth_v: tuple[sp.csr_matrix, ...]
+    """One (N, N) pair share a joint: smoothed v is `from_v[j] @ v_j + from_q[j] @ q_j`."""
+    v_std: Array
+    """(N, n) standard deviation of the smoothed v."""
+    differentiate: sp.csr_matrix | None
+
+    @property
+    def velocity_measured(self) -> bool:
+        return self.differentiate is None
+
+
+def samples_of(scene: Scene, recording: Recording, std: dict[str, float], width: float = WINDOW_WIDTH) -> Samples:
+    """The samples of `recording` for `scene`, `std` giving the noise by column.
+
+    Raises `InputError` when a needed column is missing or the recording is shorter than three windows.
+    """
+    names = scene.tree.joint_names
+    q = recording.matrix("q", names)
+    u = recording.matrix("u", names)
+    time = recording.time
+    measured = all(f"v.{name}" in recording.columns for name in names)
+    width = max(width, 12.0 * float(np.median(np.diff(time))))
+    v = recording.matrix("v", names) if measured else np.zeros_like(q)
+    wrenches = tuple(recording.wrench(sensor.name) for sensor in scene.wrench_sensors)
+    usable = np.all(np.isfinite(np.concatenate([q, v, u, *wrenches], axis=1)), axis=1)
+    q, v, u = _filled(q), _filled(v), _filled(u)
+    wrenches = tuple(_filled(wrench) for wrench in wrenches)
+    smooth_q = local_polynomial(time, SMOOTHING_REACH, 2, 0, at_least=2)
+    slope_q = local_polynomial(time, SMOOTHING_REACH, 3, 1, at_least=3)
+    differentiate = None
+    if not measured:
+        differentiate = local_polynomial(time, 0.0, 6, 1, at_least=3)
+        v = differentiate @ q
+    pairs, v_std = _velocity_smoothers(names, std, smooth_q, slope_q, measured)
+    windows = lay_windows(time, _away_from(~usable, smooth_q), width)
+    if len(windows) < 3:
+        raise InputError(
+            f"{recording.name}: only {len(windows)} windows of {width:.3g} s fit between its gaps, expected at least 3"
+        )
+    return Samples(recording, time, q, v, u, wrenches, std, windows, smooth_q, pairs, v_std, differentiate)
+
+
+def _velocity_smoothers(
+    names: tuple[str, ...], std: dict[str, float], smooth: sp.csr_matrix, slope: sp.csr_matrix, measured: bool
+) -> tuple[tuple[sp.csr_matrix, ...], Array]:
+    """For each joint the pair (from v, from q), weighted by what their noise leaves of each."""
+    smooth_norm = np.sqrt(smooth.multiply(smooth).sum(axis=1)).A1 if hasattr(smooth, "A1") else _row_norms(smooth)
+    slope_norm = _row_norms(slope)
+    pairs: list[sp.csr_matrix] = []
+    stds = []
+    for name in names:
+        from_q = std[f"q.{name}"] * slope_norm
+        if not measured:
+            pairs += [sp.csr_matrix(smooth.shape), slope]
+            stds.append(from_q)
+            continue
+        from_v = std[f"v.{name}"] * smooth_norm
+        share = (from_q**2) / np.maximum(from_q**2 + from_v**2, 1e-300)
+        pairs += [sp.csr_matrix(sp.diags_array(share) @ smooth), sp.csr_matrix(sp.diags_array(1.0 - share) @ slope)]
+        stds.append(np.sqrt(share**2 * from_v**2 + (1.0 - share) ** 2 * from_q**2))
+    return tuple(pairs), np.stack(stds, axis=1)
+
+
+def _row_norms(matrix: sp.csr_matrix) -> Array:
+    return np.sqrt(np.asarray(matrix.multiply(matrix).sum(axis=1), dtype=float)).ravel()
+
+
+def _filled(values: Array) -> Array:
+    """Missing samples hold the last one's value; windows never cover them."""
+    if np.all(np.isfinite(values)):
+        return values
+    index = np.where(np.isfinite(values), np.arange(len(values))[:, None], 0)
+    held = np.take_along_axis(values, np.maximum.accumulate(index, axis=0), axis=0)
+    return np.asarray(np.nan_to_num(held), dtype=float)
+
+
+def _away_from(missing: np.ndarray[tuple[int], np.dtype[np.bool_]], smooth: sp.csr_matrix) -> Array:
+    """Samples whose smoothing takes no missing one."""
+    touched = abs(smooth) @ missing.astype(float)
+    return np.asarray(touched == 0.0)

@@ -1,0 +1,223 @@
+"""The residual of the equations of motion against test functions, and how measurement noise enters it.
+
+For each window w and joint k, in exact arithmetic and with the true physics, all of these are zero:
+
+    kinematic   ∫ ẇ q dt + ∫ w v dt
+    dynamic     −∫ ẇ p_k dt − ∫ w (∂T/∂q_k + gravity + joint forces + contact + u)_k dt,     p = M(q) v
+    wrench      ∫ w (measured − predicted contact wrench) dt
+
+The noise of the samples reaches them to first order through the Jacobian that `noise_jacobian` returns.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from drake_cafim.diagnosis.samples import Samples
+from drake_cafim.dynamics.contact import WrenchSensor
+from drake_cafim.dynamics.motion import Motion, mass_matrix, motion
+from drake_cafim.effects.actuator import Effort
+from drake_cafim.effects.effect import JointSamples
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+POSITION_STEP, VELOCITY_STEP = 1e-6, 1e-5
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """The samples with sensor effects taken out: `q`, `v`, `u` (N, n), smoothed `q_hat`, `v_hat`, wrenches."""
+
+    q: Array
+    v: Array
+    u: Array
+    q_hat: Array
+    v_hat: Array
+    wrenches: tuple[Array, ...]
+
+
+@dataclass(frozen=True)
+class WeakForm:
+    """The weak form of one recording: samples, and the sensors that read contact."""
+
+    samples: Samples
+    sensors: tuple[WrenchSensor, ...]
+
+    @property
+    def joints(self) -> int:
+        return self.samples.q.shape[1]
+
+    @property
+    def kinematic_rows(self) -> int:
+        return self.joints if self.samples.velocity_measured else 0
+
+    @property
+    def rows_per_window(self) -> int:
+        return self.kinematic_rows + self.joints + 6 * len(self.sensors)
+
+    @property
+    def dynamic(self) -> slice:
+        """The rows of a window that hold the joints' equations of motion."""
+        return slice(self.kinematic_rows, self.kinematic_rows + self.joints)
+
+    @cached_property
+    def held(self) -> sp.csr_matrix:
+        return self.samples.windows.held(self.samples.time)
+
+    def measurement(self, physics: Physics) -> Measurement:
+        """The channels, corrected for the sensor effects of `physics`."""
+        s = self.samples
+        names = physics.tree.joint_names
+        columns = {f"{kind}.{name}": values[:, j] for kind, values in (("q", s.q), ("v", s.v), ("u", s.u))
+                   for j, name in enumerate(names)}
+        columns |= {f"wrench.{sensor.name}.{axis}": s.wrenches[i][:, k] for i, sensor in enumerate(self.sensors)
+                    for k, axis in enumerate(("fx", "fy", "fz", "tx", "ty", "tz"))}
+        for effect in physics.sensors:
+            columns[effect.at] = effect.true(s.time, columns[effect.at])
+        q = np.stack([columns[f"q.{name}"] for name in names], axis=1)
+        u = np.stack([columns[f"u.{name}"] for name in names], axis=1)
+        v = s.differentiate @ q if s.differentiate is not None else \
+            np.stack([columns[f"v.{name}"] for name in names], axis=1)
+        wrenches = tuple(
+            np.stack([columns[f"wrench.{sensor.name}.{a}"] for a in ("fx", "fy", "fz", "tx", "ty", "tz")], axis=1)
+            for sensor in self.sensors
+        )
+        v_hat = np.stack(
+            [s.smooth_v[2 * j] @ v[:, j] + s.smooth_v[2 * j + 1] @ q[:, j] for j in range(len(names))], axis=1
+        )
+        return Measurement(q, v, u, s.smooth_q @ q, v_hat, wrenches)
+
+    def joint_samples(self, measured: Measurement) -> list[JointSamples]:
+        """What the laws of joint effects are evaluated on."""
+        return [
+            JointSamples(measured.q_hat[:, j], measured.v_hat[:, j], measured.u[:, j], self.samples.v_std[:, j])
+            for j in range(self.joints)
+        ]
+
+    def effort_integral(self, physics: Physics, u: Array) -> Array:
+        """∫ w u dt (M, n) with actuator effects."""
+        time = self.samples.time
+        result = np.empty((len(self.samples.windows), self.joints))
+        for j, name in enumerate(physics.tree.joint_names):
+            effort = Effort(time, u[:, j])
+            for effect in physics.actuators:
+                if effect.at == name:
+                    effort = effect.drive(effort)
+            held = self.held if effort.times is time else self.samples.windows.held(effort.times)
+            result[:, j] = held @ effort.values
+        return result
+
+    def residual(self, physics: Physics) -> Array:
+        """All rows, (M, r): kinematic, dynamic, then each sensor's wrench."""
+        measured = self.measurement(physics)
+        windows = self.samples.windows
+        moving = motion(physics.tree, measured.q_hat, measured.v_hat)
+        M = mass_matrix(moving, moving.link_inertias) + np.diag(physics.rotor_inertias)
+        momentum = np.einsum("njk,nk->nj", M, measured.v)
+        _, force = physics.momentum_and_force(moving)
+        force = force + physics.applied_at_joints(self.joint_samples(measured))[0]
+        wrench = physics.contact_wrenches(moving) if physics.contacts else None
+        if wrench is not None:
+            force = force + moving.project(wrench)
+        rows = []
+        if self.samples.velocity_measured:
+            correction = windows.rate_steps @ np.linalg.solve(M, measured.u[..., None])[..., 0]
+            rows.append(windows.rate @ measured.q + windows.value @ measured.v - correction)
+        effort = self.effort_integral(physics, measured.u)
+        rows.append(-(windows.rate @ momentum) - windows.value @ force - effort)
+        for sensor, reading in zip(self.sensors, measured.wrenches, strict=True):
+            predicted = sensor.reading(moving, self._on(sensor, moving, wrench))
+            rows.append(windows.value @ (reading - predicted))
+        return np.concatenate(rows, axis=1)
+
+    def _on(self, sensor: WrenchSensor, moving: Motion, wrench: Array | None) -> Array:
+        return np.zeros((len(moving.q), 6)) if wrench is None else wrench[:, sensor.joint]
+
+    def _pointwise(self, physics: Physics, q: Array, v: Array, joints: Sequence[JointSamples]) -> tuple[Array, Array]:
+        """Momentum (N, n) and what the windows weigh, force then predicted wrenches (N, n + 6 s)."""
+        moving = motion(physics.tree, q, v)
+        momentum, force = physics.momentum_and_force(moving)
+        wrench = physics.contact_wrenches(moving) if physics.contacts else None
+        if wrench is not None:
+            force = force + moving.project(wrench)
+        readings = [sensor.reading(moving, self._on(sensor, moving, wrench)) for sensor in self.sensors]
+        return momentum, np.concatenate([force, *readings], axis=1)
+
+    def noise_jacobian(self, physics: Physics) -> tuple[sp.csr_matrix, list[tuple[str, slice]]]:
+        """∂rows/∂samples as a sparse (M r, columns), and which slice belongs to which recording column.
+
+        Slices are N wide; rows run window after window. By central differences of the point-wise terms, and the
+        analytic slopes of the joint laws.
+        """
+        s, n = self.samples, self.joints
+        measured = self.measurement(physics)
+        q, v = measured.q_hat, measured.v_hat
+        joints = self.joint_samples(measured)
+        _, d_q_law, d_v_law = physics.applied_at_joints(joints)
+        blocks: list[sp.csr_matrix] = []
+        labels: list[tuple[str, slice]] = []
+
+        def add(name: str, block: sp.csr_matrix) -> None:
+            start = sum(b.shape[1] for b in blocks)
+            blocks.append(block)
+            labels.append((name, slice(start, start + block.shape[1])))
+
+        for j, name in enumerate(physics.tree.joint_names):
+            by_q = self._difference(physics, q, v, joints, j, POSITION_STEP, position=True)
+            by_v = self._difference(physics, q, v, joints, j, VELOCITY_STEP, position=False)
+            by_q[1][:, j] += d_q_law[:, j]
+            by_v[1][:, j] += d_v_law[:, j]
+            from_q = self._block(by_q[0], by_q[1], kinematic=j, rate=True)
+            from_v = self._block(by_v[0], by_v[1], kinematic=j, rate=False)
+            if s.differentiate is None:
+                add(f"q.{name}", from_q)
+                add(f"v.{name}", from_v)
+            else:
+                add(f"q.{name}", sp.csr_matrix(from_q + from_v @ s.differentiate))
+            if s.std[f"u.{name}"] > 0.0:
+                add(f"u.{name}", self._place(-self.held, self.kinematic_rows + j))
+        for i, sensor in enumerate(self.sensors):
+            for k, axis in enumerate(("fx", "fy", "fz", "tx", "ty", "tz")):
+                row = self.kinematic_rows + n + 6 * i + k
+                add(f"wrench.{sensor.name}.{axis}", self._place(s.windows.value, row))
+        return sp.csr_matrix(sp.hstack(blocks)), labels
+
+    def _difference(
+        self, physics: Physics, q: Array, v: Array, joints: Sequence[JointSamples], j: int, step: float, position: bool
+    ) -> tuple[Array, Array]:
+        shift = np.zeros(self.joints)
+        shift[j] = step
+        ahead = self._pointwise(physics, q + shift if position else q, v if position else v + shift, joints)
+        behind = self._pointwise(physics, q - shift if position else q, v if position else v - shift, joints)
+        return (ahead[0] - behind[0]) / (2.0 * step), (ahead[1] - behind[1]) / (2.0 * step)
+
+    def _block(self, momentum: Array, force: Array, kinematic: int, rate: bool) -> sp.csr_matrix:
+        """Rows' derivative by one column of samples from the point-wise ones."""
+        windows = self.samples.windows
+        parts: list[sp.csr_matrix] = []
+        for k in range(self.kinematic_rows):
+            own = (windows.rate if rate else windows.value) if k == kinematic else sp.csr_matrix(windows.value.shape)
+            parts.append(own)
+        for k in range(self.joints):
+            parts.append(-windows.rate @ sp.diags_array(momentum[:, k]) - windows.value @ sp.diags_array(force[:, k]))
+        for k in range(self.joints, force.shape[1]):
+            parts.append(-windows.value @ sp.diags_array(force[:, k]))
+        return self._interleave(parts)
+
+    def _place(self, matrix: sp.csr_matrix, row: int) -> sp.csr_matrix:
+        coo = sp.coo_matrix(matrix)
+        shape = (len(self.samples.windows) * self.rows_per_window, matrix.shape[1])
+        return sp.csr_matrix((coo.data, (coo.row * self.rows_per_window + row, coo.col)), shape=shape)
+
+    def _interleave(self, parts: list[sp.csr_matrix]) -> sp.csr_matrix:
+        rows, columns, data = [], [], []
+        for k, part in enumerate(parts):
+            coo = sp.coo_matrix(part)
+            rows.append(coo.row * self.rows_per_window + k)
+            columns.append(coo.col)
+            data.append(coo.data)
+        shape = (len(self.samples.windows) * self.rows_per_window, parts[0].shape[1])
+        return sp.csr_matrix((np.concatenate(data), (np.concatenate(rows), np.concatenate(columns))), shape=shape)

@@ -1,0 +1,34 @@
+"""The vocabulary: every effect class by its name."""
+
+from drake_cafim.effects.actuator import ActuatorBias, ActuatorGainError
+from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import (
+    JointAsymmetricCoulombFriction,
+    JointCoulombFriction,
+    JointSpring,
+    JointViscousFriction,
+)
+from drake_cafim.effects.link import GravityMisalignment, Payload, RotorInertia
+from drake_cafim.effects.sensor import SensorBias
+from drake_cafim.errors import InputError
+
+EFFECTS: tuple[type[Effect], ...] = (
+    JointViscousFriction,
+    JointCoulombFriction,
+    JointAsymmetricCoulombFriction,
+    JointSpring,
+    RotorInertia,
+    ActuatorGainError,
+    ActuatorBias,
+    Payload,
+    GravityMisalignment,
+    SensorBias,
+)
+
+
+def effect_named(name: str) -> type[Effect]:
+    """The effect class of that name; `InputError` lists the valid ones."""
+    for effect in EFFECTS:
+        if effect.name == name:
+            return effect
+    raise InputError(f"there is no effect named {name!r}; valid: {', '.join(e.name for e in EFFECTS)}")

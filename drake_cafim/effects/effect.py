@@ -1,0 +1,137 @@
+"""What an effect is: a named piece of physics at a place, with its strengths."""
+
+from abc import ABC
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import ClassVar, Self
+
+import numpy as np
+
+from drake_cafim.dynamics.tree import Tree
+from drake_cafim.errors import InputError
+from drake_cafim.typing import Array
+
+
+class Place(Enum):
+    """What an effect attaches to."""
+
+    JOINT = "joint"
+    ACTUATOR = "actuator"
+    BODY = "body"
+    WORLD = "environment"
+    CONTACT = "contact"
+    CHANNEL = "sensor"
+
+
+@dataclass(frozen=True)
+class Strength:
+    """One parameter of an effect.
+
+    `typical` is the size at which engineers meet it, the scale of the weak prior that evidence needs; `unit` is for
+    a revolute joint, and `linear_unit` for a prismatic one.
+    """
+
+    name: str
+    unit: str
+    typical: float
+    lower: float = -np.inf
+    upper: float = np.inf
+    nominal: float = 0.0
+    """The value at which the effect is absent."""
+    linear_unit: str | None = None
+
+
+@dataclass(frozen=True)
+class JointSamples:
+    """One joint's motion and effort, each (N,): rad or m, rad/s or m/s, N m or N."""
+
+    q: Array
+    v: Array
+    u: Array
+    v_std: Array | float = 0.0
+    """What is not known of v; a force that bends sharply in v is averaged over it."""
+
+
+@dataclass(frozen=True)
+class Force:
+    """A generalized force and its derivatives: `value`, `d_q`, `d_v`, `d_u` (N,), `d_strengths` (N, k)."""
+
+    value: Array
+    d_q: Array
+    d_v: Array
+    d_u: Array
+    d_strengths: Array
+
+
+@dataclass(frozen=True)
+class Start:
+    """A linear look at an effect: `columns` (N, c) of force whose coefficients an exact fit can start from.
+
+    `shape` holds the strengths that the columns were made with and that no coefficient gives.
+    """
+
+    columns: Array
+    shape: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """A piece of physics `at` a place with its `values`; without values it is a hypothesis.
+
+    Subclasses say everything once as class attributes, and override the hook through which their physics acts.
+    """
+
+    at: str
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    name: ClassVar[str]
+    family: ClassVar[str]
+    place: ClassVar[Place]
+    strengths: ClassVar[tuple[Strength, ...]]
+    reference: ClassVar[str]
+    alike: ClassVar[Mapping[str, str]] = {}
+    """Names of effects that look like this one, and why."""
+
+    def __post_init__(self) -> None:
+        wrong = sorted(set(self.values) - {strength.name for strength in self.strengths})
+        if wrong:
+            valid = ", ".join(strength.name for strength in self.strengths)
+            raise InputError(f"effect {self.name} at {self.at}: unknown parameter {', '.join(wrong)}; valid: {valid}")
+
+    @property
+    def key(self) -> tuple[str, str]:
+        return (self.name, self.at)
+
+    def with_values(self, values: Mapping[str, float] | Array) -> Self:
+        """The effect with these strengths, a mapping or a vector in the order of `strengths`."""
+        if not isinstance(values, Mapping):
+            values = {s.name: float(x) for s, x in zip(self.strengths, values, strict=True)}
+        return type(self)(self.at, dict(values))
+
+    @property
+    def vector(self) -> Array:
+        """Values in the order of `strengths`, (k,); what was not given is at its nominal value."""
+        return np.array([self.values.get(s.name, s.nominal) for s in self.strengths], dtype=float)
+
+    def unit(self, strength: Strength, tree: Tree) -> str:
+        """The strength's unit at this place."""
+        if strength.linear_unit is not None and self.place in (Place.JOINT, Place.ACTUATOR) \
+                and tree.joints[tree.joint_index(self.at)].prismatic:
+            return strength.linear_unit
+        return strength.unit
+
+    @classmethod
+    def places(cls, tree: Tree) -> Iterator[str]:
+        """Where in `tree` the effect can be looked for; contact and channel effects ask their scene instead."""
+        if cls.place in (Place.JOINT, Place.ACTUATOR):
+            yield from tree.joint_names
+        elif cls.place is Place.BODY:
+            yield from (body.name for body in tree.bodies if body.joint >= 0 and body.mass > 0)
+        elif cls.place is Place.WORLD:
+            yield "world"
+
+    def sentence(self) -> str:
+        """What a report says of the effect and its strength."""
+        strengths = ", ".join(f"{s.name} {self.values.get(s.name, s.nominal):.4g} {s.unit}" for s in self.strengths)
+        return f"{self.name.replace('_', ' ')} at {self.at} ({strengths})"

@@ -1,0 +1,160 @@
+"""Forces at a joint that the model lacks: each a law of position, velocity and effort."""
+
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from drake_cafim.effects.effect import Effect, Force, JointSamples, Place, Start, Strength
+from drake_cafim.typing import Array
+
+SLIP_VELOCITY = 0.005
+"""rad/s (m/s): the width over which a dry friction turns its sign."""
+
+
+@dataclass(frozen=True)
+class JointForce(Effect):
+    """A force at one joint, added to the right-hand side of its equation of motion."""
+
+    place: ClassVar[Place] = Place.JOINT
+    family: ClassVar[str] = "joint"
+
+    @abstractmethod
+    def force(self, joint: JointSamples) -> Force:
+        """The law at this effect's values, with its derivatives."""
+
+    @abstractmethod
+    def starts(self, joint: JointSamples) -> Iterator[Start]:
+        """Linear looks at the law, over a grid of what is not linear in it."""
+
+    @abstractmethod
+    def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointForce":
+        """The effect whose force is `columns @ coefficients` of the start with this `shape`."""
+
+
+def _sign(v: Array, v_std: Array | float, width: float) -> tuple[Array, Array]:
+    """The smoothed sign tanh(v/w), averaged over what is not known of v, and its slope.
+
+    With v known to a standard deviation s the mean of tanh(v/w) is close to tanh(v/√(w² + π s²/2)), which has the
+    exact slope at v = 0 for s ≫ w (MacKay, *Information Theory*, 2003, eq. 41.47, for the logistic function).
+    """
+    broad = np.sqrt(width**2 + 0.5 * np.pi * np.asarray(v_std) ** 2)
+    sign = np.tanh(v / broad)
+    return sign, (1.0 - sign**2) / broad
+
+
+def _zeros(joint: JointSamples) -> Array:
+    return np.zeros_like(joint.v)
+
+
+@dataclass(frozen=True)
+class JointViscousFriction(JointForce):
+    """−c v."""
+
+    name: ClassVar[str] = "joint_viscous_friction"
+    strengths: ClassVar[tuple[Strength, ...]] = (
+        Strength("coefficient", "N m s/rad", 0.3, lower=0.0, linear_unit="N s/m"),
+    )
+    reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2"
+    alike: ClassVar[Mapping[str, str]] = {
+        "joint_coulomb_friction": "both oppose the motion; only a range of speeds tells a slope from a step",
+        "joint_stribeck_friction": "its falling branch and a viscous slope cancel over a narrow range of speeds",
+        "actuator_lag": "under a motion at one frequency both shift the effort's phase",
+    }
+
+    def force(self, joint: JointSamples) -> Force:
+        c = self.values["coefficient"]
+        return Force(-c * joint.v, _zeros(joint), np.full_like(joint.v, -c), _zeros(joint), -joint.v[:, None])
+
+    def starts(self, joint: JointSamples) -> Iterator[Start]:
+        yield Start(-joint.v[:, None])
+
+    def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointViscousFriction":
+        return self.with_values(coefficients)
+
+
+@dataclass(frozen=True)
+class JointCoulombFriction(JointForce):
+    """−T tanh(v/w)."""
+
+    name: ClassVar[str] = "joint_coulomb_friction"
+    strengths: ClassVar[tuple[Strength, ...]] = (Strength("torque", "N m", 0.3, lower=0.0, linear_unit="N"),)
+    reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2"
+    alike: ClassVar[Mapping[str, str]] = {
+        "joint_viscous_friction": "both oppose the motion; only a range of speeds tells a step from a slope",
+        "joint_asymmetric_coulomb_friction": "it is this law with two strengths; evidence decides",
+        "joint_load_dependent_friction": "it is this law where the load hardly changes",
+        "joint_stribeck_friction": "it is this law away from rest",
+    }
+
+    def force(self, joint: JointSamples) -> Force:
+        sign, slope = _sign(joint.v, joint.v_std, SLIP_VELOCITY)
+        T = self.values["torque"]
+        return Force(-T * sign, _zeros(joint), -T * slope, _zeros(joint), -sign[:, None])
+
+    def starts(self, joint: JointSamples) -> Iterator[Start]:
+        yield Start(-_sign(joint.v, joint.v_std, SLIP_VELOCITY)[0][:, None])
+
+    def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointCoulombFriction":
+        return self.with_values(coefficients)
+
+
+@dataclass(frozen=True)
+class JointAsymmetricCoulombFriction(JointForce):
+    """−T₊ for v > 0 and +T₋ for v < 0, smoothed as tanh(v/w)."""
+
+    name: ClassVar[str] = "joint_asymmetric_coulomb_friction"
+    strengths: ClassVar[tuple[Strength, ...]] = (
+        Strength("torque_positive", "N m", 0.3, linear_unit="N"),
+        Strength("torque_negative", "N m", 0.3, linear_unit="N"),
+    )
+    reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2.1"
+    alike: ClassVar[Mapping[str, str]] = {
+        "joint_coulomb_friction": "with equal strengths it is the symmetric law",
+        "actuator_bias": "with Coulomb friction beside it, a constant effort is the same force: half the difference",
+    }
+
+    def force(self, joint: JointSamples) -> Force:
+        sign, slope = _sign(joint.v, joint.v_std, SLIP_VELOCITY)
+        columns = np.stack([-0.5 * (1.0 + sign), 0.5 * (1.0 - sign)], axis=1)
+        positive, negative = self.values["torque_positive"], self.values["torque_negative"]
+        d_v = -0.5 * (positive + negative) * slope
+        return Force(columns @ [positive, negative], _zeros(joint), d_v, _zeros(joint), columns)
+
+    def starts(self, joint: JointSamples) -> Iterator[Start]:
+        sign, _ = _sign(joint.v, joint.v_std, SLIP_VELOCITY)
+        yield Start(np.stack([-0.5 * (1.0 + sign), 0.5 * (1.0 - sign)], axis=1))
+
+    def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointAsymmetricCoulombFriction":
+        return self.with_values(coefficients)
+
+
+@dataclass(frozen=True)
+class JointSpring(JointForce):
+    """−k (q − rest)."""
+
+    name: ClassVar[str] = "joint_spring"
+    strengths: ClassVar[tuple[Strength, ...]] = (
+        Strength("stiffness", "N m/rad", 1.0, linear_unit="N/m"),
+        Strength("rest", "rad", 0.5, linear_unit="m"),
+    )
+    reference: ClassVar[str] = "Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, 2006, §7"
+    alike: ClassVar[Mapping[str, str]] = {
+        "actuator_bias": "a soft spring with a far rest position is a constant effort",
+        "torque_ripple": "over a small range of positions a slow ripple is a slope",
+        "gravity_misalignment": "near the horizontal, tilted gravity changes with position as a spring does",
+    }
+
+    def force(self, joint: JointSamples) -> Force:
+        k, rest = self.values["stiffness"], self.values["rest"]
+        d_strengths = np.stack([-(joint.q - rest), np.full_like(joint.q, k)], axis=1)
+        return Force(-k * (joint.q - rest), np.full_like(joint.q, -k), _zeros(joint), _zeros(joint), d_strengths)
+
+    def starts(self, joint: JointSamples) -> Iterator[Start]:
+        yield Start(np.stack([-joint.q, np.ones_like(joint.q)], axis=1))
+
+    def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointSpring":
+        k = float(coefficients[0]) or 1e-12
+        return self.with_values({"stiffness": k, "rest": float(coefficients[1]) / k})

@@ -1,0 +1,111 @@
+"""Changes of the bodies themselves and of the field that they are in."""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from drake_cafim.dynamics.tree import Body, Tree
+from drake_cafim.effects.effect import Effect, Place, Strength
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class TreeEffect(Effect):
+    """Inertia or gravity that the model lacks."""
+
+    @abstractmethod
+    def change(self, tree: Tree, gravity: Array) -> tuple[Tree, Array]:
+        """The tree and the gravity (3,) m/s², world, with the effect in them."""
+
+    def probes(self) -> tuple[Mapping[str, float], ...]:
+        """Strengths about which the effect is nearly linear, where a screening starts."""
+        return ({s.name: s.nominal for s in self.strengths},)
+
+
+@dataclass(frozen=True)
+class RotorInertia(TreeEffect):
+    """Reflected rotor inertia that the model lacks: it adds to M(q) on the joint's diagonal."""
+
+    place: ClassVar[Place] = Place.JOINT
+    family: ClassVar[str] = "joint"
+    name: ClassVar[str] = "rotor_inertia"
+    strengths: ClassVar[tuple[Strength, ...]] = (Strength("inertia", "kg m^2", 0.05, lower=0.0, linear_unit="kg"),)
+    reference: ClassVar[str] = "Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, 2006, §6"
+    alike: ClassVar[Mapping[str, str]] = {
+        "payload": "seen from one joint a point mass is an inertia; gravity and the other joints tell them apart",
+        "actuator_gain_error": "where inertia dominates, more of it and less effort look alike",
+    }
+
+    def change(self, tree: Tree, gravity: Array) -> tuple[Tree, Array]:
+        joint = tree.joints[tree.joint_index(self.at)]
+        changed = replace(joint, rotor_inertia=joint.rotor_inertia + self.values["inertia"])
+        return tree.with_joints([changed]), gravity
+
+
+@dataclass(frozen=True)
+class Payload(TreeEffect):
+    """A point mass that rides on a body."""
+
+    place: ClassVar[Place] = Place.BODY
+    family: ClassVar[str] = "link"
+    name: ClassVar[str] = "payload"
+    strengths: ClassVar[tuple[Strength, ...]] = (
+        Strength("mass", "kg", 0.3, lower=0.0),
+        Strength("x", "m", 0.1, lower=-2.0, upper=2.0),
+        Strength("y", "m", 0.1, lower=-2.0, upper=2.0),
+        Strength("z", "m", 0.1, lower=-2.0, upper=2.0),
+    )
+    reference: ClassVar[str] = "Atkeson, An, Hollerbach, Int. J. Robotics Research 5(3), 1986"
+    alike: ClassVar[Mapping[str, str]] = {
+        "gravity_misalignment": "both change the weight that the joints carry; inertia tells them apart",
+        "actuator_gain_error": "more load and less effort look alike at one joint",
+        "rotor_inertia": "seen from one joint a point mass is an inertia",
+        "sensor_bias": "a position offset at the last joint changes the weight torque as a side load does",
+    }
+
+    def change(self, tree: Tree, gravity: Array) -> tuple[Tree, Array]:
+        carrier = tree.body(self.at)
+        point = Body(
+            name=f"payload on {self.at}",
+            joint=carrier.joint,
+            R_JB=carrier.R_JB,
+            p_JB=carrier.p_JB,
+            mass=self.values["mass"],
+            p_BBcm=np.array([self.values["x"], self.values["y"], self.values["z"]]),
+            I_BBcm_B=np.zeros((3, 3)),
+        )
+        return replace(tree, bodies=(*tree.bodies, point)), gravity
+
+    def probes(self) -> tuple[Mapping[str, float], ...]:
+        # a point mass is linear in its mass alone; where it sits is probed from the body's centre outward
+        return ({"mass": 0.0, "x": 0.0, "y": 0.0, "z": 0.0},)
+
+
+@dataclass(frozen=True)
+class GravityMisalignment(TreeEffect):
+    """g = Rx(roll) Ry(pitch) (0, 0, −9.81)."""
+
+    place: ClassVar[Place] = Place.WORLD
+    family: ClassVar[str] = "link"
+    name: ClassVar[str] = "gravity_misalignment"
+    strengths: ClassVar[tuple[Strength, ...]] = (
+        Strength("roll", "rad", 0.03, lower=-np.pi, upper=np.pi),
+        Strength("pitch", "rad", 0.03, lower=-np.pi / 2, upper=np.pi / 2),
+    )
+    reference: ClassVar[str] = "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, ch. 12"
+    alike: ClassVar[Mapping[str, str]] = {
+        "payload": "both change the weight that the joints carry",
+        "joint_spring": "near the horizontal, tilted gravity changes with position as a spring does",
+        "actuator_bias": "over a small range of positions a tilt is a constant effort",
+    }
+
+    def change(self, tree: Tree, gravity: Array) -> tuple[Tree, Array]:
+        roll, pitch = self.values["roll"], self.values["pitch"]
+        magnitude = np.linalg.norm(gravity)
+        tilted = np.array(
+            [-np.sin(pitch), np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)], dtype=float
+        )
+        return tree, magnitude * tilted

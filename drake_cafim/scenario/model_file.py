@@ -1,0 +1,66 @@
+"""A finalized Drake plant from a scenario's model file."""
+
+from pathlib import Path
+
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.parsing import LoadModelDirectivesFromString, Parser, ProcessModelDirectives
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder
+
+import yaml
+
+from drake_cafim.errors import InputError
+from drake_cafim.scenario.schema import Scenario
+
+MODEL_SUFFIXES = (".urdf", ".sdf", ".xml", ".dmd.yaml", ".dmd.yml", ".mjcf")
+
+
+def add_plant(
+    scenario: Scenario, folder: Path, builder: DiagramBuilder, time_step: float
+) -> tuple[MultibodyPlant, SceneGraph]:
+    """Add the scenario's plant and scene graph to `builder`, finalized.
+
+    `folder` is where a relative model path starts. Raises `InputError` for what Drake's parser refuses.
+    """
+    plant: MultibodyPlant
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
+    parser = Parser(plant)
+    parser.package_map().Add("drake_cafim_models", str(Path(__file__).parents[1] / "models"))
+    _parse(parser, scenario, folder)
+    for weld in scenario.weld:
+        if not plant.HasBodyNamed(weld.body):
+            names = ", ".join(plant.get_body(i).name() for i in plant.GetBodyIndices(plant.GetModelInstanceByName(
+                parser_model_name(plant))))
+            raise InputError(f"{scenario.model}: weld names the body {weld.body!r}, which the model lacks; it has: {names}")
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(weld.body))
+    plant.mutable_gravity_field().set_gravity_vector(scenario.gravity)
+    plant.Finalize()
+    return plant, scene_graph
+
+
+def parser_model_name(plant: MultibodyPlant) -> str:
+    """The name of the last model instance added."""
+    instances = plant.num_model_instances()
+    from pydrake.multibody.tree import ModelInstanceIndex
+
+    return str(plant.GetModelInstanceName(ModelInstanceIndex(instances - 1)))
+
+
+def _parse(parser: Parser, scenario: Scenario, folder: Path) -> None:
+    if scenario.directives:
+        text = yaml.safe_dump({"directives": scenario.directives})
+        try:
+            ProcessModelDirectives(LoadModelDirectivesFromString(text), parser)
+        except (RuntimeError, ValueError) as error:
+            raise InputError(f"directives: {' '.join(str(error).split())}") from None
+        return
+    address = scenario.model
+    if not address.startswith("package://") and not (folder / address).is_file():
+        raise InputError(f"{folder / address}: there is no such model file, expected one of {', '.join(MODEL_SUFFIXES)}")
+    try:
+        if address.startswith("package://"):
+            parser.AddModelsFromUrl(address)
+        else:
+            parser.AddModels(str(folder / address))
+    except (RuntimeError, ValueError, SystemExit) as error:
+        raise InputError(f"{address}: Drake's parser refuses it: {' '.join(str(error).split())}") from None

@@ -1,0 +1,96 @@
+"""All that the model says acts on the robot, with effects beyond it, over many samples at once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.dynamics.motion import Motion, bias_force, mass_matrix, momentum_balance
+from drake_cafim.dynamics.tree import Tree
+from drake_cafim.effects.actuator import ActuatorEffect
+from drake_cafim.effects.effect import Effect, Force, JointSamples
+from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.link import TreeEffect
+from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class Physics:
+    """A model with numbers: tree, gravity (3,) m/s² world, contacts, and effects with their values."""
+
+    tree: Tree
+    gravity: Array
+    contacts: tuple[SphereContact, ...] = ()
+    joint_forces: tuple[JointForce, ...] = ()
+    actuators: tuple[ActuatorEffect, ...] = ()
+    sensors: tuple[SensorEffect, ...] = ()
+
+    @property
+    def rotor_inertias(self) -> Array:
+        """Reflected rotor inertia of each joint, (n,)."""
+        return np.array([joint.rotor_inertia for joint in self.tree.joints])
+
+    @property
+    def dampings(self) -> Array:
+        """Viscous damping of each joint, (n,)."""
+        return np.array([joint.damping for joint in self.tree.joints])
+
+    def momentum_and_force(self, moving: Motion) -> tuple[Array, Array]:
+        """Generalized momentum and the rigid-body force, each (N, n): ∂T/∂q and gravity."""
+        balance = momentum_balance(moving, moving.link_inertias, self.gravity)
+        return balance.momentum + self.rotor_inertias * moving.v, balance.force
+
+    def applied_at_joints(self, joints: Sequence[JointSamples]) -> tuple[Array, Array, Array]:
+        """Forces at the joints (N, n) by damping and joint effects, with slopes in q and v (N, n).
+
+        `joints` are the samples of each joint in the tree's order.
+        """
+        v = np.stack([joint.v for joint in joints], axis=1)
+        value = -self.dampings * v
+        d_q, d_v = np.zeros_like(v), np.broadcast_to(-self.dampings, v.shape).copy()
+        for effect in self.joint_forces:
+            j = self.tree.joint_index(effect.at)
+            law = effect.force(joints[j])
+            value[:, j] += law.value
+            d_q[:, j] += law.d_q
+            d_v[:, j] += law.d_v
+        return value, d_q, d_v
+
+    def joint_force(self, effect: JointForce, joints: Sequence[JointSamples]) -> Force:
+        """One effect's law on the samples of its joint."""
+        return effect.force(joints[self.tree.joint_index(effect.at)])
+
+    def contact_wrenches(self, moving: Motion) -> Array:
+        """(N, n, 6) wrenches that contacts exert on the links, about the world origin, moment first."""
+        total = np.zeros((*moving.q.shape, 6))
+        for contact in self.contacts:
+            total[:, contact.joint] += contact.wrench(moving)
+        return total
+
+    def acceleration(self, moving: Motion, effort: Array, joints: Sequence[JointSamples]) -> tuple[Array, Array]:
+        """v̇ (N, n) without the joints' stiff slopes, and M(q) + 0 (N, n, n), for a stepper to use."""
+        inertias = moving.link_inertias
+        M = mass_matrix(moving, inertias) + np.diag(self.rotor_inertias)
+        force = effort - bias_force(moving, inertias, self.gravity)
+        if self.contacts:
+            force = force + moving.project(self.contact_wrenches(moving))
+        return force + self.applied_at_joints(joints)[0], M
+
+    def with_effects(self, effects: Sequence[Effect]) -> "Physics":
+        """The physics with more effects, each of which has its values."""
+        physics = self
+        for effect in effects:
+            if isinstance(effect, TreeEffect):
+                tree, gravity = effect.change(physics.tree, physics.gravity)
+                physics = replace(physics, tree=tree, gravity=gravity)
+            elif isinstance(effect, JointForce):
+                physics = replace(physics, joint_forces=(*physics.joint_forces, effect))
+            elif isinstance(effect, ActuatorEffect):
+                physics = replace(physics, actuators=(*physics.actuators, effect))
+            elif isinstance(effect, SensorEffect):
+                physics = replace(physics, sensors=(*physics.sensors, effect))
+            else:
+                raise TypeError(f"{effect.name} has no way into the physics")
+        return physics

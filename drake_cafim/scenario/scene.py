@@ -1,0 +1,152 @@
+"""A Scene: a scenario's Drake plant, the same physics as arrays, its channels and its unknowns."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from drake_cafim.dynamics.contact import WrenchSensor
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.dynamics.tree import Tree, tree_of
+from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.effect import Effect
+from drake_cafim.errors import InputError
+from drake_cafim.parameters import Parameters
+from drake_cafim.scenario.model_file import MODEL_SUFFIXES, add_plant
+from drake_cafim.scenario.schema import Channel, Scenario, load
+from drake_cafim.scenario.surfaces import contact_of
+from drake_cafim.scenario.unknown import UnknownParameter, applied, priors, unknown_parameters
+from drake_cafim.typing import Array
+
+DIAGRAMS = Path(__file__).parents[1] / "diagrams"
+_FORCE = ("fx", "fy", "fz")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a diagnosis knows before it sees a recording."""
+
+    name: str
+    scenario: Scenario
+    diagram: Diagram
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    tree: Tree
+    physics: Physics
+    """The nominal physics, unknowns at their prior means, `effects:` of the scenario included."""
+    unknown: tuple[UnknownParameter, ...]
+    wrench_sensors: tuple[WrenchSensor, ...]
+
+    @classmethod
+    def load(cls, address: str | Path) -> "Scene":
+        """The scene of a packaged scenario's name, a scenario file or a model file.
+
+        Raises `InputError` for anything in it that cannot be used.
+        """
+        path = resolve(str(address))
+        if str(path).endswith(MODEL_SUFFIXES):
+            return cls.build(Scenario(model=path.name), path.parent, str(address))
+        return cls.build(load(path), path.parent, str(address))
+
+    @classmethod
+    def from_model(
+        cls, model: str | Path, *, channels: Mapping[str, float] | None = None, weld: Sequence[str] = ()
+    ) -> "Scene":
+        """The scene of a model file; `channels` are stds of one sample, `weld` names bodies fixed to the world."""
+        from drake_cafim.scenario.schema import Weld
+
+        path = Path(model)
+        scenario = Scenario(
+            model=path.name,
+            channels={name: Channel(std={"all": std}) for name, std in (channels or {}).items()},
+            weld=[Weld(body) for body in weld],
+        )
+        return cls.build(scenario, path.parent, str(model))
+
+    @classmethod
+    def build(cls, scenario: Scenario, folder: Path, name: str) -> "Scene":
+        """The scene of a scenario whose relative paths start at `folder`; `name` stands in messages."""
+        builder = DiagramBuilder()
+        plant, scene_graph = add_plant(scenario, folder, builder, time_step=0.0)
+        diagram = builder.Build()
+        tree = tree_of(plant)
+        physics = Physics(tree, np.array(scenario.gravity, dtype=float))
+        scene = cls(name, scenario, diagram, plant, scene_graph, tree, physics, (), ())
+        return scene.facing(np.zeros(len(tree.joints)))
+
+    def facing(self, q: Array) -> "Scene":
+        """The scene whose contact planes are the faces that stand before the robot at positions `q` (n,)."""
+        contacts = tuple(
+            contact_of(pair, self.plant, self.scene_graph, self.tree, q, self.name) for pair in self.scenario.contact
+        )
+        bare = replace(self.physics, contacts=contacts, joint_forces=(), actuators=(), sensors=())
+        physics = replace(bare, tree=self.tree, gravity=np.array(self.scenario.gravity, dtype=float))
+        unknown = unknown_parameters(self.scenario.unknown, physics, self.name)
+        physics = applied(unknown, physics, priors(unknown).mean)
+        physics = physics.with_effects(self._known_effects())
+        return replace(self, physics=physics, unknown=unknown, wrench_sensors=self._sensors())
+
+    @property
+    def priors(self) -> Parameters:
+        """Priors of the unknowns."""
+        return priors(self.unknown)
+
+    def physics_at(self, vector: Array) -> Physics:
+        """The physics with the unknowns at `vector` (n,)."""
+        return applied(self.unknown, self.physics, vector)
+
+    def std(self, column: str) -> float | None:
+        """The noise of one sample of a recording's column, SI; None where the scenario does not say."""
+        channel = self.channel(column)
+        if channel is None or not channel.std:
+            return None
+        kind, last = column.split(".")[0], column.rsplit(".", 1)[-1]
+        if kind == "wrench":
+            return channel.std.get("force" if last in _FORCE else "torque")
+        if kind == "pose":
+            return channel.std.get("position" if last in "xyz" else "rotation")
+        return channel.std.get("all")
+
+    def channel(self, column: str) -> Channel | None:
+        """The scenario's entry for a recording's column: its own before that of its kind."""
+        kind = column.split(".")[0]
+        own = column.rsplit(".", 1)[0] if kind in ("wrench", "pose") else column
+        return self.scenario.channels.get(own) or self.scenario.channels.get(kind)
+
+    def _known_effects(self) -> list[Effect]:
+        return [effect_named(entry.effect)(entry.at, entry.parameters) for entry in self.scenario.effects]
+
+    def _sensors(self) -> tuple[WrenchSensor, ...]:
+        sensors = []
+        for key, channel in self.scenario.channels.items():
+            if not key.startswith("wrench."):
+                continue
+            body = self.tree.body(channel.body)
+            X_BF = np.eye(4)
+            if channel.frame and channel.frame != channel.body:
+                if not self.plant.HasFrameNamed(channel.frame):
+                    raise InputError(f"{self.name}: channels.{key} names the frame {channel.frame!r}, which the model lacks")
+                frame = self.plant.GetFrameByName(channel.frame)
+                X_BF = np.array(frame.GetFixedPoseInBodyFrame().GetAsMatrix4())
+            R_JS, p_JS = body.R_JB @ X_BF[:3, :3], body.p_JB + body.R_JB @ X_BF[:3, 3]
+            sensors.append(WrenchSensor(key.removeprefix("wrench."), body.joint, R_JS, p_JS))
+        return tuple(sensors)
+
+
+def resolve(address: str) -> Path:
+    """The file behind a packaged scenario's name or a path.
+
+    Raises `InputError` that lists the packaged names when there is neither.
+    """
+    packaged = sorted(path.stem for path in DIAGRAMS.glob("*.yaml"))
+    if address in packaged:
+        return DIAGRAMS / f"{address}.yaml"
+    path = Path(address)
+    if not path.is_file():
+        names = ", ".join(packaged) or "none"
+        raise InputError(f"{address}: there is no such file and no packaged scenario of that name (there are: {names})")
+    return path

@@ -1,0 +1,106 @@
+"""The scenario's contacts against the model's collision geometry."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.geometry import Box, HalfSpace, SceneGraph, Sphere
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+
+from drake_cafim.contact.law import ContactLaw, ContactParameters
+from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.dynamics.motion import motion
+from drake_cafim.dynamics.tree import FIXED, Tree
+from drake_cafim.errors import InputError
+from drake_cafim.scenario.schema import ContactPair
+from drake_cafim.typing import Array
+
+
+def contact_of(
+    pair: ContactPair, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree, q: Array, source: str
+) -> SphereContact:
+    """The contact of the pair's sphere with the other body's plane.
+
+    Of a box the face is taken that the sphere stands before at positions `q` (n,). Raises `InputError` where the
+    pair is not a moving sphere against a fixed box, half-space or `ground`.
+    """
+    names = tuple(pair.bodies)
+    for moving, still in (names, names[::-1]):
+        sphere = _sphere(moving, plant, scene_graph, tree)
+        if sphere is None:
+            continue
+        joint, p_JC, radius = sphere
+        zero = np.zeros((1, len(tree.joints)))
+        p_WC, _ = motion(tree, q[None], zero).point(joint, p_JC)
+        plane = _plane(pair, still, plant, scene_graph, tree, p_WC[0])
+        if plane is None:
+            continue
+        parameters = ContactParameters(
+            stiffness=pair.stiffness,
+            damping=pair.damping,
+            dissipation=pair.dissipation,
+            friction=pair.friction,
+            slip_velocity=pair.slip_velocity,
+            resistance=pair.resistance,
+        )
+        law = ContactLaw(pair.law)  # type: ignore[arg-type]
+        return SphereContact((moving, still), joint, p_JC, radius, plane[0], plane[1], law, parameters)
+    raise InputError(
+        f"{source}: contact {'/'.join(names)}: expected a body with one collision sphere that moves, against a body "
+        "with one collision box or half-space that stands still, or ground:"
+    )
+
+
+def _sphere(
+    name: str, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree
+) -> tuple[int, Array, float] | None:
+    if not plant.HasBodyNamed(name):
+        return None
+    body = tree.body(name)
+    inspector = scene_graph.model_inspector()
+    shapes = [
+        (inspector.GetShape(i), inspector.GetPoseInFrame(i))
+        for i in plant.GetCollisionGeometriesForBody(plant.GetBodyByName(name))
+    ]
+    spheres = [(shape, X_BG) for shape, X_BG in shapes if isinstance(shape, Sphere)]
+    if body.joint == FIXED or len(spheres) != 1:
+        return None
+    shape, X_BG = spheres[0]
+    return body.joint, body.p_JB + body.R_JB @ np.array(X_BG.translation()), float(shape.radius())
+
+
+def _plane(
+    pair: ContactPair, name: str, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree, p_WC: Array
+) -> tuple[Array, Array] | None:
+    if pair.ground is not None:
+        normal = np.array(pair.ground.normal, dtype=float)
+        return np.array(pair.ground.point, dtype=float), normal / np.linalg.norm(normal)
+    if not plant.HasBodyNamed(name) or (name != "world" and tree.body(name).joint != FIXED):
+        return None
+    inspector = scene_graph.model_inspector()
+    ids = plant.GetCollisionGeometriesForBody(plant.GetBodyByName(name))
+    X_WB = plant.EvalBodyPoseInWorld(plant.CreateDefaultContext(), plant.GetBodyByName(name))
+    for i in ids:
+        shape, X_WG = inspector.GetShape(i), X_WB.multiply(inspector.GetPoseInFrame(i))
+        if isinstance(shape, HalfSpace):
+            return np.array(X_WG.translation()), np.array(X_WG.rotation().matrix()[:, 2])
+        if isinstance(shape, Box):
+            return _facing(X_WG, np.array(shape.size()), p_WC)
+    return None
+
+
+def _facing(X_WG: RigidTransform, size: Array, p_WC: Array) -> tuple[Array, Array]:
+    """Point and outward normal of the box face that the point stands farthest out of."""
+    p_GC = X_WG.inverse().multiply(p_WC)
+    outside = np.abs(p_GC) - 0.5 * size
+    axis = int(np.argmax(outside))
+    normal = np.zeros(3)
+    normal[axis] = 1.0 if p_GC[axis] >= 0 else -1.0
+    normal_W = X_WG.rotation().matrix() @ normal
+    point: Array = np.array(X_WG.multiply(0.5 * size * normal), dtype=float)
+    return point, normal_W
+
+
+def names(pairs: Sequence[ContactPair]) -> tuple[str, ...]:
+    """`a/b` of each pair, in the file's order."""
+    return tuple("/".join(pair.bodies) for pair in pairs)

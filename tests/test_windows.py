@@ -1,0 +1,59 @@
+"""The weak form's integrals against exact ones."""
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.local_polynomial import local_polynomial
+from drake_cafim.diagnosis.windows import lay_windows
+
+
+def _staircase_motion(time: np.ndarray, steps: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """p(t) with ṗ = u held from each of `steps` on, exactly."""
+    edges = np.append(steps, np.inf)
+    lengths = np.clip(time[:, None], edges[:-1], edges[1:]) - edges[:-1]
+    return lengths @ u
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0007, 0.0064])
+def test_held_effort_balances_momentum(delay: float) -> None:
+    rng = np.random.default_rng(1)
+    time = 0.002 * np.arange(500)
+    u = rng.normal(size=500)
+    p = _staircase_motion(time, time + delay, u)
+    windows = lay_windows(time, np.ones(500, dtype=bool), 0.06)
+    residual = -windows.rate @ p - windows.held(time + delay) @ u
+    plain = -windows.rate @ p - windows.value @ np.interp(time - delay, time, u)
+    inside = windows.starts > 0.02
+    assert np.abs(residual[inside]).max() < 1e-3 * np.abs(plain[inside]).max()
+
+
+def test_velocity_rows_know_that_acceleration_steps() -> None:
+    rng = np.random.default_rng(2)
+    time = 0.002 * np.arange(400)
+    a = rng.normal(size=400)
+    v = np.append(0.0, np.cumsum(0.002 * a))[:-1]
+    q = np.append(0.0, np.cumsum(0.002 * v + 0.5 * 0.002**2 * a))[:-1]
+    windows = lay_windows(time, np.ones(400, dtype=bool), 0.06)
+    plain = windows.rate @ q + windows.value @ v
+    residual = plain - windows.rate_steps @ a
+    assert np.abs(residual).max() < 5e-2 * np.abs(plain).max()
+
+
+def test_windows_avoid_gaps_and_missing_samples() -> None:
+    time = np.concatenate([0.01 * np.arange(50), 1.0 + 0.01 * np.arange(50)])
+    usable = np.ones(100, dtype=bool)
+    usable[70] = False
+    windows = lay_windows(time, usable, 0.1)
+    for start in windows.starts:
+        inside = (time >= start - 1e-9) & (time <= start + 0.1 + 1e-9)
+        assert inside.sum() >= 10 and usable[inside].all()
+        assert np.diff(time[inside]).max() < 0.011
+
+
+def test_local_polynomial_is_exact_on_polynomials_even_on_an_uneven_grid() -> None:
+    rng = np.random.default_rng(0)
+    time = np.cumsum(0.001 + 0.001 * rng.random(200))
+    cubic = 1.0 + 2.0 * time - 30.0 * time**2 + 100.0 * time**3
+    slope = 2.0 - 60.0 * time + 300.0 * time**2
+    np.testing.assert_allclose(local_polynomial(time, 0.008, 3, 0) @ cubic, cubic, atol=1e-10)
+    np.testing.assert_allclose(local_polynomial(time, 0.008, 3, 1) @ cubic, slope, atol=1e-7)
