@@ -1,0 +1,73 @@
+"""A Gaussian belief over the unknown parameters."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from drake_cafim.errors import InputError
+from drake_cafim.parameters import Parameters
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class Belief:
+    """θ ~ N(mean, covariance): names of n parameters, mean (n,), covariance (n, n), in the parameters' units."""
+
+    names: tuple[str, ...]
+    mean: Array
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        size = len(self.names)
+        if np.shape(self.mean) != (size,) or np.shape(self.covariance) != (size, size):
+            raise InputError(
+                f"belief over {', '.join(self.names)}: mean of shape {np.shape(self.mean)} and covariance of shape "
+                f"{np.shape(self.covariance)}, expected ({size},) and ({size}, {size})"
+            )
+
+    @classmethod
+    def prior(cls, parameters: Parameters) -> "Belief":
+        """The prior of the free parameters, independent of each other."""
+        return cls(parameters.names, parameters.mean, np.diag(parameters.std**2))
+
+    @property
+    def information(self) -> Array:
+        """Σ⁻¹ (n, n); zero for a parameter without a prior (infinite std)."""
+        known = np.isfinite(np.diag(self.covariance))
+        result = np.zeros_like(self.covariance)
+        result[np.ix_(known, known)] = np.linalg.inv(self.covariance[np.ix_(known, known)])
+        return result
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations (n,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def update(self, fisher: Array, mean: Array) -> "Belief":
+        """The posterior at the estimate `mean` (n,): Σ⁺ = (F + Σ⁻¹)⁻¹ for the Fisher information F (n, n).
+
+        F holds the data alone; the prior enters here and nowhere else (paper, Eq. 11).
+        """
+        precision = np.asarray(fisher) + self.information
+        return Belief(self.names, np.asarray(mean, dtype=float), np.asarray(np.linalg.inv(precision), dtype=float))
+
+    def interval(self, level: float = 0.95) -> Array:
+        """Central intervals (n, 2) that hold each parameter with probability `level`."""
+        half = norm.ppf(0.5 + 0.5 * level) * self.std
+        return np.stack([self.mean - half, self.mean + half], axis=-1)
+
+    def entropy(self) -> float:
+        """½ log det(2πe Σ), nats."""
+        sign, logarithm = np.linalg.slogdet(2.0 * np.pi * np.e * self.covariance)
+        return float(0.5 * logarithm) if sign > 0 else float("nan")
+
+    def vector(self) -> Array:
+        """Mean, then covariance row by row: (n + n²,), as on a Diagram's `belief` ports."""
+        return np.concatenate([self.mean, self.covariance.ravel()])
+
+    @classmethod
+    def from_vector(cls, names: tuple[str, ...], vector: Array) -> "Belief":
+        """The inverse of `vector`."""
+        size = len(names)
+        return cls(names, np.array(vector[:size]), np.array(vector[size:]).reshape(size, size))

@@ -1,0 +1,55 @@
+"""Fisher information of a predicted or recorded trajectory, and the scalars that a design maximises."""
+
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+
+from drake_cafim.errors import InputError
+from drake_cafim.typing import Array
+
+Criterion: TypeAlias = Literal["trace", "scaled_trace", "logdet", "a_optimal", "min_eigenvalue"]
+CRITERIA: tuple[str, ...] = get_args(Criterion)
+
+
+def fisher_information(sensitivities: Array, noise_std: Array) -> Array:
+    """F = Σ_t G_tᵀ Σ_y⁻¹ G_t (..., n, n) of total sensitivities G (..., T, ny, n) = dy_t/dθ.
+
+    `noise_std` (ny,) is of one sample, white and independent over components. A sum over time, so that
+    trajectories add up; the paper's 1/N and the prior stay out (paper, Eq. 8 and Theorem 1).
+    """
+    whitened = sensitivities / np.asarray(noise_std)[:, np.newaxis]
+    flat = whitened.reshape(*whitened.shape[:-3], -1, whitened.shape[-1])
+    return np.asarray(np.swapaxes(flat, -1, -2) @ flat)
+
+
+def criterion(name: Criterion, fisher: Array, prior: Array) -> Array:
+    """ψ (...,), larger is better, of F (..., n, n) given the information P (n, n) that is there already.
+
+    trace            tr F: the paper's choice; depends on the units of θ
+    scaled_trace     tr(P⁻¹ F): the trace in units of the present uncertainty
+    logdet           ½ (log det(P + F) − log det P): nats gained (D-optimality)
+    a_optimal        n − tr(P (P + F)⁻¹): fraction of the present variance that is taken away, summed
+    min_eigenvalue   of the whitened F: the worst direction's gain (E-optimality)
+
+    All but the trace need P positive definite. Raises `InputError` on an unknown name.
+    """
+    if name == "trace":
+        return np.asarray(np.trace(fisher, axis1=-2, axis2=-1))
+    if name not in CRITERIA:
+        raise InputError(f"criterion {name!r}: expected one of {', '.join(CRITERIA)}")
+    eigenvalues = _whitened_eigenvalues(fisher, prior)
+    if name == "scaled_trace":
+        return np.asarray(eigenvalues.sum(axis=-1))
+    if name == "logdet":
+        return np.asarray(0.5 * np.log1p(eigenvalues).sum(axis=-1))
+    if name == "a_optimal":
+        return np.asarray((eigenvalues / (1.0 + eigenvalues)).sum(axis=-1))
+    return np.asarray(eigenvalues.min(axis=-1))
+
+
+def _whitened_eigenvalues(fisher: Array, prior: Array) -> Array:
+    """Eigenvalues (..., n) of L⁻¹ F L⁻ᵀ with P = L Lᵀ; those of rounding below zero are set to it."""
+    if fisher.shape[-1] == 1:
+        return np.asarray(np.maximum(fisher[..., 0] / prior[0, 0], 0.0))
+    inverse = np.linalg.inv(np.linalg.cholesky(prior))
+    return np.asarray(np.maximum(np.linalg.eigvalsh(inverse @ fisher @ inverse.T), 0.0))

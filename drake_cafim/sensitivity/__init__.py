@@ -1,0 +1,1 @@
+"""Sensitivity of predicted measurements to the unknown parameters: one question, three answers."""

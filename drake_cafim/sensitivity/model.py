@@ -1,0 +1,151 @@
+"""What a planning model is: a discrete-time contact model driven by the motion of the robot.
+
+The robot's motion r (its end-effector, in the planner's coordinates) is commanded or measured and does not
+depend on θ; what it touches may have a state x, which does:
+
+    λ_t = contact(x_t, r_t, θ)      y_t = measurement(x_t, r_t, λ_t, θ)      x_{t+1} = step(x_t, r_t, r_{t+1}, λ_t, θ)
+
+A measurement is read at the end of each period of the planner, after its command has acted.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from drake_cafim.parameters import Parameters
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class Jacobians:
+    """A value (..., k) and its derivatives.
+
+    wrt_state (..., k, nx), wrt_force (..., k, nλ), wrt_parameters (..., k, n); leading axes may broadcast.
+    """
+
+    value: Array
+    wrt_state: Array
+    wrt_force: Array
+    wrt_parameters: Array
+
+
+@dataclass(frozen=True)
+class Start:
+    """Initial state of what is touched, (nx,), and S_0 = ∂x_0/∂θ (nx, n)."""
+
+    state: Array
+    sensitivity: Array
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """A batch of predicted trajectories; the first axis is the candidate, the second time.
+
+    motion (B, T+1, nr), states (B, T+1, nx) at the ends of the periods; forces (B, T, nλ),
+    measurements (B, T, ny) and sensitivities G = dy/dθ (B, T, ny, n) after each command.
+    `state_sensitivity` (B, T+1, nx, n) is S.
+    """
+
+    motion: Array
+    states: Array
+    forces: Array
+    measurements: Array
+    sensitivities: Array
+    state_sensitivities: Array
+
+    def window(self, first: int, last: int) -> "Rollout":
+        """Periods first … last−1 alone."""
+        return Rollout(
+            self.motion[:, first : last + 1],
+            self.states[:, first : last + 1],
+            self.forces[:, first:last],
+            self.measurements[:, first:last],
+            self.sensitivities[:, first:last],
+            self.state_sensitivities[:, first : last + 1],
+        )
+
+
+class PlanningModel(Protocol):
+    """A model that all three evaluators understand. Batch axes (...) come first; θ is (n,)."""
+
+    @property
+    def period(self) -> float:
+        """Length of a planning step, s."""
+        ...
+
+    @property
+    def substeps(self) -> int:
+        """Integration steps in a period."""
+        ...
+
+    @property
+    def parameters(self) -> Parameters:
+        """The unknown parameters with priors and bounds; θ is in this order."""
+        ...
+
+    @property
+    def noise_std(self) -> Array:
+        """Standard deviation of one measurement's noise, (ny,)."""
+        ...
+
+    @property
+    def state_size(self) -> int:
+        """nx; 0 where nothing that is touched moves."""
+        ...
+
+    @property
+    def velocity_bounds(self) -> tuple[Array, Array]:
+        """Least and greatest commanded velocity, each (nu,), m/s."""
+        ...
+
+    def motion(self, robot_state: Array, commands: Array) -> Array:
+        """Motion (B, T·substeps + 1, nr) from the robot state (2 nu,) under commands (B, T, nu) m/s."""
+        ...
+
+    def measured_motion(self, robot_states: Array) -> Array:
+        """Motion (B, T·substeps + 1, nr) through measured robot states (B, T+1, 2 nu)."""
+        ...
+
+    def start(self, motion: Array, theta: Array) -> Start:
+        """State of what is touched when the robot, at motion (nr,), has not moved yet."""
+        ...
+
+    def contact(self, state: Array, motion: Array, theta: Array) -> Array:
+        """Contact force λ (..., nλ) in N; scalar-generic, so that AutoDiffXd passes through."""
+        ...
+
+    def step(self, state: Array, motion: Array, following: Array, force: Array, theta: Array) -> Array:
+        """Next state (..., nx) after one integration step; scalar-generic."""
+        ...
+
+    def measurement(self, state: Array, motion: Array, force: Array, theta: Array) -> Array:
+        """Predicted measurement (..., ny); scalar-generic."""
+        ...
+
+    def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
+        """`contact` with its analytic derivatives (no wrt_force)."""
+        ...
+
+    def step_jacobians(self, state: Array, motion: Array, following: Array, force: Array, theta: Array) -> Jacobians:
+        """`step` with its analytic derivatives."""
+        ...
+
+    def measurement_jacobians(self, state: Array, motion: Array, force: Array, theta: Array) -> Jacobians:
+        """`measurement` with its analytic derivatives."""
+        ...
+
+    def cost(self, rollout: Rollout, theta: Array) -> Array:
+        """What a motion costs, (B,), taken from its information: force limits, workspace, seeking."""
+        ...
+
+    def touching(self, forces: Array) -> Array:
+        """Whether there is contact, (...,) bool, for forces (..., nλ)."""
+        ...
+
+    def script(self, time: float, robot_state: Array, theta: Array) -> Array:
+        """The command (nu,) m/s of a sensible motion that plans nothing."""
+        ...
+
+    def behaviour(self, motion: Array, forces: Array) -> Mapping[str, object]:
+        """Counts of one executed experiment for run.json, from motion (T+1, nr) and forces (T, nλ)."""
+        ...

@@ -1,0 +1,132 @@
+"""Contouring: length and width of a box on a table, by touching its sides (paper, "Shape Estimation")."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_cafim.parameters import Parameter, Parameters
+from drake_cafim.sensitivity.model import Jacobians, Rollout
+from drake_cafim.tasks.point import PointModel, force_excess
+from drake_cafim.tasks.task import Task
+from drake_cafim.typing import Array
+
+TRUE_LENGTH, TRUE_WIDTH = 0.126, 0.05  # m, paper
+FACES = ("+x", "-x", "+y", "-y")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contouring(PointModel):
+    """Planner coordinates (x, y) in the plane of the table; a round tip against a fixed box, no friction.
+
+    λ is (2,), the force on the tip, K (r − distance) along the box's outward normal at the nearest point.
+    """
+
+    parameters: Parameters = field(
+        default_factory=lambda: Parameters(
+            (
+                Parameter("length", 1.3 * TRUE_LENGTH, std=np.sqrt(1e-3), lower=0.01, upper=0.35, unit="m"),
+                Parameter("width", 1.3 * TRUE_WIDTH, std=np.sqrt(1e-3), lower=0.01, upper=0.25, unit="m"),
+            )
+        )
+    )
+    period: float = 0.05  # s
+    workspace_lower: tuple[float, ...] = (0.3, -0.15)  # m, paper
+    workspace_upper: tuple[float, ...] = (0.8, 0.15)  # m, paper
+    speed_limit: float = 0.5  # m/s, paper
+    stiffness: float = 500.0  # N/m, paper
+    centre: tuple[float, float] = (0.5, 0.0)  # m
+    tip_radius: float = 0.01  # m
+    force_std: float = 3.0  # N, of each component
+    force_limit: float = 10.0  # N
+    force_weight: float = 0.2  # 1/N²
+    seeking: float = 0.01  # 1/m
+
+    @property
+    def noise_std(self) -> Array:
+        return np.full(2, self.force_std)
+
+    def _beyond(self, motion: Array, theta: Array) -> Array:
+        """How far the tip's centre is beyond each pair of sides, (..., 2) m; negative between them."""
+        offset = np.abs(motion[..., :2] - np.asarray(self.centre))
+        return np.asarray(offset - 0.5 * np.asarray(theta))
+
+    def distance(self, motion: Array, theta: Array) -> Array:
+        """Signed distance (...,) m from the tip's surface to the box."""
+        return _signed_distance(self._beyond(motion, theta)) - self.tip_radius
+
+    def _sides(self, motion: Array) -> Array:
+        return np.where(motion[..., :2] >= np.asarray(self.centre), 1.0, -1.0)
+
+    def contact(self, state: Array, motion: Array, theta: Array) -> Array:
+        beyond = self._beyond(motion, theta)
+        depth = self.tip_radius - _signed_distance(beyond)
+        size = np.where(depth > 0, self.stiffness * depth, 0.0)
+        return np.asarray(np.asarray(size)[..., np.newaxis] * _outward(beyond) * self._sides(motion))
+
+    def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
+        """With b = |p − c| − θ/2 and distance s(b): λ = K (r − s) σ∘∇s, so ∂λ/∂θ = ½ K σ∘(∇s ∇sᵀ − (r − s) ∇²s)."""
+        beyond = self._beyond(motion, theta)
+        distance = _signed_distance(beyond)
+        outward = _outward(beyond)
+        depth = np.maximum(self.tip_radius - distance, 0.0)
+        active = np.where(depth > 0, 1.0, 0.0)[..., np.newaxis, np.newaxis]
+        corner = (beyond > 0).all(axis=-1)
+        bend = np.where(corner, 1.0 / np.where(corner, distance, 1.0), 0.0)[..., np.newaxis, np.newaxis]
+        outer = outward[..., :, np.newaxis] * outward[..., np.newaxis, :]
+        curvature = bend * (np.eye(2) - outer)
+        sides = self._sides(motion)
+        slope = 0.5 * self.stiffness * active * (outer - depth[..., np.newaxis, np.newaxis] * curvature)
+        force = self.stiffness * depth[..., np.newaxis] * outward * sides
+        return Jacobians(force, np.zeros((2, 0)), np.zeros((2, 2)), sides[..., np.newaxis] * slope)
+
+    def cost(self, rollout: Rollout, theta: Array) -> Array:
+        """Predicted force above the limit, and distance to the box, (B,)."""
+        size = np.sqrt((rollout.forces**2).sum(axis=-1))
+        gap = np.maximum(self.distance(rollout.motion[:, 1:], theta), 0.0).mean(axis=-1)
+        return np.asarray(self.force_weight * force_excess(size, self.force_limit) + self.seeking * gap)
+
+    def script(self, time: float, robot_state: Array, theta: Array) -> Array:
+        """Press straight ahead on the near long side, back off, and again, every second."""
+        return np.array([0.0, 0.1 if (time % 1.0) < 0.6 else -0.1])
+
+    def faces(self, motion: Array, forces: Array) -> list[str]:
+        """Faces touched in an experiment, of `FACES`, from motion (T+1, 4) and forces (T, 2)."""
+        touched = set()
+        for force in forces[self.touching(forces)]:
+            axis = int(np.argmax(np.abs(force)))
+            touched.add(("+" if force[axis] > 0 else "-") + "xy"[axis])
+        return [face for face in FACES if face in touched]
+
+    def behaviour(self, motion: Array, forces: Array) -> Mapping[str, object]:
+        return {**PointModel.behaviour(self, motion, forces), "faces": self.faces(motion, forces)}
+
+
+def _signed_distance(beyond: Array) -> Array:
+    """Distance (...,) of a point to a rectangle from how far it is beyond each pair of sides (..., 2)."""
+    first, second = beyond[..., 0], beyond[..., 1]
+    corner = (first > 0) & (second > 0)
+    square = np.where(corner, first * first + second * second, 1.0 + 0.0 * first)
+    return np.asarray(np.where(corner, np.sqrt(square), np.maximum(first, second)))
+
+
+def _outward(beyond: Array) -> Array:
+    """Gradient of `_signed_distance`, (..., 2)."""
+    first, second = beyond[..., 0], beyond[..., 1]
+    corner = (first > 0) & (second > 0)
+    length = np.where(corner, _signed_distance(beyond), 1.0 + 0.0 * first)
+    ahead = np.where(first >= second, 1.0, 0.0)
+    return np.stack([np.where(corner, first / length, ahead), np.where(corner, second / length, 1.0 - ahead)], axis=-1)
+
+
+def contouring(model: Contouring | None = None) -> Task:
+    """The contouring task: one experiment of 4 s, estimated every fourth step, starting at (0.5, −0.1) m."""
+    return Task(
+        name="contouring",
+        model=Contouring() if model is None else model,
+        truth={"length": TRUE_LENGTH, "width": TRUE_WIDTH},
+        robot_start=np.array([0.5, -0.1, 0.0, 0.0]),
+        periods=80,
+        experiments=1,
+        estimate_every=4,
+    )

@@ -1,0 +1,161 @@
+"""Hefting: the mass of a ball that lies in the palm of a hand which moves up and down.
+
+Rigid model: the ball follows the palm, λ = max(0, m (a + g)) with the palm's acceleration a. The noise is about
+the ball's weight, so that only shaking it tells the mass well (paper, "Mass Estimation Experiments").
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_cafim.parameters import Parameter, Parameters
+from drake_cafim.sensitivity.model import Jacobians, Rollout, Start
+from drake_cafim.tasks.behaviour import count_make_breaks, count_reversals
+from drake_cafim.tasks.task import Task
+from drake_cafim.typing import Array
+
+TRUE_MASS = 0.05  # kg, paper
+
+
+@dataclass(frozen=True)
+class Hefting:
+    """The planning model. Motion r is (3,): palm height m, velocity m/s, acceleration m/s² of the last period."""
+
+    parameters: Parameters = field(
+        default_factory=lambda: Parameters(
+            (Parameter("mass", 1.3 * TRUE_MASS, std=np.sqrt(1e-3), lower=2e-3, upper=1.0, unit="kg"),)
+        )
+    )
+    period: float = 0.05  # s
+    substeps: int = 1
+    gravity: float = 9.81  # m/s²
+    lowest: float = 0.0  # m, paper
+    highest: float = 0.6  # m, paper
+    speed_limit: float = 1.0  # m/s, paper
+    braking_up: float = 7.5  # m/s², below g: the ball stays while the rising palm brakes
+    braking_down: float = 20.0  # m/s²
+    force_std: float = 0.5  # N
+    least_weight: float = 0.1  # fraction of m̂ g below which the predicted force is penalised
+    most_weight: float = 6.0  # multiple of m̂ g above which it is
+    contact_weight: float = 100.0  # 1 per (m̂ g)
+    excess_weight: float = 10.0  # 1 per (force std)²
+
+    @property
+    def noise_std(self) -> Array:
+        return np.array([self.force_std])
+
+    @property
+    def state_size(self) -> int:
+        return 0
+
+    @property
+    def velocity_bounds(self) -> tuple[Array, Array]:
+        return np.array([-self.speed_limit]), np.array([self.speed_limit])
+
+    def motion(self, robot_state: Array, commands: Array) -> Array:
+        """Velocity ramps to each command over its period, and brakes in time to stay within the workspace."""
+        batch, length = commands.shape[:2]
+        states = np.empty((batch, length + 1, 2))
+        states[:, 0] = robot_state
+        z, v = states[:, 0, 0], states[:, 0, 1]
+        for index in range(length):
+            coasted = z + 0.5 * self.period * v
+            rising = self._fastest(self.highest - coasted, self.braking_up)
+            falling = -self._fastest(coasted - self.lowest, self.braking_down)
+            u = np.maximum(np.minimum(commands[:, index, 0], rising), falling)
+            z, v = coasted + 0.5 * self.period * u, u
+            states[:, index + 1, 0], states[:, index + 1, 1] = z, v
+        return self.measured_motion(states)
+
+    def _fastest(self, room: Array, braking: float) -> Array:
+        """Greatest u with u·period/2 + u²/(2 braking) ≤ room (B,)."""
+        half = 0.5 * self.period
+        root = np.sqrt(half**2 + 2.0 * np.maximum(room, 0.0) / braking)
+        return np.asarray(np.where(room >= 0, braking * (root - half), room / half))
+
+    def measured_motion(self, robot_states: Array) -> Array:
+        """Heights and velocities (B, T+1, 2), refined to the substeps, with the acceleration that led there."""
+        z, v = robot_states[..., 0], robot_states[..., 1]
+        if self.substeps == 1:
+            a = np.zeros_like(v)
+            a[..., 1:] = np.diff(v, axis=-1) / self.period
+            return np.stack([z, v, a], axis=-1)
+        fraction = np.arange(1, self.substeps + 1) / self.substeps
+        acceleration = (np.diff(v, axis=-1) / self.period)[..., np.newaxis]
+        elapsed = fraction * self.period
+        z0, v0 = z[..., :-1, np.newaxis], v[..., :-1, np.newaxis]
+        # what the constant acceleration leaves open of the measured height is spread over the period
+        missed = (np.diff(z, axis=-1) - 0.5 * self.period * (v[..., 1:] + v[..., :-1]))[..., np.newaxis]
+        fine_z = z0 + v0 * elapsed + 0.5 * acceleration * elapsed**2 + missed * fraction
+        fine_v = v0 + acceleration * elapsed
+        fine_a = np.broadcast_to(acceleration, fine_v.shape)
+        fine = np.stack([part.reshape(*z.shape[:-1], -1) for part in (fine_z, fine_v, fine_a)], axis=-1)
+        first = np.stack([z[..., :1], v[..., :1], np.zeros_like(z[..., :1])], axis=-1)
+        return np.concatenate([first, fine], axis=-2)
+
+    def start(self, motion: Array, theta: Array) -> Start:
+        return Start(np.zeros(0), np.zeros((0, 1)))
+
+    def contact(self, state: Array, motion: Array, theta: Array) -> Array:
+        """λ = max(0, m (a + g)), (..., 1)."""
+        return np.asarray(theta[0] * np.maximum(0.0, motion[..., 2:3] + self.gravity))
+
+    def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
+        force = self.contact(state, motion, theta)
+        shape = motion.shape[:-1]
+        slope = np.maximum(0.0, motion[..., 2:3] + self.gravity)[..., np.newaxis]
+        return Jacobians(force, np.zeros((*shape, 1, 0)), np.zeros((*shape, 1, 1)), slope)
+
+    def step(self, state: Array, motion: Array, following: Array, force: Array, theta: Array) -> Array:
+        return state
+
+    def step_jacobians(self, state: Array, motion: Array, following: Array, force: Array, theta: Array) -> Jacobians:
+        shape = motion.shape[:-1]
+        return Jacobians(state, np.zeros((*shape, 0, 0)), np.zeros((*shape, 0, 1)), np.zeros((*shape, 0, 1)))
+
+    def measurement(self, state: Array, motion: Array, force: Array, theta: Array) -> Array:
+        return force
+
+    def measurement_jacobians(self, state: Array, motion: Array, force: Array, theta: Array) -> Jacobians:
+        return Jacobians(force, np.zeros((1, self.state_size)), np.eye(1), np.zeros((1, 1)))
+
+    def cost(self, rollout: Rollout, theta: Array) -> Array:
+        """Losing contact, and forces far above the weight, (B,)."""
+        weight = theta[0] * self.gravity
+        force = rollout.forces[..., 0]
+        lost = np.maximum(0.0, self.least_weight - force / weight).sum(axis=-1)
+        excess = np.maximum(0.0, force - self.most_weight * weight) / self.force_std
+        return np.asarray(self.contact_weight * lost + self.excess_weight * (excess**2).sum(axis=-1))
+
+    def touching(self, forces: Array) -> Array:
+        return np.asarray(forces[..., 0] > 0)
+
+    def script(self, time: float, robot_state: Array, theta: Array) -> Array:
+        """A slow heave: 0.15 m up and down in 3 s."""
+        return np.array([0.15 * np.pi / 1.5 * np.sin(2.0 * np.pi * time / 3.0)])
+
+    def behaviour(self, motion: Array, forces: Array) -> Mapping[str, object]:
+        touching = self.touching(forces)
+        return {
+            "first_contact": self.period if touching.any() else None,
+            "contact_fraction": float(touching.mean()),
+            "airborne_fraction": float(1.0 - touching.mean()),
+            "sliding_fraction": 0.0,
+            "reversals": count_reversals(motion[1:, 1]),
+            "make_breaks": count_make_breaks(touching),
+            "faces": [],
+            "max_force": float(forces[..., 0].max()),
+        }
+
+
+def hefting(model: Hefting | None = None) -> Task:
+    """The hefting task: five experiments of 3 s, the palm starting at 0.2 m."""
+    return Task(
+        name="hefting",
+        model=Hefting() if model is None else model,
+        truth={"mass": TRUE_MASS},
+        robot_start=np.array([0.2, 0.0]),
+        periods=60,
+        experiments=5,
+    )

@@ -1,0 +1,82 @@
+"""Pinching: stiffness and damping of a ball between the jaws of a gripper (paper, "Material Property Estimation")."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_cafim.contact.law import ContactLaw, ContactParameters
+from drake_cafim.contact.normal import NormalLaw
+from drake_cafim.parameters import Parameter, Parameters
+from drake_cafim.sensitivity.model import Jacobians, Rollout
+from drake_cafim.tasks.point import PointModel, force_excess
+from drake_cafim.tasks.task import Task
+from drake_cafim.typing import Array
+
+TRUE_STIFFNESS, TRUE_DAMPING = 800.0, 10.0  # N/m and N s/m, paper
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pinching(PointModel):
+    """Planner coordinate: a jaw's distance from the ball's centre; both jaws mirror each other. λ is (1,)."""
+
+    parameters: Parameters = field(
+        default_factory=lambda: Parameters(
+            (
+                Parameter("stiffness", 1.3 * TRUE_STIFFNESS, std=100.0, lower=10.0, upper=5e3, unit="N/m"),
+                Parameter("damping", 1.3 * TRUE_DAMPING, std=10.0, lower=0.0, upper=100.0, unit="N s/m"),
+            )
+        )
+    )
+    period: float = 0.02  # s
+    workspace_lower: tuple[float, ...] = (0.002,)  # m
+    workspace_upper: tuple[float, ...] = (0.037,)  # m
+    speed_limit: float = 0.3  # m/s
+    law: NormalLaw = "kelvin_voigt"
+    ball_radius: float = 0.020  # m
+    force_std: float = 2.0  # N
+    force_limit: float = 10.0  # N
+    force_weight: float = 0.2  # 1/N²
+
+    @property
+    def noise_std(self) -> Array:
+        return np.array([self.force_std])
+
+    def contact(self, state: Array, motion: Array, theta: Array) -> Array:
+        parameters = ContactParameters(stiffness=theta[0], damping=theta[1])
+        penetration = self.ball_radius - motion[..., 0]
+        force = ContactLaw(self.law).normal_force(penetration, -motion[..., 1], parameters)
+        return force[..., np.newaxis]
+
+    def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
+        exact = ContactLaw(self.law).derivatives(
+            self.ball_radius - motion[..., 0],
+            -motion[..., 1],
+            np.zeros((*motion.shape[:-1], 1)),
+            ContactParameters(stiffness=theta[0], damping=theta[1]),
+        )
+        slope = np.stack([exact.normal["stiffness"], exact.normal["damping"]], axis=-1)[..., np.newaxis, :]
+        return Jacobians(exact.normal_force[..., np.newaxis], np.zeros((1, 0)), np.zeros((1, 1)), slope)
+
+    def cost(self, rollout: Rollout, theta: Array) -> Array:
+        """Predicted force above the limit, (B,)."""
+        return self.force_weight * force_excess(rollout.forces[..., 0], self.force_limit)
+
+    def script(self, time: float, robot_state: Array, theta: Array) -> Array:
+        """A slow squeeze and release between 0.024 m and 0.014 m, once a second."""
+        return np.array([-0.02 if (time % 1.0) < 0.5 else 0.02])
+
+    def behaviour(self, motion: Array, forces: Array) -> Mapping[str, object]:
+        return PointModel.behaviour(self, motion, forces)
+
+
+def pinching(model: Pinching | None = None) -> Task:
+    """The pinching task: five experiments of 1 s, starting 4 mm off the ball."""
+    return Task(
+        name="pinching",
+        model=Pinching() if model is None else model,
+        truth={"stiffness": TRUE_STIFFNESS, "damping": TRUE_DAMPING},
+        robot_start=np.array([0.024, 0.0]),
+        periods=50,
+        experiments=5,
+    )

@@ -1,0 +1,93 @@
+"""The part that the rigidly tracking point robots share: motion in a box, and forces measured as they are."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_cafim.sensitivity.model import Jacobians, Start
+from drake_cafim.tasks.behaviour import count_make_breaks, count_reversals
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointModel:
+    """A point that takes each commanded velocity at once and holds it for a period, inside its workspace.
+
+    Motion r is (2 nu,): position m and velocity m/s. What it touches does not move: the state is empty.
+    """
+
+    period: float
+    workspace_lower: tuple[float, ...]
+    workspace_upper: tuple[float, ...]
+    speed_limit: float
+    substeps: int = 1
+
+    @property
+    def state_size(self) -> int:
+        return 0
+
+    @property
+    def velocity_bounds(self) -> tuple[Array, Array]:
+        bound = np.full(len(self.workspace_lower), self.speed_limit)
+        return -bound, bound
+
+    def motion(self, robot_state: Array, commands: Array) -> Array:
+        """p' = p + u·period, cut off at the workspace, and the velocity that this took."""
+        size = len(self.workspace_lower)
+        lower, upper = np.asarray(self.workspace_lower), np.asarray(self.workspace_upper)
+        batch, length = commands.shape[:2]
+        result = np.empty((batch, length + 1, 2 * size))
+        result[:, 0] = robot_state
+        position = np.broadcast_to(robot_state[:size], (batch, size))
+        for index in range(length):
+            following = np.minimum(np.maximum(position + self.period * commands[:, index], lower), upper)
+            result[:, index + 1, :size] = following
+            result[:, index + 1, size:] = (following - position) / self.period
+            position = following
+        return result
+
+    def measured_motion(self, robot_states: Array) -> Array:
+        return robot_states
+
+    def start(self, motion: Array, theta: Array) -> Start:
+        return Start(np.zeros(0), np.zeros((0, len(theta))))
+
+    def step(self, state: Array, motion: Array, following: Array, force: Array, theta: Array) -> Array:
+        return state
+
+    def step_jacobians(self, state: Array, motion: Array, following: Array, force: Array, theta: Array) -> Jacobians:
+        shape = motion.shape[:-1]
+        empty = np.zeros((*shape, 0, 0))
+        return Jacobians(state, empty, np.zeros((*shape, 0, force.shape[-1])), np.zeros((*shape, 0, len(theta))))
+
+    def measurement(self, state: Array, motion: Array, force: Array, theta: Array) -> Array:
+        return force
+
+    def measurement_jacobians(self, state: Array, motion: Array, force: Array, theta: Array) -> Jacobians:
+        size = force.shape[-1]
+        return Jacobians(force, np.zeros((size, state.shape[-1])), np.eye(size), np.zeros((size, len(theta))))
+
+    def touching(self, forces: Array) -> Array:
+        return np.asarray((forces**2).sum(axis=-1) > 0)
+
+    def behaviour(self, motion: Array, forces: Array) -> Mapping[str, object]:
+        """What an executed experiment did, from motion (T+1, 2 nu) and forces (T, nλ)."""
+        size = len(self.workspace_lower)
+        touching = self.touching(forces)
+        first = int(np.argmax(touching)) + 1 if touching.any() else None
+        return {
+            "first_contact": None if first is None else first * self.period,
+            "contact_fraction": float(touching.mean()),
+            "airborne_fraction": 0.0,
+            "sliding_fraction": 0.0,
+            "reversals": max(count_reversals(motion[1:, size + axis]) for axis in range(size)),
+            "make_breaks": count_make_breaks(touching),
+            "faces": [],
+            "max_force": float(np.sqrt((forces**2).sum(axis=-1)).max()),
+        }
+
+
+def force_excess(forces: Array, limit: float) -> Array:
+    """Σ_t max(0, |λ| − limit)² (B,) in N², for force magnitudes (B, T)."""
+    return np.asarray((np.maximum(0.0, forces - limit) ** 2).sum(axis=-1))

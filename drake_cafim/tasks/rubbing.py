@@ -1,0 +1,118 @@
+"""Rubbing: the friction coefficient between the end-effector's tip and a wall (paper, "Friction Estimation")."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from drake_cafim.contact.law import ContactLaw, ContactParameters
+from drake_cafim.contact.normal import NormalLaw
+from drake_cafim.parameters import Parameter, Parameters
+from drake_cafim.sensitivity.model import Jacobians, Rollout
+from drake_cafim.tasks.behaviour import count_reversals
+from drake_cafim.tasks.point import PointModel
+from drake_cafim.tasks.task import Task
+from drake_cafim.typing import Array
+
+TRUE_FRICTION = 0.4  # 1, paper
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rubbing(PointModel):
+    """Planner coordinates (x, y) of the wall frame: x away from the wall, which is x = 0, and y along it.
+
+    Forces λ are (2,): normal, and tangential along y. θ may hold any of friction, stiffness, damping and
+    resistance, by the names in `parameters`.
+    """
+
+    parameters: Parameters = field(
+        default_factory=lambda: Parameters((Parameter("friction", 1.3 * TRUE_FRICTION, std=1.0, lower=0.0, upper=3.0),))
+    )
+    period: float = 0.02  # s
+    workspace_lower: tuple[float, ...] = (0.0, 0.5)  # m, paper
+    workspace_upper: tuple[float, ...] = (1.0, 1.0)  # m, paper
+    speed_limit: float = 1.0  # m/s, paper
+    law: NormalLaw = "kelvin_voigt"
+    stiffness: float = 100.0  # N/m, paper
+    damping: float = 1.0  # N s/m, paper
+    friction: float = TRUE_FRICTION
+    resistance: float = 2.0  # N s/m, paper
+    tip_radius: float = 0.04  # m
+    force_std: float = 1.0  # N, of each component
+    measures_normal: bool = True  # else the tangential force alone
+    seeking: float = 0.01  # 1/m
+
+    @property
+    def noise_std(self) -> Array:
+        return np.full(2 if self.measures_normal else 1, self.force_std)
+
+    def _contact_parameters(self, theta: Array) -> ContactParameters:
+        numbers = {name: getattr(self, name) for name in ("stiffness", "damping", "friction", "resistance")}
+        numbers.update(zip(self.parameters.names, theta, strict=True))
+        return ContactParameters(**numbers)
+
+    def contact(self, state: Array, motion: Array, theta: Array) -> Array:
+        parameters, law = self._contact_parameters(theta), ContactLaw(self.law)
+        normal = law.normal_force(self.tip_radius - motion[..., 0], -motion[..., 2], parameters)
+        tangential = law.tangential_force(normal, motion[..., 3:4], parameters)
+        return np.concatenate([normal[..., np.newaxis], tangential], axis=-1)
+
+    def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
+        exact = ContactLaw(self.law).derivatives(
+            self.tip_radius - motion[..., 0],
+            -motion[..., 2],
+            motion[..., 3:4],
+            self._contact_parameters(theta),
+        )
+        shape = motion.shape[:-1]
+        slope = np.zeros((*shape, 2, len(theta)))
+        for column, name in enumerate(self.parameters.names):
+            slope[..., 0, column] = exact.normal.get(name, 0.0)
+            slope[..., 1, column] = exact.tangential[name][..., 0]
+        force = np.concatenate([exact.normal_force[..., np.newaxis], exact.tangential_force], axis=-1)
+        return Jacobians(force, np.zeros((2, 0)), np.zeros((2, 2)), slope)
+
+    def measurement(self, state: Array, motion: Array, force: Array, theta: Array) -> Array:
+        return force if self.measures_normal else force[..., 1:]
+
+    def measurement_jacobians(self, state: Array, motion: Array, force: Array, theta: Array) -> Jacobians:
+        rows = np.eye(2) if self.measures_normal else np.eye(2)[1:]
+        value = self.measurement(state, motion, force, theta)
+        return Jacobians(value, np.zeros((len(rows), 0)), rows, np.zeros((len(rows), len(theta))))
+
+    def cost(self, rollout: Rollout, theta: Array) -> Array:
+        """Distance to the wall, so that contact is found from far away, (B,)."""
+        gap = np.maximum(rollout.motion[:, 1:, 0] - self.tip_radius, 0.0)
+        return np.asarray(self.seeking * gap.mean(axis=-1))
+
+    def touching(self, forces: Array) -> Array:
+        return np.asarray(forces[..., 0] > 0)
+
+    def script(self, time: float, robot_state: Array, theta: Array) -> Array:
+        """Press the tip in by half its radius at 0.3 m/s at most, and slide up and down at 0.3 m/s."""
+        press = np.clip((0.5 * self.tip_radius - robot_state[0]) / self.period, -0.3, 0.3)
+        return np.array([press, 0.3 if (time % 2.0) < 1.0 else -0.3])
+
+    def behaviour(self, motion: Array, forces: Array) -> Mapping[str, object]:
+        """Sliding counts contact at a speed where friction shows, μ λ_n < R |v_t|."""
+        normal, speed = forces[:, 0], np.abs(motion[1:, 3])
+        sliding = (normal > 0) & (self.friction * normal < self.resistance * speed)
+        return {
+            **PointModel.behaviour(self, motion, forces[:, :1]),
+            "sliding_fraction": float(sliding.mean()),
+            "reversals": count_reversals(motion[1:, 3]),
+        }
+
+
+def rubbing(model: Rubbing | None = None) -> Task:
+    """The rubbing task: five experiments of 5 s, starting 0.5 m off the wall."""
+    model = Rubbing() if model is None else model
+    model = replace(model)
+    return Task(
+        name="rubbing",
+        model=model,
+        truth={"friction": TRUE_FRICTION},
+        robot_start=np.array([0.5, 0.8, 0.0, 0.0]),
+        periods=250,
+        experiments=5,
+    )

@@ -1,0 +1,139 @@
+"""Three evaluators, one answer; and the answer against a Drake plant."""
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.tree import PrismaticJoint, SpatialInertia, UnitInertia
+from pydrake.systems.framework import DiagramBuilder
+
+from drake_cafim.contact import ContactParameters
+from drake_cafim.contact.system import SphereContact
+from drake_cafim.errors import InputError
+from drake_cafim.information import fisher_information
+from drake_cafim.parameters import Parameter, Parameters
+from drake_cafim.sensitivity.evaluator import FISHER, make_evaluator
+from drake_cafim.sensitivity.model import Start
+from drake_cafim.tasks.compliant_hefting import CompliantHefting
+from drake_cafim.tasks.contouring import Contouring
+from drake_cafim.tasks.hefting import Hefting
+from drake_cafim.tasks.pinching import Pinching
+from drake_cafim.tasks.rubbing import Rubbing
+
+BOTH = Parameters((Parameter("friction", 0.5, std=1.0), Parameter("stiffness", 120.0, std=50.0)))
+MODELS = {
+    "hefting": (Hefting(), [0.2, 0.0]),
+    "compliant hefting": (CompliantHefting(), [0.2, 0.0]),
+    "hunt-crossley hefting": (CompliantHefting(law="hunt_crossley", damping=0.0, dissipation=3.0), [0.2, 0.0]),
+    "rubbing": (Rubbing(), [0.05, 0.8, 0.0, 0.0]),
+    "rubbing, two unknown": (Rubbing(parameters=BOTH), [0.05, 0.8, 0.0, 0.0]),
+    "rubbing, tangential force alone": (Rubbing(measures_normal=False), [0.05, 0.8, 0.0, 0.0]),
+    "pinching": (Pinching(), [0.024, 0.0]),
+    "contouring": (Contouring(), [0.43, -0.04, 0.0, 0.0]),
+}
+
+
+def rollouts(name, evaluator, seed=3, batch=6, length=12):
+    model, start = MODELS[name]
+    random = np.random.default_rng(seed)
+    lower, upper = model.velocity_bounds
+    commands = 0.5 * random.uniform(lower, upper, (batch, length, len(lower)))
+    if "compliant" in name or "crossley" in name:
+        commands *= 0.4  # the ball stays on the palm: leaving it is a kink of the force
+    motion = model.motion(np.array(start), commands)
+    theta = 0.9 * model.parameters.mean
+    return make_evaluator(evaluator, model)(motion, theta, model.start(motion[0, 0], theta))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_three_evaluators_agree(name):
+    reference, tangent, difference = (rollouts(name, e) for e in ("autodiff", "tangent", "finite-difference"))
+    scale = np.abs(reference.sensitivities).max()
+    assert scale > 0, "the rollouts touch nothing"
+    for other, tolerance in ((tangent, 1e-6), (difference, 1e-5)):
+        np.testing.assert_allclose(other.forces, reference.forces, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(other.states, reference.states, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(other.sensitivities, reference.sensitivities, atol=tolerance * scale)
+        np.testing.assert_allclose(
+            other.state_sensitivities, reference.state_sensitivities, rtol=tolerance, atol=tolerance * scale
+        )
+    std = MODELS[name][0].noise_std
+    fisher = [fisher_information(r.sensitivities, std) for r in (reference, tangent, difference)]
+    np.testing.assert_allclose(fisher[1], fisher[0], rtol=1e-6, atol=1e-6 * np.abs(fisher[0]).max())
+    np.testing.assert_allclose(fisher[2], fisher[0], rtol=1e-5, atol=1e-5 * np.abs(fisher[0]).max())
+
+
+def test_evaluators_start_from_a_given_state_and_sensitivity():
+    model, theta = CompliantHefting(), np.array([0.06])
+    motion = model.motion(np.array([0.2, 0.1]), np.full((1, 4, 1), 0.2))
+    start = Start(np.array([0.198, 0.05]), np.array([[-0.03], [0.2]]))
+    answers = [make_evaluator(name, model)(motion, theta, start) for name in FISHER]
+    for answer in answers[1:]:
+        np.testing.assert_allclose(answer.sensitivities, answers[0].sensitivities, rtol=1e-5)
+
+
+def test_an_unknown_evaluator_is_refused_with_the_valid_names():
+    with pytest.raises(InputError, match="finite-difference"):
+        make_evaluator("exact", Hefting())
+
+
+def _heft_in_drake(model, motion, theta):
+    """The ball of `CompliantHefting` as a Drake plant on a prismatic joint, its palm moved as the motion says."""
+    step = model.period / model.substeps
+    radius = 0.03
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=step)
+    plant.SetUseSampledOutputPorts(False)
+    bodies = []
+    for name, mass in (("palm", 1.0), ("ball", 0.05)):
+        body = plant.AddRigidBody(name, SpatialInertia(mass, np.zeros(3), UnitInertia.SolidSphere(radius)))
+        plant.AddJoint(PrismaticJoint(name, plant.world_frame(), body.body_frame(), [0.0, 0.0, 1.0]))
+        bodies.append(body)
+    plant.Finalize()
+    contact = builder.AddNamedSystem(
+        "contact",
+        SphereContact(
+            "kelvin_voigt",
+            ContactParameters(stiffness=model.stiffness, damping=model.damping),
+            sphere_body=bodies[1].index(),
+            plane_body=bodies[0].index(),
+            radius=radius,
+            X_AP=RigidTransform([0.0, 0.0, -radius]),
+        ),
+    )
+    builder.Connect(plant.get_body_poses_output_port(), contact.GetInputPort("body_poses"))
+    velocities = plant.get_body_spatial_velocities_output_port()
+    builder.Connect(velocities, contact.GetInputPort("body_spatial_velocities"))
+    builder.Connect(contact.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
+    diagram = builder.Build().ToAutoDiffXd()
+    plant = diagram.GetSubsystemByName("plant")
+    contact = diagram.GetSubsystemByName("contact")
+    context = diagram.CreateDefaultContext()
+    mass = AutoDiffXd(theta[0], [1.0])
+    plant.GetBodyByName("ball").SetMass(plant.GetMyMutableContextFromRoot(context), mass)
+    start = model.start(motion[0], theta)
+    ball = [AutoDiffXd(v, [s]) for v, s in zip(start.state, start.sensitivity[:, 0], strict=True)]
+    output, slopes, forces = contact.GetOutputPort("contact_force"), [], []
+    for index, r in enumerate(motion):
+        # the palm is where the plan says, whatever pushes it
+        context.SetDiscreteState(np.array([AutoDiffXd(r[0]), ball[0], AutoDiffXd(r[1]), ball[1]]))
+        if index and index % model.substeps == 0:
+            force = output.Eval(contact.GetMyContextFromRoot(context))[2]
+            forces.append(force.value())
+            slopes.append(ExtractGradient(np.array([[force]]))[0, 0])
+        update = diagram.EvalUniquePeriodicDiscreteUpdate(context).value(0)
+        ball = [update[1], update[3]]
+    return np.array(forces), np.array(slopes)
+
+
+def test_compliant_hefting_is_what_a_drake_plant_does():
+    model, theta = CompliantHefting(), np.array([0.06])
+    commands = 0.25 * np.sin(np.arange(10))[np.newaxis, :, np.newaxis]
+    motion = model.motion(np.array([0.2, 0.0]), commands)
+    ours = make_evaluator("tangent", model)(motion, theta, model.start(motion[0, 0], theta))
+    forces, slopes = _heft_in_drake(model, motion[0], theta)
+    np.testing.assert_allclose(ours.forces[0, :, 0], forces, rtol=1e-3)
+    drake, fisher = (slopes**2).sum() / 0.25, fisher_information(ours.sensitivities, model.noise_std)[0, 0, 0]
+    np.testing.assert_allclose(fisher, drake, rtol=1e-3)
+    assert np.ptp(forces) > 0.2  # N: it really was shaken
