@@ -31,9 +31,11 @@ def cleaned(name: str, table: Mapping[str, Array], notes: Sequence[str] = ()) ->
     columns: dict[str, Array] = {}
     for column, raw in table.items():
         if column != "time":
-            columns[column] = _finite(np.asarray(raw, dtype=np.float64)[fresh])
-            said += _missing(column, time, columns[column])
-    return Recording(name=name, time=time, columns=columns, notes=(*said, *_gaps(time)))
+            values = np.asarray(raw, dtype=np.float64)[fresh]
+            gone = ~np.isfinite(values)
+            columns[column] = np.where(gone, np.nan, values)
+            said += missing(column, time, gone)
+    return Recording(name=name, time=time, columns=columns, notes=(*said, *gaps(time)))
 
 
 def require(recording: Recording, columns: Sequence[str]) -> None:
@@ -58,10 +60,6 @@ def _check_time(name: str, time: Array) -> None:
         )
 
 
-def _finite(values: Array) -> Array:
-    return np.where(np.isfinite(values), values, np.nan)
-
-
 def _repeats(time: Array, fresh: np.ndarray) -> list[str]:
     rows = np.flatnonzero(~fresh)
     if rows.size == 0:
@@ -70,9 +68,8 @@ def _repeats(time: Array, fresh: np.ndarray) -> list[str]:
     return [f"time: {count} the stamp of the row before, left out at {_times(time[rows])}"]
 
 
-def _missing(column: str, time: Array, values: Array) -> list[str]:
-    """One sentence with the column and the intervals where it holds no measurement."""
-    gone = np.isnan(values)
+def missing(column: str, time: Array, gone: np.ndarray) -> list[str]:
+    """One sentence with the column and the intervals where it holds no measurement; `gone` (N,) is bool."""
     if not gone.any():
         return []
     if gone.all():
@@ -86,7 +83,8 @@ def _missing(column: str, time: Array, values: Array) -> list[str]:
     return [f"{column}: no measurement in {gone.sum()} samples, left out in {_listed(intervals)}"]
 
 
-def _gaps(time: Array) -> list[str]:
+def gaps(time: Array) -> list[str]:
+    """One sentence with the intervals in which no sample was taken."""
     steps = np.diff(time)
     if steps.size < 3:
         return []

@@ -1,57 +1,82 @@
 """Reading and writing by suffix; what a path itself can have wrong."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 from drake_cafim.errors import InputError
 from drake_cafim.output import replacing
 from drake_cafim.recordings.checks import cleaned
 from drake_cafim.recordings.csv import read_csv, write_csv
+from drake_cafim.recordings.gathering import MESSAGES, gather, reader_of
+from drake_cafim.recordings.mcap_out import write_mcap
+from drake_cafim.recordings.npz import read_npz
 from drake_cafim.recordings.parquet import read_parquet, write_parquet
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.typing import Array
+from drake_cafim.recordings.topics import Topics, check_topics, renamed
 
-Reader = Callable[[Path], tuple[dict[str, Array], list[str]]]
-
-READERS: dict[str, Reader] = {".parquet": read_parquet, ".csv": read_csv}
-WRITERS: dict[str, Callable[[Recording, Path], None]] = {".parquet": write_parquet, ".csv": write_csv}
+TABLES = (".parquet", ".csv", ".npz")
+WRITERS = {".parquet": write_parquet, ".csv": write_csv, ".mcap": write_mcap}
 
 
-def read(path: str | Path) -> Recording:
-    """The recording in the file, by its suffix: .parquet or .csv.
+def read(path: str | Path, topics: Topics | None = None) -> Recording:
+    """The recording in the file, by its suffix.
+
+    Tables: .parquet, .csv, .npz. Bags and logs: .mcap, a ROS 2 bag's folder or .db3, a ROS 1 .bag, an LCM log
+    .lcm or .lcmlog. `topics` maps foreign names, as the scenario's section of that name (see
+    `drake_cafim.recordings.topics`). The whole table is held in memory: 8 bytes a number.
 
     Raises `InputError`, one sentence naming file, column, what was found and what was expected.
     """
-    file = Path(path)
-    check_path(file, tuple(READERS))
-    table, notes = READERS[file.suffix.lower()](file)
+    file, topics = Path(path), topics or {}
+    check_path(file)
+    if reader_of(file) is not None:
+        gathered = gather(file, topics)
+        return cleaned(str(path), gathered.table.table(), gathered.notes)
+    check_topics(topics, str(path))
+    suffix = file.suffix.lower()
+    if suffix == ".npz":
+        table, notes = read_npz(file, topics)
+    else:
+        table, notes = read_parquet(file) if suffix == ".parquet" else read_csv(file)
+        table = renamed(str(path), table, topics)
     return cleaned(str(path), table, notes)
 
 
 def write(recording: Recording, path: str | Path) -> Path:
-    """Write the recording whole or not at all, by suffix: .parquet or .csv; the path comes back.
+    """Write the recording whole or not at all, by suffix: .parquet, .csv or .mcap; the path comes back.
 
     The same recording gives the same bytes. Raises `InputError` for a suffix that cannot be written.
     """
     file = Path(path)
-    if file.suffix.lower() not in WRITERS:
-        raise InputError(f"{file}: cannot write suffix {file.suffix or '(none)'}, expected {_any(WRITERS)}")
+    check_writable(file)
     with replacing(file) as temporary:
         WRITERS[file.suffix.lower()](recording, temporary)
     return file
 
 
-def check_path(path: Path, suffixes: tuple[str, ...]) -> None:
-    """Raises `InputError` unless the path is a file that is not empty and has one of the suffixes."""
+def check_writable(path: Path) -> None:
+    """Raises `InputError` unless a recording can be written under this suffix."""
+    if path.suffix.lower() not in WRITERS:
+        raise InputError(f"{path}: cannot write suffix {path.suffix or '(none)'}, expected {_any(WRITERS)}")
+
+
+def check_path(path: Path) -> None:
+    """Raises `InputError` unless the path is a bag's folder, or a file of a known suffix that is not empty."""
     if not path.exists():
         raise InputError(f"{path}: there is no such file")
     if path.is_dir():
-        raise InputError(f"{path}: a folder that is no ROS 2 bag, it has no metadata.yaml")
-    if path.suffix.lower() not in suffixes:
+        if reader_of(path) is None:
+            raise InputError(
+                f"{path}: a folder that is no ROS 2 bag, it has neither a metadata.yaml nor .mcap or .db3 files"
+            )
+        return
+    if path.suffix.lower() not in (*TABLES, *MESSAGES):
         found = path.suffix or "(none)"
-        raise InputError(f"{path}: unknown suffix {found}, expected {_any(suffixes)} or a ROS 2 bag's folder")
+        raise InputError(
+            f"{path}: unknown suffix {found}, expected {_any((*TABLES, *MESSAGES))} or a ROS 2 bag's folder"
+        )
     if path.stat().st_size == 0:
-        raise InputError(f"{path}: the file is empty, expected a table with a column time")
+        raise InputError(f"{path}: the file is empty, expected a recording")
 
 
 def _any(suffixes: Iterable[str]) -> str:

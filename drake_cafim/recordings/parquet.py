@@ -1,5 +1,6 @@
 """Parquet tables, in and out."""
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ from drake_cafim.recordings.columns import as_numbers
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.typing import Array
 
+GROUP_ROWS = 131072  # rows of a row group, so that long recordings are written piece by piece
+
 
 def read_parquet(path: Path) -> tuple[dict[str, Array], list[str]]:
     """The numeric columns of the file, and notes on those that are left alone.
@@ -21,17 +24,28 @@ def read_parquet(path: Path) -> tuple[dict[str, Array], list[str]]:
         with pyarrow.parquet.ParquetFile(path) as file:
             table = file.read()
     except (pyarrow.ArrowException, OSError) as error:
-        why = _first(error)
+        why = " ".join(str(error).split()).rstrip(".") or type(error).__name__
         raise InputError(f"{path}: not a whole Parquet file, it may have been cut ({why})") from error
     return as_numbers(str(path), table)
 
 
 def write_parquet(recording: Recording, path: Path) -> None:
     """Write float64 columns, `time` first; the same recording gives the same bytes."""
-    arrays = {"time": recording.time, **recording.columns}
-    table = pyarrow.table({name: np.ascontiguousarray(values) for name, values in arrays.items()})
-    pyarrow.parquet.write_table(table, path, compression="zstd")
+    table = {"time": recording.time, **recording.columns}
+    starts = range(0, max(len(recording), 1), GROUP_ROWS)
+    write_blocks(({name: values[i : i + GROUP_ROWS] for name, values in table.items()} for i in starts), path)
 
 
-def _first(error: Exception) -> str:
-    return str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
+def write_blocks(blocks: Iterable[Mapping[str, Array]], path: Path) -> None:
+    """Write pieces of one table, each as a row group; all have the first one's columns."""
+    writer: pyarrow.parquet.ParquetWriter | None = None
+    try:
+        for block in blocks:
+            columns = {name: np.ascontiguousarray(values) for name, values in block.items()}
+            table = pyarrow.table(columns)
+            if writer is None:
+                writer = pyarrow.parquet.ParquetWriter(path, table.schema, compression="zstd")
+            writer.write_table(table, row_group_size=GROUP_ROWS)
+    finally:
+        if writer is not None:
+            writer.close()

@@ -1,0 +1,92 @@
+"""Messages out of bags: ROS 2 folders and files (MCAP, SQLite) and ROS 1 files."""
+
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+from rosbags import rosbag1, rosbag2
+
+from drake_cafim.errors import InputError
+from drake_cafim.recordings.mcap import full_name, mcap_messages
+from drake_cafim.recordings.messages import Raw
+
+STORAGE = (".mcap", ".db3")
+
+
+def is_bag_folder(path: Path) -> bool:
+    """Whether the folder is a ROS 2 bag, with its metadata.yaml or, where the recorder was killed, without."""
+    return path.is_dir() and ((path / "metadata.yaml").is_file() or bool(_storage(path)))
+
+
+def folder_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
+    """The messages of a ROS 2 bag's folder, file after file; see `mcap_messages` for one that was cut."""
+    metadata = _metadata(path)
+    if metadata is None:
+        notes.append("the bag has no readable metadata.yaml, as after a recorder was killed; its files are read")
+    elif metadata.get("compression_mode", "").lower() in ("file", "message"):
+        yield from rosbags_messages(path, notes)
+        return
+    names = [Path(name).name for name in (metadata or {}).get("relative_file_paths", [])]
+    files = [path / name for name in names] or _storage(path)
+    for file in files:
+        if not file.is_file():
+            notes.append(f"the bag's file {file.name} is not there, the others are read")
+        elif file.suffix == ".mcap":
+            yield from mcap_messages(file, notes)
+        else:
+            yield from sqlite_messages(file, notes)
+
+
+def sqlite_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
+    """The messages of a .db3 file in the order of their writing; one that was cut gives what it has.
+
+    Raises `InputError` when it is no SQLite file or has not the tables of a ROS 2 bag.
+    """
+    database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+    try:
+        try:
+            rows = database.execute("SELECT id, name, type, serialization_format FROM topics")
+            topics = {number: (name, kind, form) for number, name, kind, form in rows}
+        except sqlite3.DatabaseError as error:
+            raise InputError(f"{path}: not a whole ROS 2 bag in SQLite ({error})") from error
+        try:
+            for number, log, data in database.execute("SELECT topic_id, timestamp, data FROM messages"):
+                if number in topics:
+                    name, kind, form = topics[number]
+                    yield Raw(name, full_name(kind), form, int(log), bytes(data))
+        except sqlite3.DatabaseError as error:
+            notes.append(f"{path.name} is cut or damaged ({error}), what could be read is read")
+    finally:
+        database.close()
+
+
+def rosbags_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
+    """The messages of a ROS 1 .bag file or of a compressed ROS 2 bag.
+
+    Raises `InputError` when the bag cannot be opened, as a ROS 1 bag that was cut and lost its index.
+    """
+    # The library raises its own errors on opening and whatever its parts raise on damaged messages.
+    try:
+        encoding, library = ("ros1", rosbag1) if path.is_file() else ("cdr", rosbag2)
+        with library.Reader(path) as reader:
+            for connection, log, data in reader.messages():
+                yield Raw(connection.topic, full_name(connection.msgtype), encoding, int(log), bytes(data))
+    except (rosbag1.ReaderError, rosbag2.ReaderError, OSError, ValueError, KeyError, AssertionError) as error:
+        why = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{path}: not a whole bag, it may have been cut ({why})") from error
+
+
+def _metadata(path: Path) -> dict[str, Any] | None:
+    try:
+        loaded = yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))
+        return dict(loaded["rosbag2_bagfile_information"])
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError):
+        return None
+
+
+def _storage(path: Path) -> list[Path]:
+    """The folder's storage files; a recorder numbers them, so that 10 comes after 9."""
+    files = [file for file in path.iterdir() if file.suffix in STORAGE]
+    return sorted(files, key=lambda file: (len(file.name), file.name))

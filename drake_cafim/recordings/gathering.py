@@ -1,0 +1,149 @@
+"""From the messages of a bag or log to one table, and what was found on the way."""
+
+import functools
+import struct
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+
+from drake_cafim.errors import InputError
+from drake_cafim.recordings.bags import folder_messages, is_bag_folder, rosbags_messages, sqlite_messages
+from drake_cafim.recordings.joined import Joined, joined
+from drake_cafim.recordings.lcm import lcm_messages, lcm_type
+from drake_cafim.recordings.mcap import mcap_messages
+from drake_cafim.recordings.messages import DECODERS, NEED_COLUMNS, MalformedError, Raw, Sample
+from drake_cafim.recordings.topics import Topic, Topics, check_topics
+from drake_cafim.recordings.tracks import Track
+
+Reader = Callable[[Path, list[str]], Iterator[Raw]]
+
+MESSAGES: dict[str, Reader] = {
+    ".mcap": mcap_messages,
+    ".db3": sqlite_messages,
+    ".bag": rosbags_messages,
+    ".lcm": lcm_messages,
+    ".lcmlog": lcm_messages,
+}
+ENCODINGS = ("cdr", "ros1", "lcm")
+# What damaged bytes raise in the decoders, none of which promises one exception of its own.
+UNDECODABLE = (SerdeError, MalformedError, ValueError, IndexError, KeyError, AssertionError, struct.error, MemoryError)
+
+
+@dataclass(frozen=True)
+class LeftAlone:
+    """A topic that was not read."""
+
+    topic: str
+    kind: str
+    count: int
+    why: str
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """The table of a bag or log, with what was found in it."""
+
+    table: Joined
+    left_alone: tuple[LeftAlone, ...]
+    notes: tuple[str, ...]
+
+
+def reader_of(path: Path) -> Reader | None:
+    """The function that takes the messages out of the file or folder; None when it is no bag and no log."""
+    if is_bag_folder(path):
+        return folder_messages
+    return MESSAGES.get(path.suffix.lower()) if path.is_file() else None
+
+
+def gather(path: Path, topics: Topics) -> Gathered:
+    """Read the bag or log once, front to back; its numbers wait on disk, not in memory.
+
+    Raises `InputError` when it cannot be read at all, holds nothing of a known type, or lacks a topic of
+    `topics`.
+    """
+    check_topics(topics, str(path))
+    reader = reader_of(path)
+    if reader is None:
+        raise InputError(f"{path}: neither a bag nor a log")
+    tracks: dict[tuple[str, tuple[str, ...]], Track] = {}
+    try:
+        return _gathered(path, topics, reader, tracks)
+    finally:
+        for track in tracks.values():
+            track.close()
+
+
+def _gathered(path: Path, topics: Topics, reader: Reader, tracks: dict[tuple[str, tuple[str, ...]], Track]) -> Gathered:
+    notes: list[str] = []
+    alone: Counter[tuple[str, str, str]] = Counter()
+    malformed: dict[str, list[str]] = {}
+    for raw in reader(path, notes):
+        why = _why_not(raw, topics)
+        if why:
+            alone[raw.topic, raw.kind, why] += 1
+            continue
+        try:
+            sample = _sample(raw, topics.get(raw.topic, Topic()))
+        except UNDECODABLE as error:
+            malformed.setdefault(raw.topic, []).append(" ".join(str(error).split()) or type(error).__name__)
+            continue
+        key = (raw.topic, sample.columns)
+        if key not in tracks:
+            tracks[key] = Track(raw.topic, raw.kind, sample.columns, topics.get(raw.topic, Topic()))
+        tracks[key].add(sample, raw.log)
+    notes += [f"{topic}: {len(bad)} messages left out ({bad[0]})" for topic, bad in malformed.items()]
+    left = tuple(LeftAlone(topic, kind, count, why) for (topic, kind, why), count in sorted(alone.items()))
+    full = [track for track in tracks.values() if track.columns]
+    _check_found(path, topics, full, left, notes)
+    table = joined(str(path), [track.series(str(path), notes) for track in full], topics, notes)
+    said = [f"{one.topic}: {one.kind}, {one.count} messages left alone ({one.why})" for one in left]
+    return Gathered(table=table, left_alone=left, notes=(*notes, *said))
+
+
+def _why_not(raw: Raw, topics: Topics) -> str:
+    """Why the message is left alone; empty when it is read."""
+    if topics and raw.topic not in topics:
+        return "topics: does not name it"
+    if raw.kind not in DECODERS or raw.encoding not in ENCODINGS:
+        return "unknown type" if raw.kind not in DECODERS else f"unknown encoding {raw.encoding}"
+    if raw.kind in NEED_COLUMNS and not (raw.topic in topics and topics[raw.topic].columns):
+        return "it needs columns: in topics:"
+    return ""
+
+
+def _sample(raw: Raw, how: Topic) -> Sample:
+    if raw.encoding == "lcm":
+        message = lcm_type(raw.kind).decode(raw.data)
+    elif raw.encoding == "ros1":
+        message = _store(Stores.ROS1_NOETIC).deserialize_ros1(raw.data, raw.kind)
+    else:
+        message = _store(Stores.ROS2_HUMBLE).deserialize_cdr(raw.data, raw.kind)
+    return DECODERS[raw.kind](message, raw.topic, how)
+
+
+@functools.cache
+def _store(store: Stores) -> Any:
+    return get_typestore(store)
+
+
+def _check_found(
+    path: Path, topics: Topics, tracks: list[Track], left: tuple[LeftAlone, ...], notes: list[str]
+) -> None:
+    found = {track.topic: track.kind for track in tracks} | {one.topic: one.kind for one in left}
+    listed = ", ".join(f"{topic} ({kind})" for topic, kind in found.items()) or "no message at all"
+    for topic in topics:
+        if topic not in found:
+            raise InputError(f"{path}: topics: {topic} has no usable message; the file has {listed}")
+        why = next((one.why for one in left if one.topic == topic), "")
+        if why:
+            raise InputError(f"{path}: topics: {topic} of type {found[topic]} cannot be read: {why}")
+    if not tracks:
+        said = f"; {'; '.join(notes)}" if notes else ""
+        raise InputError(
+            f"{path}: no message of a type that is read, expected one of {', '.join(DECODERS)}; it has {listed}{said}"
+        )

@@ -1,0 +1,77 @@
+"""NumPy .npz archives: one-dimensional arrays are columns, two-dimensional ones as `topics:` says."""
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from drake_cafim.errors import InputError
+from drake_cafim.recordings.topics import Topic, Topics
+from drake_cafim.typing import Array
+
+TIMES = ("time", "t", "times", "sample_times")  # names under which people save VectorLog.sample_times()
+
+
+def read_npz(path: Path, topics: Topics) -> tuple[dict[str, Array], list[str]]:
+    """The columns of the archive, and notes on arrays that are left alone.
+
+    A two-dimensional array is (n, N) as `VectorLog.data()` or (N, n); it is left alone unless `topics` gives
+    its n columns. Raises `InputError` for an archive that is cut, and for shapes that do not fit.
+    """
+    arrays = _arrays(path)
+    missing = [key for key in topics if key not in arrays]
+    if missing:
+        raise InputError(f"{path}: topics: there is no array {missing[0]}; it has {', '.join(arrays)}")
+    times = [key for key, how in topics.items() if how.columns == ["time"]]
+    times += [key for key in TIMES if key in arrays]
+    if not times:
+        raise InputError(f"{path}: there is no array {' or '.join(TIMES)}; it has {', '.join(arrays) or 'none'}")
+    table: dict[str, Array] = {}
+    notes: list[str] = []
+    samples = arrays[times[0]].size
+    for key, values in arrays.items():
+        how = Topic(columns=["time"]) if key == times[0] and key not in topics else topics.get(key, Topic())
+        if values.dtype.kind not in "fiub":
+            notes.append(f"{key}: holds {values.dtype}, not numbers, left alone")
+        elif values.ndim == 1 or key == times[0]:
+            _put(path, table, how.columns or [key], values.reshape(1, -1), samples, how.scale, key)
+        elif values.ndim == 2 and how.columns:
+            _put(path, table, how.columns, _rows(path, key, values, len(how.columns), samples), samples, how.scale, key)
+        else:
+            notes.append(f"{key}: an array of shape {values.shape} without columns: in topics:, left alone")
+    return table, notes
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            return {key: archive[key] for key in archive.files}
+    except (zipfile.BadZipFile, OSError, EOFError, ValueError, AttributeError) as error:
+        why = " ".join(str(error).split())
+        raise InputError(f"{path}: not a whole .npz archive of plain arrays ({why})") from error
+
+
+def _rows(path: Path, key: str, values: np.ndarray, columns: int, samples: int) -> np.ndarray:
+    """The array as (columns, samples), whichever way round it was saved."""
+    if values.shape == (columns, samples):
+        return values
+    if values.shape == (samples, columns):
+        return values.T
+    raise InputError(
+        f"{path}: array {key} has shape {values.shape}, expected ({columns}, {samples}) or the other way round"
+    )
+
+
+def _put(
+    path: Path, table: dict[str, Array], columns: list[str], rows: np.ndarray, samples: int, scale: float, key: str
+) -> None:
+    if rows.shape[1] != samples:
+        raise InputError(f"{path}: array {key} holds {rows.shape[1]} numbers, expected {samples} like time")
+    if rows.shape[0] != len(columns):
+        raise InputError(f"{path}: array {key} is one column, topics: gives it {len(columns)}")
+    for column, values in zip(columns, rows, strict=True):
+        if column in table:
+            raise InputError(f"{path}: two arrays become the column {column}, {key} is the second")
+        if column:
+            numbers = values.astype(np.float64)
+            table[column] = numbers if scale == 1.0 else numbers * scale
