@@ -1,0 +1,100 @@
+"""The seven-joint arm in a plant, and the computed-torque control that makes its joints follow a reference."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex, SpatialInertia
+from pydrake.systems.controllers import InverseDynamicsController
+from pydrake.systems.framework import DiagramBuilder
+
+from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.models import PACKAGE, add_to_package_map
+from drake_cafim.typing import Array
+
+TOOL = "tool"
+"""Name of the frame of the control plant whose motion is commanded."""
+
+
+@dataclass
+class ArmGains:
+    """Stiffness (1/s²) and damping (1/s) of the joints' error dynamics; critical at damping² = 4 stiffness."""
+
+    stiffness: float = 2500.0
+    damping: float = 100.0
+
+
+def add_model(plant: MultibodyPlant, name: str) -> ModelInstanceIndex:
+    """Instance of package://drake_cafim_models/<name>.urdf, added to `plant`."""
+    parser = Parser(plant)
+    add_to_package_map(parser)
+    (instance,) = parser.AddModelsFromUrl(f"package://{PACKAGE}/{name}.urdf")
+    return instance
+
+
+def add_arm(plant: MultibodyPlant, *, floor_height: float) -> ModelInstanceIndex:
+    """The arm, its base frame being the world's, on a pedestal above a floor at `floor_height` m."""
+    arm = add_model(plant, "arm7")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("link0", arm))
+    for name, z in (("pedestal", 0.0), ("floor", floor_height)):
+        instance = add_model(plant, name)
+        frame = plant.GetFrameByName(name, instance)
+        plant.WeldFrames(plant.world_frame(), frame, RigidTransform(as_array([0.0, 0.0, z])))
+    return arm
+
+
+def make_control_plant(time_step: float, *, payload: SpatialInertia, X_FlangeTool: RigidTransform) -> MultibodyPlant:
+    """The arm alone, with a frame `TOOL` and what it carries as one rigid body.
+
+    `payload` is the inertia of all that is fixed to the flange, about and in the flange frame.
+    """
+    plant = MultibodyPlant(time_step)
+    arm = add_model(plant, "arm7")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("link0", arm))
+    body = plant.AddRigidBody("payload", arm, payload)
+    plant.WeldFrames(plant.GetFrameByName("flange", arm), body.body_frame())
+    plant.AddFrame(FixedOffsetFrame(TOOL, plant.GetFrameByName("flange", arm), X_FlangeTool))
+    plant.Finalize()
+    return plant
+
+
+def pose_at(plant: MultibodyPlant, frame: str, q: Sequence[float]) -> RigidTransform:
+    """X_WF of `frame` at the generalized positions `q` of the finalized `plant`."""
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, as_array(q))
+    return plant.GetFrameByName(frame).CalcPoseInWorld(context)
+
+
+def spatial_inertia_of(plant: MultibodyPlant, instance: ModelInstanceIndex, q: Array, frame: str) -> SpatialInertia:
+    """Inertia of `instance` at generalized positions `q` of the finalized `plant`, about and in `frame`."""
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, q)
+    return plant.CalcSpatialInertia(context, plant.GetFrameByName(frame), plant.GetBodyIndices(instance))
+
+
+def add_joint_control(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    arm: ModelInstanceIndex,
+    control_plant: MultibodyPlant,
+    gains: ArmGains,
+) -> InverseDynamicsController:
+    """Drake's inverse dynamics controller on the arm; connect its desired_state and desired_acceleration.
+
+    The effort is u = M(q)(a_d + kp (q_d − q) + kd (v_d − v)) + bias, within the model's effort limits.
+    """
+    count = control_plant.num_positions()
+    controller = InverseDynamicsController(
+        control_plant,
+        as_array(np.full(count, gains.stiffness)),
+        as_array(np.zeros(count)),
+        as_array(np.full(count, gains.damping)),
+        True,
+    )
+    builder.AddNamedSystem("joint_control", controller)
+    builder.Connect(plant.get_state_output_port(arm), controller.get_input_port_estimated_state())
+    builder.Connect(controller.get_output_port_control(), plant.get_actuation_input_port(arm))
+    return controller

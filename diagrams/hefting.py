@@ -1,0 +1,282 @@
+"""Hefting: an arm and a hand, palm up, carry a ball; its mass is unknown (paper, "Mass Estimation Experiments")."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from pydrake.common.yaml import yaml_load_typed
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    ModelInstanceIndex,
+    PdControllerGains,
+    PrismaticJoint,
+    RigidBody,
+    SpatialInertia,
+)
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
+from pydrake.visualization import AddDefaultVisualization
+
+from drake_cafim.contact import ContactParameters
+from drake_cafim.contact.system import SphereContact
+from drake_cafim.diagrams.arm import (
+    TOOL,
+    ArmGains,
+    add_arm,
+    add_joint_control,
+    add_model,
+    make_control_plant,
+    pose_at,
+    spatial_inertia_of,
+)
+from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.diagrams.objects import Surface, add_ball
+from drake_cafim.diagrams.sensing import ContactForce
+from drake_cafim.diagrams.tracking import TrackingConfig, VelocityTracking
+from drake_cafim.diagrams.world import WorldKind, check_kind, export_force, export_tool_state
+from drake_cafim.errors import InputError
+from drake_cafim.typing import Array
+
+UP = as_array([[0.0, 0.0, 1.0]])
+PALM_FACE = 0.0111  # m, height of the palm's face over its frame, along its x (models/hand.urdf)
+BALL_RADIUS = 0.033  # m (models/tennis_ball.urdf)
+WRIST = 0.095  # m, from the wrist to the palm's frame along its z (models/hand.urdf)
+X_FLANGE_PALM = RigidTransform(as_array([0.0, 0.0, WRIST]))
+
+
+@dataclass
+class HandHold:
+    """The posture in which the hand cups the ball, and the joint control that holds it."""
+
+    # rad, SimLab's joints 0-15: index, middle, ring, thumb. Each finger stands 2 mm off the ball.
+    posture: list[float] = field(
+        default_factory=lambda: [
+            *(-0.47, 1.61, 0.41, 0.557),
+            *(0.0, 1.61, 0.652, 0.593),
+            *(0.47, 1.61, 0.41, 0.557),
+            *(0.736, 0.477, 1.408, 0.02),
+        ]
+    )
+    stiffness: float = 5.0  # N m/rad
+    damping: float = 0.05  # N m s/rad
+    ball_z: float = -0.031  # m, where the ball lies, in the palm's frame
+
+
+@dataclass
+class HeftingConfig:
+    """Constants of the scenario; lengths m, times s, masses kg, forces N. z is the height of the palm's face."""
+
+    plant_config: MultibodyPlantConfig = field(
+        default_factory=lambda: MultibodyPlantConfig(
+            time_step=0.001, contact_model="hydroelastic_with_fallback", discrete_contact_approximation="lagged"
+        )
+    )
+    workspace: list[list[float]] = field(default_factory=lambda: [[0.0, 0.6]])  # m, of z
+    speed: float = 1.0  # m/s, bound of the commanded velocity
+    start: list[float] = field(default_factory=lambda: [0.2])  # m
+    time_step: float = 0.05  # s, between commands
+    steps: int = 60  # commands in an experiment
+    stiffness: float = 500.0  # N/m, of the planner's law
+    damping: float = 5.0  # N s/m, of the planner's law
+    force_std: float = 0.5  # N
+    mass: float = 0.05  # kg, the truth unless given
+    # Drake's contact with about the planner's stiffness and damping under the ball's weight at rest:
+    # on a flat palm F = pi E d^2, hence dF/dd = 2 sqrt(pi E F) = 500 N/m, and damping F * dissipation = 5 N s/m
+    felt: Surface = field(
+        default_factory=lambda: Surface(modulus=4.0e4, dissipation=10.0, friction=0.6, resolution=0.01)
+    )
+    # rad; the palm faces up, its fingers 5 degrees down, so that the ball leans on them and never squeezes
+    posture: list[float] = field(
+        default_factory=lambda: [-0.89346, -1.19506, 1.9421, -2.12816, 0.03704, 1.41262, 2.09718]
+    )
+    floor_height: float = -0.4  # m
+    hand: HandHold = field(default_factory=HandHold)
+    gains: ArmGains = field(default_factory=ArmGains)
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+
+
+def load_config(path: Path | None = None) -> HeftingConfig:
+    """The packaged `hefting.yaml`, or the YAML file at `path`; what it lacks keeps its default."""
+    path = Path(__file__).with_name("hefting.yaml") if path is None else path
+    config: HeftingConfig = yaml_load_typed(schema=HeftingConfig, filename=str(path), defaults=HeftingConfig())
+    return config
+
+
+@dataclass(frozen=True)
+class _Robot:
+    """What the plant of the world holds."""
+
+    plant: MultibodyPlant
+    arm: ModelInstanceIndex
+    hand: ModelInstanceIndex
+    palm: RigidBody
+    ball: RigidBody
+    X_WPalm: RigidTransform  # at the start
+    control_plant: MultibodyPlant
+
+
+def build_world(
+    config: HeftingConfig,
+    truth: Mapping[str, float] | None = None,
+    world: WorldKind = "drake",
+    seed: int = 0,
+    meshcat: Meshcat | None = None,
+) -> Diagram:
+    """The Diagram of arm, hand and ball, its start state the default Context's (see `world.start_context`).
+
+    .. pydrake_system::
+
+        name: hefting
+        input_ports: [command]
+        output_ports: [measured_state, true_force, measured_force, plant_state, contact_results]
+
+    `command` (1,) m/s is the palm's vertical velocity, reached over `tracking.ramp`; `measured_state` (2,) the
+    height m and velocity m/s of the palm's face under the ball, read from the plant; the forces (1,) N are the
+    vertical force of the hand on the ball. `truth` may give `mass` (kg). In world `model` the ball moves up and
+    down over the palm, pushed by the planner's own law (stiffness, damping) alone.
+    """
+    check_kind(world)
+    mass = _true_mass(config, truth or {})
+    builder = DiagramBuilder()
+    robot = _add_bodies(builder, config, mass, world)
+    _add_control(builder, config, robot)
+    if world == "drake":
+        force = _add_contact_sensor(builder, robot)
+    else:
+        force = _add_planner_contact(builder, config, robot)
+    export_force(builder, force, std=[config.force_std], period=config.time_step, seed=seed)
+    export_tool_state(builder, robot.plant, robot.palm, p_BT=_palm_point(config), axes=UP)
+    builder.ExportOutput(robot.plant.get_state_output_port(), "plant_state")
+    builder.ExportOutput(robot.plant.get_contact_results_output_port(), "contact_results")
+    if meshcat is not None:
+        AddDefaultVisualization(builder, meshcat=meshcat)
+    diagram: Diagram = builder.Build()
+    diagram.set_name("hefting")
+    return diagram
+
+
+def _true_mass(config: HeftingConfig, truth: Mapping[str, float]) -> float:
+    unknown = sorted(set(truth) - {"mass"})
+    if unknown:
+        raise InputError(f"hefting: the truth names {', '.join(unknown)}, expected mass")
+    mass = truth.get("mass", config.mass)
+    if not mass > 0:
+        raise InputError(f"hefting: the ball's mass is {mass} kg, expected a positive number")
+    return mass
+
+
+def _palm_point(config: HeftingConfig) -> Array:
+    """The point T (3,) m of the palm's face under the ball, in the palm's frame."""
+    return as_array([PALM_FACE, 0.0, config.hand.ball_z])
+
+
+def _hand_inertia(config: HeftingConfig) -> SpatialInertia:
+    """Inertia of the hand in its posture, about and in the flange frame."""
+    plant = MultibodyPlant(config.plant_config.time_step)
+    hand = add_model(plant, "hand")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("palm", hand), X_FLANGE_PALM)
+    plant.Finalize()
+    return spatial_inertia_of(plant, hand, as_array(config.hand.posture), "world")
+
+
+def _add_bodies(builder: DiagramBuilder, config: HeftingConfig, mass: float, world: WorldKind) -> _Robot:
+    control_plant = make_control_plant(
+        config.plant_config.time_step,
+        payload=_hand_inertia(config),
+        X_FlangeTool=X_FLANGE_PALM @ RigidTransform(_palm_point(config)),
+    )
+    plant: MultibodyPlant
+    plant, _ = AddMultibodyPlant(config.plant_config, builder)
+    arm = add_arm(plant, floor_height=config.floor_height)
+    hand = add_model(plant, "hand")
+    palm = plant.GetBodyByName("palm", hand)
+    plant.WeldFrames(plant.GetFrameByName("flange", arm), palm.body_frame(), X_FLANGE_PALM)
+    _hold_hand(builder, plant, hand, config.hand)
+    ball = add_ball(plant, mass=mass, radius=BALL_RADIUS, surface=config.felt if world == "drake" else None)
+    X_WPalm = pose_at(control_plant, "flange", config.posture) @ X_FLANGE_PALM
+    robot = _Robot(plant, arm, hand, palm, ball, X_WPalm, control_plant)
+    _lay_ball(config, robot, mass, world)
+    plant.Finalize()
+    plant.SetDefaultPositions(arm, as_array(config.posture))
+    plant.SetDefaultPositions(hand, as_array(config.hand.posture))
+    builder.Connect(
+        builder.GetSubsystemByName("hand_posture").get_output_port(), plant.get_desired_state_input_port(hand)
+    )
+    return robot
+
+
+def _hold_hand(builder: DiagramBuilder, plant: MultibodyPlant, hand: ModelInstanceIndex, hold: HandHold) -> None:
+    """Drake's implicit joint PD control on all sixteen joints, towards the posture at rest."""
+    for index in plant.GetJointActuatorIndices():  # of one instance, Drake knows them only after Finalize
+        actuator = plant.get_joint_actuator(index)
+        if actuator.model_instance() == hand:
+            actuator.set_controller_gains(PdControllerGains(p=hold.stiffness, d=hold.damping))
+    desired = np.concatenate([hold.posture, np.zeros(len(hold.posture))])
+    builder.AddNamedSystem("hand_posture", ConstantVectorSource(as_array(desired)))
+
+
+def _lay_ball(config: HeftingConfig, robot: _Robot, mass: float, world: WorldKind) -> None:
+    """Starts the ball at rest on the palm, pressed in by its weight; in world `model` guided along the vertical."""
+    plant, weight = robot.plant, mass * 9.81
+    p_WT = robot.X_WPalm @ _palm_point(config)
+    if world == "drake":
+        depth = np.sqrt(weight / (np.pi * config.felt.modulus))
+        up_W = robot.X_WPalm.rotation().matrix()[:, 0]
+        plant.SetDefaultFloatingBaseBodyPose(robot.ball, RigidTransform(p_WT + (BALL_RADIUS - depth) * up_W))
+        return
+    start = RigidTransform(p_WT + (BALL_RADIUS - weight / config.stiffness) * UP[0])
+    guide = plant.AddFrame(FixedOffsetFrame("ball_guide", plant.world_frame(), start))
+    plant.AddJoint(PrismaticJoint("ball_height", guide, robot.ball.body_frame(), UP[0]))
+
+
+def _add_control(builder: DiagramBuilder, config: HeftingConfig, robot: _Robot) -> None:
+    """From the Diagram's `command` to the arm's efforts."""
+    tracking = builder.AddNamedSystem(
+        "tracking",
+        VelocityTracking(
+            plant=robot.control_plant,
+            tool=robot.control_plant.GetFrameByName(TOOL),
+            axes=UP,
+            q_start=config.posture,
+            command_period=config.time_step,
+            config=config.tracking,
+        ),
+    )
+    controller = add_joint_control(builder, robot.plant, robot.arm, robot.control_plant, config.gains)
+    builder.Connect(tracking.GetOutputPort("desired_state"), controller.get_input_port_desired_state())
+    builder.Connect(tracking.GetOutputPort("desired_acceleration"), controller.get_input_port_desired_acceleration())
+    builder.ExportInput(tracking.GetInputPort("command"), "command")
+
+
+def _add_contact_sensor(builder: DiagramBuilder, robot: _Robot) -> OutputPort:
+    sensor = builder.AddNamedSystem(
+        "force_sensor", ContactForce(plant=robot.plant, body=robot.ball.index(), directions=UP)
+    )
+    builder.Connect(robot.plant.get_contact_results_output_port(), sensor.get_input_port())
+    return sensor.get_output_port()
+
+
+def _add_planner_contact(builder: DiagramBuilder, config: HeftingConfig, robot: _Robot) -> OutputPort:
+    """The planner's law between the ball and the plane through T, whose normal is the vertical at the start."""
+    plant = robot.plant
+    law = builder.AddNamedSystem(
+        "planner_contact",
+        SphereContact(
+            "kelvin_voigt",
+            ContactParameters(stiffness=config.stiffness, damping=config.damping),
+            sphere_body=robot.ball.index(),
+            plane_body=robot.palm.index(),
+            radius=BALL_RADIUS,
+            X_AP=RigidTransform(robot.X_WPalm.rotation().inverse(), _palm_point(config)),
+        ),
+    )
+    builder.Connect(plant.get_body_poses_output_port(), law.GetInputPort("body_poses"))
+    builder.Connect(plant.get_body_spatial_velocities_output_port(), law.GetInputPort("body_spatial_velocities"))
+    builder.Connect(law.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
+    vertical = builder.AddNamedSystem("vertical_force", MatrixGain(UP))
+    builder.Connect(law.GetOutputPort("contact_force"), vertical.get_input_port())
+    return vertical.get_output_port()

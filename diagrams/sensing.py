@@ -1,0 +1,118 @@
+"""What the world's sensors read: the end effector's motion, the contact force, and the noise on it."""
+
+from collections.abc import Sequence
+from typing import cast
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.typing import Array
+
+
+def contact_force_on(results: ContactResults, plant: MultibodyPlant, body: BodyIndex) -> Array:
+    """Sum (3,) in W, N, of the contact forces, hydroelastic and point, that act on `body`."""
+    geometries = set(plant.GetCollisionGeometriesForBody(plant.get_body(body)))
+    total = np.zeros(3)
+    for index in range(results.num_hydroelastic_contacts()):
+        info = results.hydroelastic_contact_info(index)
+        surface = info.contact_surface()
+        if surface.id_M() in geometries:
+            total += info.F_Ac_W().translational()
+        elif surface.id_N() in geometries:
+            total -= info.F_Ac_W().translational()
+    for index in range(results.num_point_pair_contacts()):
+        pair = results.point_pair_contact_info(index)
+        if pair.bodyB_index() == body:
+            total += pair.contact_force()
+        elif pair.bodyA_index() == body:
+            total -= pair.contact_force()
+    return total
+
+
+class ContactForce(LeafSystem):
+    """Components of the contact force on one body along fixed world directions.
+
+    .. pydrake_system::
+
+        name: ContactForce
+        input_ports: [contact_results]
+        output_ports: [force]
+
+    `force` (ny,) N is `directions` (ny, 3), rows in W, times the total contact force on `body`.
+    """
+
+    def __init__(self, *, plant: MultibodyPlant, body: BodyIndex, directions: Array) -> None:
+        LeafSystem.__init__(self)
+        self._plant, self._body, self._directions = plant, body, np.asarray(directions, dtype=float)
+        self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
+        self.DeclareVectorOutputPort("force", len(self._directions), self._calc_force)
+
+    def _calc_force(self, context: Context, output: BasicVector) -> None:
+        results = cast(ContactResults, self.get_input_port().Eval(context))
+        force = contact_force_on(results, self._plant, self._body)
+        output.SetFromVector(as_array(self._directions @ force))
+
+
+class ToolState(LeafSystem):
+    """Position and velocity of a point of one body along fixed world directions.
+
+    .. pydrake_system::
+
+        name: ToolState
+        input_ports: [body_poses, body_spatial_velocities]
+        output_ports: [tool_state]
+
+    `tool_state` (2 nu,) is the position m (nu,) of the point T of `body` B in the plan's coordinates, measured
+    from `origin` (3,) in W along `axes` (nu, 3), then its velocity m/s (nu,).
+    """
+
+    def __init__(self, *, body: BodyIndex, p_BT: Array, axes: Array, origin: Array | None = None) -> None:
+        LeafSystem.__init__(self)
+        self._body, self._p_BT = int(body), np.asarray(p_BT, dtype=float)
+        self._axes = np.asarray(axes, dtype=float)
+        self._origin = np.zeros(3) if origin is None else np.asarray(origin, dtype=float)
+        self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]())
+        self.DeclareAbstractInputPort("body_spatial_velocities", Value[list[SpatialVelocity]]())
+        self.DeclareVectorOutputPort("tool_state", 2 * len(self._axes), self._calc_state)
+
+    def _calc_state(self, context: Context, output: BasicVector) -> None:
+        X_WB = cast(list[RigidTransform], self.get_input_port(0).Eval(context))[self._body]
+        V_WB = cast(list[SpatialVelocity], self.get_input_port(1).Eval(context))[self._body]
+        p_BT_W = X_WB.rotation().multiply(self._p_BT)
+        position = X_WB.translation() + p_BT_W - self._origin
+        velocity = V_WB.translational() + np.cross(V_WB.rotational(), p_BT_W)
+        output.SetFromVector(as_array(np.concatenate([self._axes @ position, self._axes @ velocity])))
+
+
+class SensorNoise(LeafSystem):
+    """A signal with independent Gaussian noise added, one draw a sampling period.
+
+    .. pydrake_system::
+
+        name: SensorNoise
+        input_ports: [true]
+        output_ports: [measured]
+
+    The draw is a function of the seed, the numeric parameter 0 (the number of the experiment) and the sample's
+    index, so that a Context can be copied, replayed and evaluated twice, and reads the same.
+    """
+
+    def __init__(self, *, std: Sequence[float], period: float, seed: int) -> None:
+        LeafSystem.__init__(self)
+        self._std, self._period, self._seed = np.asarray(std, dtype=float), period, seed
+        self.DeclareVectorInputPort("true", len(self._std))
+        self.DeclareNumericParameter(BasicVector(as_array([0.0])))
+        self.DeclareVectorOutputPort("measured", len(self._std), self._calc_measured)
+
+    def _calc_measured(self, context: Context, output: BasicVector) -> None:
+        experiment = round(float(context.get_numeric_parameter(0).CopyToVector()[0]))
+        sample = round(context.get_time() / self._period)
+        generator = np.random.default_rng([self._seed, experiment, sample])
+        true = np.asarray(self.get_input_port().Eval(context))
+        output.SetFromVector(as_array(true + self._std * generator.standard_normal(len(self._std))))

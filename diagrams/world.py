@@ -1,0 +1,55 @@
+"""What the four worlds have in common: two kinds of contact, named ports, a fresh start for each experiment."""
+
+from typing import Literal, TypeAlias, get_args
+
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+
+from drake_cafim.diagrams.sensing import SensorNoise, ToolState
+from drake_cafim.errors import InputError
+from drake_cafim.typing import Array
+
+WorldKind: TypeAlias = Literal["drake", "model"]
+"""`drake`: Drake's hydroelastic or compliant contact; `model`: the planner's own law as a force element."""
+
+NOISE = "noise"
+"""Name of the system that adds the noise of the force sensor."""
+
+
+def check_kind(world: str) -> None:
+    """Raises `InputError` unless `world` is one of `WorldKind`."""
+    if world not in get_args(WorldKind):
+        raise InputError(f"world {world!r}: expected one of {', '.join(get_args(WorldKind))}")
+
+
+def export_force(builder: DiagramBuilder, force: OutputPort, *, std: list[float], period: float, seed: int) -> None:
+    """Outputs `true_force` and `measured_force` of the Diagram for the noiseless signal `force`."""
+    noise = builder.AddNamedSystem(NOISE, SensorNoise(std=std, period=period, seed=seed))
+    builder.Connect(force, noise.get_input_port())
+    builder.ExportOutput(force, "true_force")
+    builder.ExportOutput(noise.get_output_port(), "measured_force")
+
+
+def export_tool_state(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    body: RigidBody,
+    *,
+    p_BT: Array,
+    axes: Array,
+    origin: Array | None = None,
+) -> None:
+    """Output `measured_state` of the Diagram: motion of the point T of `body`, as `ToolState` has it."""
+    state = builder.AddNamedSystem("tool_state", ToolState(body=body.index(), p_BT=p_BT, axes=axes, origin=origin))
+    builder.Connect(plant.get_body_poses_output_port(), state.GetInputPort("body_poses"))
+    builder.Connect(plant.get_body_spatial_velocities_output_port(), state.GetInputPort("body_spatial_velocities"))
+    builder.ExportOutput(state.get_output_port(), "measured_state")
+
+
+def start_context(diagram: Diagram, experiment: int = 0) -> Context:
+    """A Context at time 0 in the start state; `experiment` chooses the noise that its sensor will have."""
+    context = diagram.CreateDefaultContext()
+    noise = diagram.GetSubsystemByName(NOISE)
+    noise.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(0)[0] = float(experiment)
+    return context
