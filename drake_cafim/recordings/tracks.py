@@ -1,5 +1,6 @@
 """Samples of a topic as they come in, put aside on disk so that a long bag needs little memory."""
 
+import mmap
 import tempfile
 from array import array
 from dataclasses import dataclass
@@ -22,13 +23,16 @@ class Series:
     kind: str  # the message's type
     columns: tuple[str, ...]
     stamps: Ticks  # (n,) ns, strictly increasing
-    values: Array  # (m, k), m >= n; may lie on disk
     rows: Ticks  # (n,) the row of `values` that belongs to each stamp
+    values: Array  # (m, k), m >= n; lies in `disk`
+    disk: mmap.mmap
     clock_offset: float | None  # s, median of own stamp minus recorder's; None where the recorder's is used
 
     def at(self, first: int, last: int) -> Array:
         """The values of samples first <= i < last, (last - first, k)."""
-        return np.asarray(self.values[self.rows[first:last]], dtype=np.float64)
+        taken = self.values[self.rows[first:last]]
+        self.disk.madvise(mmap.MADV_DONTNEED)  # else the whole file stays in memory once it has been read
+        return taken
 
 
 class Track:
@@ -73,7 +77,17 @@ class Track:
         fresh = np.concatenate([[True], np.diff(stamps) > 0])
         if not fresh.all():
             notes.append(f"{self.topic}: {np.sum(~fresh)} messages that repeat a stamp, left out")
-        return Series(self.topic, self.kind, self.columns, stamps[fresh], self._mapped(), rows[fresh], offset)
+        values, disk = self._mapped()
+        return Series(
+            topic=self.topic,
+            kind=self.kind,
+            columns=self.columns,
+            stamps=stamps[fresh],
+            rows=rows[fresh],
+            values=values,
+            disk=disk,
+            clock_offset=offset,
+        )
 
     def _clock(self, logs: Ticks, notes: list[str]) -> tuple[Ticks, float | None]:
         own = np.frombuffer(self._stamps, dtype=np.int64)
@@ -84,9 +98,7 @@ class Track:
             return logs, None
         return own, float(np.median(own - logs)) * 1e-9
 
-    def _mapped(self) -> Array:
-        shape = (len(self), len(self.columns))
-        if shape[1] == 0:
-            return np.empty(shape)
+    def _mapped(self) -> tuple[Array, mmap.mmap]:
         self._file.flush()
-        return np.memmap(self._file, dtype=np.float64, mode="r", shape=shape)
+        disk = mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ)
+        return np.frombuffer(disk, dtype=np.float64).reshape(len(self), len(self.columns)), disk
