@@ -1,0 +1,101 @@
+"""Channels between samples, and the sensors that are late, slow, biased or turned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.interpolate import BPoly, CubicHermiteSpline
+
+from .robots import Array
+from .truth import Channels, Sensor
+
+Curve = Callable[[Array], Array]
+
+
+def position_curve(time: Array, q: Array, v: Array, a: Array) -> Curve:
+    """Quintic through position, velocity and acceleration (B, N); before the first sample it is held."""
+    pieces = [BPoly.from_derivatives(time[b], np.column_stack([q[b], v[b], a[b]])) for b in range(len(q))]
+    return lambda at: np.stack([piece(np.clip(row, stamps[0], stamps[-1])) for piece, row, stamps in zip(pieces, at, time, strict=True)])
+
+
+def velocity_curve(time: Array, v: Array, a: Array) -> Curve:
+    """Cubic through velocity and acceleration (B, N); before the first sample it is held."""
+    pieces = [CubicHermiteSpline(time[b], v[b], a[b]) for b in range(len(v))]
+    return lambda at: np.stack([piece(np.clip(row, stamps[0], stamps[-1])) for piece, row, stamps in zip(pieces, at, time, strict=True)])
+
+
+def fine_curve(time: Array, value: Array) -> Curve:
+    """Linear through finely sampled values (B, M)."""
+    return lambda at: np.stack([np.interp(row, stamps, values) for row, stamps, values in zip(at, time, value, strict=True)])
+
+
+def _change(columns: list[str], wrap: Callable[[Curve, Array], Curve]) -> Sensor:
+    def apply(channels: Channels) -> Channels:
+        changed = {name: wrap(channels.columns[name], channels.time) for name in columns}
+        return Channels(channels.time, {**channels.columns, **changed})
+
+    return apply
+
+
+def biased(columns: list[str], amount: float) -> Sensor:
+    return _change(columns, lambda curve, time: lambda at: curve(at) + amount)
+
+
+def scaled(columns: list[str], gain: float) -> Sensor:
+    return _change(columns, lambda curve, time: lambda at: gain * curve(at))
+
+
+def drifting(columns: list[str], rate: float) -> Sensor:
+    return _change(columns, lambda curve, time: lambda at: curve(at) + rate * at)
+
+
+def delayed(columns: list[str], seconds: float) -> Sensor:
+    return _change(columns, lambda curve, time: lambda at: curve(at - seconds))
+
+
+def skewed(columns: list[str], skew: float) -> Sensor:
+    return _change(columns, lambda curve, time: lambda at: curve(at * (1.0 + skew)))
+
+
+def lagged(columns: list[str], time_constant: float, parts: int = 16) -> Sensor:
+    """First order, starting settled; integrated exactly for a curve taken as linear over 1/16 of a sample."""
+
+    def wrap(curve: Curve, time: Array) -> Curve:
+        fractions = np.arange(parts) / parts
+        fine = (time[:, :-1, None] + np.diff(time, axis=1)[:, :, None] * fractions).reshape(len(time), -1)
+        fine = np.concatenate([fine, time[:, -1:]], axis=1)
+        return fine_curve(fine, first_order(fine, curve(fine), time_constant))
+
+    return _change(columns, wrap)
+
+
+def first_order(time: Array, value: Array, time_constant: float) -> Array:
+    """y' = (x - y)/T for x linear between times (B, M), from y = x at the first."""
+    out = np.empty_like(value)
+    out[:, 0] = value[:, 0]
+    step = np.diff(time, axis=1)
+    keep = np.exp(-step / time_constant)
+    slope = np.diff(value, axis=1) / step
+    for k in range(value.shape[1] - 1):
+        target = value[:, k] - slope[:, k] * time_constant
+        out[:, k + 1] = keep[:, k] * (out[:, k] - target) + target + slope[:, k] * step[:, k]
+    return out
+
+
+def turned(sensor: str, rotation: Array) -> Sensor:
+    """f_S = R^T f for the forces and torques of a wrench sensor."""
+
+    def apply(channels: Channels) -> Channels:
+        columns = dict(channels.columns)
+        for triple in (("fx", "fy", "fz"), ("tx", "ty", "tz")):
+            sources = [channels.columns[f"wrench.{sensor}.{name}"] for name in triple]
+            for row, name in enumerate(triple):
+                columns[f"wrench.{sensor}.{name}"] = _mixed(sources, rotation[:, row])
+        return Channels(channels.time, columns)
+
+    return apply
+
+
+def _mixed(sources: list[Curve], weights: Array) -> Curve:
+    return lambda at: np.sum([weight * source(at) for weight, source in zip(weights, sources, strict=True)], axis=0)
