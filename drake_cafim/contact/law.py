@@ -67,6 +67,7 @@ class ContactLaw:
     """
 
     normal: NormalLaw = "kelvin_voigt"
+    smoothing: float = 0.0  # N, rounds the kink at zero normal force
 
     def __post_init__(self) -> None:
         if self.normal not in NORMAL_LAWS:
@@ -81,6 +82,7 @@ class ContactLaw:
             stiffness=parameters.stiffness,
             damping=parameters.damping,
             dissipation=parameters.dissipation,
+            smoothing=self.smoothing,
         )
 
     def tangential_force(self, normal: Array, tangential_velocity: Array, parameters: ContactParameters) -> Array:
@@ -109,6 +111,7 @@ class ContactLaw:
             stiffness=parameters.stiffness,
             damping=parameters.damping,
             dissipation=parameters.dissipation,
+            smoothing=self.smoothing,
         )
         by_name = _normal_by_name(normal)
         tangential, width = self._tangential(normal.force, tangential_velocity, parameters)

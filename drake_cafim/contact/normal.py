@@ -42,22 +42,33 @@ def normal_force(
     stiffness: Scalars,
     damping: Scalars = 0.0,
     dissipation: Scalars = 0.0,
+    smoothing: float = 0.0,
 ) -> Array:
     """λ (...,) in N of `law` for penetration (...,) m and penetration rate (...,) m/s.
 
     `stiffness` in N/m, `damping` in N s/m (paper, kelvin_voigt), `dissipation` in s/m (hunt_crossley).
+    With `smoothing` s > 0 (N), max(0, f) becomes (f + √(f² + s²))/2 and a gap is no cut: a law without kinks,
+    for programs that need derivatives everywhere.
+
     Works on floats and on object arrays of AutoDiffXd. Raises `InputError` on an unknown law.
     """
-    touching = penetration > 0
+    force = _unclipped(law, penetration, rate, stiffness, damping, dissipation)
+    if smoothing > 0:
+        return np.asarray(0.5 * (force + np.sqrt(force * force + smoothing**2)))
+    return np.asarray(np.where((penetration > 0) & (force > 0), force, 0.0))
+
+
+def _unclipped(
+    law: NormalLaw, penetration: Array, rate: Array, stiffness: Scalars, damping: Scalars, dissipation: Scalars
+) -> Array:
+    """The force (...,) N before it is kept from pulling."""
     if law == "paper":
-        force = stiffness * penetration - damping * np.abs(rate)
-    elif law == "kelvin_voigt":
-        force = stiffness * penetration + damping * rate
-    elif law == "hunt_crossley":
-        force = stiffness * penetration * (1.0 + dissipation * rate)
-    else:
-        raise InputError(f"contact law {law!r}: expected one of {', '.join(NORMAL_LAWS)}")
-    return np.asarray(np.where(touching & (force > 0), force, 0.0))
+        return np.asarray(stiffness * penetration - damping * np.abs(rate))
+    if law == "kelvin_voigt":
+        return np.asarray(stiffness * penetration + damping * rate)
+    if law == "hunt_crossley":
+        return np.asarray(stiffness * penetration * (1.0 + dissipation * rate))
+    raise InputError(f"contact law {law!r}: expected one of {', '.join(NORMAL_LAWS)}")
 
 
 def normal_force_derivatives(
@@ -68,10 +79,16 @@ def normal_force_derivatives(
     stiffness: Scalars,
     damping: Scalars = 0.0,
     dissipation: Scalars = 0.0,
+    smoothing: float = 0.0,
 ) -> NormalForce:
     """`normal_force` with its analytic derivatives; arguments, shapes and errors are the same."""
-    force = normal_force(law, penetration, rate, stiffness=stiffness, damping=damping, dissipation=dissipation)
-    active = np.where(force > 0, 1.0, 0.0)
+    unclipped = _unclipped(law, penetration, rate, stiffness, damping, dissipation)
+    if smoothing > 0:
+        root = np.sqrt(unclipped * unclipped + smoothing**2)
+        force, active = 0.5 * (unclipped + root), 0.5 * (1.0 + unclipped / root)
+    else:
+        active = np.where((penetration > 0) & (unclipped > 0), 1.0, 0.0)
+        force = np.where(active > 0, unclipped, 0.0)
     zero = np.zeros_like(active)
     if law == "hunt_crossley":
         factor = active * (1.0 + dissipation * rate)

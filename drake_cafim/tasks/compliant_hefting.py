@@ -24,6 +24,7 @@ class CompliantHefting(Hefting):
     stiffness: float = 500.0  # N/m, paper
     damping: float = 5.0  # N s/m
     dissipation: float = 0.0  # s/m, of hunt_crossley
+    smoothing: float = 0.0  # N, of the contact law
 
     @property
     def state_size(self) -> int:
@@ -40,12 +41,14 @@ class CompliantHefting(Hefting):
 
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
         penetration, rate = motion[..., 0] - state[..., 0], motion[..., 1] - state[..., 1]
-        force = ContactLaw(self.law).normal_force(penetration, rate, self._parameters)
+        force = ContactLaw(self.law, self.smoothing).normal_force(penetration, rate, self._parameters)
         return force[..., np.newaxis]
 
     def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
         penetration, rate = motion[..., 0] - state[..., 0], motion[..., 1] - state[..., 1]
-        exact = ContactLaw(self.law).derivatives(penetration, rate, np.zeros((*rate.shape, 1)), self._parameters)
+        exact = ContactLaw(self.law, self.smoothing).derivatives(
+            penetration, rate, np.zeros((*rate.shape, 1)), self._parameters
+        )
         slope = -np.stack([exact.normal["penetration"], exact.normal["rate"]], axis=-1)[..., np.newaxis, :]
         return Jacobians(exact.normal_force[..., np.newaxis], slope, np.zeros((1, 1)), np.zeros((*rate.shape, 1, 1)))
 

@@ -87,8 +87,18 @@ class Contouring(PointModel):
         return np.asarray(self.force_weight * force_excess(size, self.force_limit) + self.seeking * gap)
 
     def script(self, time: float, robot_state: Array, theta: Array) -> Array:
-        """Press straight ahead on the near long side, back off, and again, every second."""
-        return np.array([0.0, 0.1 if (time % 1.0) < 0.6 else -0.1])
+        """One slow poke at the near long side, then one at the right end, back off in between."""
+        legs = (  # until s, velocity m/s
+            (1.0, (0.0, 0.08)),
+            (2.0, (0.0, -0.08)),
+            (2.5, (0.3, 0.0)),
+            (3.0, (0.0, 0.2)),
+            (4.0, (-0.09, 0.0)),
+        )
+        for until, velocity in legs:
+            if time < until - 1e-9:
+                return np.array(velocity)
+        return np.zeros(2)
 
     def faces(self, motion: Array, forces: Array) -> list[str]:
         """Faces touched in an experiment, of `FACES`, from motion (T+1, 4) and forces (T, 2)."""

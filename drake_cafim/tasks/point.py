@@ -45,10 +45,20 @@ class PointModel:
             result[:, index + 1, :size] = following
             result[:, index + 1, size:] = (following - position) / self.period
             position = following
-        return result
+        return self.measured_motion(result)
 
     def measured_motion(self, robot_states: Array) -> Array:
-        return robot_states
+        """The states themselves; between them (substeps) position goes straight, at the velocity reached."""
+        if self.substeps == 1:
+            return robot_states
+        size = robot_states.shape[-1] // 2
+        fraction = (np.arange(1, self.substeps + 1) / self.substeps)[:, np.newaxis]
+        before, after = robot_states[..., :-1, np.newaxis, :], robot_states[..., 1:, np.newaxis, :]
+        position = before[..., :size] + fraction * (after[..., :size] - before[..., :size])
+        velocity = np.broadcast_to(after[..., size:], position.shape)
+        fine = np.concatenate([position, velocity], axis=-1)
+        fine = fine.reshape(*robot_states.shape[:-2], -1, 2 * size)
+        return np.concatenate([robot_states[..., :1, :], fine], axis=-2)
 
     def start(self, motion: Array, theta: Array) -> Start:
         return Start(np.zeros(0), np.zeros((0, len(theta))))

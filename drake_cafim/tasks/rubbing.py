@@ -1,7 +1,7 @@
 """Rubbing: the friction coefficient between the end-effector's tip and a wall (paper, "Friction Estimation")."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -89,9 +89,9 @@ class Rubbing(PointModel):
         return np.asarray(forces[..., 0] > 0)
 
     def script(self, time: float, robot_state: Array, theta: Array) -> Array:
-        """Press the tip in by half its radius at 0.3 m/s at most, and slide up and down at 0.3 m/s."""
+        """Press the tip in by half its radius at 0.3 m/s at most, and slide down and up at 0.5 m/s."""
         press = np.clip((0.5 * self.tip_radius - robot_state[0]) / self.period, -0.3, 0.3)
-        return np.array([press, 0.3 if (time % 2.0) < 1.0 else -0.3])
+        return np.array([press, -0.5 if (time % 1.0) < 0.5 else 0.5])
 
     def behaviour(self, motion: Array, forces: Array) -> Mapping[str, object]:
         """Sliding counts contact at a speed where friction shows, μ λ_n < R |v_t|."""
@@ -107,7 +107,6 @@ class Rubbing(PointModel):
 def rubbing(model: Rubbing | None = None) -> Task:
     """The rubbing task: five experiments of 5 s, starting 0.5 m off the wall."""
     model = Rubbing() if model is None else model
-    model = replace(model)
     return Task(
         name="rubbing",
         model=model,

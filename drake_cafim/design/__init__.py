@@ -1,0 +1,1 @@
+"""CA-OED: motions whose contacts tell most about the unknown parameters."""

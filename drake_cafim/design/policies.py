@@ -1,0 +1,177 @@
+"""The policies that are compared, on one interface: from a situation to a command."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol, TypeAlias, get_args
+
+import numpy as np
+
+from drake_cafim.design.iterative import CrossEntropy, GradientAscent, PathIntegral
+from drake_cafim.design.planner import (
+    PLANNERS,
+    Planner,
+    PlannerConfig,
+    PlannerName,
+    Scored,
+    candidate_commands,
+)
+from drake_cafim.design.predictive_sampling import PredictiveSampling
+from drake_cafim.design.scores import InformationScore, OneStepScore
+from drake_cafim.design.situation import Decision, Situation
+from drake_cafim.errors import InputError
+from drake_cafim.information import Criterion
+from drake_cafim.sensitivity.evaluator import Fisher, make_evaluator
+from drake_cafim.sensitivity.model import PlanningModel
+from drake_cafim.typing import Array
+
+PolicyName: TypeAlias = Literal["contact-aware", "finite-difference", "asid", "random", "scripted", "hold"]
+POLICIES: tuple[str, ...] = get_args(PolicyName)
+
+
+class Policy(Protocol):
+    """Decides one command; what it needs to remember is in the situation's knots."""
+
+    @property
+    def config(self) -> PlannerConfig:
+        """Sizes of its plans."""
+        ...
+
+    @property
+    def shifts(self) -> bool:
+        """Whether the knots move on by a step between decisions, to be improved again."""
+        ...
+
+    def __call__(self, situation: Situation, random: np.random.Generator) -> Decision:
+        """The command for the coming period."""
+        ...
+
+
+@dataclass(frozen=True)
+class PlanningPolicy:
+    """Plans by `planner` for `score` at every step, and executes the plan's first command."""
+
+    model: PlanningModel
+    planner: Planner
+    score: Callable[[Situation, Array], Scored]
+
+    @property
+    def config(self) -> PlannerConfig:
+        return self.planner.config
+
+    @property
+    def shifts(self) -> bool:
+        return True
+
+    def __call__(self, situation: Situation, random: np.random.Generator) -> Decision:
+        plan = self.planner(
+            situation.knots,
+            lambda commands: self.score(situation, commands),
+            self.model.velocity_bounds,
+            random,
+        )
+        command = attainable(self.model, situation.robot_state, plan.commands[0])
+        return Decision(command, plan.commands, plan.knots, plan.fisher, plan.candidates)
+
+
+@dataclass(frozen=True)
+class RandomPolicy:
+    """Executes splines with uniform random knots, a new one when the last has run out."""
+
+    model: PlanningModel
+    config: PlannerConfig
+    shifts: bool = False
+
+    def __call__(self, situation: Situation, random: np.random.Generator) -> Decision:
+        bounds = self.model.velocity_bounds
+        knots = situation.knots
+        if situation.step % self.config.horizon == 0:
+            knots = random.uniform(*bounds, size=(self.config.knots, len(bounds[0])))
+        spline = candidate_commands(knots[np.newaxis], self.config.horizon, bounds)[0]
+        done = situation.step % self.config.horizon
+        plan = np.concatenate([spline[done:], np.repeat(spline[-1:], done, axis=0)])
+        return _decide(self.model, situation, plan, knots)
+
+
+@dataclass(frozen=True)
+class ScriptedPolicy:
+    """Executes the model's own script, or `script` (time, robot state, θ) → command."""
+
+    model: PlanningModel
+    config: PlannerConfig
+    script: Callable[[float, Array, Array], Array] | None = None
+    shifts: bool = False
+
+    def __call__(self, situation: Situation, random: np.random.Generator) -> Decision:
+        script = self.model.script if self.script is None else self.script
+        command = script(situation.time, situation.robot_state, situation.theta)
+        plan = np.repeat(np.clip(command, *self.model.velocity_bounds)[np.newaxis], self.config.horizon, axis=0)
+        return _decide(self.model, situation, plan, situation.knots)
+
+
+@dataclass(frozen=True)
+class HoldPolicy:
+    """Stays where it is."""
+
+    model: PlanningModel
+    config: PlannerConfig
+    shifts: bool = False
+
+    def __call__(self, situation: Situation, random: np.random.Generator) -> Decision:
+        plan = np.zeros((self.config.horizon, len(self.model.velocity_bounds[0])))
+        return _decide(self.model, situation, plan, situation.knots)
+
+
+def attainable(model: PlanningModel, robot_state: Array, command: Array) -> Array:
+    """The velocity (nu,) that the robot will have if `command` (nu,) is given: inside the workspace, it brakes."""
+    size = len(command)
+    reached = model.motion(robot_state, command[np.newaxis, np.newaxis])[0, -1]
+    return np.asarray(reached[size : 2 * size])
+
+
+def _decide(model: PlanningModel, situation: Situation, plan: Array, knots: Array) -> Decision:
+    command = attainable(model, situation.robot_state, plan[0])
+    nothing = np.zeros_like(situation.information)
+    return Decision(command, plan, knots, nothing, plan[np.newaxis])
+
+
+def make_planner(name: PlannerName, config: PlannerConfig | None = None) -> Planner:
+    """The planner called `name`; `InputError` lists the valid ones."""
+    config = PlannerConfig() if config is None else config
+    if name == "predictive-sampling":
+        return PredictiveSampling(config)
+    if name == "cem":
+        return CrossEntropy(config)
+    if name == "mppi":
+        return PathIntegral(config)
+    if name == "gradient":
+        return GradientAscent(config)
+    raise InputError(f"--planner {name!r}: expected one of {', '.join(PLANNERS)}")
+
+
+def make_policy(
+    name: PolicyName,
+    model: PlanningModel,
+    *,
+    planner: PlannerName = "predictive-sampling",
+    criterion: Criterion = "logdet",
+    fisher: Fisher = "tangent",
+    config: PlannerConfig | None = None,
+) -> Policy:
+    """The policy called `name`; `InputError` lists the valid ones.
+
+    `fisher` is the evaluator of contact-aware; finite-difference always differences whole trajectories.
+    """
+    config = PlannerConfig() if config is None else config
+    if name in ("contact-aware", "finite-difference"):
+        evaluator = make_evaluator(fisher if name == "contact-aware" else "finite-difference", model)
+        score = InformationScore(model, evaluator, criterion)
+        return PlanningPolicy(model, make_planner(planner, config), score)
+    if name == "asid":
+        return PlanningPolicy(model, make_planner(planner, config), OneStepScore(model))
+    if name == "random":
+        return RandomPolicy(model, config)
+    if name == "scripted":
+        return ScriptedPolicy(model, config)
+    if name == "hold":
+        return HoldPolicy(model, config)
+    raise InputError(f"--policy {name!r}: expected one of {', '.join(POLICIES)}")

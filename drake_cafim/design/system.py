@@ -1,0 +1,168 @@
+"""The CA-OED controller: a LeafSystem that decides, once a period, the motion that tells most about θ."""
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Context, DiscreteStateIndex, DiscreteValues, LeafSystem
+
+from drake_cafim.belief import Belief
+from drake_cafim.design.policies import Policy
+from drake_cafim.design.situation import Situation
+from drake_cafim.design.splines import shift
+from drake_cafim.information import fisher_information
+from drake_cafim.sensitivity.evaluator import Evaluator
+from drake_cafim.sensitivity.model import PlanningModel, Start
+from drake_cafim.sensitivity.tangent import TangentEvaluator
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class _Slots:
+    """Discrete state groups of `CaOed`, by index."""
+
+    counters: int  # experiment, step
+    robot: int  # measured robot state of the last step
+    belief: int  # belief of the last step
+    gained: int  # information since that belief
+    touched: int  # predicted state of what is touched
+    tangent: int  # its sensitivity
+    knots: int
+    command: int
+    plan: int
+    information: int
+    candidates: int
+    milliseconds: int
+
+
+class CaOed(LeafSystem):
+    """Contact-aware optimal experimental design (paper, Eq. 10) in receding horizon.
+
+    .. pydrake_system::
+
+        name: CaOed
+        input_ports: [measured_state, belief]
+        output_ports: [command, plan, information, candidates, planning_ms]
+
+    Every `model.period` it reads `measured_state` (2 nu,), the end-effector's position m and velocity m/s, and
+    `belief` (n + n²,), mean then covariance; decides by `policy`; and holds `command` (nu,) m/s until the next.
+    `plan` (H·nu,) and `candidates` (N·H·nu,) are commands, row by row; `information` (n²,) is the Fisher
+    information that the plan promises.
+
+    All that changes lives in the Context, the random numbers too (they follow from seed, experiment and step),
+    so that a Context can be copied and replayed.
+    """
+
+    def __init__(
+        self, model: PlanningModel, policy: Policy, *, seed: int = 0, evaluator: Evaluator | None = None
+    ) -> None:
+        super().__init__()
+        self._model, self._policy, self._seed = model, policy, seed
+        self._evaluator = TangentEvaluator(model) if evaluator is None else evaluator
+        self._names = model.parameters.names
+        size, axes = len(self._names), len(model.velocity_bounds[0])
+        config = policy.config
+        self._axes = axes
+        self.DeclareVectorInputPort("measured_state", 2 * axes)
+        self.DeclareVectorInputPort("belief", size + size**2)
+        # predictive sampling, hold and the others weigh different numbers of candidates; one size fits all
+        self._candidate_count = config.candidates
+        sizes = _Slots(
+            counters=2,
+            robot=2 * axes,
+            belief=size + size**2,
+            gained=size**2,
+            touched=model.state_size,
+            tangent=model.state_size * size,
+            knots=config.knots * axes,
+            command=axes,
+            plan=config.horizon * axes,
+            information=size**2,
+            candidates=config.candidates * config.horizon * axes,
+            milliseconds=1,
+        )
+        self._slots = _Slots(**{name: int(self.DeclareDiscreteState(n)) for name, n in vars(sizes).items()})
+        for port in ("command", "plan", "information", "candidates"):
+            self.DeclareStateOutputPort(port, DiscreteStateIndex(getattr(self._slots, port)))
+        self.DeclareStateOutputPort("planning_ms", DiscreteStateIndex(self._slots.milliseconds))
+        self.DeclarePeriodicDiscreteUpdateEvent(model.period, 0.0, self._decide)
+
+    def begin_experiment(self, context: Context, experiment: int) -> None:
+        """Forget the plan in `context` (this system's own) and start experiment number `experiment`."""
+        state: Any = context.get_mutable_discrete_state()
+        for index in range(state.num_groups()):
+            state.get_mutable_vector(index).SetZero()
+        counters: Any = np.array([float(experiment), 0.0])
+        state.get_mutable_vector(self._slots.counters).SetFromVector(counters)
+
+    def _decide(self, context: Context, update: DiscreteValues) -> None:
+        began = perf_counter()
+        read = self._reader(context)
+        robot = np.array(self._input(context, 0))
+        vector = np.array(self._input(context, 1))
+        belief = Belief.from_vector(self._names, vector)
+        experiment, step = (int(value) for value in read(self._slots.counters))
+        touched, gained = self._advance(read, step, robot, belief)
+        knots = read(self._slots.knots).reshape(self._policy.config.knots, self._axes)
+        situation = Situation(
+            step=step,
+            time=step * self._model.period,
+            robot_state=robot,
+            theta=belief.mean,
+            information=belief.information + gained,
+            touched=touched,
+            knots=knots,
+        )
+        decision = self._policy(situation, np.random.default_rng([self._seed, experiment, step]))
+        carried = decision.knots
+        if self._policy.shifts:
+            carried = shift(decision.knots, self._policy.config.horizon)
+        values: dict[str, Any] = {
+            "counters": np.array([experiment, step + 1.0]),
+            "robot": robot,
+            "belief": vector,
+            "gained": gained,
+            "touched": touched.state,
+            "tangent": touched.sensitivity,
+            "knots": carried,
+            "command": decision.command,
+            "plan": decision.plan,
+            "information": decision.fisher,
+            "candidates": self._padded(decision.candidates),
+            "milliseconds": np.array([1e3 * (perf_counter() - began)]),
+        }
+        for name, value in values.items():
+            update.get_mutable_vector(getattr(self._slots, name)).SetFromVector(value.ravel())
+
+    def _advance(self, read: Any, step: int, robot: Array, belief: Belief) -> tuple[Start, Array]:
+        """What is touched, now, and the information gained since the belief last changed.
+
+        A belief that has changed holds that information already: it is counted anew from there.
+        """
+        size = len(self._names)
+        if step == 0:
+            motion = self._model.measured_motion(np.stack([robot, robot])[np.newaxis])
+            return self._model.start(motion[0, 0], belief.mean), np.zeros((size, size))
+        states = np.stack([read(self._slots.robot), robot])[np.newaxis]
+        before = Start(read(self._slots.touched), read(self._slots.tangent).reshape(self._model.state_size, size))
+        passed = self._evaluator(self._model.measured_motion(states), belief.mean, before)
+        touched = Start(passed.states[0, -1], passed.state_sensitivities[0, -1])
+        if not np.array_equal(read(self._slots.belief), belief.vector()):
+            return touched, np.zeros((size, size))
+        gained = read(self._slots.gained).reshape(size, size)
+        return touched, gained + fisher_information(passed.sensitivities, self._model.noise_std)[0]
+
+    def _padded(self, candidates: Array) -> Array:
+        """Exactly as many candidates as the port holds; fewer are repeated from the last."""
+        short = self._candidate_count - len(candidates)
+        if short > 0:
+            candidates = np.concatenate([candidates, np.repeat(candidates[-1:], short, axis=0)])
+        return candidates[: self._candidate_count]
+
+    def _reader(self, context: Context) -> Any:
+        state: Any = context.get_discrete_state()
+        return lambda index: np.array(state.get_vector(index).get_value())
+
+    def _input(self, context: Context, index: int) -> Any:
+        return self.get_input_port(index).Eval(context)

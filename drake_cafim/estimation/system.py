@@ -1,0 +1,104 @@
+"""The CA-MAP estimator: a LeafSystem that keeps what was measured and renews the belief."""
+
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Context, DiscreteStateIndex, DiscreteValues, LeafSystem
+
+from drake_cafim.belief import Belief
+from drake_cafim.errors import InputError
+from drake_cafim.estimation.problem import Data, make_problem
+from drake_cafim.estimation.shooting import ShootingConfig, solve
+from drake_cafim.sensitivity.evaluator import Evaluator
+from drake_cafim.sensitivity.model import PlanningModel
+from drake_cafim.sensitivity.tangent import TangentEvaluator
+
+
+class CaMap(LeafSystem):
+    """Contact-aware maximum a-posteriori estimation (paper, Eq. 7 and 11).
+
+    .. pydrake_system::
+
+        name: CaMap
+        input_ports: [measured_state, measured_force]
+        output_ports: [belief]
+
+    Every `model.period` it keeps a sample of `measured_state` (2 nu,), position m and velocity m/s, and
+    `measured_force` (ny,), what the model calls its measurement. The belief (n + n²,), mean then covariance,
+    is renewed after every `estimate_every` periods, or at the end of an experiment of `periods` alone (0).
+
+    All samples and the belief live in the Context. There is room for `experiments` of them.
+    """
+
+    def __init__(
+        self,
+        model: PlanningModel,
+        *,
+        periods: int,
+        experiments: int,
+        estimate_every: int = 0,
+        config: ShootingConfig | None = None,
+        evaluator: Evaluator | None = None,
+    ) -> None:
+        super().__init__()
+        self._model, self._config = model, config
+        self._evaluator = TangentEvaluator(model) if evaluator is None else evaluator
+        self._every = estimate_every
+        self._axes, self._readings = len(model.velocity_bounds[0]), len(model.noise_std)
+        self._shape = (experiments, periods + 1, 2 * self._axes + self._readings)
+        self._prior = Belief.prior(model.parameters)
+        self.DeclareVectorInputPort("measured_state", 2 * self._axes)
+        self.DeclareVectorInputPort("measured_force", self._readings)
+        self._counters = int(self.DeclareDiscreteState(2))  # experiment, samples of it
+        self._samples = int(self.DeclareDiscreteState(int(np.prod(self._shape))))
+        belief: Any = self._prior.vector()
+        self._belief = int(self.DeclareDiscreteState(belief))
+        self.DeclareStateOutputPort("belief", DiscreteStateIndex(self._belief))
+        self.DeclarePeriodicDiscreteUpdateEvent(model.period, 0.0, self._sample)
+
+    def begin_experiment(self, context: Context, experiment: int) -> None:
+        """Go on in `context` (this system's own) with experiment number `experiment`, from 0; keep all samples."""
+        if experiment >= self._shape[0]:
+            raise InputError(f"CaMap: experiment {experiment + 1} of a system made for {self._shape[0]}")
+        counters: Any = np.array([float(experiment), 0.0])
+        state: Any = context.get_mutable_discrete_state()
+        state.get_mutable_vector(self._counters).SetFromVector(counters)
+
+    def data(self, context: Context) -> list[Data]:
+        """What `context` (this system's own) holds: the experiments so far, the last maybe unfinished."""
+        state: Any = context.get_discrete_state()
+        samples = np.array(state.get_vector(self._samples).get_value()).reshape(self._shape)
+        experiment, count = (int(v) for v in state.get_vector(self._counters).get_value())
+        lengths = [self._shape[1]] * experiment + [min(count, self._shape[1])]
+        return [self._unpack(samples[i, :length]) for i, length in enumerate(lengths) if length > 1]
+
+    def belief(self, context: Context) -> Belief:
+        """The belief that `context` (this system's own) holds."""
+        state: Any = context.get_discrete_state()
+        return Belief.from_vector(self._prior.names, np.array(state.get_vector(self._belief).get_value()))
+
+    def _unpack(self, rows: Any) -> Data:
+        return Data(rows[:, : 2 * self._axes], rows[1:, 2 * self._axes :])
+
+    def _sample(self, context: Context, update: DiscreteValues) -> None:
+        state: Any = context.get_discrete_state()
+        experiment, count = (int(v) for v in state.get_vector(self._counters).get_value())
+        if count >= self._shape[1]:
+            return
+        samples = np.array(state.get_vector(self._samples).get_value()).reshape(self._shape)
+        inputs: list[Any] = [self.get_input_port(index).Eval(context) for index in range(2)]
+        samples[experiment, count] = np.concatenate(inputs)
+        written: Any = update
+        written.get_mutable_vector(self._samples).SetFromVector(samples.ravel())
+        written.get_mutable_vector(self._counters).SetFromVector(np.array([experiment, count + 1.0]))
+        if self._due(count):
+            lengths = [self._shape[1]] * experiment + [count + 1]
+            data = [self._unpack(samples[i, :length]) for i, length in enumerate(lengths)]
+            estimate = solve(make_problem(self._model, self._evaluator, data, self._prior), self._config)
+            written.get_mutable_vector(self._belief).SetFromVector(estimate.belief.vector())
+
+    def _due(self, count: int) -> bool:
+        """Whether the sample number `count`, from 0, calls for a new estimate."""
+        if count == self._shape[1] - 1:
+            return True
+        return self._every > 0 and count > 0 and count % self._every == 0

@@ -1,0 +1,219 @@
+"""Algorithm 1 of the paper, closed: plan a motion that touches, execute it, estimate, and again."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, DiagramBuilder, System
+from pydrake.systems.primitives import LogVectorOutput
+
+from drake_cafim.belief import Belief
+from drake_cafim.design.planner import PlannerConfig, PlannerName
+from drake_cafim.design.policies import PolicyName, make_policy
+from drake_cafim.design.system import CaOed
+from drake_cafim.estimation.problem import make_problem
+from drake_cafim.estimation.system import CaMap
+from drake_cafim.information import Criterion
+from drake_cafim.kinematic_world import kinematic_world
+from drake_cafim.sensitivity.evaluator import Fisher, make_evaluator
+from drake_cafim.tasks.task import Task
+from drake_cafim.typing import Array
+from drake_cafim.world import World
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a run may choose; every field has the default of `cafim run`."""
+
+    policy: PolicyName = "contact-aware"
+    planner: PlannerName = "predictive-sampling"
+    criterion: Criterion = "logdet"
+    fisher: Fisher = "tangent"
+    planner_config: PlannerConfig = field(default_factory=PlannerConfig)
+    experiments: int | None = None  # None: the task's own number
+    until_std: float | None = None  # stop when every std is below this fraction of its estimate
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class ExperimentResult:
+    """One executed experiment: what was known after it, and what happened. Times in s, forces in N.
+
+    time (T+1,), commands (T, nu), robot states (T+1, 2 nu), measured and true forces (T, ny) after each command.
+    `history` is the belief after each renewal within the experiment: (time, mean, std).
+    """
+
+    belief: Belief
+    fisher: Array
+    scaled_trace: float
+    error_percent: Mapping[str, float]
+    behaviour: Mapping[str, Any]
+    tracking_error: float
+    planning_ms: Array
+    time: Array
+    commands: Array
+    robot_states: Array
+    measured_force: Array
+    true_force: Array
+    plans: Array
+    candidates: Array
+    history: tuple[tuple[float, Array, Array], ...]
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """All experiments of one run."""
+
+    task: Task
+    options: Options
+    world: str
+    prior: Belief
+    experiments: tuple[ExperimentResult, ...]
+
+    @property
+    def belief(self) -> Belief:
+        """What is known in the end."""
+        return self.experiments[-1].belief if self.experiments else self.prior
+
+
+def run(
+    task: Task,
+    options: Options | None = None,
+    world: World | None = None,
+    progress: Callable[[int, ExperimentResult], None] | None = None,
+) -> RunResult:
+    """Algorithm 1 on `task` in `world` (the kinematic one if none is given).
+
+    `progress` is called after each experiment with its number, from 0.
+    """
+    options = Options() if options is None else options
+    world = kinematic_world(task, seed=options.seed) if world is None else world
+    loop = _Loop(task, options, world)
+    prior = Belief.prior(task.model.parameters)
+    results: list[ExperimentResult] = []
+    total = task.experiments if options.experiments is None else options.experiments
+    for number in range(total):
+        results.append(loop.execute(number))
+        if progress is not None:
+            progress(number, results[-1])
+        if options.until_std is not None and _confident(results[-1].belief, options.until_std):
+            break
+    return RunResult(task, options, world.name, prior, tuple(results))
+
+
+def _confident(belief: Belief, fraction: float) -> bool:
+    return bool((belief.std <= fraction * np.abs(belief.mean)).all())
+
+
+class _Loop:
+    """World, CA-OED and CA-MAP in one Diagram, run one experiment at a time."""
+
+    def __init__(self, task: Task, options: Options, world: World) -> None:
+        self.task, self.world = task, world
+        model = task.model
+        self.evaluator = make_evaluator(options.fisher, model)
+        policy = make_policy(
+            options.policy,
+            model,
+            planner=options.planner,
+            criterion=options.criterion,
+            fisher=options.fisher,
+            config=options.planner_config,
+        )
+        builder = DiagramBuilder()
+        self.plant: System = builder.AddNamedSystem("world", world.system)
+        self.design = CaOed(model, policy, seed=options.seed, evaluator=self.evaluator)
+        builder.AddNamedSystem("design", self.design)
+        total = task.experiments if options.experiments is None else options.experiments
+        self.estimator = CaMap(
+            model,
+            periods=task.periods,
+            experiments=total,
+            estimate_every=task.estimate_every,
+            evaluator=self.evaluator,
+        )
+        builder.AddNamedSystem("estimator", self.estimator)
+        state, force = (self.plant.GetOutputPort(name) for name in ("measured_state", "measured_force"))
+        builder.Connect(state, self.design.GetInputPort("measured_state"))
+        builder.Connect(state, self.estimator.GetInputPort("measured_state"))
+        builder.Connect(force, self.estimator.GetInputPort("measured_force"))
+        builder.Connect(self.estimator.GetOutputPort("belief"), self.design.GetInputPort("belief"))
+        builder.Connect(self.design.GetOutputPort("command"), self.plant.GetInputPort("command"))
+        sources = {
+            "state": state,
+            "measured": force,
+            "true": self.plant.GetOutputPort("true_force"),
+            "belief": self.estimator.GetOutputPort("belief"),
+            **{name: self.design.GetOutputPort(name) for name in ("command", "plan", "candidates", "planning_ms")},
+        }
+        self.sinks = {name: LogVectorOutput(port, builder, model.period) for name, port in sources.items()}
+        self.diagram = builder.Build()
+        self.simulator = Simulator(self.diagram)
+
+    def execute(self, number: int) -> ExperimentResult:
+        """Run experiment `number` from the start state, keeping what the estimator has."""
+        root = self.simulator.get_mutable_context()
+        root.SetTime(0.0)
+        start: Context = self.world.start_context(number)
+        self.plant.GetMyMutableContextFromRoot(root).SetStateAndParametersFrom(start)
+        self.design.begin_experiment(self.design.GetMyMutableContextFromRoot(root), number)
+        self.estimator.begin_experiment(self.estimator.GetMyMutableContextFromRoot(root), number)
+        logs: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.sinks.items()}
+        for log in logs.values():
+            log.Clear()
+        self.simulator.Initialize()
+        # a little past the end, so that the last measurement is taken and the belief renewed
+        self.simulator.AdvanceTo((self.task.periods + 0.25) * self.task.model.period)
+        rows = {name: self._rows(log) for name, log in logs.items()}
+        return self._result(root, rows)
+
+    def _rows(self, log: Any) -> Array:
+        """The log's samples at the ends of the periods, (T+1, size), each taken before that moment's updates.
+
+        So what the controller decided for a period is in the row of the period's end.
+        """
+        data = np.array(log.data().T)
+        expected = self.task.periods + 1
+        assert len(data) == expected, f"{len(data)} samples logged, expected {expected}"
+        return data
+
+    def _result(self, root: Context, rows: Mapping[str, Array]) -> ExperimentResult:
+        task, model = self.task, self.task.model
+        context = self.estimator.GetMyContextFromRoot(root)
+        belief = self.estimator.belief(context)
+        problem = make_problem(model, self.evaluator, self.estimator.data(context)[-1:])
+        fisher = problem.fisher(belief.mean)[0]
+        states, commands = rows["state"], rows["command"][1:]
+        motion = model.measured_motion(states[np.newaxis])[0, :: model.substeps]
+        axes = commands.shape[1]
+        truth = task.theta
+        return ExperimentResult(
+            belief=belief,
+            fisher=fisher,
+            scaled_trace=float(np.trace(np.diag(model.parameters.std**2) @ fisher)),
+            error_percent=dict(zip(belief.names, (100.0 * (belief.mean - truth) / truth).tolist(), strict=True)),
+            behaviour=model.behaviour(motion, rows["true"][1:]),
+            tracking_error=float(np.abs(states[1:, axes : 2 * axes] - commands).max()),
+            planning_ms=rows["planning_ms"][1:, 0],
+            time=np.asarray(np.arange(task.periods + 1) * model.period, dtype=float),
+            commands=commands,
+            robot_states=states,
+            measured_force=rows["measured"][1:],
+            true_force=rows["true"][1:],
+            plans=rows["plan"][1:],
+            candidates=rows["candidates"][1:],
+            history=self._history(np.concatenate([rows["belief"][1:], [belief.vector()]])),
+        )
+
+    def _history(self, beliefs: Array) -> tuple[tuple[float, Array, Array], ...]:
+        """The belief wherever it changed within the experiment."""
+        if self.task.estimate_every == 0:
+            return ()
+        names, result = self.task.model.parameters.names, []
+        for index in range(1, len(beliefs)):
+            if not np.array_equal(beliefs[index], beliefs[index - 1]):
+                belief = Belief.from_vector(names, beliefs[index])
+                result.append((index * self.task.model.period, belief.mean, belief.std))
+        return tuple(result)
