@@ -189,7 +189,7 @@ def test_a_gap_in_time_is_noted() -> None:
 
 def test_csv_of_other_hands(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_bytes(b"\xef\xbb\xbf# time;q.elbow;label\r\n0;1e-3;a\r\n1;;b\r\n2;NaN;c\r\n3;4;d")
+    path.write_bytes(b"\xef\xbb\xbf# time;q.elbow;label;\r\n0;1e-3;a;\r\n1;;b;\r\n2;NaN;caf\xe9;\r\n3;4;d;")
     read = recordings.read(path)
     assert read.time.tolist() == [0.0, 1.0, 2.0, 3.0] and read.columns["q.elbow"][3] == 4.0
     assert np.isnan(read.columns["q.elbow"][1:3]).all() and list(read.columns) == ["q.elbow"]
@@ -204,6 +204,8 @@ def test_csv_of_other_hands(tmp_path: Path) -> None:
         ("time,q.elbow\n0,1\n1,2,3\n", "line 3 has 3 cells, expected 2"),
         ("time,q.elbow,q.elbow\n0,1,2\n", "column q.elbow stands in the header twice"),
         ("\n\n", "the first line is no header"),
+        ("time q.elbow\n0 1\n", "the header is 'time q.elbow', expected names parted by comma"),
+        ("time,q.elbow", "not one sample"),
         ("0,1\n1,2\n", "no column time; it has 0, 1"),
     ],
 )

@@ -65,16 +65,21 @@ def sqlite_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
 def rosbags_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
     """The messages of a ROS 1 .bag file or of a compressed ROS 2 bag.
 
-    Raises `InputError` when the bag cannot be opened, as a ROS 1 bag that was cut and lost its index.
+    One that is damaged on the way gives what came before, and `notes` says so. Raises `InputError` when it gives
+    nothing, as a ROS 1 bag that was cut and lost its index.
     """
-    # The library raises its own errors on opening and whatever its parts raise on damaged messages.
+    count = 0
     try:
         encoding, library = ("ros1", rosbag1) if path.is_file() else ("cdr", rosbag2)
         with library.Reader(path) as reader:
             for connection, log, data in reader.messages():
                 yield Raw(connection.topic, full_name(connection.msgtype), encoding, int(log), bytes(data))
-    except (rosbag1.ReaderError, rosbag2.ReaderError, OSError, ValueError, KeyError, AssertionError) as error:
+                count += 1
+    except Exception as error:  # the library's own, and whatever its decompressors and parsers raise
         why = " ".join(str(error).split()) or type(error).__name__
+        if count:
+            notes.append(f"{path.name} is damaged ({why}), the {count} messages before are read")
+            return
         raise InputError(f"{path}: not a whole bag, it may have been cut ({why})") from error
 
 

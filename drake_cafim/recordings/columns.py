@@ -8,7 +8,12 @@ from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import is_signal
 from drake_cafim.typing import Array
 
-NUMERIC = (pyarrow.types.is_floating, pyarrow.types.is_integer, pyarrow.types.is_boolean)
+NUMERIC = (
+    pyarrow.types.is_floating,
+    pyarrow.types.is_integer,
+    pyarrow.types.is_boolean,
+    pyarrow.types.is_decimal,
+)
 INDEX_PREFIX = "__index_level_"  # the row index that pandas writes beside the columns
 
 

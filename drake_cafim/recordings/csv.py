@@ -11,6 +11,8 @@ from drake_cafim.recordings.columns import as_numbers
 from drake_cafim.recordings.recording import Recording, is_signal
 from drake_cafim.typing import Array
 
+ENCODING = "latin-1"  # any bytes are text in it, so that a foreign label does not hide the numbers
+NAMELESS = "nameless column "  # as after a comma that ends every line
 MISSING = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "null", "NULL", "None"]
 
 
@@ -24,7 +26,8 @@ def read_csv(path: Path) -> tuple[dict[str, Array], list[str]]:
     cut: list[str] = []
     table = _parsed(path, names, delimiter, cut)
     numbers, notes = as_numbers(str(path), table)
-    return numbers, [*notes, *cut]
+    empty = [name for name in numbers if name.startswith(NAMELESS) and np.isnan(numbers[name]).all()]
+    return {name: values for name, values in numbers.items() if name not in empty}, [*notes, *cut]
 
 
 def write_csv(recording: Recording, path: Path) -> None:
@@ -43,6 +46,9 @@ def _header(path: Path) -> tuple[list[str], str]:
         raise InputError(f"{path}: the first line is no header, expected the names of the columns")
     delimiter = next((sign for sign in (",", ";", "\t") if sign in line), ",")
     names = [name.strip().strip('"') for name in line.lstrip("#% ").split(delimiter)]
+    if len(names) == 1 and names[0] != "time":
+        raise InputError(f"{path}: the header is {names[0][:60]!r}, expected names parted by comma, semicolon or tab")
+    names = [name or f"{NAMELESS}{j}" for j, name in enumerate(names)]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"{path}: column {twice[0]} stands in the header twice, expected once")
@@ -56,11 +62,10 @@ def _parsed(path: Path, names: list[str], delimiter: str, cut: list[str]) -> pya
         wrong.append(row)
         return "skip"
 
-    parse = pyarrow.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=keep_in_mind)
     try:
-        table = _read(path, names, parse, text=False)
+        return _read(path, names, pyarrow.csv.ParseOptions(delimiter=delimiter), text=False)
     except pyarrow.ArrowInvalid:
-        wrong.clear()
+        parse = pyarrow.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=keep_in_mind)
         table = _numbers_where_possible(path, _read(path, names, parse, text=True))
     _judge(path, names, wrong, cut)
     return table
@@ -72,12 +77,15 @@ def _read(path: Path, names: list[str], parse: pyarrow.csv.ParseOptions, *, text
         column_types=dict.fromkeys(names, kind), null_values=MISSING, strings_can_be_null=True
     )
     # One thread: rows that are skipped then come with their line numbers.
-    read = pyarrow.csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False)
+    encoding = ENCODING if text else "utf8"
+    read = pyarrow.csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False, encoding=encoding)
     try:
         return pyarrow.csv.read_csv(path, read_options=read, parse_options=parse, convert_options=convert)
     except pyarrow.ArrowInvalid as error:
         if not text:
             raise
+        if len(path.read_text(encoding="utf-8", errors="replace").splitlines()) == 1:
+            return pyarrow.table({name: pyarrow.array([], pyarrow.float64()) for name in names})
         why = str(error).splitlines()[0]
         raise InputError(f"{path}: not a table of comma-separated values ({why})") from error
 
@@ -85,15 +93,13 @@ def _read(path: Path, names: list[str], parse: pyarrow.csv.ParseOptions, *, text
 def _numbers_where_possible(path: Path, table: pyarrow.Table) -> pyarrow.Table:
     """Each text column as numbers where all of it is, else as it stands; a signal with text is refused."""
     for j, name in enumerate(table.column_names):
-        text = table.column(j)
-        bad = next((i for i, cell in enumerate(text) if cell.is_valid and not _is_number(cell.as_py())), None)
+        cells = table.column(j).to_pylist()
+        bad = next((i for i, cell in enumerate(cells) if cell is not None and not _is_number(cell)), None)
         if bad is None:
-            values = [float(cell.as_py()) if cell.is_valid else np.nan for cell in text]
+            values = [np.nan if cell is None else float(cell) for cell in cells]
             table = table.set_column(j, name, pyarrow.array(values, pyarrow.float64()))
         elif name == "time" or is_signal(name):
-            raise InputError(
-                f"{path}: column {name} holds {text[bad].as_py()!r} in sample {bad + 1}, expected a number"
-            )
+            raise InputError(f"{path}: column {name} holds {cells[bad]!r} in sample {bad + 1}, expected a number")
     return table
 
 
@@ -112,7 +118,7 @@ def _judge(path: Path, names: list[str], wrong: list[pyarrow.csv.InvalidRow], cu
 def _last_line(path: Path) -> str:
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - 65536))
-        lines = file.read().decode("utf-8", errors="replace").strip().splitlines()
+        lines = file.read().decode(ENCODING).strip().splitlines()
     return lines[-1].strip() if lines else ""
 
 

@@ -29,6 +29,7 @@ MESSAGES: dict[str, Reader] = {
     ".lcm": lcm_messages,
     ".lcmlog": lcm_messages,
 }
+LATEST = 2**62  # ns, the year 2116; sums and differences of stamps then stay within 64 bits
 ENCODINGS = ("cdr", "ros1", "lcm")
 # What damaged bytes raise in the decoders, none of which promises one exception of its own.
 UNDECODABLE = (SerdeError, MalformedError, ValueError, IndexError, KeyError, AssertionError, struct.error, MemoryError)
@@ -123,7 +124,10 @@ def _sample(raw: Raw, how: Topic) -> Sample:
         message = _store(Stores.ROS1_NOETIC).deserialize_ros1(raw.data, raw.kind)
     else:
         message = _store(Stores.ROS2_HUMBLE).deserialize_cdr(raw.data, raw.kind)
-    return DECODERS[raw.kind](message, raw.topic, how)
+    sample = DECODERS[raw.kind](message, raw.topic, how)
+    if max(abs(raw.log), abs(sample.stamp or 0)) >= LATEST:
+        raise MalformedError("its stamp is beyond the range of a clock")
+    return sample
 
 
 @functools.cache

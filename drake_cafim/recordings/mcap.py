@@ -55,7 +55,7 @@ def _records(path: Path, notes: list[str]) -> Iterator[McapRecord]:
                     continue
                 try:
                     inside = breakup_chunk(record, validate_crc=True)
-                except BROKEN:
+                except Exception:  # each decompressor raises errors of its own
                     bad_chunks += 1
                     continue
                 yield from inside

@@ -1,6 +1,7 @@
 """NumPy .npz archives: one-dimensional arrays are columns, two-dimensional ones as `topics:` says."""
 
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,11 @@ from drake_cafim.errors import InputError
 from drake_cafim.recordings.topics import Topic, Topics
 from drake_cafim.typing import Array
 
+# What NumPy and the zip library raise on archives that were cut, damaged, or hold Python objects.
+UNREADABLE = (
+    *(zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, AttributeError),
+    *(KeyError, NotImplementedError, RuntimeError),
+)
 TIMES = ("time", "t", "times", "sample_times")  # names under which people save VectorLog.sample_times()
 
 
@@ -46,7 +52,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return {key: archive[key] for key in archive.files}
-    except (zipfile.BadZipFile, OSError, EOFError, ValueError, AttributeError) as error:
+    except UNREADABLE as error:
         why = " ".join(str(error).split())
         raise InputError(f"{path}: not a whole .npz archive of plain arrays ({why})") from error
 
