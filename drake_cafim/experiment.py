@@ -18,6 +18,7 @@ from drake_cafim.estimation.system import CaMap
 from drake_cafim.information import Criterion
 from drake_cafim.kinematic_world import kinematic_world
 from drake_cafim.sensitivity.evaluator import Fisher, make_evaluator
+from drake_cafim.sensitivity.tangent import TangentEvaluator
 from drake_cafim.tasks.task import Task
 from drake_cafim.typing import Array
 from drake_cafim.world import World
@@ -113,7 +114,7 @@ class _Loop:
     def __init__(self, task: Task, options: Options, world: World) -> None:
         self.task, self.world = task, world
         model = task.model
-        self.evaluator = make_evaluator(options.fisher, model)
+        self.evaluator = TangentEvaluator(model)  # of estimates; the planner's is the policy's
         policy = make_policy(
             options.policy,
             model,
@@ -124,7 +125,9 @@ class _Loop:
         )
         builder = DiagramBuilder()
         self.plant: System = builder.AddNamedSystem("world", world.system)
-        self.design = CaOed(model, policy, seed=options.seed, evaluator=self.evaluator)
+        self.design = CaOed(
+            model, policy, seed=options.seed, evaluator=make_evaluator(options.fisher, model)
+        )
         builder.AddNamedSystem("design", self.design)
         total = task.experiments if options.experiments is None else options.experiments
         self.estimator = CaMap(
@@ -132,7 +135,6 @@ class _Loop:
             periods=task.periods,
             experiments=total,
             estimate_every=task.estimate_every,
-            evaluator=self.evaluator,
         )
         builder.AddNamedSystem("estimator", self.estimator)
         state, force = (self.plant.GetOutputPort(name) for name in ("measured_state", "measured_force"))
