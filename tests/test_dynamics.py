@@ -93,3 +93,20 @@ def test_floating_bodies_are_refused_with_a_sentence() -> None:
     plant.Finalize()
     with pytest.raises(InputError, match="QuaternionFloatingJoint is not supported"):
         tree_of(plant)
+
+
+def test_inertial_regressor_gives_the_same_rows_as_the_momentum(branched: MultibodyPlant) -> None:
+    from drake_cafim.diagnosis.inertial import inertial_parameters, inertial_regressor
+    from drake_cafim.diagnosis.windows import lay_windows
+
+    tree = tree_of(branched)
+    time = 0.004 * np.arange(100)
+    q = np.stack([np.sin((2 + k) * time) for k in range(4)], axis=1)
+    v = np.stack([(2 + k) * np.cos((2 + k) * time) for k in range(4)], axis=1)
+    gravity = np.array([1.0, -2.0, -9.0])
+    windows = lay_windows(time, np.ones(100, dtype=bool), 0.08)
+    moving = motion(tree, q, v)
+    balance = momentum_balance(moving, moving.link_inertias, gravity)
+    expected = -(windows.rate @ balance.momentum) - windows.value @ balance.force
+    rows = inertial_regressor(moving, v, windows).rows(inertial_parameters(tree), gravity)
+    np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-12)

@@ -10,12 +10,13 @@ The noise of the samples reaches them to first order through the Jacobian that `
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
+from drake_cafim.diagnosis.inertial import InertialRegressor, inertial_parameters, inertial_regressor
 from drake_cafim.diagnosis.samples import Samples
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.motion import Motion, mass_matrix, motion
@@ -40,11 +41,22 @@ class Measurement:
 
 
 @dataclass(frozen=True)
+class _Prepared:
+    """The corrected measurement, its motion, and the rows that follow from them."""
+
+    measured: Measurement
+    moving: Motion
+    regressor: InertialRegressor
+    kinematic: Array
+
+
+@dataclass(frozen=True)
 class WeakForm:
     """The weak form of one recording: samples, and the sensors that read contact."""
 
     samples: Samples
     sensors: tuple[WrenchSensor, ...]
+    _cache: dict[tuple[object, ...], _Prepared] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def joints(self) -> int:
@@ -112,26 +124,41 @@ class WeakForm:
 
     def residual(self, physics: Physics) -> Array:
         """All rows, (M, r): kinematic, dynamic, then each sensor's wrench."""
+        prepared = self._prepared(physics)
+        measured, windows = prepared.measured, self.samples.windows
+        rotor = -(windows.rate @ measured.v) * physics.rotor_inertias
+        dynamic = prepared.regressor.rows(inertial_parameters(physics.tree), physics.gravity) + rotor
+        force = physics.applied_at_joints(self.joint_samples(measured))[0]
+        wrench = physics.contact_wrenches(prepared.moving) if physics.contacts else None
+        if wrench is not None:
+            force = force + prepared.moving.project(wrench)
+        dynamic = dynamic - windows.value @ force - self.effort_integral(physics, measured.u)
+        # an effort of unknown gain is what is predicted: divided by it, so that no motion is not a perfect fit
+        rows = [prepared.kinematic, dynamic / physics.effort_gains]
+        for sensor, reading in zip(self.sensors, measured.wrenches, strict=True):
+            predicted = sensor.reading(prepared.moving, self._on(sensor, prepared.moving, wrench))
+            rows.append(windows.value @ (reading - predicted))
+        return np.concatenate(rows, axis=1)
+
+    def _prepared(self, physics: Physics) -> "_Prepared":
+        """What depends on the sensor effects alone, kept for the last few of them."""
+        key = tuple((effect.key, *effect.values.values()) for effect in physics.sensors)
+        if key not in self._cache:
+            while len(self._cache) >= 3:
+                self._cache.pop(next(iter(self._cache)))
+            self._cache[key] = self._prepare(physics)
+        return self._cache[key]
+
+    def _prepare(self, physics: Physics) -> "_Prepared":
         measured = self.measurement(physics)
         windows = self.samples.windows
         moving = motion(physics.tree, measured.q_hat, measured.v_hat)
-        M = mass_matrix(moving, moving.link_inertias) + np.diag(physics.rotor_inertias)
-        momentum = np.einsum("njk,nk->nj", M, measured.v)
-        _, force = physics.momentum_and_force(moving)
-        force = force + physics.applied_at_joints(self.joint_samples(measured))[0]
-        wrench = physics.contact_wrenches(moving) if physics.contacts else None
-        if wrench is not None:
-            force = force + moving.project(wrench)
-        rows = []
+        kinematic = np.zeros((len(windows), 0))
         if self.samples.velocity_measured:
+            M = mass_matrix(moving, moving.link_inertias) + np.diag(physics.rotor_inertias)
             correction = windows.rate_steps @ np.linalg.solve(M, measured.u[..., None])[..., 0]
-            rows.append(windows.rate @ measured.q + windows.value @ measured.v - correction)
-        effort = self.effort_integral(physics, measured.u)
-        rows.append(-(windows.rate @ momentum) - windows.value @ force - effort)
-        for sensor, reading in zip(self.sensors, measured.wrenches, strict=True):
-            predicted = sensor.reading(moving, self._on(sensor, moving, wrench))
-            rows.append(windows.value @ (reading - predicted))
-        return np.concatenate(rows, axis=1)
+            kinematic = windows.rate @ measured.q + windows.value @ measured.v - correction
+        return _Prepared(measured, moving, inertial_regressor(moving, measured.v, windows), kinematic)
 
     def _on(self, sensor: WrenchSensor, moving: Motion, wrench: Array | None) -> Array:
         return np.zeros((len(moving.q), 6)) if wrench is None else wrench[:, sensor.joint]

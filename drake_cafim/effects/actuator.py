@@ -28,9 +28,10 @@ class ActuatorEffect(Effect):
     def drive(self, effort: Effort) -> Effort:
         """The effort that acts when `effort` is asked for."""
 
-    def probes(self) -> tuple[Mapping[str, float], ...]:
-        """Strengths about which the effect is nearly linear, where a screening starts."""
-        return ({s.name: s.nominal for s in self.strengths},)
+    @property
+    def gain(self) -> float:
+        """What the effect multiplies an effort by."""
+        return 1.0
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class ActuatorGainError(ActuatorEffect):
     """gain·u acts."""
 
     name: ClassVar[str] = "actuator_gain_error"
-    strengths: ClassVar[tuple[Strength, ...]] = (Strength("gain", "1", 0.1, lower=0.0, upper=10.0, nominal=1.0),)
+    strengths: ClassVar[tuple[Strength, ...]] = (Strength("gain", "1", 0.1, lower=0.2, upper=5.0, nominal=1.0),)
     reference: ClassVar[str] = "Gautier, Briot, IEEE/ASME Trans. Mechatronics 19(6), 2014 (drive gains)"
     alike: ClassVar[Mapping[str, str]] = {
         "payload": "more load and less effort look alike at one joint",
@@ -49,6 +50,10 @@ class ActuatorGainError(ActuatorEffect):
 
     def drive(self, effort: Effort) -> Effort:
         return Effort(effort.times, self.values["gain"] * effort.values)
+
+    @property
+    def gain(self) -> float:
+        return self.values["gain"]
 
 
 @dataclass(frozen=True)

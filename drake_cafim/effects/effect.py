@@ -76,6 +76,18 @@ class Start:
 
 
 @dataclass(frozen=True)
+class Direction:
+    """A finite step of an effect's strengths, from `behind` to `ahead`, worth `size` of one coefficient.
+
+    `behind` None is the model without the effect.
+    """
+
+    ahead: Mapping[str, float]
+    behind: Mapping[str, float] | None
+    size: float
+
+
+@dataclass(frozen=True)
 class Effect(ABC):
     """A piece of physics `at` a place with its `values`; without values it is a hypothesis.
 
@@ -130,6 +142,20 @@ class Effect(ABC):
             yield from (body.name for body in tree.bodies if body.joint >= 0 and body.mass > 0)
         elif cls.place is Place.WORLD:
             yield "world"
+
+    def directions(self) -> tuple[Direction, ...]:
+        """Steps along which the effect is nearly linear, where a screening starts; one a strength by default."""
+        nominal = {s.name: s.nominal for s in self.strengths}
+        steps = []
+        for s in self.strengths:
+            size = 0.1 * s.typical
+            ahead, behind = nominal | {s.name: s.nominal + size}, nominal | {s.name: s.nominal - size}
+            steps.append(Direction(ahead, behind, 2.0 * size))
+        return tuple(steps)
+
+    def from_directions(self, coefficients: Array) -> Self:
+        """The effect that the coefficients (k,) of its `directions` stand for."""
+        return self.with_values({s.name: s.nominal + float(c) for s, c in zip(self.strengths, coefficients, strict=True)})
 
     def sentence(self) -> str:
         """What a report says of the effect and its strength."""

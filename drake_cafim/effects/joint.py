@@ -107,8 +107,8 @@ class JointAsymmetricCoulombFriction(JointForce):
 
     name: ClassVar[str] = "joint_asymmetric_coulomb_friction"
     strengths: ClassVar[tuple[Strength, ...]] = (
-        Strength("torque_positive", "N m", 0.3, linear_unit="N"),
-        Strength("torque_negative", "N m", 0.3, linear_unit="N"),
+        Strength("torque_positive", "N m", 0.3, lower=0.0, linear_unit="N"),
+        Strength("torque_negative", "N m", 0.3, lower=0.0, linear_unit="N"),
     )
     reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2.1"
     alike: ClassVar[Mapping[str, str]] = {
@@ -137,7 +137,7 @@ class JointSpring(JointForce):
 
     name: ClassVar[str] = "joint_spring"
     strengths: ClassVar[tuple[Strength, ...]] = (
-        Strength("stiffness", "N m/rad", 1.0, linear_unit="N/m"),
+        Strength("stiffness", "N m/rad", 1.0, lower=0.0, linear_unit="N/m"),
         Strength("rest", "rad", 0.5, linear_unit="m"),
     )
     reference: ClassVar[str] = "Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, 2006, §7"

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from drake_cafim.dynamics.tree import Body, Tree
-from drake_cafim.effects.effect import Effect, Place, Strength
+from drake_cafim.effects.effect import Direction, Effect, Place, Strength
 from drake_cafim.typing import Array
 
 
@@ -19,11 +19,6 @@ class TreeEffect(Effect):
     @abstractmethod
     def change(self, tree: Tree, gravity: Array) -> tuple[Tree, Array]:
         """The tree and the gravity (3,) m/s², world, with the effect in them."""
-
-    def probes(self) -> tuple[Mapping[str, float], ...]:
-        """Strengths about which the effect is nearly linear, where a screening starts."""
-        return ({s.name: s.nominal for s in self.strengths},)
-
 
 @dataclass(frozen=True)
 class RotorInertia(TreeEffect):
@@ -79,9 +74,16 @@ class Payload(TreeEffect):
         )
         return replace(tree, bodies=(*tree.bodies, point)), gravity
 
-    def probes(self) -> tuple[Mapping[str, float], ...]:
-        # a point mass is linear in its mass alone; where it sits is probed from the body's centre outward
-        return ({"mass": 0.0, "x": 0.0, "y": 0.0, "z": 0.0},)
+    def directions(self) -> tuple[Direction, ...]:
+        # linear in the mass and, but for the small second moment, in the first moments m x, m y, m z
+        origin = {"mass": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}
+        moments = [Direction(origin | {axis: 0.1}, origin | {axis: -0.1}, 0.2) for axis in "xyz"]
+        return (Direction(origin, None, 1.0), *moments)
+
+    def from_directions(self, coefficients: Array) -> "Payload":
+        mass = max(float(coefficients[0]), 1e-3)
+        x, y, z = np.clip(coefficients[1:] / mass, -0.5, 0.5)
+        return self.with_values({"mass": mass, "x": float(x), "y": float(y), "z": float(z)})
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,14 @@ class Physics:
         return np.array([joint.rotor_inertia for joint in self.tree.joints])
 
     @property
+    def effort_gains(self) -> Array:
+        """What each joint's effort is multiplied by, (n,)."""
+        gains = np.ones(len(self.tree.joints))
+        for effect in self.actuators:
+            gains[self.tree.joint_index(effect.at)] *= effect.gain
+        return gains
+
+    @property
     def dampings(self) -> Array:
         """Viscous damping of each joint, (n,)."""
         return np.array([joint.damping for joint in self.tree.joints])

@@ -1,0 +1,137 @@
+"""All recordings against one scene: whitened residuals and their derivatives by whatever a model may change."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse as sp
+
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.whitening import Whitening, whitening
+from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import JointForce
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.scenario.scene import Scene
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recording's weak form, whitened under one model's covariance."""
+
+    weak: WeakForm
+    whiten: Whitening
+    jacobian: sp.csr_matrix
+    labels: tuple[tuple[str, slice], ...]
+
+    def whitened(self, rows: Array) -> Array:
+        """Rows (M, r) or (M, r, k), flattened window after window and whitened."""
+        return self.whiten(rows.reshape(-1, *rows.shape[2:]))
+
+    def sensed(self, column: str, change: Array) -> Array:
+        """Whitened rows' change (R, k) when the recording's `column` changes by `change` (N, k)."""
+        part = dict(self.labels)[column]
+        return self.whiten(np.asarray(self.jacobian[:, part] @ change))
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Recordings of one scene. Vectors over rows hold all recordings', then one row a prior."""
+
+    scene: Scene
+    runs: tuple[Run, ...]
+    _unknown_columns: dict[int, Array] = field(default_factory=dict, repr=False, compare=False)
+
+    @classmethod
+    def of(cls, scene: Scene, weak: Sequence[WeakForm], model: Model) -> "Problem":
+        """The problem whitened under `model`."""
+        physics = model.physics(scene)
+        runs = []
+        for form in weak:
+            whiten, jacobian, labels = whitening(form, physics)
+            runs.append(Run(form, whiten, jacobian, tuple(labels)))
+        return cls(scene, tuple(runs))
+
+    def rewhitened(self, model: Model) -> "Problem":
+        """The same recordings under another model's covariance."""
+        return Problem.of(self.scene, [run.weak for run in self.runs], model)
+
+    @property
+    def rows(self) -> int:
+        """Whitened data rows, priors aside."""
+        return sum(len(run.weak.samples.windows) * run.weak.rows_per_window for run in self.runs)
+
+    @property
+    def log_determinant(self) -> float:
+        return sum(run.whiten.log_determinant for run in self.runs)
+
+    def nominal(self) -> Model:
+        """Unknowns at their prior means, no effects."""
+        return Model(self.scene.priors.mean)
+
+    def residual(self, model: Model) -> Array:
+        """Whitened rows of all recordings, then (value − mean)/std of each prior."""
+        return np.concatenate([self.data_rows(model.physics(self.scene)), self._prior_rows(model)])
+
+    def data_rows(self, physics: Physics) -> Array:
+        """Whitened rows of all recordings."""
+        return np.concatenate([run.whitened(run.weak.residual(physics)) for run in self.runs])
+
+    def jacobian(self, model: Model) -> Array:
+        """∂residual/∂(unknowns, strengths)."""
+        physics = model.physics(self.scene)
+        columns = [self._by_unknown(model, i) for i in range(len(model.unknown))]
+        for position, effect in enumerate(model.effects):
+            if isinstance(effect, JointForce):
+                law = self._force_columns(effect, physics)
+                columns += [self._padded(law[:, k]) for k in range(law.shape[1])]
+            else:
+                columns += [self._by_strength(model, position, k) for k in range(len(effect.strengths))]
+        return np.stack(columns, axis=1) if columns else np.zeros((self.rows + len(model.unknown), 0))
+
+    def joint_columns(self, joint: int, columns: Sequence[Array]) -> Array:
+        """Whitened rows (R, k) of forces at a joint, one (N, k) array a recording."""
+        result = []
+        for run, column in zip(self.runs, columns, strict=True):
+            weak = run.weak
+            rows = np.zeros((len(weak.samples.windows), weak.rows_per_window, column.shape[1]))
+            rows[:, weak.dynamic.start + joint] = -(weak.samples.windows.value @ column)
+            result.append(run.whitened(rows))
+        return np.concatenate(result)
+
+    def _force_columns(self, effect: JointForce, physics: Physics) -> Array:
+        joint = self.scene.tree.joint_index(effect.at)
+        columns = []
+        for run in self.runs:
+            joints = run.weak.joint_samples(run.weak.measurement(physics))
+            columns.append(effect.force(joints[joint]).d_strengths)
+        return self.joint_columns(joint, columns)
+
+    def _prior_rows(self, model: Model) -> Array:
+        priors = self.scene.priors
+        return np.asarray((model.unknown - priors.mean) / priors.std, dtype=float)
+
+    def _padded(self, column: Array) -> Array:
+        return np.concatenate([column, np.zeros(len(self.scene.unknown))])
+
+    def _by_unknown(self, model: Model, i: int) -> Array:
+        # rows are linear in masses and all but linear in the rest: one look a whitening serves every later step
+        if i not in self._unknown_columns:
+            self._unknown_columns[i] = self._difference(model, i, 1e-2 * self.scene.priors.std[i])
+        return self._unknown_columns[i]
+
+    def _by_strength(self, model: Model, position: int, k: int) -> Array:
+        effect: Effect = model.effects[position]
+        index = len(model.unknown) + sum(len(e.strengths) for e in model.effects[:position]) + k
+        return self._difference(model, index, 1e-4 * effect.strengths[k].typical)
+
+    def _difference(self, model: Model, index: int, step: float) -> Array:
+        vector = model.vector
+        ahead, behind = vector.copy(), vector.copy()
+        ahead[index] += step
+        behind[index] -= step
+        # bounds must not cut the step short: the quotient uses the steps that were really taken
+        up, down = model.at(ahead), model.at(behind)
+        taken = up.vector[index] - down.vector[index]
+        return (self.residual(up) - self.residual(down)) / taken

@@ -1,0 +1,111 @@
+"""Score tests: how much each effect of the catalogue would gain, to first order, with the nuisance projected out."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_cafim.diagnosis.fitting import Fit
+from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.effects.actuator import ActuatorEffect
+from drake_cafim.effects.catalogue import EFFECTS
+from drake_cafim.effects.effect import Effect, Place
+from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.link import TreeEffect
+from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect to start an exact fit from, and what its linear look gains in χ²."""
+
+    effect: Effect
+    gain: float
+    strengths: int
+    trials: int
+    """How many shapes were tried to find this one."""
+
+
+def hypotheses(problem: Problem) -> tuple[Effect, ...]:
+    """Every effect of the catalogue at every place of the scene where it can be."""
+    found: list[Effect] = []
+    for effect in EFFECTS:
+        places: Iterator[str]
+        places = iter(_channels(problem)) if effect.place is Place.CHANNEL else effect.places(problem.scene.tree)
+        found.extend(effect(place) for place in places)
+    return tuple(found)
+
+
+def _channels(problem: Problem) -> tuple[str, ...]:
+    """Columns with noise: an offset of a commanded effort is the actuator's, not a sensor's."""
+    return tuple(name for name, _ in problem.runs[0].labels)
+
+
+def screen(problem: Problem, at: Fit, effects: Sequence[Effect]) -> list[Candidate]:
+    """The candidates by what they gain, largest first, given the fitted model `at`."""
+    basis = np.linalg.qr(at.jacobian)[0] if at.jacobian.shape[1] else np.zeros((len(at.residual), 0))
+    residual = at.residual - basis @ (basis.T @ at.residual)
+    found = []
+    for effect in effects:
+        candidate = _best_look(problem, at, effect, basis, residual)
+        if candidate is not None:
+            found.append(candidate)
+    return sorted(found, key=lambda candidate: -candidate.gain)
+
+
+def _best_look(problem: Problem, at: Fit, effect: Effect, basis: Array, residual: Array) -> Candidate | None:
+    best: Candidate | None = None
+    trials = 0
+    for columns, build in looks(problem, at, effect):
+        trials += 1
+        padded = np.concatenate([columns, np.zeros((len(residual) - len(columns), columns.shape[1]))])
+        projected = padded - basis @ (basis.T @ padded)
+        scale = np.linalg.norm(projected, axis=0)
+        # a direction that the nuisance spans says nothing
+        seen = scale > 1e-6 * np.maximum(np.linalg.norm(padded, axis=0), 1e-300)
+        if not np.any(seen):
+            continue
+        coefficients = np.zeros(columns.shape[1])
+        solution = np.linalg.lstsq(projected[:, seen] / scale[seen], -residual, rcond=1e-9)[0]
+        coefficients[seen] = solution / scale[seen]
+        left = residual + projected @ coefficients
+        gain = float(residual @ residual - left @ left)
+        if best is not None and gain <= best.gain:
+            continue
+        built = build(coefficients)
+        # a friction that drives or an inertia below zero is no explanation, however well it fits
+        if all(s.lower <= built.values[s.name] <= s.upper for s in built.strengths):
+            best = Candidate(built, gain, len(effect.strengths), 0)
+    return None if best is None else Candidate(best.effect, best.gain, best.strengths, trials)
+
+
+def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Callable[[Array], Effect]]]:
+    """Whitened columns (R, c) along which the effect moves the rows, and the effect that coefficients stand for."""
+    physics = at.model.physics(problem.scene)
+    if isinstance(effect, JointForce):
+        joint = problem.scene.tree.joint_index(effect.at)
+        samples = [run.weak.joint_samples(run.weak.measurement(physics))[joint] for run in problem.runs]
+        for starts in zip(*(effect.starts(one) for one in samples), strict=True):
+            shape = starts[0].shape
+            columns = problem.joint_columns(joint, [start.columns for start in starts])
+
+            def build(c: Array, shape: object = shape) -> Effect:
+                return effect.from_coefficients(c, shape)  # type: ignore[arg-type]
+
+            yield columns, build
+    elif isinstance(effect, SensorEffect):
+        parts = []
+        for run in problem.runs:
+            column = run.weak.samples.recording[effect.at]
+            parts.append(-run.sensed(effect.at, effect.columns(run.weak.samples.time, np.nan_to_num(column))))
+        yield np.concatenate(parts), effect.from_directions
+    elif isinstance(effect, ActuatorEffect | TreeEffect):
+        here = at.residual[: problem.rows]
+        columns = []
+        for direction in effect.directions():
+            ahead = problem.data_rows(physics.with_effects([effect.with_values(direction.ahead)]))
+            behind = here if direction.behind is None else \
+                problem.data_rows(physics.with_effects([effect.with_values(direction.behind)]))
+            columns.append((ahead - behind) / direction.size)
+        yield np.stack(columns, axis=1), effect.from_directions
