@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.common.yaml import yaml_load_typed
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatVisualizer, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import (
@@ -19,7 +19,6 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
-from pydrake.visualization import AddDefaultVisualization
 
 from drake_cafim.contact import ContactParameters
 from drake_cafim.contact.system import SphereContact
@@ -111,6 +110,7 @@ class _Robot:
     """What the plant of the world holds."""
 
     plant: MultibodyPlant
+    scene_graph: SceneGraph
     arm: ModelInstanceIndex
     hand: ModelInstanceIndex
     palm: RigidBody
@@ -153,7 +153,7 @@ def build_world(
     builder.ExportOutput(robot.plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(robot.plant.get_contact_results_output_port(), "contact_results")
     if meshcat is not None:
-        AddDefaultVisualization(builder, meshcat=meshcat)
+        MeshcatVisualizer.AddToBuilder(builder, robot.scene_graph, meshcat)
     diagram: Diagram = builder.Build()
     diagram.set_name("hefting")
     return diagram
@@ -190,7 +190,7 @@ def _add_bodies(builder: DiagramBuilder, config: HeftingConfig, mass: float, wor
         X_FlangeTool=X_FLANGE_PALM @ RigidTransform(_palm_point(config)),
     )
     plant: MultibodyPlant
-    plant, _ = AddMultibodyPlant(config.plant_config, builder)
+    plant, scene_graph = AddMultibodyPlant(config.plant_config, builder)
     arm = add_arm(plant, floor_height=config.floor_height)
     hand = add_model(plant, "hand")
     palm = plant.GetBodyByName("palm", hand)
@@ -198,7 +198,7 @@ def _add_bodies(builder: DiagramBuilder, config: HeftingConfig, mass: float, wor
     _hold_hand(builder, plant, hand, config.hand)
     ball = add_ball(plant, mass=mass, radius=BALL_RADIUS, surface=config.felt if world == "drake" else None)
     X_WPalm = pose_at(control_plant, "flange", config.posture) @ X_FLANGE_PALM
-    robot = _Robot(plant, arm, hand, palm, ball, X_WPalm, control_plant)
+    robot = _Robot(plant, scene_graph, arm, hand, palm, ball, X_WPalm, control_plant)
     _lay_ball(config, robot, mass, world)
     plant.Finalize()
     plant.SetDefaultPositions(arm, as_array(config.posture))
