@@ -101,14 +101,17 @@ class Effect(ABC):
     family: ClassVar[str]
     place: ClassVar[Place]
     strengths: ClassVar[tuple[Strength, ...]]
+    shapes: ClassVar[tuple[Strength, ...]] = ()
+    """Numbers of the law that are chosen from a grid and are not strengths, such as the width of a sign change."""
     reference: ClassVar[str]
     alike: ClassVar[Mapping[str, str]] = {}
     """Names of effects that look like this one, and why."""
 
     def __post_init__(self) -> None:
-        wrong = sorted(set(self.values) - {strength.name for strength in self.strengths})
+        known = [strength.name for strength in (*self.strengths, *self.shapes)]
+        wrong = sorted(set(self.values) - set(known))
         if wrong:
-            valid = ", ".join(strength.name for strength in self.strengths)
+            valid = ", ".join(known)
             raise InputError(f"effect {self.name} at {self.at}: unknown parameter {', '.join(wrong)}; valid: {valid}")
 
     @property
@@ -116,10 +119,11 @@ class Effect(ABC):
         return (self.name, self.at)
 
     def with_values(self, values: Mapping[str, float] | Array) -> Self:
-        """The effect with these strengths, a mapping or a vector in the order of `strengths`."""
+        """The effect with these strengths, a mapping or a vector in the order of `strengths`; shapes are kept."""
         if not isinstance(values, Mapping):
             values = {s.name: float(x) for s, x in zip(self.strengths, values, strict=True)}
-        return type(self)(self.at, dict(values))
+        kept = {s.name: self.values[s.name] for s in self.shapes if s.name in self.values}
+        return type(self)(self.at, kept | dict(values))
 
     @property
     def vector(self) -> Array:

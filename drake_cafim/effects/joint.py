@@ -10,8 +10,9 @@ import numpy as np
 from drake_cafim.effects.effect import Effect, Force, JointSamples, Place, Start, Strength
 from drake_cafim.typing import Array
 
-SLIP_VELOCITY = 0.005
-"""rad/s (m/s): the width over which a dry friction turns its sign."""
+SLIP_VELOCITY = Strength("slip_velocity", "rad/s", 0.005, lower=1e-5, upper=0.1, nominal=0.005, linear_unit="m/s")
+"""The width over which a dry friction turns its sign; where motion near rest is well measured it shows."""
+SLIP_VELOCITIES = (0.005, 0.0005, 0.0015, 0.015)
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,7 @@ class JointCoulombFriction(JointForce):
 
     name: ClassVar[str] = "joint_coulomb_friction"
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("torque", "N m", 0.3, lower=0.0, linear_unit="N"),)
+    shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY,)
     reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2"
     alike: ClassVar[Mapping[str, str]] = {
         "joint_viscous_friction": "both oppose the motion; only a range of speeds tells a step from a slope",
@@ -90,15 +92,16 @@ class JointCoulombFriction(JointForce):
     }
 
     def force(self, joint: JointSamples) -> Force:
-        sign, slope = _sign(joint.v, joint.v_std, SLIP_VELOCITY)
+        sign, slope = _sign(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
         T = self.values["torque"]
         return Force(-T * sign, _zeros(joint), -T * slope, _zeros(joint), -sign[:, None])
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
-        yield Start(-_sign(joint.v, joint.v_std, SLIP_VELOCITY)[0][:, None])
+        for width in SLIP_VELOCITIES:
+            yield Start(-_sign(joint.v, joint.v_std, width)[0][:, None], {"slip_velocity": width})
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointCoulombFriction":
-        return self.with_values(coefficients)
+        return JointCoulombFriction(self.at, shape).with_values(coefficients)
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,7 @@ class JointAsymmetricCoulombFriction(JointForce):
         Strength("torque_positive", "N m", 0.3, lower=0.0, linear_unit="N"),
         Strength("torque_negative", "N m", 0.3, lower=0.0, linear_unit="N"),
     )
+    shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY,)
     reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2.1"
     alike: ClassVar[Mapping[str, str]] = {
         "joint_coulomb_friction": "with equal strengths it is the symmetric law",
@@ -117,18 +121,19 @@ class JointAsymmetricCoulombFriction(JointForce):
     }
 
     def force(self, joint: JointSamples) -> Force:
-        sign, slope = _sign(joint.v, joint.v_std, SLIP_VELOCITY)
+        sign, slope = _sign(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
         columns = np.stack([-0.5 * (1.0 + sign), 0.5 * (1.0 - sign)], axis=1)
         positive, negative = self.values["torque_positive"], self.values["torque_negative"]
         d_v = -0.5 * (positive + negative) * slope
         return Force(columns @ [positive, negative], _zeros(joint), d_v, _zeros(joint), columns)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
-        sign, _ = _sign(joint.v, joint.v_std, SLIP_VELOCITY)
-        yield Start(np.stack([-0.5 * (1.0 + sign), 0.5 * (1.0 - sign)], axis=1))
+        for width in SLIP_VELOCITIES:
+            sign, _ = _sign(joint.v, joint.v_std, width)
+            yield Start(np.stack([-0.5 * (1.0 + sign), 0.5 * (1.0 - sign)], axis=1), {"slip_velocity": width})
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointAsymmetricCoulombFriction":
-        return self.with_values(coefficients)
+        return JointAsymmetricCoulombFriction(self.at, shape).with_values(coefficients)
 
 
 @dataclass(frozen=True)
