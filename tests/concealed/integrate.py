@@ -58,8 +58,6 @@ class Integrator:
         left = stop - time
         while True:
             step = np.minimum(self._step, left)
-            # A last sliver of a step would cost as much as a whole one.
-            step = np.where(left - step < 0.1 * step, left, step)
             new, error = self._attempt(time, x, mode, step)
             scale = self.tolerance * (1.0 + np.maximum(np.abs(x), np.abs(new)))
             norm = np.max(np.abs(error) / scale, axis=1)

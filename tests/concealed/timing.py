@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.interpolate import BPoly, CubicHermiteSpline
 
 from .robots import Array
 from .truth import Channels, Sensor
@@ -13,16 +12,44 @@ from .truth import Channels, Sensor
 Curve = Callable[[Array], Array]
 
 
+def _between(time: Array, at: Array) -> tuple[np.ndarray, Array, Array]:
+    """Interval's index, its length and the part of it gone, for instants (B, M); held outside."""
+    index = np.stack([np.searchsorted(stamps, row, side="right") - 1 for row, stamps in zip(at, time, strict=True)])
+    index = np.clip(index, 0, time.shape[1] - 2)
+    rows = np.arange(len(time))[:, None]
+    length = time[rows, index + 1] - time[rows, index]
+    return index, length, np.clip((at - time[rows, index]) / length, 0.0, 1.0)
+
+
 def position_curve(time: Array, q: Array, v: Array, a: Array) -> Curve:
-    """Quintic through position, velocity and acceleration (B, N); before the first sample it is held."""
-    pieces = [BPoly.from_derivatives(time[b], np.column_stack([q[b], v[b], a[b]])) for b in range(len(q))]
-    return lambda at: np.stack([piece(np.clip(row, stamps[0], stamps[-1])) for piece, row, stamps in zip(pieces, at, time, strict=True)])
+    """Quintic through position, velocity and acceleration (B, N); outside it is held."""
+    rows = np.arange(len(time))[:, None]
+
+    def curve(at: Array) -> Array:
+        k, h, s = _between(time, at)
+        rest = q[rows, k + 1] - q[rows, k] - h * v[rows, k] - 0.5 * h**2 * a[rows, k]
+        rest1 = h * (v[rows, k + 1] - v[rows, k] - h * a[rows, k])
+        rest2 = h**2 * (a[rows, k + 1] - a[rows, k])
+        upper = s**3 * (
+            (10.0 * rest - 4.0 * rest1 + 0.5 * rest2)
+            + s * ((-15.0 * rest + 7.0 * rest1 - rest2) + s * (6.0 * rest - 3.0 * rest1 + 0.5 * rest2))
+        )
+        return q[rows, k] + s * h * v[rows, k] + 0.5 * (s * h) ** 2 * a[rows, k] + upper
+
+    return curve
 
 
 def velocity_curve(time: Array, v: Array, a: Array) -> Curve:
-    """Cubic through velocity and acceleration (B, N); before the first sample it is held."""
-    pieces = [CubicHermiteSpline(time[b], v[b], a[b]) for b in range(len(v))]
-    return lambda at: np.stack([piece(np.clip(row, stamps[0], stamps[-1])) for piece, row, stamps in zip(pieces, at, time, strict=True)])
+    """Cubic through velocity and acceleration (B, N); outside it is held."""
+    rows = np.arange(len(time))[:, None]
+
+    def curve(at: Array) -> Array:
+        k, h, s = _between(time, at)
+        rest = v[rows, k + 1] - v[rows, k] - h * a[rows, k]
+        rest1 = h * (a[rows, k + 1] - a[rows, k])
+        return v[rows, k] + s * h * a[rows, k] + s**2 * ((3.0 * rest - rest1) + s * (rest1 - 2.0 * rest))
+
+    return curve
 
 
 def fine_curve(time: Array, value: Array) -> Curve:
