@@ -125,7 +125,8 @@ def attainable(model: PlanningModel, robot_state: Array, command: Array) -> Arra
     """The velocity (nu,) that the robot will have if `command` (nu,) is given: inside the workspace, it brakes."""
     size = len(command)
     reached = model.motion(robot_state, command[np.newaxis, np.newaxis])[0, -1]
-    return np.asarray(reached[size : 2 * size])
+    # a position that was cut off at the workspace gives its velocity up to rounding
+    return np.asarray(np.clip(reached[size : 2 * size], *model.velocity_bounds))
 
 
 def _decide(model: PlanningModel, situation: Situation, plan: Array, knots: Array) -> Decision:
