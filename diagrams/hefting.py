@@ -35,9 +35,12 @@ from drake_cafim.diagrams.arm import (
 from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.diagrams.objects import Surface, add_ball
 from drake_cafim.diagrams.sensing import ContactForce
+from drake_cafim.diagrams.showing import View
 from drake_cafim.diagrams.tracking import TrackingConfig, VelocityTracking
+from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import WorldKind, check_kind, export_force, export_tool_state
 from drake_cafim.errors import InputError
+from drake_cafim.report.replay_data import Camera
 from drake_cafim.typing import Array
 
 UP = as_array([[0.0, 0.0, 1.0]])
@@ -74,7 +77,9 @@ class HeftingConfig:
             time_step=0.001, contact_model="hydroelastic_with_fallback", discrete_contact_approximation="lagged"
         )
     )
-    workspace: list[list[float]] = field(default_factory=lambda: [[0.0, 0.6]])  # m, of z
+    workspace: Workspace = field(  # of z; rising, it brakes softer than g, or it would throw the ball
+        default_factory=lambda: Workspace(lower=[0.0], upper=[0.6], braking_at_upper=7.5)
+    )
     speed: float = 1.0  # m/s, bound of the commanded velocity
     start: list[float] = field(default_factory=lambda: [0.2])  # m
     time_step: float = 0.05  # s, between commands
@@ -159,6 +164,29 @@ def build_world(
     return diagram
 
 
+def view(config: HeftingConfig) -> View:
+    """From the front: the hand rises and sinks at the right, plans fan out to the left, where the belief stands."""
+    tool = pose_at(_control_plant(config), TOOL, config.posture).translation()
+    return View(
+        axes=UP,
+        origin=as_array([tool[0], tool[1], 0.0]),
+        force_directions=UP,
+        force_offset=as_array([0.0, 0.0, 2.0 * BALL_RADIUS]),
+        force_scale=0.15,
+        spread=as_array([0.0, -0.6, 0.0]),
+        camera=Camera(eye=(1.55, -0.1, 0.62), target=(0.1, -0.05, 0.16)),
+        panel=(-0.1, -0.95, 0.2),
+    )
+
+
+def _control_plant(config: HeftingConfig) -> MultibodyPlant:
+    return make_control_plant(
+        config.plant_config.time_step,
+        payload=_hand_inertia(config),
+        X_FlangeTool=X_FLANGE_PALM @ RigidTransform(_palm_point(config)),
+    )
+
+
 def _true_mass(config: HeftingConfig, truth: Mapping[str, float]) -> float:
     unknown = sorted(set(truth) - {"mass"})
     if unknown:
@@ -184,11 +212,7 @@ def _hand_inertia(config: HeftingConfig) -> SpatialInertia:
 
 
 def _add_bodies(builder: DiagramBuilder, config: HeftingConfig, mass: float, world: WorldKind) -> _Robot:
-    control_plant = make_control_plant(
-        config.plant_config.time_step,
-        payload=_hand_inertia(config),
-        X_FlangeTool=X_FLANGE_PALM @ RigidTransform(_palm_point(config)),
-    )
+    control_plant = _control_plant(config)
     plant: MultibodyPlant
     plant, scene_graph = AddMultibodyPlant(config.plant_config, builder)
     arm = add_arm(plant, floor_height=config.floor_height)
@@ -241,8 +265,10 @@ def _add_control(builder: DiagramBuilder, config: HeftingConfig, robot: _Robot) 
             plant=robot.control_plant,
             tool=robot.control_plant.GetFrameByName(TOOL),
             axes=UP,
+            origin=as_array(np.zeros(3)),
             q_start=config.posture,
             command_period=config.time_step,
+            workspace=config.workspace,
             config=config.tracking,
         ),
     )

@@ -15,6 +15,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.typing import Array
 
 
@@ -24,6 +25,9 @@ class TrackingConfig:
 
     period: float = 0.005  # s, of the differential inverse kinematics
     ramp: float = 0.05  # s, over which a new command is reached, linearly
+    # beyond it the wrist of the arm with a hand saturates (12 N m)
+    acceleration: float = 15.0  # m/s², the most by which the commanded velocity changes, in each coordinate
+    delay: float = 0.0005  # s, of the update after the planner's, so that it reads the command of this moment
     hold_gain: float = 10.0  # 1/s, pulls the held directions and the orientation back
     centering_gain: float = 0.5  # 1/s, pulls the redundant motion to the start posture
 
@@ -60,8 +64,9 @@ class VelocityTracking(LeafSystem):
     `command` (nu,) m/s is the velocity along `axes`, rows of unit vectors in W (nu, 3). The other directions and
     the orientation stay where `q_start` has them. The joint limits of `plant` (positions, velocities) hold: what
     they forbid slows the tool down and does not turn it aside (`DoDifferentialInverseKinematics`).
-    Discrete state: q, v, a (n,) each, which hold from the last update on at constant acceleration; the tool's
-    commanded velocity (nu,) at the end of that period and at the last command; the number of updates.
+    The command is cut at the `workspace`, whose coordinates count from `origin` (3,) m in W, and smoothed by
+    `config`. Discrete state: q, v, a (n,) each, which hold from the last update on at constant acceleration; the
+    tool's velocity (nu,) at the end of that period, at the last command, and the command; the number of updates.
     """
 
     def __init__(
@@ -70,11 +75,14 @@ class VelocityTracking(LeafSystem):
         plant: MultibodyPlant,
         tool: Frame,
         axes: Array,
+        origin: Array,
         q_start: Sequence[float],
         command_period: float,
+        workspace: Workspace,
         config: TrackingConfig,
     ) -> None:
         LeafSystem.__init__(self)
+        self._origin, self._workspace, self._command_period = origin, workspace, command_period
         self._plant, self._tool, self._axes, self._config = plant, tool, np.asarray(axes, dtype=float), config
         self._context = plant.CreateDefaultContext()
         self._q_start = np.asarray(q_start, dtype=float)
@@ -83,15 +91,15 @@ class VelocityTracking(LeafSystem):
         self._X_WT_start = self._pose(self._q_start)
         self._held = np.eye(3) - self._axes.T @ self._axes
         n, nu = plant.num_positions(), len(self._axes)
-        self._slices = np.split(np.arange(3 * n + 2 * nu + 1), np.cumsum([n, n, n, nu, nu]))
-        start = np.concatenate([self._q_start, np.zeros(2 * n + 2 * nu + 1)])
+        self._slices = np.split(np.arange(3 * n + 3 * nu + 1), np.cumsum([n, n, n, nu, nu, nu]))
+        start = np.concatenate([self._q_start, np.zeros(2 * n + 3 * nu + 1)])
         self.DeclareDiscreteState(as_array(start))
         self.DeclareVectorInputPort("command", nu)
         # no input is asked of these two, or the loop through the plant would look algebraic
         sources = {self.xd_ticket(), self.time_ticket()}
         self.DeclareVectorOutputPort("desired_state", 2 * n, self._calc_desired_state, sources)
         self.DeclareVectorOutputPort("desired_acceleration", n, self._calc_desired_acceleration, sources)
-        self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._update)
+        self.DeclarePeriodicDiscreteUpdateEvent(config.period, config.delay, self._update)
 
     def _pose(self, q: Array) -> RigidTransform:
         self._plant.SetPositions(self._context, q)
@@ -99,18 +107,22 @@ class VelocityTracking(LeafSystem):
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         state = context.get_discrete_state_vector().CopyToVector()
-        now, before, count = (state[part] for part in self._slices[3:])
-        tick = round(float(count[0]))
+        now, before, target, count = (state[part] for part in self._slices[3:])
+        period, tick = self._config.period, round(float(count[0]))
+        begin = self._reference(state).after(period if tick > 0 else 0.0)
         if tick % self._steps_per_command == 0:
-            before = now
-        elapsed = (tick % self._steps_per_command + 1) * self._config.period
-        share = min(1.0, elapsed / self._config.ramp)
-        command = np.asarray(self.get_input_port().Eval(context))
-        now = before + share * (command - before)
-        begin = self._reference(state).after(self._config.period if tick > 0 else 0.0)
+            before, target = now, self._cut_command(context, begin.q, now)
+        share = min(1.0, (tick % self._steps_per_command + 1) * period / self._config.ramp)
+        most = self._config.acceleration * period
+        now = now + np.clip(before + share * (target - before) - now, -most, most)
         end = self.joint_velocity(begin.q, now)
-        acceleration = (end - begin.v) / self._config.period
-        values.set_value(as_array(np.concatenate([begin.q, begin.v, acceleration, now, before, [tick + 1.0]])))
+        acceleration = (end - begin.v) / period
+        values.set_value(as_array(np.concatenate([begin.q, begin.v, acceleration, now, before, target, [tick + 1.0]])))
+
+    def _cut_command(self, context: Context, q: Array, velocity: Array) -> Array:
+        command = as_array(self.get_input_port().Eval(context))
+        position = self._axes @ (as_array(self._pose(q).translation()) - self._origin)
+        return self._workspace.allowed(command, position, velocity, period=self._command_period, ramp=self._config.ramp)
 
     def joint_velocity(self, q: Array, velocity: Array) -> Array:
         """Joint velocities (n,) rad/s that move the tool with `velocity` (nu,) m/s along the axes; 0 if none do."""

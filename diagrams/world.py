@@ -51,5 +51,7 @@ def start_context(diagram: Diagram, experiment: int = 0) -> Context:
     """A Context at time 0 in the start state; `experiment` chooses the noise that its sensor will have."""
     context = diagram.CreateDefaultContext()
     noise = diagram.GetSubsystemByName(NOISE)
-    noise.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(0)[0] = float(experiment)
+    # relative to this Diagram, which may by now be a part of another
+    noise_context = diagram.GetMutableSubsystemContext(noise, context)
+    noise_context.get_mutable_numeric_parameter(0)[0] = float(experiment)
     return context

@@ -16,7 +16,7 @@ from drake_cafim.errors import InputError
 from drake_cafim.typing import Array
 
 GRAVITY = 9.81
-# heft: accelerations between -8 and +16 m/s², speeds up to the bound of 1 m/s
+# heft: accelerations between -8 and +14 m/s², speeds up to the bound of 1 m/s
 COMMANDS = (0.0, 0.3, 0.7, 1.0, 0.7, 0.3, -0.1, -0.5, -0.9, -1.0, -0.3, 0.4, 0.2, -0.2, -0.5, -0.6, 0.0, 0.0, 0.0)
 
 

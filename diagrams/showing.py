@@ -1,0 +1,158 @@
+"""From a finished run to its replay: its commands run again in the same world, and everything is placed in W."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram
+
+from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.experiment import ExperimentResult, RunResult
+from drake_cafim.report.replay_data import BeliefHistory, Camera, Candidates, Forces, Motion, Replay
+from drake_cafim.typing import Array
+
+PAUSE = 0.5  # s, between two experiments
+
+
+@dataclass(frozen=True)
+class View:
+    """How a scenario is looked at.
+
+    The tool's point T at planner coordinates p stands at `origin` + p·`axes` in W (axes (nu, 3), unit rows); plans
+    are drawn from there, drawn out along `spread` (3,) m a second ahead, or one-dimensional ones would lie on
+    each other. Arrows show the measured forces along `force_directions` (ny, 3) in W, from T + `force_offset`.
+    """
+
+    axes: Array
+    origin: Array
+    force_directions: Array
+    force_offset: Array
+    force_scale: float  # m/N
+    spread: Array
+    camera: Camera
+    panel: tuple[float, float, float]
+    panel_width: float = 0.7
+
+    def place(self, positions: Array) -> Array:
+        """Points (..., 3) m in W of planner coordinates (..., nu) m."""
+        return np.asarray(self.origin + positions @ self.axes)
+
+
+@dataclass(frozen=True)
+class Execution:
+    """One experiment, run again: times (N,) s, plant positions (N, nq), tool positions (N, nu), forces (N, ny)."""
+
+    time: Array
+    positions: Array
+    tool: Array
+    forces: Array
+
+
+def execute(diagram: Diagram, context: Context, commands: Array, period: float) -> Execution:
+    """Runs `commands` (T, nu) m/s, each held for `period` s, from `context` on, sampled 32 times a second."""
+    simulator = Simulator(diagram, context)
+    plant = diagram.GetSubsystemByName("plant")
+    assert isinstance(plant, MultibodyPlant)
+    parts = max(1, round(32.0 * period))
+    port = diagram.GetInputPort("command")
+    rows: list[tuple[Array, Array, Array]] = []
+    times: list[float] = []
+    for index, command in enumerate(commands):
+        port.FixValue(context, command)
+        for part in range(parts):
+            if index or part:
+                simulator.AdvanceTo((index + part / parts) * period)
+            tool = as_array(diagram.GetOutputPort("measured_state").Eval(context))[: commands.shape[1]]
+            force = as_array(diagram.GetOutputPort("true_force").Eval(context))
+            rows.append((plant.GetPositions(plant.GetMyContextFromRoot(context)).copy(), tool.copy(), force.copy()))
+            times.append((index + part / parts) * period)
+    positions, tools, forces = (np.array(column) for column in zip(*rows, strict=True))
+    return Execution(np.array(times), positions, tools, forces)
+
+
+def make_replay(
+    result: RunResult,
+    diagram: Diagram,
+    start_context: Callable[[int], Context],
+    view: View,
+    *,
+    experiments: Sequence[int] | None = None,
+) -> Replay:
+    """The replay of the given experiments of a run, one after the other (all of them, if none are named).
+
+    `diagram` is a world like the one of the run, with the same truth and seed, but not part of another Diagram and,
+    for speed, without a Meshcat; the executed commands are given to it once more.
+    """
+    period = result.task.model.period
+    chosen = range(len(result.experiments)) if experiments is None else experiments
+    offsets, runs, offset = [], [], 0.0
+    for number in chosen:
+        run = execute(diagram, start_context(number), result.experiments[number].commands, period)
+        offsets.append(offset)
+        runs.append(run)
+        offset += float(run.time[-1]) + PAUSE
+    time = np.concatenate([start + run.time for start, run in zip(offsets, runs, strict=True)])
+    tools = np.concatenate([run.tool for run in runs])
+    forces = np.concatenate([run.forces for run in runs])
+    arrows = forces[:, :, np.newaxis] * view.force_directions
+    points = np.broadcast_to((view.place(tools) + view.force_offset)[:, np.newaxis], arrows.shape)
+    plans = [_candidates(result.experiments[number], view, period) for number in chosen]
+    return Replay(
+        title=f"{result.task.name} — world: {result.world}",
+        motion=Motion(time, np.concatenate([run.positions for run in runs])),
+        forces=Forces(time, points, arrows, view.force_scale),
+        candidates=Candidates(
+            np.concatenate([start + plan.time for start, plan in zip(offsets, plans, strict=True)]),
+            np.concatenate([plan.paths for plan in plans]),
+            np.concatenate([plan.chosen for plan in plans]),
+        ),
+        beliefs=_beliefs(result, list(chosen), offsets),
+        camera=view.camera,
+        panel=view.panel,
+        panel_width=view.panel_width,
+    )
+
+
+def _candidates(experiment: ExperimentResult, view: View, period: float) -> Candidates:
+    """Where each candidate would take the tool if it were followed to the letter."""
+    steps, nu = experiment.commands.shape
+    plans = experiment.plans.reshape(steps, 1, -1, nu)
+    commands = experiment.candidates.reshape(steps, -1, plans.shape[2], nu)
+    moved = period * np.cumsum(commands, axis=2)
+    moved = np.concatenate([np.zeros_like(moved[:, :, :1]), moved], axis=2)
+    start = experiment.robot_states[:steps, np.newaxis, np.newaxis, :nu]
+    ahead = period * np.arange(moved.shape[2])
+    paths = view.place(start + moved) + ahead[:, np.newaxis] * view.spread
+    chosen = np.argmin(np.abs(commands - plans).sum(axis=(2, 3)), axis=1)
+    return Candidates(experiment.time[:steps], paths, chosen)
+
+
+def _beliefs(result: RunResult, numbers: Sequence[int], offsets: Sequence[float]) -> tuple[BeliefHistory, ...]:
+    """What was known when, per parameter: before each shown experiment, within it, and at its end."""
+    states = [result.prior, *(experiment.belief for experiment in result.experiments)]
+    rows: list[tuple[float, Array, Array]] = []
+    for number, offset in zip(numbers, offsets, strict=True):
+        experiment = result.experiments[number]
+        rows.append((offset, states[number].mean, states[number].std))
+        rows += [(offset + time, mean, std) for time, mean, std in experiment.history]
+        after = states[number + 1]
+        rows.append((offset + float(experiment.time[-1]), after.mean, after.std))
+    times = np.array([row[0] for row in rows])
+    means, stds = (np.array([row[column] for row in rows]) for column in (1, 2))
+    return tuple(
+        BeliefHistory(
+            parameter.name,
+            _unit(parameter.unit),
+            times,
+            means[:, index],
+            stds[:, index],
+            result.task.truth[parameter.name],
+        )
+        for index, parameter in enumerate(result.task.model.parameters.free)
+    )
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit
