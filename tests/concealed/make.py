@@ -14,6 +14,7 @@ import numpy as np
 
 from .arm_case import make_arm
 from .case import Case, write_truth
+from .press_case import make_press
 
 RIGS = ("arm2", "arm3", "arm6", "arm7", "press", "toss")
 
@@ -28,6 +29,8 @@ def make(kind: str, rig: str, seed: int) -> Case:
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     if rig.startswith("arm"):
         return make_arm(rng, int(rig[3:]), kind)
+    if rig == "press":
+        return make_press(rng, kind)
     raise ValueError(f"rig {rig!r}: expected one of {', '.join(RIGS)}")
 
 
