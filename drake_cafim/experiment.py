@@ -125,9 +125,7 @@ class _Loop:
         )
         builder = DiagramBuilder()
         self.plant: System = builder.AddNamedSystem("world", world.system)
-        self.design = CaOed(
-            model, policy, seed=options.seed, evaluator=make_evaluator(options.fisher, model)
-        )
+        self.design = CaOed(model, policy, seed=options.seed, evaluator=make_evaluator(options.fisher, model))
         builder.AddNamedSystem("design", self.design)
         total = task.experiments if options.experiments is None else options.experiments
         self.estimator = CaMap(
@@ -210,12 +208,13 @@ class _Loop:
         )
 
     def _history(self, beliefs: Array) -> tuple[tuple[float, Array, Array], ...]:
-        """The belief wherever it changed within the experiment."""
-        if self.task.estimate_every == 0:
+        """The belief after each renewal within the experiment; row k of `beliefs` is that after step k."""
+        task = self.task
+        if task.estimate_every == 0:
             return ()
-        names, result = self.task.model.parameters.names, []
-        for index in range(1, len(beliefs)):
-            if not np.array_equal(beliefs[index], beliefs[index - 1]):
-                belief = Belief.from_vector(names, beliefs[index])
-                result.append((index * self.task.model.period, belief.mean, belief.std))
+        names, result = task.model.parameters.names, []
+        for step in range(1, len(beliefs)):
+            if step % task.estimate_every == 0 or step == task.periods:
+                belief = Belief.from_vector(names, beliefs[step])
+                result.append((step * task.model.period, belief.mean, belief.std))
         return tuple(result)

@@ -46,6 +46,21 @@ def rollouts(name, evaluator, seed=3, batch=6, length=12):
     return make_evaluator(evaluator, model)(motion, theta, model.start(motion[0, 0], theta))
 
 
+def test_corners_of_the_box_have_bounded_and_right_derivatives():
+    """Within the corner radius, just outside it, and on the faces beside it."""
+    model, theta = Contouring(), np.array([0.126, 0.05])
+    random = np.random.default_rng(1)
+    offset = random.uniform(-0.004, 0.006, (400, 2))
+    place = np.array([0.563, 0.025]) + offset
+    motion = np.concatenate([place, np.zeros_like(place)], axis=-1)[:, np.newaxis]
+    motion = np.concatenate([motion, motion], axis=1)
+    start = model.start(motion[0, 0], theta)
+    tangent, reference = (make_evaluator(name, model)(motion, theta, start) for name in ("tangent", "autodiff"))
+    np.testing.assert_allclose(tangent.forces, reference.forces, atol=1e-12)
+    np.testing.assert_allclose(tangent.sensitivities, reference.sensitivities, atol=1e-6 * 250)
+    assert np.abs(reference.sensitivities).max() < 0.5 * 500 * (1 + 0.01 / 0.002)
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_three_evaluators_agree(name):
     reference, tangent, difference = (rollouts(name, e) for e in ("autodiff", "tangent", "finite-difference"))

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from drake_cafim.contact.law import ContactLaw, ContactParameters
+from drake_cafim.errors import InputError
 from drake_cafim.tasks.behaviour import count_make_breaks, count_reversals
 from drake_cafim.tasks.compliant_hefting import CompliantHefting
+from drake_cafim.tasks.configure import configure
 from drake_cafim.tasks.contouring import Contouring, contouring
 from drake_cafim.tasks.hefting import Hefting, hefting
 from drake_cafim.tasks.pinching import Pinching, pinching
@@ -104,3 +106,32 @@ def test_tasks_are_the_papers(make):
     np.testing.assert_array_equal(low.theta, task.theta)
     motion = task.model.motion(task.robot_start, np.zeros((1, 2, len(task.robot_start) // 2)))
     np.testing.assert_allclose(motion[0, -1, : len(task.robot_start)], task.robot_start)
+
+
+def test_numbers_of_a_model_come_from_a_file():
+    model = configure(
+        Contouring(),
+        {
+            "stiffness": 400,
+            "workspace_lower": [0.2, -0.2],
+            "parameters": [{"name": "length", "mean": 0.1, "std": 0.02}],
+        },
+        "box.yaml",
+    )
+    assert model.stiffness == 400.0 and model.workspace_lower == (0.2, -0.2)
+    assert model.parameters.names == ("length",)
+
+
+@pytest.mark.parametrize(
+    "values, said",
+    [
+        ({"stifness": 1.0}, "unknown key 'stifness', expected one of .*stiffness"),
+        ({"stiffness": "high"}, "stiffness is 'high', expected a value like 500.0"),
+        ({"centre": [1.0]}, "centre"),
+        ({"substeps": 1.5}, "substeps"),
+        ({"parameters": [{"name": "length"}]}, "expected name, mean"),
+    ],
+)
+def test_wrong_numbers_of_a_model_are_refused(values, said):
+    with pytest.raises(InputError, match=f"^box.yaml: .*{said}|^box.yaml: {said}"):
+        configure(Contouring(), values, "box.yaml")

@@ -19,7 +19,9 @@ FACES = ("+x", "-x", "+y", "-y")
 class Contouring(PointModel):
     """Planner coordinates (x, y) in the plane of the table; a round tip against a fixed box, no friction.
 
-    λ is (2,), the force on the tip, K (r − distance) along the box's outward normal at the nearest point.
+    λ is (2,), the force on the tip, K (r − distance) along the box's outward normal at the nearest point. That
+    normal turns without bound where the tip's centre is at a corner, and would promise information without
+    bound: within `corner_radius` of it the direction is b / corner_radius, shorter than one.
     """
 
     parameters: Parameters = field(
@@ -37,6 +39,7 @@ class Contouring(PointModel):
     stiffness: float = 500.0  # N/m, paper
     centre: tuple[float, float] = (0.5, 0.0)  # m
     tip_radius: float = 0.01  # m
+    corner_radius: float = 0.002  # m, within which a corner pushes ever less, instead of turning ever faster
     force_std: float = 3.0  # N, of each component
     force_limit: float = 10.0  # N
     force_weight: float = 0.2  # 1/N²
@@ -62,23 +65,35 @@ class Contouring(PointModel):
         beyond = self._beyond(motion, theta)
         depth = self.tip_radius - _signed_distance(beyond)
         size = np.where(depth > 0, self.stiffness * depth, 0.0)
-        return np.asarray(np.asarray(size)[..., np.newaxis] * _outward(beyond) * self._sides(motion))
+        return np.asarray(np.asarray(size)[..., np.newaxis] * self._direction(beyond) * self._sides(motion))
 
     def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
-        """With b = |p − c| − θ/2 and distance s(b): λ = K (r − s) σ∘∇s, so ∂λ/∂θ = ½ K σ∘(∇s ∇sᵀ − (r − s) ∇²s)."""
+        """With b = |p − c| − θ/2, distance s(b) and direction n(b): λ = K (r − s) σ∘n, and ∂b/∂θ = −½.
+
+        Hence ∂λ/∂θ = ½ K σ∘(n ∇sᵀ − (r − s) ∂n/∂b); ∂n/∂b is zero but at corners.
+        """
         beyond = self._beyond(motion, theta)
         distance = _signed_distance(beyond)
-        outward = _outward(beyond)
+        direction, gradient = self._direction(beyond), _gradient(beyond)
         depth = np.maximum(self.tip_radius - distance, 0.0)
         active = np.where(depth > 0, 1.0, 0.0)[..., np.newaxis, np.newaxis]
         corner = (beyond > 0).all(axis=-1)
-        bend = np.where(corner, 1.0 / np.where(corner, distance, 1.0), 0.0)[..., np.newaxis, np.newaxis]
-        outer = outward[..., :, np.newaxis] * outward[..., np.newaxis, :]
-        curvature = bend * (np.eye(2) - outer)
+        radius = np.maximum(np.where(corner, distance, 1.0), self.corner_radius)
+        turning = np.where(corner & (distance > self.corner_radius), 1.0, 0.0)[..., np.newaxis, np.newaxis]
+        bend = np.where(corner, 1.0 / radius, 0.0)[..., np.newaxis, np.newaxis]
+        curvature = bend * (np.eye(2) - turning * _outer(direction, direction))
+        slope = _outer(direction, gradient) - depth[..., np.newaxis, np.newaxis] * curvature
         sides = self._sides(motion)
-        slope = 0.5 * self.stiffness * active * (outer - depth[..., np.newaxis, np.newaxis] * curvature)
-        force = self.stiffness * depth[..., np.newaxis] * outward * sides
-        return Jacobians(force, np.zeros((2, 0)), np.zeros((2, 2)), sides[..., np.newaxis] * slope)
+        force = self.stiffness * depth[..., np.newaxis] * direction * sides
+        by_size = 0.5 * self.stiffness * active * sides[..., np.newaxis] * slope
+        return Jacobians(force, np.zeros((2, 0)), np.zeros((2, 2)), by_size)
+
+    def _direction(self, beyond: Array) -> Array:
+        """n(b), (..., 2): the gradient of the distance, but within `corner_radius` of a corner b / corner_radius."""
+        corner = (beyond[..., 0] > 0) & (beyond[..., 1] > 0)
+        distance = np.where(corner, _signed_distance(beyond), 1.0 + 0.0 * beyond[..., 0])
+        shorter = np.where(distance < self.corner_radius, distance / self.corner_radius, 1.0)
+        return np.asarray(np.asarray(shorter)[..., np.newaxis] * _gradient(beyond))
 
     def cost(self, rollout: Rollout, theta: Array) -> Array:
         """Predicted force above the limit, and distance to the box, (B,)."""
@@ -120,13 +135,18 @@ def _signed_distance(beyond: Array) -> Array:
     return np.asarray(np.where(corner, np.sqrt(square), np.maximum(first, second)))
 
 
-def _outward(beyond: Array) -> Array:
+def _gradient(beyond: Array) -> Array:
     """Gradient of `_signed_distance`, (..., 2)."""
     first, second = beyond[..., 0], beyond[..., 1]
     corner = (first > 0) & (second > 0)
     length = np.where(corner, _signed_distance(beyond), 1.0 + 0.0 * first)
     ahead = np.where(first >= second, 1.0, 0.0)
     return np.stack([np.where(corner, first / length, ahead), np.where(corner, second / length, 1.0 - ahead)], axis=-1)
+
+
+def _outer(left: Array, right: Array) -> Array:
+    """left rightᵀ over the last axis, (..., 2, 2)."""
+    return np.asarray(left[..., :, np.newaxis] * right[..., np.newaxis, :])
 
 
 def contouring(model: Contouring | None = None) -> Task:
