@@ -1,15 +1,11 @@
-"""The seven-joint arm in a plant, and the computed-torque control that makes its joints follow a reference."""
+"""The seven-joint arm: in the plant of a world, and as its controller knows it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex, SpatialInertia
-from pydrake.systems.controllers import InverseDynamicsController
-from pydrake.systems.framework import DiagramBuilder
 
 from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.models import PACKAGE, add_to_package_map
@@ -17,14 +13,6 @@ from drake_cafim.typing import Array
 
 TOOL = "tool"
 """Name of the frame of the control plant whose motion is commanded."""
-
-
-@dataclass
-class ArmGains:
-    """Stiffness (1/s²) and damping (1/s) of the joints' error dynamics; critical at damping² = 4 stiffness."""
-
-    stiffness: float = 2500.0
-    damping: float = 100.0
 
 
 def add_model(plant: MultibodyPlant, name: str) -> ModelInstanceIndex:
@@ -73,28 +61,3 @@ def spatial_inertia_of(plant: MultibodyPlant, instance: ModelInstanceIndex, q: A
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, q)
     return plant.CalcSpatialInertia(context, plant.GetFrameByName(frame), plant.GetBodyIndices(instance))
-
-
-def add_joint_control(
-    builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    arm: ModelInstanceIndex,
-    control_plant: MultibodyPlant,
-    gains: ArmGains,
-) -> InverseDynamicsController:
-    """Drake's inverse dynamics controller on the arm; connect its desired_state and desired_acceleration.
-
-    The effort is u = M(q)(a_d + kp (q_d − q) + kd (v_d − v)) + bias, within the model's effort limits.
-    """
-    count = control_plant.num_positions()
-    controller = InverseDynamicsController(
-        control_plant,
-        as_array(np.full(count, gains.stiffness)),
-        as_array(np.zeros(count)),
-        as_array(np.full(count, gains.damping)),
-        True,
-    )
-    builder.AddNamedSystem("joint_control", controller)
-    builder.Connect(plant.get_state_output_port(arm), controller.get_input_port_estimated_state())
-    builder.Connect(controller.get_output_port_control(), plant.get_actuation_input_port(arm))
-    return controller

@@ -24,19 +24,19 @@ from drake_cafim.contact import ContactParameters
 from drake_cafim.contact.system import SphereContact
 from drake_cafim.diagrams.arm import (
     TOOL,
-    ArmGains,
     add_arm,
-    add_joint_control,
     add_model,
     make_control_plant,
     pose_at,
     spatial_inertia_of,
 )
 from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.diagrams.control import JointGains, add_velocity_control
+from drake_cafim.diagrams.movers import ArmMover
 from drake_cafim.diagrams.objects import Surface, add_ball
 from drake_cafim.diagrams.sensing import ContactForce
 from drake_cafim.diagrams.showing import View
-from drake_cafim.diagrams.tracking import TrackingConfig, VelocityTracking
+from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import WorldKind, check_kind, export_force, export_tool_state
 from drake_cafim.errors import InputError
@@ -99,7 +99,7 @@ class HeftingConfig:
     )
     floor_height: float = -0.4  # m
     hand: HandHold = field(default_factory=HandHold)
-    gains: ArmGains = field(default_factory=ArmGains)
+    gains: JointGains = field(default_factory=JointGains)
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
 
 
@@ -258,24 +258,25 @@ def _lay_ball(config: HeftingConfig, robot: _Robot, mass: float, world: WorldKin
 
 
 def _add_control(builder: DiagramBuilder, config: HeftingConfig, robot: _Robot) -> None:
-    """From the Diagram's `command` to the arm's efforts."""
-    tracking = builder.AddNamedSystem(
-        "tracking",
-        VelocityTracking(
-            plant=robot.control_plant,
-            tool=robot.control_plant.GetFrameByName(TOOL),
-            axes=UP,
-            origin=as_array(np.zeros(3)),
-            q_start=config.posture,
-            command_period=config.time_step,
-            workspace=config.workspace,
-            config=config.tracking,
-        ),
+    mover = ArmMover(
+        plant=robot.control_plant,
+        tool=robot.control_plant.GetFrameByName(TOOL),
+        axes=UP,
+        origin=as_array(np.zeros(3)),
+        q_start=config.posture,
+        period=config.tracking.period,
     )
-    controller = add_joint_control(builder, robot.plant, robot.arm, robot.control_plant, config.gains)
-    builder.Connect(tracking.GetOutputPort("desired_state"), controller.get_input_port_desired_state())
-    builder.Connect(tracking.GetOutputPort("desired_acceleration"), controller.get_input_port_desired_acceleration())
-    builder.ExportInput(tracking.GetInputPort("command"), "command")
+    add_velocity_control(
+        builder,
+        robot.plant,
+        robot.arm,
+        control_plant=robot.control_plant,
+        mover=mover,
+        command_period=config.time_step,
+        workspace=config.workspace,
+        tracking=config.tracking,
+        gains=config.gains,
+    )
 
 
 def _add_contact_sensor(builder: DiagramBuilder, robot: _Robot) -> OutputPort:
