@@ -22,14 +22,23 @@ from drake_cafim.tasks.rubbing import rubbing
 TASKS = {"hefting": hefting, "rubbing": rubbing, "pinching": pinching, "contouring": contouring}
 
 
+def slow_pokes(time, robot_state, theta):
+    """Pokes that press for several samples, so that few of them lie at the kink where touch begins."""
+    for until, velocity in ((1.0, (0, 0.08)), (2.0, (0, -0.08)), (2.5, (0.3, 0)), (3.0, (0, 0.2)), (4.0, (-0.09, 0))):
+        if time < until - 1e-9:
+            return np.array(velocity, dtype=float)
+    return np.zeros(2)
+
+
 def scripted_data(task, noise=1.0, seed=0, periods=None, experiments=1):
     """What the task's script measures in the model's own world, with noise."""
     model, random = task.model, np.random.default_rng(seed)
+    script = slow_pokes if task.name == "contouring" else model.script
     result = []
     for _ in range(experiments):
         states = [task.robot_start]
         for k in range(periods or task.periods):
-            command = model.script(k * model.period, states[-1], task.theta)
+            command = script(k * model.period, states[-1], task.theta)
             following = model.motion(states[-1], command[np.newaxis, np.newaxis])[0, -1]
             states.append(following[: len(task.robot_start)])
         states = np.array(states)

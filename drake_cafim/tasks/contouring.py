@@ -102,13 +102,14 @@ class Contouring(PointModel):
         return np.asarray(self.force_weight * force_excess(size, self.force_limit) + self.seeking * gap)
 
     def script(self, time: float, robot_state: Array, theta: Array) -> Array:
-        """One slow poke at the near long side, then one at the right end, back off in between."""
+        """Touch and go: the near long side once, then the right end once, each about a centimetre deep."""
         legs = (  # until s, velocity m/s
-            (1.0, (0.0, 0.08)),
-            (2.0, (0.0, -0.08)),
-            (2.5, (0.3, 0.0)),
-            (3.0, (0.0, 0.2)),
-            (4.0, (-0.09, 0.0)),
+            (0.3, (0.0, 0.25)),
+            (0.6, (0.0, -0.25)),
+            (1.1, (0.3, 0.0)),
+            (1.6, (0.0, 0.2)),
+            (1.95, (-0.25, 0.0)),
+            (2.3, (0.25, 0.0)),
         )
         for until, velocity in legs:
             if time < until - 1e-9:

@@ -35,6 +35,7 @@ class Hefting:
     speed_limit: float = 1.0  # m/s, paper
     braking_up: float = 7.5  # m/s², below g: the ball stays while the rising palm brakes
     braking_down: float = 20.0  # m/s²
+    acceleration_limit: float = np.inf  # m/s², the most by which a real arm follows a change of command
     force_std: float = 0.5  # N
     least_weight: float = 0.1  # fraction of m̂ g below which the predicted force is penalised
     most_weight: float = 6.0  # multiple of m̂ g above which it is
@@ -63,7 +64,9 @@ class Hefting:
             coasted = z + 0.5 * self.period * v
             rising = self._fastest(self.highest - coasted, self.braking_up)
             falling = -self._fastest(coasted - self.lowest, self.braking_down)
-            u = np.maximum(np.minimum(commands[:, index, 0], rising), falling)
+            most = self.acceleration_limit * self.period
+            u = np.clip(commands[:, index, 0], v - most, v + most)
+            u = np.maximum(np.minimum(u, rising), falling)
             z, v = coasted + 0.5 * self.period * u, u
             states[:, index + 1, 0], states[:, index + 1, 1] = z, v
         return self.measured_motion(states)

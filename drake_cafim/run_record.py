@@ -1,0 +1,61 @@
+"""A finished run as the contents of run.json."""
+
+from typing import Any
+
+import numpy as np
+
+from drake_cafim.belief import Belief
+from drake_cafim.experiment import ExperimentResult, RunResult
+
+SCHEMA = "drake_cafim.run/1"
+
+
+def run_record(result: RunResult, recordings: list[str], files: dict[str, Any]) -> dict[str, Any]:
+    """The JSON object of run.json; `recordings` names each experiment's recording, `files` what else was written."""
+    task = result.task
+    return {
+        "schema": SCHEMA,
+        "scenario": task.name,
+        "world": result.world,
+        "policy": result.options.policy,
+        "planner": result.options.planner,
+        "criterion": result.options.criterion,
+        "fisher": result.options.fisher,
+        "seed": result.options.seed,
+        "truth": {name: float(value) for name, value in task.truth.items()},
+        "prior": {
+            name: {"mean": float(mean), "std": float(std)}
+            for name, mean, std in zip(result.prior.names, result.prior.mean, result.prior.std, strict=True)
+        },
+        "experiments": [
+            _experiment(experiment, recording)
+            for experiment, recording in zip(result.experiments, recordings, strict=True)
+        ],
+        "files": files,
+    }
+
+
+def _experiment(experiment: ExperimentResult, recording: str) -> dict[str, Any]:
+    belief = experiment.belief
+    return {
+        "estimate": _named(belief, belief.mean),
+        "std": _named(belief, belief.std),
+        "error_percent": dict(experiment.error_percent),
+        "fisher": experiment.fisher.tolist(),
+        "scaled_trace": experiment.scaled_trace,
+        **experiment.behaviour,
+        "tracking_error": experiment.tracking_error,
+        "history": [
+            {"time": time, "estimate": _named(belief, mean), "std": _named(belief, std)}
+            for time, mean, std in experiment.history
+        ],
+        "planning_ms": {
+            "median": float(np.median(experiment.planning_ms)),
+            "p95": float(np.percentile(experiment.planning_ms, 95)),
+        },
+        "recording": recording,
+    }
+
+
+def _named(belief: Belief, values: Any) -> dict[str, float]:
+    return dict(zip(belief.names, np.asarray(values, dtype=float).tolist(), strict=True))

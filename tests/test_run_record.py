@@ -1,0 +1,28 @@
+"""run.json holds what the contract lists."""
+
+import json
+from dataclasses import replace
+
+from drake_cafim.experiment import Options, run
+from drake_cafim.run_record import run_record
+from drake_cafim.tasks.contouring import contouring
+from drake_cafim.tasks.hefting import hefting
+
+PER_EXPERIMENT = {
+    "estimate", "std", "error_percent", "fisher", "scaled_trace", "first_contact", "contact_fraction",
+    "sliding_fraction", "airborne_fraction", "reversals", "make_breaks", "faces", "max_force", "tracking_error",
+    "history", "planning_ms", "recording",
+}  # fmt: skip
+
+
+def test_every_key_is_there_and_survives_json():
+    for task, seed in ((replace(hefting(), periods=8), 1), (replace(contouring(), periods=12), 2)):
+        result = run(task, Options(seed=seed, experiments=1))
+        record = run_record(result, ["experiment_1.parquet"], {"replay": "replay.html", "figures": []})
+        again = json.loads(json.dumps(record, allow_nan=False))
+        assert again == record
+        assert again["schema"] == "drake_cafim.run/1" and again["scenario"] == task.name
+        assert set(again["truth"]) == set(again["prior"]) == set(task.truth)
+        (experiment,) = again["experiments"]
+        assert set(experiment) == PER_EXPERIMENT
+        assert len(experiment["history"]) == (0 if task.name == "hefting" else 3)
