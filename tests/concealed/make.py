@@ -15,6 +15,7 @@ import numpy as np
 from .arm_case import make_arm
 from .case import Case, write_truth
 from .press_case import make_press
+from .toss_case import make_toss
 
 RIGS = ("arm2", "arm3", "arm6", "arm7", "press", "toss")
 
@@ -31,6 +32,8 @@ def make(kind: str, rig: str, seed: int) -> Case:
         return make_arm(rng, int(rig[3:]), kind)
     if rig == "press":
         return make_press(rng, kind)
+    if rig == "toss":
+        return make_toss(rng, kind)
     raise ValueError(f"rig {rig!r}: expected one of {', '.join(RIGS)}")
 
 
