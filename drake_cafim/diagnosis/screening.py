@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -9,10 +10,11 @@ from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.catalogue import EFFECTS
-from drake_cafim.effects.effect import Effect, Place
+from drake_cafim.effects.effect import Effect, Place, joined
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 
@@ -75,32 +77,25 @@ def _best_look(problem: Problem, at: Fit, effect: Effect, basis: Array, residual
             continue
         built = build(coefficients)
         # a friction that drives or an inertia below zero is no explanation, however well it fits
-        if all(s.lower <= built.values[s.name] <= s.upper for s in built.strengths):
+        if built is not None and all(s.lower <= built.values[s.name] <= s.upper for s in built.strengths):
             best = Candidate(built, gain, len(effect.strengths), 0)
     return None if best is None else Candidate(best.effect, best.gain, best.strengths, trials)
 
 
-def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Callable[[Array], Effect]]]:
+def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Callable[[Array], Effect | None]]]:
     """Whitened columns (R, c) along which the effect moves the rows, and the effect that coefficients stand for."""
     physics = at.model.physics(problem.scene)
     if isinstance(effect, JointForce):
-        joint = problem.scene.tree.joint_index(effect.at)
-        samples = [run.weak.joint_samples(run.weak.measurement(physics))[joint] for run in problem.runs]
-        for starts in zip(*(effect.starts(one) for one in samples), strict=True):
-            shape = starts[0].shape
-            columns = problem.joint_columns(joint, [start.columns for start in starts])
-
-            def build(c: Array, shape: object = shape) -> Effect:
-                return effect.from_coefficients(c, shape)  # type: ignore[arg-type]
-
-            yield columns, build
+        yield from _force_looks(problem, physics, effect)
+    elif isinstance(effect, ActuatorEffect):
+        yield from _drive_looks(problem, physics, effect)
     elif isinstance(effect, SensorEffect):
         parts = []
         for run in problem.runs:
             column = run.weak.samples.recording[effect.at]
             parts.append(-run.sensed(effect.at, effect.columns(run.weak.samples.time, np.nan_to_num(column))))
         yield np.concatenate(parts), effect.from_directions
-    elif isinstance(effect, ActuatorEffect | TreeEffect):
+    elif isinstance(effect, TreeEffect):
         here = at.residual[: problem.rows]
         columns = []
         for direction in effect.directions():
@@ -109,3 +104,47 @@ def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Ca
                 problem.data_rows(physics.with_effects([effect.with_values(direction.behind)]))
             columns.append((ahead - behind) / direction.size)
         yield np.stack(columns, axis=1), effect.from_directions
+
+
+def _force_looks(
+    problem: Problem, physics: Physics, effect: JointForce
+) -> Iterator[tuple[Array, Callable[[Array], Effect | None]]]:
+    """The joint law's starts; they see all recordings at once, so that a grid is the same in each."""
+    joint = problem.scene.tree.joint_index(effect.at)
+    samples = [run.weak.joint_samples(run.weak.measurement(physics))[joint] for run in problem.runs]
+    starts = list(effect.starts(joined(samples)))
+    if not starts:
+        return
+    ends = np.cumsum([len(one.q) for one in samples])[:-1]
+    all_columns = np.concatenate([start.columns for start in starts], axis=1)
+    rows = problem.joint_columns(joint, np.split(all_columns, ends))
+    first = 0
+    for start in starts:
+        stop = first + start.columns.shape[1]
+        yield rows[:, first:stop], partial(effect.from_coefficients, shape=start.shape)
+        first = stop
+
+
+def _drive_looks(
+    problem: Problem, physics: Physics, effect: ActuatorEffect
+) -> Iterator[tuple[Array, Callable[[Array], Effect | None]]]:
+    """The actuator's looks, of which only the joint's own rows know."""
+    joint = problem.scene.tree.joint_index(effect.at)
+    gain = float(physics.effort_gains[joint])
+    efforts = [run.weak.effort(physics, joint, run.weak.measurement(physics).u) for run in problem.runs]
+    for look in effect.looks(np.concatenate([effort.values for effort in efforts])):
+        parts = []
+        for run, effort in zip(problem.runs, efforts, strict=True):
+            weak = run.weak
+            here = weak.held(effort.times) @ effort.values
+            rows = np.zeros((len(weak.samples.windows), weak.rows_per_window, len(look)))
+            for k, step in enumerate(look):
+                driven = effect.with_values(step.ahead).drive(effort)
+                ahead = weak.held(driven.times) @ driven.values
+                behind = here
+                if step.behind is not None:
+                    driven = effect.with_values(step.behind).drive(effort)
+                    behind = weak.held(driven.times) @ driven.values
+                rows[:, weak.dynamic.start + joint, k] = -(ahead - behind) / (step.size * gain)
+            parts.append(run.whitened(rows))
+        yield np.concatenate(parts), partial(effect.from_look, look)

@@ -11,7 +11,6 @@ The noise of the samples reaches them to first order through the Jacobian that `
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -57,6 +56,7 @@ class WeakForm:
     samples: Samples
     sensors: tuple[WrenchSensor, ...]
     _cache: dict[tuple[object, ...], _Prepared] = field(default_factory=dict, repr=False, compare=False)
+    _held: dict[bytes, sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def joints(self) -> int:
@@ -75,9 +75,14 @@ class WeakForm:
         """The rows of a window that hold the joints' equations of motion."""
         return slice(self.kinematic_rows, self.kinematic_rows + self.joints)
 
-    @cached_property
-    def held(self) -> sp.csr_matrix:
-        return self.samples.windows.held(self.samples.time)
+    def held(self, times: Array) -> sp.csr_matrix:
+        """(M, K): `held @ u` is ∫ w u dt for u held from each of `times` (K,) to the next; the last few are kept."""
+        key = times.tobytes()
+        if key not in self._held:
+            while len(self._held) >= 12:
+                self._held.pop(next(iter(self._held)))
+            self._held[key] = self.samples.windows.held(times)
+        return self._held[key]
 
     def measurement(self, physics: Physics) -> Measurement:
         """The channels, corrected for the sensor effects of `physics`."""
@@ -109,18 +114,18 @@ class WeakForm:
             for j in range(self.joints)
         ]
 
+    def effort(self, physics: Physics, joint: int, u: Array) -> Effort:
+        """What acts at a joint when `u` (N, n) is asked for."""
+        effort = Effort(self.samples.time, u[:, joint])
+        for effect in physics.actuators:
+            if effect.at == physics.tree.joints[joint].name:
+                effort = effect.drive(effort)
+        return effort
+
     def effort_integral(self, physics: Physics, u: Array) -> Array:
         """∫ w u dt (M, n) with actuator effects."""
-        time = self.samples.time
-        result = np.empty((len(self.samples.windows), self.joints))
-        for j, name in enumerate(physics.tree.joint_names):
-            effort = Effort(time, u[:, j])
-            for effect in physics.actuators:
-                if effect.at == name:
-                    effort = effect.drive(effort)
-            held = self.held if effort.times is time else self.samples.windows.held(effort.times)
-            result[:, j] = held @ effort.values
-        return result
+        efforts = [self.effort(physics, j, u) for j in range(self.joints)]
+        return np.stack([self.held(effort.times) @ effort.values for effort in efforts], axis=1)
 
     def residual(self, physics: Physics) -> Array:
         """All rows, (M, r): kinematic, dynamic, then each sensor's wrench."""
@@ -205,7 +210,7 @@ class WeakForm:
             else:
                 add(f"q.{name}", sp.csr_matrix(from_q + from_v @ s.differentiate))
             if s.std[f"u.{name}"] > 0.0:
-                add(f"u.{name}", self._place(-self.held, self.kinematic_rows + j))
+                add(f"u.{name}", self._place(-self.held(s.time), self.kinematic_rows + j))
         for i, sensor in enumerate(self.sensors):
             for k, axis in enumerate(("fx", "fy", "fz", "tx", "ty", "tz")):
                 row = self.kinematic_rows + n + 6 * i + k

@@ -1,6 +1,13 @@
 """The vocabulary: every effect class by its name."""
 
-from drake_cafim.effects.actuator import ActuatorBias, ActuatorGainError
+from drake_cafim.effects.actuator import (
+    ActuatorBias,
+    ActuatorDeadZone,
+    ActuatorDelay,
+    ActuatorGainError,
+    ActuatorLag,
+    ActuatorSaturation,
+)
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import (
     JointAsymmetricCoulombFriction,
@@ -20,6 +27,10 @@ EFFECTS: tuple[type[Effect], ...] = (
     RotorInertia,
     ActuatorGainError,
     ActuatorBias,
+    ActuatorDelay,
+    ActuatorLag,
+    ActuatorSaturation,
+    ActuatorDeadZone,
     Payload,
     GravityMisalignment,
     SensorBias,

@@ -1,7 +1,7 @@
 """What an effect is: a named piece of physics at a place, with its strengths."""
 
 from abc import ABC
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import ClassVar, Self
@@ -40,6 +40,8 @@ class Strength:
     nominal: float = 0.0
     """The value at which the effect is absent."""
     linear_unit: str | None = None
+    grid: tuple[float, ...] = ()
+    """Of a shape: the values that it may take."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,13 @@ class JointSamples:
     u: Array
     v_std: Array | float = 0.0
     """What is not known of v; a force that bends sharply in v is averaged over it."""
+
+
+def joined(samples: Sequence[JointSamples]) -> JointSamples:
+    """The samples of several recordings, one after the other."""
+    stds = [np.broadcast_to(np.asarray(one.v_std, dtype=float), one.v.shape) for one in samples]
+    q, v, u = (np.concatenate([getattr(one, name) for one in samples]) for name in "qvu")
+    return JointSamples(q, v, u, np.concatenate(stds))
 
 
 @dataclass(frozen=True)
@@ -103,6 +112,8 @@ class Effect(ABC):
     strengths: ClassVar[tuple[Strength, ...]]
     shapes: ClassVar[tuple[Strength, ...]] = ()
     """Numbers of the law that are chosen from a grid and are not strengths, such as the width of a sign change."""
+    group: ClassVar[str | None] = None
+    """Effects of one group are laws of the same thing: at one place at most one of them holds."""
     reference: ClassVar[str]
     alike: ClassVar[Mapping[str, str]] = {}
     """Names of effects that look like this one, and why."""
@@ -117,6 +128,11 @@ class Effect(ABC):
     @property
     def key(self) -> tuple[str, str]:
         return (self.name, self.at)
+
+    def excludes(self, other: "Effect") -> bool:
+        """Whether the two cannot both be there."""
+        same_group = self.group is not None and self.group == other.group
+        return self.at == other.at and (self.name == other.name or same_group)
 
     def with_values(self, values: Mapping[str, float] | Array) -> Self:
         """The effect with these strengths, a mapping or a vector in the order of `strengths`; shapes are kept."""
@@ -161,7 +177,17 @@ class Effect(ABC):
         """The effect that the coefficients (k,) of its `directions` stand for."""
         return self.with_values({s.name: s.nominal + float(c) for s, c in zip(self.strengths, coefficients, strict=True)})
 
-    def sentence(self) -> str:
+    def reshaped(self) -> Iterator[Self]:
+        """The effect with each other value that its shapes may take."""
+        for shape in self.shapes:
+            for value in shape.grid:
+                if value != self.values.get(shape.name, shape.nominal):
+                    yield type(self)(self.at, {**self.values, shape.name: value})
+
+    def sentence(self, tree: Tree) -> str:
         """What a report says of the effect and its strength."""
-        strengths = ", ".join(f"{s.name} {self.values.get(s.name, s.nominal):.4g} {s.unit}" for s in self.strengths)
+        strengths = ", ".join(
+            f"{s.name.replace('_', ' ')} {self.values.get(s.name, s.nominal):.4g} {self.unit(s, tree)}".removesuffix(" 1")
+            for s in self.strengths
+        )
         return f"{self.name.replace('_', ' ')} at {self.at} ({strengths})"
