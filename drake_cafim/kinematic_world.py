@@ -31,8 +31,8 @@ class KinematicWorld(LeafSystem):
         motion = model.measured_motion(np.stack([task.robot_start, task.robot_start])[np.newaxis])[0, 0]
         start = model.start(motion, task.theta)
         force = model.contact(start.state, motion, task.theta)
-        number: Any = BasicVector(1)
-        self.DeclareNumericParameter(number)
+        number: Any = np.zeros(1)  # a bare BasicVector(1) would hold NaN
+        self.DeclareNumericParameter(BasicVector(number))
         self.DeclareVectorInputPort("command", axes)
         self._state = self._declare(task.robot_start)
         self._touched = self._declare(start.state)

@@ -4,16 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from drake_cafim.belief import Belief
 from drake_cafim.design.planner import PLANNERS, PlannerConfig, Scored, around, best_index
 from drake_cafim.design.policies import POLICIES, attainable, make_planner, make_policy
 from drake_cafim.design.scores import InformationScore, OneStepScore
-from drake_cafim.design.situation import Situation
+from drake_cafim.design.situation import Decision, Situation
 from drake_cafim.design.splines import sample, shift
 from drake_cafim.design.system import CaOed
 from drake_cafim.errors import InputError
 from drake_cafim.information import fisher_information
+from drake_cafim.kinematic_world import kinematic_world
 from drake_cafim.sensitivity.tangent import TangentEvaluator
 from drake_cafim.tasks.compliant_hefting import CompliantHefting
 from drake_cafim.tasks.contouring import contouring
@@ -166,3 +171,62 @@ def test_system_has_its_documented_ports():
         "candidates": 200,
         "planning_ms": 1,
     }
+
+
+class _Spy:
+    """A policy that remembers what it was asked, and pokes with constant knots of its own."""
+
+    shifts = True
+
+    def __init__(self, command):
+        self.config, self.command, self.asked = PlannerConfig(), np.array(command), []
+
+    def __call__(self, situation, random):
+        self.asked.append(situation)
+        knots = np.linspace(0.0, 1.0, 4)[:, np.newaxis] * self.command
+        plan = sample(knots, 10)
+        return Decision(self.command, plan, knots, np.zeros_like(situation.information), plan[np.newaxis])
+
+
+def _asked(beliefs, periods):
+    """What a spy was asked while its commands squeeze; `beliefs` (periods, 6) are what CA-OED is told."""
+    task = pinching()
+    model, spy = task.model, _Spy([-0.1])
+    builder = DiagramBuilder()
+    world = builder.AddSystem(kinematic_world(task).system)
+    design = builder.AddSystem(CaOed(model, spy))
+    told = PiecewisePolynomial.ZeroOrderHold(model.period * (np.arange(periods + 1) - 0.1), beliefs.T)
+    source = builder.AddSystem(TrajectorySource(told))
+    builder.Connect(source.get_output_port(), design.GetInputPort("belief"))
+    builder.Connect(world.GetOutputPort("measured_state"), design.GetInputPort("measured_state"))
+    builder.Connect(design.GetOutputPort("command"), world.GetInputPort("command"))
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo((periods - 0.75) * model.period)
+    return task, spy.asked
+
+
+def test_system_starts_each_plan_from_the_last_one_shifted():
+    prior = Belief.prior(pinching().model.parameters).vector()
+    _, asked = _asked(np.tile(prior, (6, 1)), 5)
+    np.testing.assert_array_equal(asked[0].knots, 0.0)
+    expected = shift(np.linspace(0.0, 1.0, 4)[:, np.newaxis] * -0.1, 10)
+    for situation in asked[1:]:
+        np.testing.assert_allclose(situation.knots, expected)
+    assert [situation.step for situation in asked] == list(range(5))
+
+
+def test_system_counts_what_it_has_learned_until_the_belief_holds_it():
+    prior = Belief.prior(pinching().model.parameters)
+    renewed = Belief(prior.names, prior.mean, 0.5 * prior.covariance)
+    beliefs = np.stack([prior.vector()] * 5 + [renewed.vector()] * 4)
+    task, asked = _asked(beliefs, 8)
+    told = [prior.information] * 5 + [renewed.information] * 3
+    gained = [a.information - t for a, t in zip(asked, told, strict=True)]
+    states = np.stack([a.robot_state for a in asked])[np.newaxis]
+    rollout = TangentEvaluator(task.model)(states, prior.mean, asked[0].touched)
+    per_step = [fisher_information(rollout.sensitivities[:, k : k + 1], task.model.noise_std)[0] for k in range(7)]
+    assert np.abs(per_step[4]).max() > 0, "it touches nothing: no test"
+    for step in range(5):
+        np.testing.assert_allclose(gained[step], sum(per_step[:step], np.zeros((2, 2))), atol=1e-15)
+    np.testing.assert_allclose(gained[5], 0.0, atol=1e-15)
+    np.testing.assert_allclose(gained[7], per_step[5] + per_step[6], atol=1e-12)

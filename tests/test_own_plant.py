@@ -134,6 +134,19 @@ def test_three_evaluators_agree_on_the_users_plant():
     )
 
 
+def test_the_robot_is_where_the_motion_has_it_whatever_the_state_says():
+    model, theta = make_model(), np.array([TRUE_STIFFNESS, TRUE_MASS])
+    state = model.start(np.array([0.02, 0.1]), theta).state
+    stale = state.copy()
+    stale[[0, 2]] = [-0.03, 0.0]
+    force = model.contact(state, np.array([0.02, 0.1]), theta)
+    assert force[2] > 0.1
+    np.testing.assert_array_equal(model.contact(stale, np.array([0.02, 0.1]), theta), force)
+    np.testing.assert_array_equal(
+        *(model.step(x, np.array([0.02, 0.1]), np.array([0.03, 0.1]), force, theta) for x in (state, stale))
+    )
+
+
 def test_oed_and_map_in_a_diagram_of_the_users():
     model, periods, experiments = make_model(), 12, 2
     config = PlannerConfig(candidates=3, horizon=5, knot_std=0.3)
