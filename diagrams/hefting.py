@@ -38,8 +38,7 @@ from drake_cafim.diagrams.sensing import ContactForce
 from drake_cafim.diagrams.showing import View
 from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
-from drake_cafim.diagrams.world import WorldKind, check_kind, export_force, export_tool_state
-from drake_cafim.errors import InputError
+from drake_cafim.diagrams.world import WorldKind, check_kind, check_truth, export_force, export_tool_state
 from drake_cafim.report.replay_data import Camera
 from drake_cafim.typing import Array
 
@@ -145,7 +144,7 @@ def build_world(
     down over the palm, pushed by the planner's own law (stiffness, damping) alone.
     """
     check_kind(world)
-    mass = _true_mass(config, truth or {})
+    mass = check_truth("hefting", {"mass": config.mass}, truth or {})["mass"]
     builder = DiagramBuilder()
     robot = _add_bodies(builder, config, mass, world)
     _add_control(builder, config, robot)
@@ -185,16 +184,6 @@ def _control_plant(config: HeftingConfig) -> MultibodyPlant:
         payload=_hand_inertia(config),
         X_FlangeTool=X_FLANGE_PALM @ RigidTransform(_palm_point(config)),
     )
-
-
-def _true_mass(config: HeftingConfig, truth: Mapping[str, float]) -> float:
-    unknown = sorted(set(truth) - {"mass"})
-    if unknown:
-        raise InputError(f"hefting: the truth names {', '.join(unknown)}, expected mass")
-    mass = truth.get("mass", config.mass)
-    if not mass > 0:
-        raise InputError(f"hefting: the ball's mass is {mass} kg, expected a positive number")
-    return mass
 
 
 def _palm_point(config: HeftingConfig) -> Array:

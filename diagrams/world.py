@@ -1,5 +1,6 @@
 """What the four worlds have in common: two kinds of contact, named ports, a fresh start for each experiment."""
 
+from collections.abc import Mapping
 from typing import Literal, TypeAlias, get_args
 
 from pydrake.multibody.plant import MultibodyPlant
@@ -23,6 +24,20 @@ def check_kind(world: str) -> None:
         raise InputError(f"world {world!r}: expected one of {', '.join(get_args(WorldKind))}")
 
 
+def check_truth(scenario: str, defaults: Mapping[str, float], truth: Mapping[str, float]) -> dict[str, float]:
+    """The true parameters by name, `defaults` where `truth` is silent.
+
+    Raises `InputError` on a name that is none of the scenario's, and on a value that is not positive.
+    """
+    unknown = sorted(set(truth) - set(defaults))
+    if unknown:
+        raise InputError(f"{scenario}: the truth names {', '.join(unknown)}, expected {', '.join(defaults)}")
+    for name, value in truth.items():
+        if not value > 0:
+            raise InputError(f"{scenario}: the true {name} is {value}, expected a positive number")
+    return {**defaults, **truth}
+
+
 def export_force(builder: DiagramBuilder, force: OutputPort, *, std: list[float], period: float, seed: int) -> None:
     """Outputs `true_force` and `measured_force` of the Diagram for the noiseless signal `force`."""
     noise = builder.AddNamedSystem(NOISE, SensorNoise(std=std, period=period, seed=seed))
@@ -39,12 +54,14 @@ def export_tool_state(
     p_BT: Array,
     axes: Array,
     origin: Array | None = None,
-) -> None:
+) -> ToolState:
     """Output `measured_state` of the Diagram: motion of the point T of `body`, as `ToolState` has it."""
-    state = builder.AddNamedSystem("tool_state", ToolState(body=body.index(), p_BT=p_BT, axes=axes, origin=origin))
+    state = ToolState(body=body.index(), p_BT=p_BT, axes=axes, origin=origin)
+    builder.AddNamedSystem("tool_state", state)
     builder.Connect(plant.get_body_poses_output_port(), state.GetInputPort("body_poses"))
     builder.Connect(plant.get_body_spatial_velocities_output_port(), state.GetInputPort("body_spatial_velocities"))
     builder.ExportOutput(state.get_output_port(), "measured_state")
+    return state
 
 
 def start_context(diagram: Diagram, experiment: int = 0) -> Context:

@@ -1,0 +1,117 @@
+"""Contouring: an arm feels its way around a box on a table; its size is unknown (paper, "Shape Estimation")."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pydrake.common.yaml import yaml_load_typed
+from pydrake.geometry import Box, Meshcat
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
+from pydrake.systems.framework import Diagram
+
+from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.diagrams.objects import Surface, add_fixture, add_shape
+from drake_cafim.diagrams.probing import Coordinates, ProbingArm, build_probing_world, tip_at_start
+from drake_cafim.diagrams.showing import View
+from drake_cafim.diagrams.tracking import TrackingConfig
+from drake_cafim.diagrams.workspace import Workspace
+from drake_cafim.diagrams.world import WorldKind, check_kind, check_truth
+from drake_cafim.report.replay_data import Camera
+from drake_cafim.tasks.contouring import TRUE_LENGTH, TRUE_WIDTH, Contouring
+
+BOX_HEIGHT = 0.10  # m, above the tip's height of 0.08 m
+TABLE_SIZE = (0.7, 0.6, 0.04)  # m
+
+
+@dataclass
+class ContouringConfig:
+    """Constants of the scenario. The planner's x and y are those of W; the tip moves 0.08 m above the table."""
+
+    plant_config: MultibodyPlantConfig = field(
+        default_factory=lambda: MultibodyPlantConfig(
+            time_step=0.001, contact_model="hydroelastic_with_fallback", discrete_contact_approximation="lagged"
+        )
+    )
+    # the rod upright, the arm reaches to x = 0.7 m, not to the paper's 0.8 m
+    robot: ProbingArm = field(
+        default_factory=lambda: ProbingArm(
+            posture=[-0.26253, 0.30151, 0.06094, -2.36397, -0.0396, 2.66463, -0.1691],
+            rod=0.12,
+            tip_radius=0.01,
+            tip=Surface(point_stiffness=1e9, friction=0.0, resolution=0.004),
+            tracking=TrackingConfig(ramp=0.02, acceleration=20.0),
+            workspace=Workspace(lower=[0.3, -0.15], upper=[0.7, 0.15]),
+        )
+    )
+    # soft: the pressure grows over half the width, and the tip's force is the planner's 500 N/m times d at d = 5 mm
+    box: Surface = field(
+        default_factory=lambda: Surface(
+            modulus=8.0e4, point_stiffness=500.0, dissipation=0.5, friction=0.0, resolution=0.02
+        )
+    )
+
+
+def load_config(path: Path | None = None) -> ContouringConfig:
+    """The packaged `contouring.yaml`, or the YAML file at `path`; what it lacks keeps its default."""
+    path = Path(__file__).with_name("contouring.yaml") if path is None else path
+    config: ContouringConfig = yaml_load_typed(schema=ContouringConfig, filename=str(path), defaults=ContouringConfig())
+    return config
+
+
+def build_world(
+    config: ContouringConfig,
+    truth: Mapping[str, float] | None = None,
+    world: WorldKind = "drake",
+    seed: int = 0,
+    meshcat: Meshcat | None = None,
+) -> Diagram:
+    """The Diagram of arm, rod, table and box, as `build_probing_world`; `truth` may give `length` and `width`.
+
+    Forces (2,) N on the tip along x and y.
+    """
+    check_kind(world)
+    model = Contouring(tip_radius=config.robot.tip_radius)
+    theta = check_truth("contouring", {"length": TRUE_LENGTH, "width": TRUE_WIDTH}, truth or {})
+
+    def add_box(plant: MultibodyPlant, touches: bool) -> None:
+        table = add_fixture(plant, "table", RigidTransform(as_array([*model.centre, -0.5 * TABLE_SIZE[2]])))
+        add_shape(plant, table, Box(*TABLE_SIZE), RigidTransform(), None, color=(0.62, 0.50, 0.38, 1.0))
+        box = add_fixture(plant, "box", RigidTransform(as_array([*model.centre, 0.5 * BOX_HEIGHT])))
+        size = Box(theta["length"], theta["width"], BOX_HEIGHT)
+        surface = config.box if touches else None
+        add_shape(plant, box, size, RigidTransform(), surface, color=(0.25, 0.50, 0.75, 0.7))
+
+    return build_probing_world(
+        "contouring",
+        config.robot,
+        plant_config=config.plant_config,
+        coordinates=_coordinates(),
+        add_obstacle=add_box,
+        model=model,
+        theta=model.parameters.vector(theta),
+        world=world,
+        seed=seed,
+        meshcat=meshcat,
+    )
+
+
+def _coordinates() -> Coordinates:
+    axes = as_array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    return Coordinates(axes=axes, origin=as_array([0.0, 0.0, 0.0]), directions=axes)
+
+
+def view(config: ContouringConfig) -> View:
+    """From above and before the box, the arm behind it."""
+    coordinates = _coordinates()
+    return View(
+        axes=coordinates.axes,
+        origin=as_array([0.0, 0.0, tip_at_start(config.robot)[2]]),
+        force_directions=coordinates.directions,
+        force_offset=as_array([0.0, 0.0, 0.0]),
+        force_scale=0.02,
+        spread=as_array([0.0, 0.0, 0.0]),
+        camera=Camera(eye=(1.35, -0.45, 0.75), target=(0.36, 0.0, 0.1)),
+        panel=(0.0, -0.75, 0.2),
+        panel_width=0.5,
+    )

@@ -1,0 +1,189 @@
+"""Pinching: a parallel gripper squeezes a ball; stiffness and damping are unknown (paper, "Material Property ...")."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from pydrake.common.yaml import yaml_load_typed
+from pydrake.geometry import Cylinder, Meshcat, MeshcatVisualizer, Sphere
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+
+from drake_cafim.diagrams.arm import add_model
+from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.diagrams.control import JointGains, add_velocity_control
+from drake_cafim.diagrams.movers import JawMover
+from drake_cafim.diagrams.objects import Surface, add_fixture, add_shape
+from drake_cafim.diagrams.planner_contact import PlannerContact, TouchedPoint
+from drake_cafim.diagrams.sensing import ContactForce, ToolState
+from drake_cafim.diagrams.showing import View
+from drake_cafim.diagrams.tracking import TrackingConfig
+from drake_cafim.diagrams.workspace import Workspace
+from drake_cafim.diagrams.world import WorldKind, check_kind, check_truth, export_force, export_tool_state
+from drake_cafim.report.replay_data import Camera
+from drake_cafim.tasks.pinching import TRUE_DAMPING, TRUE_STIFFNESS, Pinching
+from drake_cafim.typing import Array
+
+OUTWARDS = as_array([[1.0, 0.0, 0.0]])  # of the left jaw
+FINGER = 0.065  # m, from the gripper's base to the ball's centre, along z
+
+
+@dataclass
+class PinchingConfig:
+    """Constants of the scenario. The planner's coordinate is a jaw's distance from the middle."""
+
+    plant_config: MultibodyPlantConfig = field(
+        default_factory=lambda: MultibodyPlantConfig(
+            time_step=0.001, contact_model="hydroelastic_with_fallback", discrete_contact_approximation="lagged"
+        )
+    )
+    # in world `drake` the truth sets the ball's modulus and dissipation at a working force of 4 N, see `ball_surface`
+    working_force: float = 4.0  # N
+    resolution: float = 0.006  # m
+    start: float = 0.024  # m
+    gains: JointGains = field(default_factory=lambda: JointGains(stiffness=10000.0, damping=200.0))
+    tracking: TrackingConfig = field(default_factory=lambda: TrackingConfig(period=0.002, ramp=0.02, acceleration=30.0))
+    workspace: Workspace = field(
+        default_factory=lambda: Workspace(lower=[0.002], upper=[0.037], braking_at_lower=30.0, braking_at_upper=30.0)
+    )
+
+
+def load_config(path: Path | None = None) -> PinchingConfig:
+    """The packaged `pinching.yaml`, or the YAML file at `path`; what it lacks keeps its default."""
+    path = Path(__file__).with_name("pinching.yaml") if path is None else path
+    config: PinchingConfig = yaml_load_typed(schema=PinchingConfig, filename=str(path), defaults=PinchingConfig())
+    return config
+
+
+def ball_surface(config: PinchingConfig, stiffness: float, damping: float) -> Surface:
+    """A surface that Drake presses with about K d + C ḋ at the working force F = K d₀.
+
+    Point contact: K exactly, and K d₀ · dissipation = C. Hydroelastic: π E d₀² = F, dissipation as well.
+    """
+    depth = config.working_force / stiffness
+    return Surface(
+        modulus=config.working_force / (np.pi * depth**2),
+        point_stiffness=stiffness,
+        dissipation=damping / config.working_force,
+        friction=0.5,
+        resolution=config.resolution,
+    )
+
+
+def build_world(
+    config: PinchingConfig,
+    truth: Mapping[str, float] | None = None,
+    world: WorldKind = "drake",
+    seed: int = 0,
+    meshcat: Meshcat | None = None,
+) -> Diagram:
+    """The Diagram of gripper and ball, its start state the default Context's (see `world.start_context`).
+
+    .. pydrake_system::
+
+        name: pinching
+        input_ports: [command]
+        output_ports: [measured_state, true_force, measured_force, plant_state, contact_results]
+
+    `command` (1,) m/s opens both jaws; `measured_state` (2,) is the left jaw's distance from the middle m and its
+    velocity m/s; forces (1,) N push the left jaw outwards. `truth` may give `stiffness` N/m and `damping` N s/m.
+    """
+    check_kind(world)
+    model = Pinching()
+    theta = check_truth("pinching", {"stiffness": TRUE_STIFFNESS, "damping": TRUE_DAMPING}, truth or {})
+    builder = DiagramBuilder()
+    plant: MultibodyPlant
+    plant, scene_graph = AddMultibodyPlant(config.plant_config, builder)
+    gripper = add_model(plant, "gripper")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("gripper_base", gripper))
+    _add_ball(plant, model.ball_radius, ball_surface(config, **theta) if world == "drake" else None)
+    plant.Finalize()
+    mover = JawMover(config.start)
+    plant.SetDefaultPositions(gripper, mover.q_start)
+    add_velocity_control(
+        builder,
+        plant,
+        gripper,
+        control_plant=_control_plant(config),
+        mover=mover,
+        command_period=model.period,
+        workspace=config.workspace,
+        tracking=config.tracking,
+        gains=config.gains,
+    )
+    jaws = (plant.GetBodyByName("left_jaw"), plant.GetBodyByName("right_jaw"))
+    face = as_array([0.0, 0.0, FINGER])
+    state = export_tool_state(builder, plant, jaws[0], p_BT=face, axes=OUTWARDS)
+    if world == "drake":
+        force = _add_contact_sensor(builder, plant, jaws[0])
+    else:
+        force = _add_planner_contact(builder, plant, model, model.parameters.vector(theta), jaws, face, state)
+    export_force(builder, force, std=model.noise_std.tolist(), period=model.period, seed=seed)
+    builder.ExportOutput(plant.get_state_output_port(), "plant_state")
+    builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
+    if meshcat is not None:
+        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
+    diagram: Diagram = builder.Build()
+    diagram.set_name("pinching")
+    return diagram
+
+
+def _control_plant(config: PinchingConfig) -> MultibodyPlant:
+    plant = MultibodyPlant(config.plant_config.time_step)
+    gripper = add_model(plant, "gripper")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("gripper_base", gripper))
+    plant.Finalize()
+    return plant
+
+
+def _add_ball(plant: MultibodyPlant, radius: float, surface: Surface | None) -> None:
+    """The ball on a thin post between the jaws: what is pinched is held, so that both jaws feel the same."""
+    ball = add_fixture(plant, "ball", RigidTransform(as_array([0.0, 0.0, FINGER])))
+    add_shape(plant, ball, Sphere(radius), RigidTransform(), surface, color=(0.30, 0.62, 0.86, 0.85))
+    post = RigidTransform(as_array([0.0, 0.0, 0.06]))
+    plant.RegisterVisualGeometry(ball, post, Cylinder(0.003, 0.12), "post", as_array([0.5, 0.5, 0.5, 1.0]))
+
+
+def _add_contact_sensor(builder: DiagramBuilder, plant: MultibodyPlant, jaw: RigidBody) -> OutputPort:
+    sensor = ContactForce(plant=plant, body=jaw.index(), directions=OUTWARDS)
+    builder.AddNamedSystem("force_sensor", sensor)
+    builder.Connect(plant.get_contact_results_output_port(), sensor.get_input_port())
+    return sensor.get_output_port()
+
+
+def _add_planner_contact(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    model: Pinching,
+    theta: Array,
+    jaws: tuple[RigidBody, RigidBody],
+    face: Array,
+    state: ToolState,
+) -> OutputPort:
+    """The planner's law on the left jaw, and its mirror image on the right one."""
+    points = [
+        TouchedPoint(jaw.index(), face, as_array(side * OUTWARDS)) for jaw, side in zip(jaws, (1, -1), strict=True)
+    ]
+    law = PlannerContact(model, theta, coordinates=1, points=points)
+    builder.AddNamedSystem("planner_contact", law)
+    builder.Connect(state.get_output_port(), law.get_input_port())
+    builder.Connect(law.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
+    return law.GetOutputPort("contact_force")
+
+
+def view(config: PinchingConfig) -> View:
+    """Close to the jaws; plans rise from the left jaw, a second to 0.15 m."""
+    return View(
+        axes=OUTWARDS,
+        origin=as_array([0.0, -0.02, FINGER]),
+        force_directions=OUTWARDS,
+        force_offset=as_array([0.014, 0.0, 0.0]),
+        force_scale=0.006,
+        spread=as_array([0.0, 0.0, 0.4]),
+        camera=Camera(eye=(0.06, -0.55, 0.16), target=(0.0, 0.0, 0.06)),
+        panel=(-0.26, 0.05, 0.02),
+        panel_width=0.17,
+    )

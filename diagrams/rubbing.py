@@ -1,0 +1,118 @@
+"""Rubbing: an arm presses a round tip on a wall; friction is unknown (paper, "Friction Estimation Experiments")."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pydrake.common.yaml import yaml_load_typed
+from pydrake.geometry import Box, Meshcat
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
+from pydrake.systems.framework import Diagram
+
+from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.diagrams.objects import Surface, add_fixture, add_shape
+from drake_cafim.diagrams.probing import Coordinates, ProbingArm, build_probing_world
+from drake_cafim.diagrams.showing import View
+from drake_cafim.diagrams.tracking import TrackingConfig
+from drake_cafim.diagrams.workspace import Workspace
+from drake_cafim.diagrams.world import WorldKind, check_kind, check_truth
+from drake_cafim.report.replay_data import Camera
+from drake_cafim.tasks.rubbing import Rubbing
+
+WALL_AT = 0.8  # m, along y of W (paper)
+WALL_SIZE = (0.9, 0.05, 1.3)  # m
+
+
+@dataclass
+class RubbingConfig:
+    """Constants of the scenario. The planner's x is the distance from the wall, its y the height above the floor."""
+
+    plant_config: MultibodyPlantConfig = field(
+        default_factory=lambda: MultibodyPlantConfig(
+            time_step=0.001, contact_model="hydroelastic_with_fallback", discrete_contact_approximation="lagged"
+        )
+    )
+    # the arm does not reach behind itself: x ends at 0.55 m, not at the paper's 1 m
+    robot: ProbingArm = field(
+        default_factory=lambda: ProbingArm(
+            posture=[0.76762, -0.71942, -0.55014, -2.8727, 1.50897, 2.04824, 1.90331],
+            rod=0.16,
+            tip_radius=0.04,
+            # soft: pi E d^2 is the planner's 100 N/m times d at d = 1 cm
+            tip=Surface(modulus=3200.0, dissipation=0.5, point_stiffness=1e9, friction=1.0, resolution=0.02),
+            tracking=TrackingConfig(ramp=0.02, acceleration=10.0),
+            workspace=Workspace(lower=[0.0, 0.5], upper=[0.55, 1.0]),
+        )
+    )
+    wall: Surface = field(default_factory=lambda: Surface(point_stiffness=100.0, dissipation=0.5))
+    along: float = 0.3  # m, x of W where the tip meets the wall
+
+
+def load_config(path: Path | None = None) -> RubbingConfig:
+    """The packaged `rubbing.yaml`, or the YAML file at `path`; what it lacks keeps its default."""
+    path = Path(__file__).with_name("rubbing.yaml") if path is None else path
+    config: RubbingConfig = yaml_load_typed(schema=RubbingConfig, filename=str(path), defaults=RubbingConfig())
+    return config
+
+
+def build_world(
+    config: RubbingConfig,
+    truth: Mapping[str, float] | None = None,
+    world: WorldKind = "drake",
+    seed: int = 0,
+    meshcat: Meshcat | None = None,
+) -> Diagram:
+    """The Diagram of arm, rod and wall, as `build_probing_world`; `truth` may give `friction`.
+
+    Forces (2,) N: normal, away from the wall, and tangential, upwards, on the tip.
+    """
+    check_kind(world)
+    model = Rubbing(tip_radius=config.robot.tip_radius)
+    theta = check_truth("rubbing", {"friction": model.friction}, truth or {})
+    mu = theta["friction"]
+
+    def add_wall(plant: MultibodyPlant, touches: bool) -> None:
+        # Drake combines the two coefficients as 2 μ₁μ₂/(μ₁ + μ₂): the tip's is set to the wall's
+        surface = Surface(**{**vars(config.wall), "friction": mu}) if touches else None
+        pose = RigidTransform(
+            as_array([config.along, WALL_AT + 0.5 * WALL_SIZE[1], config.robot.floor_height + 0.5 * WALL_SIZE[2]])
+        )
+        wall = add_fixture(plant, "wall", pose)
+        add_shape(plant, wall, Box(*WALL_SIZE), RigidTransform(), surface, color=(0.55, 0.65, 0.72, 0.6))
+
+    tip = Surface(**{**vars(config.robot.tip), "friction": mu})
+    robot = ProbingArm(**{**vars(config.robot), "tip": tip})
+    return build_probing_world(
+        "rubbing",
+        robot,
+        plant_config=config.plant_config,
+        coordinates=_coordinates(config),
+        add_obstacle=add_wall,
+        model=model,
+        theta=model.parameters.vector(theta),
+        world=world,
+        seed=seed,
+        meshcat=meshcat,
+    )
+
+
+def _coordinates(config: RubbingConfig) -> Coordinates:
+    axes = as_array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
+    origin = as_array([config.along, WALL_AT, config.robot.floor_height])
+    return Coordinates(axes=axes, origin=origin, directions=axes)
+
+
+def view(config: RubbingConfig) -> View:
+    """From the side of the wall: the arm at the left, the wall at the right."""
+    coordinates = _coordinates(config)
+    return View(
+        axes=coordinates.axes,
+        origin=coordinates.origin,
+        force_directions=coordinates.directions,
+        force_offset=as_array([0.0, 0.0, 0.0]),
+        force_scale=0.05,
+        spread=as_array([0.0, 0.0, 0.0]),
+        camera=Camera(eye=(2.2, 0.1, 0.75), target=(0.2, 0.22, 0.2)),
+        panel=(-0.3, -1.0, 0.25),
+    )

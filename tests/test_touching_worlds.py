@@ -1,0 +1,201 @@
+"""The Diagrams of rubbing, contouring and pinching: ports, tracking, and contact that is really there."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.math import RotationMatrix
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
+
+from drake_cafim.diagrams import contouring, pinching, rubbing
+from drake_cafim.diagrams.movers import JawMover, rotation_error
+from drake_cafim.diagrams.workspace import Workspace
+from drake_cafim.diagrams.world import start_context
+from drake_cafim.errors import InputError
+from drake_cafim.tasks.contouring import contouring as contouring_task
+from drake_cafim.tasks.pinching import pinching as pinching_task
+from drake_cafim.tasks.rubbing import rubbing as rubbing_task
+from drake_cafim.tasks.task import Task
+from drake_cafim.typing import Array
+
+# commands (m/s, steps): each motion finds what it touches, presses and slides or lets go
+MOTIONS: dict[str, Sequence[tuple[Sequence[float], int]]] = {
+    "rubbing": [((-0.5, 0.0), 46), ((-0.2, 0.0), 10), ((0.0, 0.4), 20), ((0.0, -0.4), 20), ((0.0, 0.0), 10)],
+    "contouring": [((0.0, 0.3), 5), ((0.0, 0.0), 4), ((0.1, 0.0), 4), ((0.0, -0.3), 4), ((0.0, 0.0), 4)],
+    "pinching": [((-0.2,), 2), ((-0.1,), 3), ((0.0,), 10), ((0.2,), 3), ((0.0,), 8)],
+}
+
+
+@dataclass(frozen=True)
+class Scenario:
+    name: str
+    module: ModuleType
+    task: Task
+
+
+@dataclass(frozen=True)
+class Run:
+    commands: Array  # (T, nu)
+    state: Array  # (T, 2 nu)
+    force: Array  # (T, ny)
+    hydroelastic: Array  # (T,)
+
+
+def load(name: str) -> Scenario:
+    modules = {"rubbing": rubbing, "contouring": contouring, "pinching": pinching}
+    tasks: dict[str, Callable[[], Task]] = {
+        "rubbing": rubbing_task,
+        "contouring": contouring_task,
+        "pinching": pinching_task,
+    }
+    return Scenario(name, modules[name], tasks[name]())
+
+
+def simulate(diagram: Diagram, scenario: Scenario) -> Run:
+    simulator = Simulator(diagram, start_context(diagram))
+    context = simulator.get_mutable_context()
+    commands = [command for command, count in MOTIONS[scenario.name] for _ in range(count)]
+    states, forces, contacts = [], [], []
+    for index, command in enumerate(commands):
+        diagram.GetInputPort("command").FixValue(context, command)
+        simulator.AdvanceTo((index + 1) * scenario.task.model.period)
+        states.append(np.array(diagram.GetOutputPort("measured_state").Eval(context)))
+        forces.append(np.array(diagram.GetOutputPort("true_force").Eval(context)))
+        contacts.append(diagram.GetOutputPort("contact_results").Eval(context).num_hydroelastic_contacts())
+    return Run(np.array(commands), np.array(states), np.array(forces), np.array(contacts))
+
+
+@pytest.fixture(scope="module", params=sorted(MOTIONS))
+def scenario(request: pytest.FixtureRequest) -> Scenario:
+    return load(request.param)
+
+
+@pytest.fixture(scope="module", params=["drake", "model"])
+def world(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def diagram(scenario: Scenario, world: str) -> Diagram:
+    built: Diagram = scenario.module.build_world(scenario.module.load_config(), {}, world, seed=1)
+    return built
+
+
+@pytest.fixture(scope="module")
+def run(diagram: Diagram, scenario: Scenario) -> Run:
+    return simulate(diagram, scenario)
+
+
+def test_ports(diagram: Diagram, scenario: Scenario) -> None:
+    axes = len(scenario.task.robot_start) // 2
+    outputs = {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())}
+    assert outputs == {"measured_state", "true_force", "measured_force", "plant_state", "contact_results"}
+    assert diagram.GetInputPort("command").size() == axes
+    assert diagram.GetOutputPort("measured_state").size() == 2 * axes
+    assert diagram.GetOutputPort("measured_force").size() == len(scenario.task.model.noise_std)
+
+
+def test_start_is_the_tasks(diagram: Diagram, scenario: Scenario) -> None:
+    state = diagram.GetOutputPort("measured_state").Eval(start_context(diagram))
+    np.testing.assert_allclose(state, scenario.task.robot_start, atol=1e-3)
+
+
+def test_contact_is_there_and_is_hydroelastic_in_drakes_world(run: Run, world: str) -> None:
+    touched = np.linalg.norm(run.force, axis=1) > 0.1
+    assert touched.sum() >= 3
+    assert not touched[0]
+    if world == "drake":
+        assert np.all(run.hydroelastic[touched] >= 1)
+    else:
+        assert not run.hydroelastic.any()
+
+
+def test_tool_follows_where_it_was_told_to_go_on(run: Run, scenario: Scenario) -> None:
+    axes = run.commands.shape[1]
+    wait = int(np.ceil(0.12 / scenario.task.model.period))
+    same = np.all(run.commands[1:] == run.commands[:-1], axis=1)
+    settled = np.array([index >= wait and bool(same[index - wait : index].all()) for index in range(len(run.commands))])
+    assert settled.sum() >= 3
+    error = run.state[:, axes:] - run.commands
+    # contact pushes on a computed-torque controller that knows nothing of it
+    assert np.abs(error[settled]).max() < 0.08
+
+
+def test_force_of_the_model_world_is_the_planners(run: Run, scenario: Scenario, world: str) -> None:
+    model, theta = scenario.task.model, scenario.task.theta
+    predicted = np.array([model.contact(np.zeros(0), state, theta) for state in run.state])
+    if world == "model":
+        np.testing.assert_allclose(run.force, predicted, atol=0.2)
+    else:
+        peak = np.linalg.norm(predicted, axis=1).max()
+        # another law, the same size: within a factor of three at the strongest contact
+        assert 1 / 3 < np.linalg.norm(run.force, axis=1).max() / peak < 3
+
+
+def test_compliant_point_contact_has_the_stated_stiffness() -> None:
+    config = pinching.load_config()
+    config.plant_config.contact_model = "point"
+    scenario = load("pinching")
+    run = simulate(pinching.build_world(config, {"stiffness": 800.0, "damping": 10.0}, "drake"), scenario)
+    still = np.abs(run.state[:, 1]) < 2e-3
+    depth = 0.020 - run.state[:, 0]
+    pressed = still & (depth > 1e-3)
+    assert pressed.sum() >= 2
+    np.testing.assert_allclose(run.force[pressed, 0], 800.0 * depth[pressed], rtol=0.05)
+
+
+def test_friction_of_drakes_wall_is_the_truth() -> None:
+    scenario = load("rubbing")
+    run = simulate(rubbing.build_world(rubbing.load_config(), {"friction": 0.3}, "drake"), scenario)
+    sliding = (np.abs(run.state[:, 3]) > 0.3) & (run.force[:, 0] > 0.5)
+    assert sliding.sum() >= 5
+    ratio = -run.force[sliding, 1] / run.force[sliding, 0] * np.sign(run.state[sliding, 3])
+    np.testing.assert_allclose(ratio, 0.3, atol=0.02)
+
+
+def test_wrong_truth_is_named() -> None:
+    with pytest.raises(InputError, match="pinching: the truth names mass, expected stiffness, damping"):
+        pinching.build_world(pinching.load_config(), {"mass": 1.0})
+    with pytest.raises(InputError, match=r"contouring: the true width is 0\.0, expected a positive number"):
+        contouring.build_world(contouring.load_config(), {"width": 0.0})
+
+
+@pytest.mark.parametrize(
+    ("command", "position", "velocity", "expected"),
+    [(0.5, 0.3, 0.0, 0.5), (1.0, 0.6, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.2, 0.65, 0.0, -2.0), (0.0, 0.6, 1.0, -1.0)],
+)
+def test_workspace_cuts_commands(command: float, position: float, velocity: float, expected: float) -> None:
+    box = Workspace(lower=[0.0], upper=[0.6])
+    arguments: Any = [np.array([value]) for value in (command, position, velocity)]
+    allowed = box.allowed(*arguments, period=0.05, ramp=0.05)
+    np.testing.assert_allclose(allowed, [expected], atol=1e-12)
+
+
+def test_jaws_mirror() -> None:
+    mover = JawMover(0.024)
+    np.testing.assert_array_equal(mover.joint_velocity(mover.q_start, np.array([0.1])), [0.1, 0.1])
+
+
+def test_rotation_error_is_the_turn_in_the_world() -> None:
+    start, turn = RotationMatrix.MakeYRotation(0.4), RotationMatrix.MakeZRotation(0.2)
+    np.testing.assert_allclose(rotation_error(start, turn @ start), [0.0, 0.0, 0.2], atol=1e-12)
+
+
+def test_joint_velocity_limits_slow_the_arm_down() -> None:
+    diagram = rubbing.build_world(rubbing.load_config(), {}, "model")
+    plant = diagram.GetSubsystemByName("plant")
+    arm = plant.GetModelInstanceByName("arm7")
+    limits = np.array([2.175] * 4 + [2.61] * 3)  # rad/s, the Panda's
+    simulator = Simulator(diagram, start_context(diagram))
+    context = simulator.get_mutable_context()
+    diagram.GetInputPort("command").FixValue(context, [-1.0, 0.0])
+    most = 0.0
+    for step in range(1, 25):
+        simulator.AdvanceTo(0.02 * step)
+        velocities = plant.GetVelocities(plant.GetMyContextFromRoot(context), arm)
+        most = max(most, float((np.abs(velocities) / limits).max()))
+    assert 0.95 < most < 1.05
