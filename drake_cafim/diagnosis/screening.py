@@ -77,7 +77,7 @@ def _best_look(problem: Problem, at: Fit, effect: Effect, basis: Array, residual
             continue
         built = build(coefficients)
         # a friction that drives or an inertia below zero is no explanation, however well it fits
-        if built is not None and all(s.lower <= built.values[s.name] <= s.upper for s in built.strengths):
+        if built is not None and built.plausible():
             best = Candidate(built, gain, len(effect.strengths), 0)
     return None if best is None else Candidate(best.effect, best.gain, best.strengths, trials)
 

@@ -108,9 +108,13 @@ class WeakForm:
         return Measurement(q, v, u, s.smooth_q @ q, v_hat, wrenches)
 
     def joint_samples(self, measured: Measurement) -> list[JointSamples]:
-        """What the laws of joint effects are evaluated on."""
+        """What the laws of joint effects are evaluated on.
+
+        A held effort has two values at a sample; with their mean the trapezoid rule integrates it as a staircase.
+        """
+        u = 0.5 * (measured.u + np.concatenate([measured.u[:1], measured.u[:-1]]))
         return [
-            JointSamples(measured.q_hat[:, j], measured.v_hat[:, j], measured.u[:, j], self.samples.v_std[:, j])
+            JointSamples(measured.q_hat[:, j], measured.v_hat[:, j], u[:, j], self.samples.v_std[:, j])
             for j in range(self.joints)
         ]
 

@@ -9,6 +9,7 @@ from drake_cafim.effects.actuator import (
     ActuatorSaturation,
 )
 from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.friction import JointLoadDependentFriction, JointStribeckFriction
 from drake_cafim.effects.joint import (
     JointAsymmetricCoulombFriction,
     JointCoulombFriction,
@@ -17,13 +18,18 @@ from drake_cafim.effects.joint import (
 )
 from drake_cafim.effects.link import GravityMisalignment, Payload, RotorInertia
 from drake_cafim.effects.sensor import SensorBias
+from drake_cafim.effects.transmission import JointHardStop, TorqueRipple
 from drake_cafim.errors import InputError
 
 EFFECTS: tuple[type[Effect], ...] = (
     JointViscousFriction,
     JointCoulombFriction,
     JointAsymmetricCoulombFriction,
+    JointStribeckFriction,
+    JointLoadDependentFriction,
     JointSpring,
+    JointHardStop,
+    TorqueRipple,
     RotorInertia,
     ActuatorGainError,
     ActuatorBias,

@@ -42,6 +42,8 @@ class Strength:
     linear_unit: str | None = None
     grid: tuple[float, ...] = ()
     """Of a shape: the values that it may take."""
+    amplitude: bool = True
+    """Whether the effect is absent at the nominal value; otherwise the number only says what it looks like."""
 
 
 @dataclass(frozen=True)
@@ -183,6 +185,10 @@ class Effect(ABC):
             for value in shape.grid:
                 if value != self.values.get(shape.name, shape.nominal):
                     yield type(self)(self.at, {**self.values, shape.name: value})
+
+    def plausible(self) -> bool:
+        """Whether the values can be physics: within their bounds, unless a law asks for more."""
+        return all(s.lower <= self.values[s.name] <= s.upper for s in self.strengths)
 
     def sentence(self, tree: Tree) -> str:
         """What a report says of the effect and its strength."""

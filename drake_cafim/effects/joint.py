@@ -10,9 +10,11 @@ import numpy as np
 from drake_cafim.effects.effect import Effect, Force, JointSamples, Place, Start, Strength
 from drake_cafim.typing import Array
 
-SLIP_VELOCITY = Strength("slip_velocity", "rad/s", 0.005, lower=1e-5, upper=0.1, nominal=0.005, linear_unit="m/s")
+SLIP_VELOCITY = Strength(
+    "slip_velocity", "rad/s", 0.005, nominal=0.005, linear_unit="m/s", grid=(0.0005, 0.0015, 0.005, 0.015)
+)
 """The width over which a dry friction turns its sign; where motion near rest is well measured it shows."""
-SLIP_VELOCITIES = (0.005, 0.0005, 0.0015, 0.015)
+DRY_FRICTION = "dry friction"
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class JointForce(Effect):
         """The effect whose force is `columns @ coefficients` of the start with this `shape`."""
 
 
-def _sign(v: Array, v_std: Array | float, width: float) -> tuple[Array, Array]:
+def smooth_sign(v: Array, v_std: Array | float, width: float) -> tuple[Array, Array]:
     """The smoothed sign tanh(v/w), averaged over what is not known of v, and its slope.
 
     With v known to a standard deviation s the mean of tanh(v/w) is close to tanh(v/√(w² + π s²/2)), which has the
@@ -81,6 +83,7 @@ class JointCoulombFriction(JointForce):
     """−T tanh(v/w)."""
 
     name: ClassVar[str] = "joint_coulomb_friction"
+    group: ClassVar[str | None] = DRY_FRICTION
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("torque", "N m", 0.3, lower=0.0, linear_unit="N"),)
     shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY,)
     reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2"
@@ -92,13 +95,13 @@ class JointCoulombFriction(JointForce):
     }
 
     def force(self, joint: JointSamples) -> Force:
-        sign, slope = _sign(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
+        sign, slope = smooth_sign(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
         T = self.values["torque"]
         return Force(-T * sign, _zeros(joint), -T * slope, _zeros(joint), -sign[:, None])
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
-        for width in SLIP_VELOCITIES:
-            yield Start(-_sign(joint.v, joint.v_std, width)[0][:, None], {"slip_velocity": width})
+        for width in SLIP_VELOCITY.grid:
+            yield Start(-smooth_sign(joint.v, joint.v_std, width)[0][:, None], {"slip_velocity": width})
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointCoulombFriction":
         return JointCoulombFriction(self.at, shape).with_values(coefficients)
@@ -109,6 +112,7 @@ class JointAsymmetricCoulombFriction(JointForce):
     """−T₊ for v > 0 and +T₋ for v < 0, smoothed as tanh(v/w)."""
 
     name: ClassVar[str] = "joint_asymmetric_coulomb_friction"
+    group: ClassVar[str | None] = DRY_FRICTION
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("torque_positive", "N m", 0.3, lower=0.0, linear_unit="N"),
         Strength("torque_negative", "N m", 0.3, lower=0.0, linear_unit="N"),
@@ -121,15 +125,15 @@ class JointAsymmetricCoulombFriction(JointForce):
     }
 
     def force(self, joint: JointSamples) -> Force:
-        sign, slope = _sign(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
+        sign, slope = smooth_sign(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
         columns = np.stack([-0.5 * (1.0 + sign), 0.5 * (1.0 - sign)], axis=1)
         positive, negative = self.values["torque_positive"], self.values["torque_negative"]
         d_v = -0.5 * (positive + negative) * slope
         return Force(columns @ [positive, negative], _zeros(joint), d_v, _zeros(joint), columns)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
-        for width in SLIP_VELOCITIES:
-            sign, _ = _sign(joint.v, joint.v_std, width)
+        for width in SLIP_VELOCITY.grid:
+            sign, _ = smooth_sign(joint.v, joint.v_std, width)
             yield Start(np.stack([-0.5 * (1.0 + sign), 0.5 * (1.0 - sign)], axis=1), {"slip_velocity": width})
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointAsymmetricCoulombFriction":

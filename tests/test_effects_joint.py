@@ -1,0 +1,121 @@
+"""Forces at a joint: each law against its closed form, its derivatives against finite differences."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.friction import JointLoadDependentFriction, JointStribeckFriction
+from drake_cafim.effects.joint import (
+    JointAsymmetricCoulombFriction,
+    JointCoulombFriction,
+    JointForce,
+    JointSpring,
+    JointViscousFriction,
+)
+from drake_cafim.effects.transmission import JointHardStop, TorqueRipple
+from drake_cafim.typing import Array
+
+LAWS: list[tuple[JointForce, Mapping[str, float]]] = [
+    (JointViscousFriction("j"), {"coefficient": 0.3}),
+    (JointCoulombFriction("j"), {"torque": 0.4, "slip_velocity": 0.05}),
+    (JointAsymmetricCoulombFriction("j"), {"torque_positive": 0.4, "torque_negative": 0.7, "slip_velocity": 0.05}),
+    (JointStribeckFriction("j"), {"coulomb": 0.4, "static": 0.9, "velocity": 0.3, "slip_velocity": 0.05}),
+    (JointLoadDependentFriction("j"), {"torque": 0.4, "coefficient": 0.1, "slip_velocity": 0.05}),
+    (JointSpring("j"), {"stiffness": 2.0, "rest": 0.3}),
+    (TorqueRipple("j"), {"amplitude": 0.5, "cycles": 7.0, "phase": 0.4}),
+    (JointHardStop("j"), {"position": 0.4, "stiffness": 30.0, "damping": 0.5, "side": 1.0}),
+    (JointHardStop("j"), {"position": -0.4, "stiffness": 30.0, "damping": 0.5, "side": -1.0}),
+]
+
+
+@pytest.fixture
+def joint() -> JointSamples:
+    rng = np.random.default_rng(3)
+    return JointSamples(*rng.normal(size=(3, 400)))
+
+
+def closed_form(effect: JointForce, joint: JointSamples) -> Array:
+    q, v, u = joint.q, joint.v, joint.u
+    p = effect.values
+    sign = np.tanh(v / p.get("slip_velocity", 0.005))
+    match effect.name:
+        case "joint_viscous_friction":
+            return -p["coefficient"] * v
+        case "joint_coulomb_friction":
+            return -p["torque"] * sign
+        case "joint_asymmetric_coulomb_friction":
+            # the law's two halves meet smoothly: far from rest it is one of the two strengths
+            middle, half = p["torque_positive"] - p["torque_negative"], p["torque_positive"] + p["torque_negative"]
+            return -0.5 * (middle + half * sign)
+        case "joint_stribeck_friction":
+            return -(p["coulomb"] + (p["static"] - p["coulomb"]) * np.exp(-((v / p["velocity"]) ** 2))) * sign
+        case "joint_load_dependent_friction":
+            return -(p["torque"] + p["coefficient"] * np.abs(u)) * sign
+        case "joint_spring":
+            return -p["stiffness"] * (q - p["rest"])
+        case "torque_ripple":
+            return p["amplitude"] * np.sin(p["cycles"] * q + p["phase"])
+        case "joint_hard_stop":
+            depth, rate = p["side"] * (q - p["position"]), p["side"] * v
+            return -p["side"] * np.where(depth > 0, np.maximum(0, p["stiffness"] * depth + p["damping"] * rate), 0)
+    raise AssertionError(effect.name)
+
+
+@pytest.mark.parametrize(("effect", "values"), LAWS, ids=lambda x: getattr(x, "name", None))
+def test_law(effect: JointForce, values: Mapping[str, float], joint: JointSamples) -> None:
+    effect = type(effect)("j", values)
+    assert np.allclose(effect.force(joint).value, closed_form(effect, joint), atol=1e-14)
+
+
+@pytest.mark.parametrize("v_std", [0.0, 0.02])
+@pytest.mark.parametrize(("effect", "values"), LAWS, ids=lambda x: getattr(x, "name", None))
+def test_derivatives(effect: JointForce, values: Mapping[str, float], joint: JointSamples, v_std: float) -> None:
+    effect, joint = type(effect)("j", values), replace(joint, v_std=v_std)
+    law, step = effect.force(joint), 1e-6
+    for name, analytic in (("q", law.d_q), ("v", law.d_v), ("u", law.d_u)):
+        ahead = effect.force(replace(joint, **{name: getattr(joint, name) + step})).value
+        behind = effect.force(replace(joint, **{name: getattr(joint, name) - step})).value
+        assert np.allclose(analytic, (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-6), name
+    for k, strength in enumerate(effect.strengths):
+        here = effect.values[strength.name]
+        ahead = type(effect)("j", {**values, strength.name: here + step}).force(joint).value
+        behind = type(effect)("j", {**values, strength.name: here - step}).force(joint).value
+        assert np.allclose(law.d_strengths[:, k], (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-6), strength.name
+
+
+@pytest.mark.parametrize(("effect", "values"), LAWS, ids=lambda x: getattr(x, "name", None))
+def test_a_start_finds_the_law(effect: JointForce, values: Mapping[str, float]) -> None:
+    """The best of the starts explains nearly all of the force."""
+    rng = np.random.default_rng(5)
+    t = np.arange(0, 12, 0.004)
+    q = 0.8 * np.sin(1.3 * t) + 0.3 * np.sin(3.1 * t + 1)
+    v = np.gradient(q, t)
+    joint = JointSamples(q, v, rng.normal(size=len(t)), 0.0)
+    values = {name: 0.005 if name == "slip_velocity" else value for name, value in values.items()}
+    force = type(effect)("j", values).force(joint).value
+    best, built = np.inf, None
+    for start in effect.starts(joint):
+        coefficients, *_ = np.linalg.lstsq(start.columns, force, rcond=None)
+        left = float(np.sum((force - start.columns @ coefficients) ** 2))
+        if left < best:
+            best, built = left, effect.from_coefficients(coefficients, start.shape)
+    assert best < 0.25 * float(np.sum(force**2))
+    assert built is not None and built.plausible()
+    assert float(np.sum((force - built.force(joint).value) ** 2)) < 0.3 * float(np.sum(force**2))
+
+
+def test_friction_that_rises_with_speed_is_not_stribeck() -> None:
+    values = {"coulomb": 0.5, "static": 0.4, "velocity": 0.1}
+    assert not JointStribeckFriction("j", values).plausible()
+    assert JointStribeckFriction("j", {**values, "static": 0.6}).plausible()
+
+
+def test_a_bump_averaged_over_what_is_not_known_of_the_velocity() -> None:
+    effect = JointStribeckFriction("j", {"coulomb": 0.0, "static": 1.0, "velocity": 0.1, "slip_velocity": 1e-4})
+    noise = np.random.default_rng(0).normal(size=400_000) * 0.05
+    many = JointSamples(np.zeros_like(noise), 0.3 + noise, np.zeros_like(noise))
+    one = JointSamples(np.zeros(1), np.array([0.3]), np.zeros(1), 0.05)
+    assert effect.force(one).value[0] == pytest.approx(float(np.mean(effect.force(many).value)), abs=1e-3)
