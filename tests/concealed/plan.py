@@ -1,0 +1,89 @@
+"""Which cases a proof consists of: kinds and rigs by slot."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .draw_arm import DRAWS
+from .odd_arm import DRAWS as ODD_ARM
+from .draw_contact import ODD_CONTACT
+from .press_case import ON_STAGE
+from .toss_case import ODD_TOSS, ON_TOSS
+from .truth import FAMILY, VOCABULARY
+
+FULL = {"single": 400, "null": 310, "odd": 105, "pair": 105}
+ARMS = ("arm2", "arm3", "arm6", "arm7")
+_ARM_WEIGHTS = (0.25, 0.3, 0.2, 0.25)
+
+Slot = tuple[str, str]  # kind, rig
+
+
+def rigs_of(effect: str) -> list[str]:
+    """Rigs on which an effect can be concealed, arms counted once."""
+    rigs = []
+    if effect in DRAWS:
+        rigs.append("arm")
+    if effect in ON_STAGE:
+        rigs.append("press")
+    if effect in ON_TOSS:
+        rigs.append("toss")
+    return rigs
+
+
+def _arm(rng: np.random.Generator) -> str:
+    return str(rng.choice(ARMS, p=_ARM_WEIGHTS))
+
+
+def _single_rig(rng: np.random.Generator, effect: str) -> str:
+    rigs = rigs_of(effect)
+    # An effect of joints or drives lives on arms; stages and tosses show a few of them too.
+    weights = np.array([4.0 if rig == "arm" else 1.0 for rig in rigs])
+    if FAMILY[effect] == "contact":
+        weights = np.array([2.0 if rig == "press" else 1.0 for rig in rigs])
+    if FAMILY[effect] == "sensor":
+        weights = np.ones(len(rigs))
+    rig = str(rng.choice(rigs, p=weights / weights.sum()))
+    return _arm(rng) if rig == "arm" else rig
+
+
+def _any_rig(rng: np.random.Generator) -> str:
+    rig = str(rng.choice(["arm", "press", "toss"], p=[0.6, 0.25, 0.15]))
+    return _arm(rng) if rig == "arm" else rig
+
+
+def counts(size: int) -> dict[str, int]:
+    """Numbers of cases a kind: in the proportions of the full proof, at least one of each kind and each family."""
+    total = sum(FULL.values())
+    if size >= 900:
+        grown = {kind: max(count, round(size * count / total)) for kind, count in FULL.items()}
+        return grown
+    shares = {kind: max(1, round(size * count / total)) for kind, count in FULL.items()}
+    shares["single"] = max(len(set(FAMILY.values())), size - shares["null"] - shares["odd"] - shares["pair"])
+    return shares
+
+
+def composition(rng: np.random.Generator, size: int) -> list[Slot]:
+    """The slots in random order; single effects go round all families, then all effects, so that a short form has all families."""
+    number = counts(size)
+    slots: list[Slot] = [(f"single:{effect}", _single_rig(rng, effect)) for effect in _round(rng, number["single"])]
+    slots += [("null", _any_rig(rng)) for _ in range(number["null"])]
+    slots += [_odd(rng, index) for index in range(number["odd"])]
+    slots += [("pair", _any_rig(rng)) for _ in range(number["pair"])]
+    return [slots[index] for index in rng.permutation(len(slots))]
+
+
+def _round(rng: np.random.Generator, count: int) -> list[str]:
+    """Effects, each as often as the others; first of all one of each family."""
+    families = [[effect for effect in VOCABULARY if FAMILY[effect] == family] for family in dict.fromkeys(FAMILY.values())]
+    first = [str(rng.choice(family)) for family in families]
+    rest = [effect for effect in VOCABULARY if effect not in first]
+    lap = first + [rest[index] for index in rng.permutation(len(rest))]
+    return [lap[index % len(lap)] for index in range(count)]
+
+
+def _odd(rng: np.random.Generator, index: int) -> Slot:
+    every = [(name, "arm") for name in sorted(ODD_ARM)] + [(name, "press") for name in sorted(ODD_CONTACT)] + [
+        (name, "toss") for name in sorted(ODD_TOSS)
+    ]
+    name, rig = every[(5 * index + int(rng.integers(len(every)))) % len(every)]
+    return f"odd:{name}", _arm(rng) if rig == "arm" else rig

@@ -1,0 +1,175 @@
+"""A report against the opened truth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from .truth import FAMILY
+
+Json = Mapping[str, Any]
+NORMAL_95 = 1.959964
+
+
+def same_place(one: str, other: str) -> bool:
+    """Equal, or the same contact pair in the other order."""
+    return one == other or ("/" in one and sorted(one.split("/")) == sorted(other.split("/")))
+
+
+def same_region(location: str, place: str) -> bool:
+    """Whether a location points to the place: a surface may be meant by its pair, a channel by its sensor or joint."""
+    if same_place(location, place):
+        return True
+    if "/" in location and place in location.split("/"):
+        return True
+    parts, other = place.split("."), location.split(".")
+    return len(parts) > 1 and (location == parts[-1] or other == parts[: len(other)] or place in location)
+
+
+def score(truth: Json, report: Json | None, failure: str = "") -> dict[str, Any]:
+    """What was right and what was wrong; `report` None where the diagnosis failed."""
+    effects = truth["effects"]
+    kind = str(truth["kind"]).partition(":")[0]
+    result: dict[str, Any] = {
+        "kind": kind,
+        "rig": truth["rig"],
+        "truth": [[item["effect"], item["at"]] for item in effects],
+        "failure": failure,
+        "strengths": [item["value"] for item in truth.get("strengths", [])],
+        "clear": bool(effects) and all(item["clear"] for item in truth.get("strengths", [])),
+        "process": bool(truth.get("settings", {}).get("process")),
+    }
+    if report is None:
+        return result | {"verdict": "failed", "named": [], "right": False}
+    named = [[item["effect"], item["at"]] for item in report.get("explanation", [])]
+    result |= {"verdict": report["verdict"], "named": named}
+    if kind == "null":
+        return result | _score_null(truth, report, named)
+    if kind == "odd":
+        return result | _score_odd(effects[0], report, named)
+    return result | _score_effects(truth, report, named) | _score_numbers(truth, report)
+
+
+def _score_null(truth: Json, report: Json, named: Sequence[Sequence[str]]) -> dict[str, Any]:
+    alarm = bool(named) or report["verdict"] != "none" or bool(report.get("data_mistakes"))
+    if truth["noise"]["kind"] == "coloured_undeclared" and not named:
+        # Noise that was not declared may be told of, as noise.
+        spoken = json.dumps([report.get("data_mistakes"), report.get("mismatch")]).lower()
+        alarm = report["verdict"] == "explained" or (alarm and "noise" not in spoken)
+    return {"right": not alarm, "false_alarm": alarm}
+
+
+def _score_odd(effect: Json, report: Json, named: Sequence[Sequence[str]]) -> dict[str, Any]:
+    return {
+        "right": report["verdict"] == "unexplained",
+        "misnamed": report["verdict"] == "explained",
+        "missed": report["verdict"] == "none",
+        "place": _located(effect["at"], report),
+    }
+
+
+def _located(place: str, report: Json) -> bool:
+    locations = report.get("mismatch", {}).get("locations", [])
+    top = locations[0]["name"] if locations else ""
+    return same_region(top, place) or any(same_region(item["at"], place) for item in report.get("explanation", []))
+
+
+def _matches(named: Sequence[str], effect: Json) -> bool:
+    return named[0] == effect["effect"] and same_place(named[1], effect["at"])
+
+
+def _score_effects(truth: Json, report: Json, named: Sequence[Sequence[str]]) -> dict[str, Any]:
+    effects = truth["effects"]
+    found = [any(_matches(name, effect) for name in named) for effect in effects]
+    exact = all(found) and len(named) == len(effects)
+    second = False
+    if not exact and len(effects) == 1:
+        for other in truth.get("accept", []):
+            if other["effect"] == "none":
+                second |= not named and report["verdict"] == "none"
+            else:
+                second |= len(named) == 1 and named[0][0] == other["effect"] and same_place(named[0][1], other["at"])
+    families = [any(FAMILY.get(name[0]) == FAMILY.get(effect["effect"]) for name in named) for effect in effects]
+    return {
+        "right": exact or second,
+        "exact": exact,
+        "second_name": second,
+        "found": found,
+        "family": all(families) or second,
+        "place": all(_located(effect["at"], report) for effect in effects),
+        "extra": max(0, len(named) - len(effects)),
+        "missed": not named,
+        "ended_unexplained": report["verdict"] == "unexplained",
+    }
+
+
+def equivalent(effect: str, told: dict[str, float], true: dict[str, float]) -> dict[str, float]:
+    """The told parameters in that of their equal forms that lies nearest to the truth."""
+    forms = [told]
+    if effect == "torque_ripple" and {"phase", "amplitude"} <= told.keys():
+        turns = [2.0 * np.pi * k for k in (-2, -1, 0, 1, 2)]
+        forms = [told | {"phase": told["phase"] + turn} for turn in turns]
+        forms += [told | {"phase": told["phase"] + np.pi + turn, "amplitude": -told["amplitude"]} for turn in turns]
+    if effect == "contact_anisotropic_friction" and {"angle", "friction_1", "friction_2"} <= told.keys():
+        swapped = told | {"friction_1": told["friction_2"], "friction_2": told["friction_1"], "angle": told["angle"] + 0.5 * np.pi}
+        forms = [form | {"angle": form["angle"] + np.pi * k} for form in (told, swapped) for k in (-2, -1, 0, 1, 2)]
+    key = "phase" if effect == "torque_ripple" else "angle"
+    return min(forms, key=lambda form: sum(abs(form[name] - true[name]) for name in true if name in form and (name == key or len(forms) > 1)))
+
+
+def _score_numbers(truth: Json, report: Json) -> dict[str, Any]:
+    """Errors of strengths, coverage of 95 % intervals, transients' intervals, held-out likelihood."""
+    errors, covered = [], []
+    for effect in truth["effects"]:
+        true = {name: float(value[0]) for name, value in effect["parameters"].items()}
+        for item in report.get("explanation", []):
+            if not _matches([item["effect"], item["at"]], effect):
+                continue
+            told = {name: float(entry["value"]) for name, entry in item["parameters"].items()}
+            told = equivalent(effect["effect"], told, true)
+            first = next(iter(true))
+            if first in told:
+                errors.append(_relative(effect["effect"], told[first], true[first]))
+            if effect.get("exact", True):
+                for name, value in true.items():
+                    std = item["parameters"].get(name, {}).get("std")
+                    if name in told and std:
+                        covered.append([name, abs(told[name] - value) <= NORMAL_95 * float(std), (told[name] - value) / float(std)])
+    return {"errors": errors, "covered": covered, "held_out_gain": _gain(report), "transient": _transient(truth, report)}
+
+
+def _relative(effect: str, told: float, true: float) -> float:
+    """Relative error; of a gain, of what it differs from one by."""
+    if effect in ("actuator_gain_error", "sensor_gain_error"):
+        told, true = told - 1.0, true - 1.0
+    return abs(told - true) / max(abs(true), 1e-12)
+
+
+def _gain(report: Json) -> float | None:
+    held = (report.get("fit") or {}).get("held_out")
+    if not held or not held.get("nominal") or not held.get("corrected") or not report.get("explanation"):
+        return None
+    nominal, corrected = held["nominal"].get("nll"), held["corrected"].get("nll")
+    return None if nominal is None or corrected is None else float(nominal) - float(corrected)
+
+
+def _transient(truth: Json, report: Json) -> dict[str, float] | None:
+    """Of a pulse: the centre's error (s) and intersection over union, against the best interval told for its recording."""
+    for effect in truth["effects"]:
+        if "interval" not in effect:
+            continue
+        first, last = effect["interval"]
+        best = {"centre_error": float("inf"), "overlap": 0.0}
+        for location in report.get("mismatch", {}).get("locations", []):
+            if location.get("recording") not in (effect["recording"], None):
+                continue
+            for start, stop in location.get("intervals", []):
+                union = max(last, stop) - min(first, start)
+                overlap = max(0.0, min(last, stop) - max(first, start)) / union
+                if overlap >= best["overlap"]:
+                    best = {"centre_error": abs(0.5 * (start + stop) - 0.5 * (first + last)), "overlap": overlap}
+        return best
+    return None

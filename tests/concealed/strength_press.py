@@ -1,0 +1,180 @@
+"""Strength and rival explanations on the pressing stage: the wrench against the nominal law, the axes against the wrench."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from .arm_case import Settings
+from .case import RECORDINGS, Case, World
+from .contact_law import ContactLaw
+from .draw_contact import WRENCH
+from .noise import ChannelNoise
+from .press import NAMES, PressPlant, Stage
+from .robots import Array
+from .strength import Alternative, Excess, Windows, acceptable, strength
+from .truth import Concealed
+
+CHANNELS = (*WRENCH, *NAMES)
+
+
+class PressRows:
+    """Whitened rows: six of the wrench, three of the axes."""
+
+    def __init__(self, case: Case) -> None:
+        world: World = case.study["world"]  # type: ignore[assignment]
+        settings: Settings = case.study["settings"]  # type: ignore[assignment]
+        self.stage: Stage = case.study["stage"]  # type: ignore[assignment]
+        self.law: ContactLaw = case.study["nominal_law"]  # type: ignore[assignment]
+        self.noise: dict[str, ChannelNoise] = case.study["noise"]  # type: ignore[assignment]
+        self.entries: list[dict[str, object]] = case.study["entries"]  # type: ignore[assignment]
+        self.time = world.motion.time
+        self.windows = Windows.over(self.time.shape[1], settings.step)
+        self.q = np.stack([world.measured[f"q.{name}"] for name in NAMES], axis=2)
+        self.v = np.stack([world.measured[f"v.{name}"] for name in NAMES], axis=2)
+        self.a, self.u = world.motion.a, world.motion.u
+        self.read = np.stack([world.measured[f"wrench.wrist.{axis}"] for axis in WRENCH], axis=2)
+        self.nominal = self.wrench(self.law)
+        self.std = self._noise()
+
+    def wrench(self, law: ContactLaw, q: Array | None = None, v: Array | None = None, hidden: Array | None = None) -> Array:
+        """Wrench (B, N, 6) that a law predicts at the measured states."""
+        q = self.q if q is None else q
+        v = self.v if v is None else v
+        shape = q.shape[:2]
+        plant = PressPlant(self.stage, law, q.shape[0] * q.shape[1])
+        q, v, t = q.reshape(-1, 3), v.reshape(-1, 3), self.time.ravel()
+        z = np.zeros((len(q), plant.hidden)) if hidden is None else hidden.reshape(len(q), -1)
+        mode = plant.boundary(t, q, v, z) > 0.0
+        return plant.wrench(t, q, v, z, mode).reshape(*shape, 6)
+
+    def _noise(self) -> Array:
+        """Std (B, W, 9): the sensor's own noise and what the noise of q and v does to the prediction."""
+        w, w1, _ = self.windows.shape
+        flat = self.windows.noise_std(w, replace(self.noise["q"], std=1.0, quantum=0.0)) ** 2 / (self.windows.step**2 * (w @ w))
+        variance = np.empty((*self.windows.integrate(self.nominal, w).shape[:2], 9))
+        through = np.zeros((*self.nominal.shape[:2], 6))
+        for axis in range(3):
+            for name, size in (("q", 1e-7), ("v", 1e-5)):
+                q, v = self.q.copy(), self.v.copy()
+                (q if name == "q" else v)[:, :, axis] += size
+                slope = (self.wrench(self.law, q, v) - self.nominal) / size
+                through += (slope * self.noise[name].declared_std) ** 2
+        inside = self.windows.step * self.windows.integrate(through, w**2) * flat
+        force = self.windows.noise_std(w, self.noise["force"]) ** 2
+        torque = self.windows.noise_std(w, self.noise["torque"]) ** 2
+        variance[:, :, :3] = inside[:, :, :3] + force
+        variance[:, :, 3:6] = inside[:, :, 3:] + torque
+        variance[:, :, 6:] = (self.stage.moved * self.windows.noise_std(w1, self.noise["v"])) ** 2 + force
+        return np.sqrt(variance)
+
+    def whiten(self, wrench: Array, axes: Array | None = None) -> Array:
+        """Rows (B, W, 9) of wrenches (B, N, 6) and axis forces (B, N, 3)."""
+        axes = np.zeros((*wrench.shape[:2], 3)) if axes is None else axes
+        return self.windows.integrate(np.concatenate([wrench, axes], axis=2), self.windows.shape[0]) / self.std
+
+    def excess(self) -> Excess:
+        masses = np.cumsum([link.mass for link in self.stage.robot.links][::-1])[::-1]
+        axes = self.stage.moved * self.a - self.u - masses * self.stage.robot.gravity - self.read[:, :, :3]
+        unknown = []
+        for entry in self.entries:
+            name = str(entry["parameter"])
+            moved = replace(self.law, **{name: float(entry["mean"]) + float(entry["std"])})  # type: ignore[arg-type]
+            unknown.append(self.whiten(self.wrench(moved) - self.nominal))
+        centres = self.time[:, self.windows.centres()]
+        return Excess(CHANNELS, self.whiten(self.read - self.nominal, axes), np.stack(unknown), centres)
+
+    def alternatives(self) -> Iterator[tuple[str, str, int, list[Array]]]:
+        """Name, place, number of parameters and rows (B, W, 9) that span it."""
+        for effect, at, count, laws in _law_changes(self.law):
+            yield effect, at, count, [self.whiten(self.wrench(law) - self.nominal) for law in laws]
+        for scale in (0.005, 0.02, 0.08, 0.3):
+            yield "contact_viscoelastic_relaxation", "tool/wall", 2, [self._relaxed(scale)]
+        for distance in (3e-5, 1e-4, 3e-4, 1e-3):
+            yield "contact_presliding", "tool/wall", 1, [self._presliding(distance)]
+        slope = np.gradient(self.read, self.windows.step, axis=1)
+        yield "sensor_delay", "wrench.wrist", 1, [self._sensor(-slope)]
+        yield "sensor_lag", "wrench.wrist", 1, [self._sensor(-slope + 0.005 * np.gradient(slope, self.windows.step, axis=1))]
+        yield "clock_skew", "wrench.wrist", 1, [self._sensor(slope * self.time[:, :, None])]
+        turned = [np.concatenate([np.cross(self.read[:, :, :3], e), np.cross(self.read[:, :, 3:], e)], axis=2) for e in np.eye(3)]
+        yield "sensor_misalignment", "wrench.wrist", 3, [self._sensor(change) for change in turned]
+        for i, axis in enumerate(WRENCH):
+            one = np.zeros(6)
+            one[i] = 1.0
+            ones = np.ones_like(self.read) * one
+            yield "sensor_bias", f"wrench.wrist.{axis}", 1, [self._sensor(ones)]
+            yield "sensor_gain_error", f"wrench.wrist.{axis}", 1, [self._sensor(self.read * one)]
+            yield "sensor_drift", f"wrench.wrist.{axis}", 1, [self._sensor(ones * self.time[:, :, None])]
+
+    def _sensor(self, change: Array) -> Array:
+        """A change of what the sensor reads: seen against the law and against the axes."""
+        return self.whiten(change, -change[:, :, :3])
+
+    def _relaxed(self, time: float) -> Array:
+        depth = self.stage.radius - self.stage.tip[2] - self.q[:, :, 2]
+        hidden = np.zeros((*depth.shape, ContactLaw.hidden))
+        step = self.windows.step
+        for k in range(1, depth.shape[1]):
+            held = np.exp(-step / time) * (hidden[:, k - 1, 2] + self.law.stiffness * 0.1 * (depth[:, k] - depth[:, k - 1]))
+            hidden[:, k, 2] = np.where(depth[:, k] > 0.0, held, 0.0)
+        law = replace(self.law, relaxing=0.1 * self.law.stiffness, relaxation_time=time)
+        return self.whiten(self.wrench(law, hidden=hidden) - self.nominal)
+
+    def _presliding(self, distance: float) -> Array:
+        hidden = np.zeros((*self.time.shape, ContactLaw.hidden))
+        for k in range(1, self.time.shape[1]):
+            slide = self.v[:, k - 1, :2] * self.windows.step
+            path = np.linalg.norm(slide, axis=1, keepdims=True)
+            along = slide / np.maximum(path, 1e-15) * distance
+            hidden[:, k, :2] = along + (hidden[:, k - 1, :2] - along) * np.exp(-path / distance)
+        return self.whiten(self.wrench(replace(self.law, presliding=distance), hidden=hidden) - self.nominal)
+
+
+def _law_changes(law: ContactLaw) -> Iterator[tuple[str, str, int, list[ContactLaw]]]:
+    """Changes of the law that need no memory; small ones, as the rows are linear in them."""
+    pair = "tool/wall"
+    yield "surface_offset", "wall", 1, [replace(law, offset=1e-6)]
+    yield "surface_tilt", "wall", 2, [replace(law, tilt=(1e-4, 0.0)), replace(law, tilt=(0.0, 1e-4))]
+    yield "contact_nonlinear_stiffness", pair, 1, [replace(law, cubic=0.01 * law.stiffness / 1e-6)]
+    yield "contact_hunt_crossley_dissipation", pair, 1, [replace(law, dissipation=0.1)]
+    for reach in (3e-4, 1e-3, 3e-3):
+        yield "contact_adhesion", pair, 2, [replace(law, adhesion=0.01, adhesion_range=reach)]
+    for speed in (0.01, 0.03, 0.06, 0.12):
+        yield "contact_stribeck_friction", pair, 2, [replace(law, static=law.friction * 1.01, stribeck_velocity=speed)]
+    mu = law.friction
+    yield (
+        "contact_anisotropic_friction",
+        pair,
+        3,
+        [replace(law, anisotropic=(1.01 * mu, 0.99 * mu, angle)) for angle in (0.0, 0.25 * np.pi)],
+    )
+
+
+def _channels(item: Concealed) -> list[str] | None:
+    place = item.at.split(".")[-1]
+    if place in NAMES:
+        return [place]
+    return [*WRENCH]
+
+
+def press_strength(case: Case) -> dict[str, object]:
+    """Strength of each of the case's effects and the acceptable other names; sealed with the truth."""
+    rows = PressRows(case)
+    excess = rows.excess()
+    effects: tuple[Concealed, ...] = case.study["world"].effects  # type: ignore[attr-defined]
+    told = []
+    for item in effects:
+        member = RECORDINGS.index(item.recording) if item.recording else None
+        told.append(strength(excess, _channels(item), item.interval, member))
+    result: dict[str, object] = {"strengths": told, "accept": []}
+    if len(effects) == 1 and not effects[0].effect.startswith("odd_"):
+        only = effects[0]
+        rivals = [
+            Alternative(effect, at, np.stack(spans), count)
+            for effect, at, count, spans in rows.alternatives()
+            if (effect, at) != (only.effect, only.at)
+        ]
+        result["accept"] = acceptable(excess, len(only.parameters), rivals)
+    return result

@@ -1,0 +1,126 @@
+"""Figures over all scored cases, each with the limit that it is held to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Scores = Sequence[dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure, the number of cases it stands on, its limit and whether it is kept; value None: nothing to count."""
+
+    name: str
+    value: float | None
+    count: int
+    limit: str
+    kept: bool | None
+
+
+def part(scores: Scores, key: str | Callable[[dict[str, Any]], bool]) -> float | None:
+    if not scores:
+        return None
+    return float(np.mean([bool(key(item) if callable(key) else item.get(key, False)) for item in scores]))
+
+
+def _at_least(name: str, value: float | None, count: int, limit: float) -> Figure:
+    return Figure(name, value, count, f"≥ {limit:g}", None if value is None else value >= limit)
+
+
+def _at_most(name: str, value: float | None, count: int, limit: float) -> Figure:
+    return Figure(name, value, count, f"≤ {limit:g}", None if value is None else value <= limit)
+
+
+def figures(scores: Scores) -> list[Figure]:
+    """The proof's table."""
+    single = [item for item in scores if item["kind"] == "single"]
+    clear = [item for item in single if item["clear"]]
+    nulls = [item for item in scores if item["kind"] == "null"]
+    odd = [item for item in scores if item["kind"] == "odd" and item["clear"]]
+    pairs = [item for item in scores if item["kind"] == "pair" and item["clear"]]
+    pulses = [item["transient"] for item in clear if item.get("transient")]
+    errors = [error for item in clear for error in item.get("errors", [])]
+    held = [item["held_out_gain"] for item in single if item.get("held_out_gain") is not None and item["verdict"] == "explained"]
+    covered = [entry[1] for item in scores if item["kind"] in ("single", "pair") for entry in item.get("covered", [])]
+    alarms = part(nulls, lambda item: not item["right"])
+    coverage = float(np.mean(covered)) if covered else None
+    return [
+        _at_least("clear single effects: exact name and place", part(clear, "right"), len(clear), 0.90),
+        _at_least("clear single effects: family", part(clear, "family"), len(clear), 0.96),
+        _at_least("clear single effects: place", part(clear, "place"), len(clear), 0.96),
+        _at_most("clear single effects that end unexplained", part(clear, "ended_unexplained"), len(clear), 0.05),
+        _at_least("clear pairs: both right", part(pairs, "right"), len(pairs), 0.75),
+        _at_most("nulls: false alarms", alarms, len(nulls), 0.02),
+        _at_least("clear, outside the vocabulary: called unexplained", part(odd, "right"), len(odd), 0.90),
+        _at_most("clear, outside the vocabulary: misnamed", part(odd, "misnamed"), len(odd), 0.05),
+        _at_least(
+            "clear pulses: centre within 50 ms and overlap ≥ 0.7",
+            part(pulses, lambda item: item["centre_error"] <= 0.05 and item["overlap"] >= 0.7),
+            len(pulses),
+            0.90,
+        ),
+        _at_most("clear: median relative error of the strength", float(np.median(errors)) if errors else None, len(errors), 0.05),
+        Figure(
+            "95 % intervals of named strengths that hold the truth",
+            coverage,
+            len(covered),
+            "0.92–0.97",
+            None if coverage is None else 0.92 <= coverage <= 0.97,
+        ),
+        _at_least("explained: held-out likelihood better", part(held, lambda gain: gain > 0.0) if held else None, len(held), 0.98),  # type: ignore[arg-type]
+        _at_most("single effects right only by an acceptable second name", part(single, "second_name"), len(single), 0.10),
+        _at_most("diagnoses that failed or timed out", part(scores, lambda item: item["verdict"] == "failed"), len(scores), 0.0),
+    ]
+
+
+def curve(scores: Scores, edges: Sequence[float] = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0, np.inf)) -> list[dict[str, float]]:
+    """Of single effects: share named exactly, detected, and placed, by strength."""
+    single = [item for item in scores if item["kind"] == "single" and item["strengths"]]
+    out = []
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        inside = [item for item in single if low <= item["strengths"][0] < high]
+        if inside:
+            out.append(
+                {
+                    "low": low,
+                    "high": high,
+                    "count": len(inside),
+                    "right": part(inside, "right") or 0.0,
+                    "exact": part(inside, "exact") or 0.0,
+                    "place": part(inside, "place") or 0.0,
+                    "detected": part(inside, lambda item: item["verdict"] not in ("none", "failed")) or 0.0,
+                }
+            )
+    return out
+
+
+def confusion(scores: Scores, clear_only: bool = False) -> tuple[list[str], list[str], dict[tuple[str, str], int]]:
+    """True names (rows), told names (columns) and counts; pairs are left out."""
+    counts: dict[tuple[str, str], int] = {}
+    for item in scores:
+        if item["kind"] == "pair" or (clear_only and item["kind"] != "null" and not item["clear"]):
+            continue
+        true = item["truth"][0][0] if item["truth"] else "none"
+        told = " + ".join(sorted({name for name, _ in item["named"]})) if item["verdict"] == "explained" else item["verdict"]
+        told = told if " + " not in told else "several"
+        counts[true, told] = counts.get((true, told), 0) + 1
+    rows = sorted({true for true, _ in counts}, key=lambda name: (name == "none", name.startswith("odd_"), name))
+    last = ("several", "unexplained", "none", "failed")
+    columns = sorted({told for _, told in counts}, key=lambda name: (last.index(name) + 1 if name in last else 0, name))
+    return rows, columns, counts
+
+
+def calibration(scores: Scores) -> list[dict[str, float]]:
+    """Nominal against actual coverage of central intervals of the named strengths."""
+    z = np.array([entry[2] for item in scores if item["kind"] in ("single", "pair") for entry in item.get("covered", [])])
+    if len(z) == 0:
+        return []
+    from scipy.stats import norm
+
+    levels = (0.5, 0.68, 0.8, 0.9, 0.95, 0.99)
+    return [{"level": level, "actual": float(np.mean(np.abs(z) <= norm.ppf(0.5 + 0.5 * level))), "count": float(len(z))} for level in levels]
