@@ -8,6 +8,10 @@ from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.typing import Array
 
+FARTHEST = 5.0
+"""Prior standard deviations that an unknown may move: beyond, the model of what is unknown is wrong itself, and
+a mass that is free to vanish makes any equation of motion hold."""
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -16,6 +20,8 @@ class Fit:
     model: Model
     residual: Array
     jacobian: Array
+    covariance: Array
+    """(n + k, n + k) of unknowns and strengths, under the stated noise."""
     data_rows: int
 
     @property
@@ -24,15 +30,14 @@ class Fit:
         return float(self.residual @ self.residual)
 
     @property
-    def degrees_of_freedom(self) -> int:
-        """Data rows less the strengths; an unknown and its prior row cancel."""
-        return self.data_rows - (len(self.model.vector) - len(self.model.unknown))
+    def strengths(self) -> int:
+        """How many numbers beside the unknowns were fitted."""
+        return len(self.model.vector) - len(self.model.unknown)
 
     @property
-    def covariance(self) -> Array:
-        """(n + k, n + k) of unknowns and strengths, under the stated noise."""
-        normal = self.jacobian.T @ self.jacobian
-        return np.asarray(np.linalg.pinv(normal, hermitian=True), dtype=float)
+    def degrees_of_freedom(self) -> int:
+        """Data rows less the strengths; an unknown and its prior row cancel."""
+        return self.data_rows - self.strengths
 
     @property
     def std(self) -> Array:
@@ -40,37 +45,80 @@ class Fit:
 
 
 def fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
-    """The model's numbers at the nearest minimum of χ², by damped Gauss–Newton (Levenberg, Marquardt)."""
-    residual = problem.residual(model)
-    jacobian = problem.jacobian(model)
+    """The model's numbers at the nearest minimum of χ², by damped Gauss–Newton (Levenberg, Marquardt).
+
+    Quick, and biased towards zero where the regressors are noisy; `unbiased_fit` mends that.
+    """
+    model, residual, jacobian = _minimised(problem, model, np.zeros(len(model.vector)), iterations)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
+    return Fit(model, residual, jacobian, covariance, problem.rows)
+
+
+def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
+    """`fit`, corrected for the noise that the regressors share with the residual.
+
+    With measurement noise e both the residual z and its Jacobian J are noisy, and E[Jᵀz] at the truth is not zero but
+    b = E[ΔJᵀΔz] (errors in variables; Fuller, Measurement Error Models, 1987, §1). b is taken from the difference
+    that one more dose of noise makes, and Jᵀz = b is solved instead; likewise E[ΔJᵀΔJ] is taken off the information.
+    """
+    n = len(model.vector)
+    model, residual, jacobian = _minimised(problem, model, np.zeros(n), iterations)
+    information = jacobian.T @ jacobian
+    if n:
+        offset, excess = _shared_noise(problem, model, residual, jacobian)
+        model, residual, jacobian = _minimised(problem, model, offset, 4)
+        information = jacobian.T @ jacobian - excess
+    return Fit(model, residual, jacobian, np.linalg.pinv(information, hermitian=True), problem.rows)
+
+
+def _shared_noise(problem: Problem, model: Model, residual: Array, jacobian: Array) -> tuple[Array, Array]:
+    """ΔJᵀΔz (n,) and ΔJᵀΔJ (n, n), Δ by one more dose of noise."""
+    shadow = problem.noisier
+    change = shadow.residual(model) - residual
+    slope_change = shadow.jacobian(model) - jacobian
+    return slope_change.T @ change, slope_change.T @ slope_change
+
+
+def _minimised(problem: Problem, model: Model, offset: Array, iterations: int) -> tuple[Model, Array, Array]:
+    """Model, residual and Jacobian where ½ z·z − offset·numbers is smallest nearby."""
+    residual, jacobian = problem.residual(model), problem.jacobian(model)
     damping = 1e-6
     for _ in range(iterations):
         if jacobian.shape[1] == 0:
             break
-        trial, trial_residual, damping = _step(problem, model, residual, jacobian, damping)
+        trial, trial_residual, damping = _step(problem, model, residual, jacobian, offset, damping)
         if trial is None:
             break
         gained = residual @ residual - trial_residual @ trial_residual
         model, residual = trial, trial_residual
         jacobian = problem.jacobian(model)
-        if gained < 1e-3 + 1e-5 * (residual @ residual) / len(residual):
+        if abs(gained) < 1e-3 + 1e-5 * (residual @ residual) / len(residual):
             break
-    return Fit(model, residual, jacobian, problem.rows)
+    return model, residual, jacobian
 
 
 def _step(
-    problem: Problem, model: Model, residual: Array, jacobian: Array, damping: float
+    problem: Problem, model: Model, residual: Array, jacobian: Array, offset: Array, damping: float
 ) -> tuple[Model | None, Array, float]:
-    """A model with smaller χ², or None where no damping finds one."""
+    """A model with a smaller objective, or None where no damping finds one."""
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0.0] = 1.0
     scaled = jacobian / scale
-    normal, gradient = scaled.T @ scaled, scaled.T @ residual
+    normal, gradient = scaled.T @ scaled, scaled.T @ residual - offset / scale
+    start = 0.5 * float(residual @ residual)
     for _ in range(8):
         step = -np.linalg.solve(normal + damping * np.eye(len(scale)), gradient) / scale
-        trial = model.at(model.vector + step)
+        trial = _kept_near(problem, model.at(model.vector + step))
         trial_residual = problem.residual(trial)
-        if np.all(np.isfinite(trial_residual)) and trial_residual @ trial_residual < residual @ residual:
+        moved = float(offset @ (trial.vector - model.vector))
+        if np.all(np.isfinite(trial_residual)) and 0.5 * float(trial_residual @ trial_residual) - moved < start:
             return trial, trial_residual, max(damping * 0.1, 1e-9)
         damping = max(damping * 10.0, 1e-6)
     return None, residual, damping
+
+
+def _kept_near(problem: Problem, model: Model) -> Model:
+    """The model with its unknowns within `FARTHEST` of their priors and inside their physical bounds."""
+    priors = problem.scene.priors
+    near = np.clip(model.unknown, priors.mean - FARTHEST * priors.std, priors.mean + FARTHEST * priors.std)
+    return Model(priors.clip(near), model.effects)

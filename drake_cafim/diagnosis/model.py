@@ -24,7 +24,7 @@ class Model:
         return np.concatenate([self.unknown, *(effect.vector for effect in self.effects)])
 
     def at(self, vector: Array) -> "Model":
-        """The model with the numbers of `vector`, clipped to the strengths' bounds."""
+        """The model with the numbers of `vector`, clipped to the bounds of the strengths."""
         n = len(self.unknown)
         effects, start = [], n
         for effect in self.effects:

@@ -1,12 +1,14 @@
 """All recordings against one scene: whitened residuals and their derivatives by whatever a model may change."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.samples import noisier
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening import Whitening, whitening
 from drake_cafim.effects.effect import Effect
@@ -28,6 +30,15 @@ class Run:
     def whitened(self, rows: Array) -> Array:
         """Rows (M, r) or (M, r, k), flattened window after window and whitened."""
         return self.whiten(rows.reshape(-1, *rows.shape[2:]))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(M, r, r): each window's own rows."""
+        r = self.weak.rows_per_window
+        std = np.concatenate([np.full(p.stop - p.start, self.weak.samples.std[name]) for name, p in self.labels])
+        scaled = sp.csr_matrix(self.jacobian @ sp.diags_array(std))
+        blocks = [scaled[m * r : (m + 1) * r] for m in range(len(self.weak.samples.windows))]
+        return np.stack([(block @ block.T).toarray() for block in blocks])
 
     def sensed(self, column: str, change: Array) -> Array:
         """Whitened rows' change (R, k) when the recording's `column` changes by `change` (N, k)."""
@@ -56,6 +67,15 @@ class Problem:
     def rewhitened(self, model: Model) -> "Problem":
         """The same recordings under another model's covariance."""
         return Problem.of(self.scene, [run.weak for run in self.runs], model)
+
+    @cached_property
+    def noisier(self) -> "Problem":
+        """The same recordings with their noise once more on top, under the same whitening."""
+        runs = tuple(
+            replace(run, weak=WeakForm(noisier(run.weak.samples, np.random.default_rng(index)), run.weak.sensors))
+            for index, run in enumerate(self.runs)
+        )
+        return Problem(self.scene, runs)
 
     @property
     def rows(self) -> int:

@@ -1,6 +1,6 @@
 """One recording as the weak form needs it: measured and locally smoothed motion, efforts, wrenches."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from drake_cafim.diagnosis.local_polynomial import local_polynomial
 from drake_cafim.diagnosis.windows import Windows, lay_windows
 from drake_cafim.errors import InputError
-from drake_cafim.recordings.recording import Recording
+from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
@@ -45,6 +45,25 @@ class Samples:
     @property
     def velocity_measured(self) -> bool:
         return self.differentiate is None
+
+
+def noisier(samples: Samples, rng: np.random.Generator) -> Samples:
+    """The samples with the stated noise added once more."""
+    names = [name.removeprefix("q.") for name in samples.std if name.startswith("q.")]
+
+    def drawn(kind: str, values: Array) -> Array:
+        std = np.array([samples.std[f"{kind}.{name}"] for name in names])
+        return np.asarray(values + std * rng.standard_normal(values.shape), dtype=float)
+
+    q = drawn("q", samples.q)
+    v = drawn("v", samples.v) if samples.differentiate is None else samples.differentiate @ q
+    sensors = list(dict.fromkeys(name.rsplit(".", 1)[0] for name in samples.std if name.startswith("wrench.")))
+    wrenches = tuple(
+        wrench + np.array([samples.std[f"{sensor}.{axis}"] for axis in WRENCH_COMPONENTS])
+        * rng.standard_normal(wrench.shape)
+        for sensor, wrench in zip(sensors, samples.wrenches, strict=True)
+    )
+    return replace(samples, q=q, v=v, u=drawn("u", samples.u), wrenches=wrenches)
 
 
 def samples_of(scene: Scene, recording: Recording, std: dict[str, float], width: float = WINDOW_WIDTH) -> Samples:

@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
+import yaml
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.parsing import LoadModelDirectivesFromString, Parser, ProcessModelDirectives
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
-
-import yaml
 
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.schema import Scenario

@@ -10,14 +10,14 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_cafim.dynamics.contact import WrenchSensor
-from drake_cafim.scenario.physics import Physics
 from drake_cafim.dynamics.tree import Tree, tree_of
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
 from drake_cafim.errors import InputError
 from drake_cafim.parameters import Parameters
 from drake_cafim.scenario.model_file import MODEL_SUFFIXES, add_plant
-from drake_cafim.scenario.schema import Channel, Scenario, load
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.scenario.schema import Channel, EffectEntry, Scenario, load
 from drake_cafim.scenario.surfaces import contact_of
 from drake_cafim.scenario.unknown import UnknownParameter, applied, priors, unknown_parameters
 from drake_cafim.typing import Array
@@ -98,6 +98,20 @@ class Scene:
     def physics_at(self, vector: Array) -> Physics:
         """The physics with the unknowns at `vector` (n,)."""
         return applied(self.unknown, self.physics, vector)
+
+    def corrected(self, unknown: Array, effects: Sequence[Effect]) -> "Scene":
+        """The scene with its unknowns at `unknown` (n,) and `effects` added to the scenario's own."""
+        physics = self.physics_at(unknown).with_effects(effects)
+        entries = [
+            EffectEntry(effect.name, effect.at, {name: float(value) for name, value in effect.values.items()})
+            for effect in effects
+        ]
+        scenario = replace(
+            self.scenario,
+            unknown=[replace(entry, mean=float(value)) for entry, value in zip(self.scenario.unknown, unknown, strict=True)],
+            effects=[*self.scenario.effects, *entries],
+        )
+        return replace(self, scenario=scenario, physics=physics)
 
     def std(self, column: str) -> float | None:
         """The noise of one sample of a recording's column, SI; None where the scenario does not say."""

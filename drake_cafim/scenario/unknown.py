@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_cafim.scenario.physics import Physics
 from drake_cafim.dynamics.tree import Body
 from drake_cafim.errors import InputError
 from drake_cafim.parameters import Parameter, Parameters
+from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import Unknown
 from drake_cafim.typing import Array
 

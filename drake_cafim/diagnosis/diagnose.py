@@ -1,0 +1,184 @@
+"""The whole diagnosis: recordings and a scene in, a verdict out."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from drake_cafim.diagnosis.adequacy import adequacy
+from drake_cafim.diagnosis.fitting import Fit
+from drake_cafim.diagnosis.forecast import forecast, root_mean_square
+from drake_cafim.diagnosis.innovations import innovations
+from drake_cafim.diagnosis.location import locate
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.samples import samples_of
+from drake_cafim.diagnosis.search import Outcome, Settings, inclusion, key_of, search
+from drake_cafim.diagnosis.stated_noise import noise_of
+from drake_cafim.diagnosis.verdict import (
+    Comparison,
+    Explanation,
+    Kind,
+    Mismatch,
+    NominalParameter,
+    Quality,
+    Rival,
+    Value,
+    Verdict,
+)
+from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.recordings.units import unit_mistakes
+from drake_cafim.scenario.scene import Scene
+
+RIVAL = 0.01
+"""A rival of less probability than this is not worth a reader's time."""
+EXPLAINS = 0.8
+"""Under `unexplained`, effects are named only where together they take away this share of the excess."""
+
+Progress = Callable[[str], None]
+
+
+def diagnose(
+    scene: Scene,
+    recordings: Sequence[Recording],
+    *,
+    held_out: Sequence[Recording] = (),
+    settings: Settings | None = None,
+    progress: Progress = lambda text: None,
+) -> Verdict:
+    """What the recordings say is missing in the scene's model. `held_out` chooses and fits nothing.
+
+    Raises `InputError` for recordings that lack what the scene needs.
+    """
+    return examine(scene, recordings, held_out=held_out, settings=settings, progress=progress)[0]
+
+
+def examine(
+    scene: Scene,
+    recordings: Sequence[Recording],
+    *,
+    held_out: Sequence[Recording] = (),
+    settings: Settings | None = None,
+    progress: Progress = lambda text: None,
+) -> tuple[Verdict, Outcome]:
+    """`diagnose`, with the search's own account beside the verdict, for pictures."""
+    settings = settings or Settings()
+    first = recordings[0].matrix("q", scene.tree.joint_names)
+    scene = scene.facing(first[np.flatnonzero(np.all(np.isfinite(first), axis=1))[0]])
+    progress("reading noise and laying windows")
+    std, notes = noise_of(scene, recordings)
+    weak = [WeakForm(samples_of(scene, recording, std), scene.wrench_sensors) for recording in recordings]
+    outcome = search(Problem.of(scene, weak, Model(scene.priors.mean)), settings, progress)
+    held = [WeakForm(samples_of(scene, recording, std), scene.wrench_sensors) for recording in held_out]
+    mistakes = _mistakes(scene, recordings)
+    return _verdict(scene, outcome, weak, held, settings, (*notes, *_notes(recordings)), mistakes, progress), outcome
+
+
+def _verdict(
+    scene: Scene,
+    outcome: Outcome,
+    weak: list[WeakForm],
+    held: list[WeakForm],
+    settings: Settings,
+    notes: tuple[str, ...],
+    mistakes: tuple[str, ...],
+    progress: Progress,
+) -> Verdict:
+    best, kind = _decided(outcome, settings)
+    # where the mismatch is: of the nominal physics at the numbers that the explanation found, or of what remains
+    lacking = best.model if kind == "unexplained" else Model(best.model.unknown)
+    locations = () if kind == "none" else locate(outcome.nominal_problem, lacking)
+    corrected = scene.corrected(best.model.unknown, best.model.effects)
+    progress("simulating with and without the effects")
+    models = [Model(scene.priors.mean), outcome.nominal.model, best.model]
+    held_out = _comparison(held, scene, models) if held else None
+    return Verdict(
+        kind=kind,
+        mismatch=Mismatch(kind != "none", outcome.detection_p_value, locations),
+        explanation=_explanations(scene, outcome, best),
+        rivals=_rivals(outcome, best),
+        parameters=_parameters(scene, best),
+        train=_comparison(weak, scene, models),
+        held_out=held_out,
+        corrected=corrected,
+        data_mistakes=mistakes,
+        notes=notes,
+        reduced_chi_square=(outcome.nominal.chi_square / outcome.nominal.degrees_of_freedom,
+                            best.chi_square / best.degrees_of_freedom),
+    )
+
+
+def _decided(outcome: Outcome, settings: Settings) -> tuple[Fit, Kind]:
+    """The explanation that is stood by, and the kind of verdict."""
+    if outcome.detection_p_value > settings.false_alarm_rate:
+        return outcome.nominal, "none"
+    best = outcome.best
+    strengths = len(best.model.vector) - len(best.model.unknown)
+    if best.model.effects and adequacy(outcome.problem, best.residual, strengths).p_value > settings.false_alarm_rate:
+        return best, "explained"
+    before = outcome.nominal.chi_square / outcome.nominal.degrees_of_freedom - 1.0
+    after = best.chi_square / best.degrees_of_freedom - 1.0
+    if after > (1.0 - EXPLAINS) * before:
+        return outcome.nominal, "unexplained"
+    return best, "unexplained"
+
+
+def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Explanation, ...]:
+    probability = inclusion(outcome)
+    std = best.std * np.sqrt(outcome.scale)
+    position = len(best.model.unknown)
+    found = []
+    for effect in best.model.effects:
+        values = {}
+        for strength in effect.strengths:
+            unit = effect.unit(strength, scene.tree)
+            values[strength.name] = Value(effect.values[strength.name], float(std[position]), unit)
+            position += 1
+        sentence = effect.sentence(scene.tree)
+        found.append(Explanation(effect, probability.get(effect.key, 1.0), values, sentence))
+    return tuple(sorted(found, key=lambda e: -e.probability))
+
+
+def _rivals(outcome: Outcome, best: Fit) -> tuple[Rival, ...]:
+    if not best.model.effects:
+        return ()
+    present = key_of(best)
+    rivals = []
+    for key, probability in sorted(inclusion(outcome).items(), key=lambda item: -item[1]):
+        if key in present or probability < RIVAL:
+            continue
+        reasons = [effect.alike[key[0]] for effect in best.model.effects if key[0] in effect.alike]
+        why = reasons[0] if reasons else "over these motions the two move the measurements alike"
+        rivals.append(Rival(key[0], key[1], probability, why))
+    return tuple(rivals)
+
+
+def _parameters(scene: Scene, best: Fit) -> tuple[NominalParameter, ...]:
+    return tuple(
+        NominalParameter(one.parameter, one.at, float(value), float(std), one.prior.unit, one.prior.mean, one.prior.std)
+        for one, value, std in zip(scene.unknown, best.model.unknown, best.std, strict=False)
+    )
+
+
+def _comparison(weak: list[WeakForm], scene: Scene, models: list[Model]) -> Comparison:
+    return Comparison(*(_quality(weak, scene, model) for model in models))
+
+
+def _quality(weak: list[WeakForm], scene: Scene, model: Model) -> Quality:
+    physics = model.physics(scene)
+    likelihoods = np.concatenate([innovations(form, physics).negative_log_likelihood for form in weak])
+    return Quality(float(np.mean(likelihoods)), root_mean_square([forecast(form, physics) for form in weak]))
+
+
+def _mistakes(scene: Scene, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    limits = {j.name: j.position_limits for j in scene.tree.joints if not j.prismatic and np.isfinite(j.position_limits[0])}
+    return tuple(sentence for recording in recordings for sentence in unit_mistakes(recording, limits))
+
+
+def _notes(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    notes: list[str] = []
+    for recording in recordings:
+        notes.extend(f"{recording.name}: {note}" for note in recording.notes)
+        if recording.other_columns:
+            notes.append(f"{recording.name}: left alone: {', '.join(recording.other_columns)}")
+    return tuple(notes)

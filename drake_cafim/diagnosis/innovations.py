@@ -1,0 +1,106 @@
+"""The likelihood of a recording as one-step innovations of a Kalman filter that knows the model.
+
+The filter is started anew every half second from the 50 ms before, so that a wrong model cannot hide in what the
+filter has learned; the model has no process noise but that of a measured effort.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_cafim.diagnosis.initial_state import LOOK_BACK, state_at
+from drake_cafim.diagnosis.stepper import State, advance, driven
+from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+SEGMENT = 0.5
+"""s from one start of the filter to the next."""
+DIFFERENCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """Negative log likelihood per sample, (K,) at `time` (K,) s."""
+
+    time: Array
+    negative_log_likelihood: Array
+
+    @property
+    def mean(self) -> float:
+        return float(np.mean(self.negative_log_likelihood))
+
+
+def innovations(weak: WeakForm, physics: Physics) -> Innovations:
+    """The innovations of one recording's q (and v, where measured), ln(2πσ²) included."""
+    samples, n = weak.samples, weak.joints
+    time = samples.time
+    measured = weak.measurement(physics)
+    knots, efforts = driven(physics, time, measured.u)
+    effort = efforts[np.clip(np.searchsorted(knots, time + 1e-12, side="right") - 1, 0, None)]
+    starts = _starts(time)
+    begun = [state_at(samples, measured, index) for index in starts]
+    mean = np.concatenate([np.stack([b[0] for b in begun]), np.stack([b[1] for b in begun])], axis=1)
+    covariance = np.stack([_joint_covariance(b[2]) for b in begun])
+    names = physics.tree.joint_names
+    kinds = ("q", "v") if samples.velocity_measured else ("q",)
+    R = np.array([samples.std[f"{kind}.{name}"] ** 2 for kind in kinds for name in names])
+    y = np.concatenate([measured.q, measured.v], axis=1) if len(kinds) == 2 else measured.q
+    effort_variance = np.array([samples.std[f"u.{name}"] ** 2 for name in names])
+    stops = np.array([*starts[1:], len(time) - 1])
+    index = np.array(starts)
+    times, values = [], []
+    for k in range(int(np.max(stops - index))):
+        alive = np.flatnonzero(index + k + 1 <= stops)
+        now, following = (index + k)[alive], (index + k + 1)[alive]
+        predicted, transition, by_effort = _predict(
+            physics, mean[alive], effort[now], time[following] - time[now], n, bool(np.any(effort_variance))
+        )
+        P = transition @ covariance[alive] @ np.swapaxes(transition, 1, 2)
+        P = P + (by_effort * effort_variance) @ np.swapaxes(by_effort, 1, 2)
+        H = len(R)
+        S = P[:, :H, :H] + np.diag(R)
+        error = y[following] - predicted[:, :H]
+        solved = np.linalg.solve(S, error[..., None])[..., 0]
+        sign_log = np.linalg.slogdet(S)[1]
+        values.append(0.5 * (np.sum(error * solved, axis=1) + sign_log + H * np.log(2.0 * np.pi)))
+        times.append(time[following])
+        gain = np.swapaxes(np.linalg.solve(S, P[:, :H, :]), 1, 2)
+        mean[alive] = predicted + np.einsum("bij,bj->bi", gain, error)
+        updated = P - gain @ P[:, :H, :]
+        covariance[alive] = 0.5 * (updated + np.swapaxes(updated, 1, 2))
+    order = np.argsort(np.concatenate(times), kind="stable")
+    return Innovations(np.concatenate(times)[order], np.concatenate(values)[order])
+
+
+def _starts(time: Array) -> list[int]:
+    first = time[0] + LOOK_BACK
+    count = max(1, int((time[-1] - first) / SEGMENT))
+    return [int(np.searchsorted(time, first + k * SEGMENT - 1e-9)) for k in range(count)]
+
+
+def _joint_covariance(blocks: Array) -> Array:
+    """(2n, 2n) from each joint's (2, 2) of position and velocity."""
+    n = len(blocks)
+    result = np.zeros((2 * n, 2 * n))
+    for j, block in enumerate(blocks):
+        result[np.ix_([j, n + j], [j, n + j])] = block
+    return result
+
+
+def _predict(
+    physics: Physics, mean: Array, effort: Array, duration: Array, n: int, with_effort: bool
+) -> tuple[Array, Array, Array]:
+    """The state one sample on, (B, 2n), its derivative by the state (B, 2n, 2n) and by the effort (B, 2n, n)."""
+    shifts = np.concatenate([np.zeros((1, 2 * n)), DIFFERENCE * np.eye(2 * n), np.zeros((n * with_effort, 2 * n))])
+    pushes = np.concatenate([np.zeros((1 + 2 * n, n)), 1e-3 * np.eye(n)[: n * with_effort]])
+    copies = len(shifts)
+    x = (mean[None] + shifts[:, None]).reshape(-1, 2 * n)
+    u = (effort[None] + pushes[:, None]).reshape(-1, n)
+    end = advance(physics, State(x[:, :n], x[:, n:]), u, np.tile(duration, copies))
+    moved = np.concatenate([end.q, end.v], axis=1).reshape(copies, len(mean), 2 * n)
+    transition = np.moveaxis(moved[1 : 1 + 2 * n] - moved[0], 0, -1) / DIFFERENCE
+    by_effort = np.zeros((len(mean), 2 * n, n))
+    if with_effort:
+        by_effort = np.moveaxis(moved[1 + 2 * n :] - moved[0], 0, -1) / 1e-3
+    return moved[0], transition, by_effort

@@ -1,0 +1,84 @@
+"""Where the excess over noise lies: which rows, which joints and sensors, and when."""
+
+import numpy as np
+from scipy.stats import chi2
+
+from drake_cafim.diagnosis.adequacy import BLOCK
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.problem import Problem, Run
+from drake_cafim.diagnosis.verdict import Location
+from drake_cafim.typing import Array
+
+SIGNIFICANT = 1e-3
+"""p-value, times the number of blocks, at which a stretch of time is called a mismatch."""
+
+
+def locate(problem: Problem, model: Model) -> tuple[Location, ...]:
+    """The places by their share of the excess χ² under `model`, strongest first, with the intervals where it shows.
+
+    Rows of the equation of motion stand for their joint, kinematic rows and wrench rows for their sensor.
+    """
+    physics = model.physics(problem.scene)
+    places = _places(problem)
+    excess: dict[tuple[str, str], float] = dict.fromkeys(places, 0.0)
+    found: dict[tuple[str, str, str], list[tuple[float, float]]] = {}
+    blocks = sum(len(run.weak.samples.windows) // BLOCK for run in problem.runs) * len(places)
+    for index, run in enumerate(problem.runs):
+        z = _standardised(run, run.weak.residual(physics))
+        windows = problem.runs[index].weak.samples.windows
+        recording = problem.runs[index].weak.samples.recording.name
+        for row, place in enumerate(places):
+            excess[place] += max(float(np.sum(z[:, row] ** 2) - len(z)), 0.0)
+            for first in range(0, len(z) - BLOCK + 1, BLOCK):
+                part = float(np.sum(z[first : first + BLOCK, row] ** 2))
+                if chi2.sf(part, BLOCK) * blocks < SIGNIFICANT:
+                    start = float(windows.starts[first])
+                    stop = float(windows.starts[first + BLOCK - 1] + windows.width)
+                    _extend(found.setdefault((*place, recording), []), start, stop)
+    total = sum(excess.values())
+    locations = []
+    for place in sorted(excess, key=lambda p: -excess[p]):
+        share = excess[place] / total if total > 0.0 else 0.0
+        for run in problem.runs:
+            name = run.weak.samples.recording.name
+            intervals = found.get((*place, name))
+            if intervals and share > 0.01:
+                kind, label = place
+                # the share of a place is divided over the recordings in which it shows
+                shown = sum((*place, r.weak.samples.recording.name) in found for r in problem.runs)
+                locations.append(Location(kind, label, share / shown, tuple(intervals), name))
+    return tuple(locations)
+
+
+def _standardised(run: Run, rows: Array) -> Array:
+    """Rows (M, r) in units of their own standard deviation, given the kinematic rows of the same window.
+
+    A row of the equation of motion keeps to its own joint this way, which the Cholesky factor does not see to.
+    """
+    k = run.weak.kinematic_rows
+    covariance = run.covariance
+    result = rows / np.sqrt(covariance[:, np.arange(rows.shape[1]), np.arange(rows.shape[1])])
+    if k == 0:
+        return np.asarray(result, dtype=float)
+    cross = covariance[:, k:, :k]
+    gain = np.swapaxes(np.linalg.solve(covariance[:, :k, :k], np.swapaxes(cross, 1, 2)), 1, 2)
+    left = rows[:, k:] - np.einsum("mij,mj->mi", gain, rows[:, :k])
+    variance = np.einsum("mii->mi", covariance[:, k:, k:] - gain @ np.swapaxes(cross, 1, 2))
+    return np.concatenate([result[:, :k], left / np.sqrt(variance)], axis=1)
+
+
+def _places(problem: Problem) -> list[tuple[str, str]]:
+    weak = problem.runs[0].weak
+    names = problem.scene.tree.joint_names
+    places = [("sensor", f"v.{name}") for name in names] if weak.kinematic_rows else []
+    places += [("joint", name) for name in names]
+    for sensor in weak.sensors:
+        places += [("sensor", f"wrench.{sensor.name}.{axis}") for axis in ("fx", "fy", "fz", "tx", "ty", "tz")]
+    return places
+
+
+def _extend(intervals: list[tuple[float, float]], start: float, stop: float) -> None:
+    if intervals and start <= intervals[-1][1] + 1e-9:
+        intervals[-1] = (intervals[-1][0], stop)
+    else:
+        intervals.append((start, stop))

@@ -1,0 +1,139 @@
+"""The verdict as plain data: what a report says, and nothing of how it was found."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from drake_cafim.effects.effect import Effect
+from drake_cafim.scenario.scene import Scene
+
+Kind = Literal["none", "explained", "unexplained"]
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where recordings and model differ: a joint, body, contact, sensor or the environment, and when."""
+
+    kind: str
+    name: str
+    share: float
+    """Of all the excess over noise; shares sum to at most 1."""
+    intervals: tuple[tuple[float, float], ...] = ()
+    """s, in the recording's own time."""
+    recording: str | None = None
+    where: str = ""
+    """The condition in words, as "near v.elbow = 0"."""
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """Whether anything differs, how sure that is, and where; under `unexplained`, what remains unexplained."""
+
+    detected: bool
+    p_value: float
+    """Accounts for the number of hypotheses that were looked at."""
+    locations: tuple[Location, ...] = ()
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number with its standard deviation."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """An effect that the data support."""
+
+    effect: Effect
+    probability: float
+    values: Mapping[str, Value]
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An effect that the data cannot tell from an accepted one."""
+
+    effect: str
+    at: str
+    probability: float
+    why_alike: str
+
+
+@dataclass(frozen=True)
+class NominalParameter:
+    """An unknown of the scenario as it was fitted, beside the accepted effects."""
+
+    parameter: str
+    at: str
+    value: float
+    std: float
+    unit: str
+    prior_mean: float
+    prior_std: float
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Negative log likelihood per sample of one-step innovations, and root mean square of 1 s forecasts by column."""
+
+    nll: float
+    rmse: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A set of recordings under three models: as given, unknowns fitted, and effects added."""
+
+    nominal_as_given: Quality
+    nominal: Quality
+    corrected: Quality
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a diagnosis found. `str(verdict)` is the sentence."""
+
+    kind: Kind
+    mismatch: Mismatch
+    explanation: tuple[Explanation, ...]
+    rivals: tuple[Rival, ...]
+    parameters: tuple[NominalParameter, ...]
+    train: Comparison
+    held_out: Comparison | None
+    corrected: Scene
+    """The scene with its unknowns as fitted and the accepted effects in it."""
+    data_mistakes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    """What was read, and what was wrong with it."""
+    reduced_chi_square: tuple[float, float] = (0.0, 0.0)
+    """χ² per whitened row before and after the explanation."""
+    next_experiment: Mapping[str, object] | None = field(default=None)
+
+    def __str__(self) -> str:
+        return sentence(self)
+
+
+def sentence(verdict: Verdict) -> str:
+    """The verdict in words."""
+    if verdict.data_mistakes:
+        return "The recording itself looks wrong: " + " ".join(verdict.data_mistakes)
+    if verdict.kind == "none":
+        return "Nothing is missing: the recordings are as the model and its noise predict " \
+               f"(p = {verdict.mismatch.p_value:.2g})."
+    named = "; ".join(explanation.sentence for explanation in verdict.explanation)
+    if verdict.kind == "explained":
+        return f"The model lacks {named}. With that, what remains is noise."
+    rest = ", ".join(dict.fromkeys(location.name for location in verdict.mismatch.locations[:3]))
+    remains = f"Something more is there, at {rest}, that is not in the vocabulary." if rest else \
+        "Something more is there that is not in the vocabulary."
+    before, after = verdict.reduced_chi_square
+    if named:
+        return f"The model lacks {named}. That takes the misfit from {before:.3g} to {after:.3g} times the noise " \
+               f"variance. {remains}"
+    return f"The recordings differ from the model by {before:.3g} times the noise variance, and no known effect " \
+           f"explains it. {remains}"

@@ -1,0 +1,42 @@
+"""A scenario written back as the file that it could have come from."""
+
+import dataclasses as dc
+import os
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from drake_cafim.scenario.schema import Scenario
+
+
+def as_yaml(scenario: Scenario, folder: Path, destination: Path) -> str:
+    """The scenario as YAML for a file in `destination`; its model path was relative to `folder`."""
+    raw = {key: value for key, value in _plain(scenario).items() if value not in (None, [], {}, "")}
+    if scenario.model and not scenario.model.startswith("package://"):
+        raw["model"] = os.path.relpath((folder / scenario.model).resolve(), destination.resolve())
+    for channel in raw.get("channels", {}).values():
+        if set(channel.get("std", {})) == {"all"}:
+            channel["std"] = channel["std"]["all"]
+    raw["effects"] = [
+        {key: value for key, value in entry.items() if key != "parameters"} | entry.get("parameters", {})
+        for entry in raw.get("effects", [])
+    ]
+    return yaml.safe_dump(raw, sort_keys=False, allow_unicode=True)
+
+
+def _plain(value: Any) -> Any:
+    """Nested dataclasses as mappings, without what is at its default."""
+    if dc.is_dataclass(value) and not isinstance(value, type):
+        result = {}
+        for field in dc.fields(value):
+            item = getattr(value, field.name)
+            default = field.default_factory() if field.default_factory is not dc.MISSING else field.default
+            if item != default:
+                result[field.name] = _plain(item)
+        return result
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return value
