@@ -110,9 +110,9 @@ def view(config: RubbingConfig) -> View:
         axes=coordinates.axes,
         origin=coordinates.origin,
         force_directions=coordinates.directions,
-        force_offset=as_array([0.0, 0.0, 0.0]),
+        force_offset=as_array([0.06, 0.0, 0.0]),  # before the tip, not within
         force_scale=0.05,
         spread=as_array([0.0, 0.0, 0.0]),
-        camera=Camera(eye=(2.2, 0.1, 0.75), target=(0.2, 0.22, 0.2)),
-        panel=(-0.3, -1.0, 0.25),
+        camera=Camera(eye=(1.75, 0.0, 0.62), target=(0.2, 0.12, 0.18)),
+        panel=(-0.1, -0.85, 0.27),
     )

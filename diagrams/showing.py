@@ -34,6 +34,7 @@ class View:
     camera: Camera
     panel: tuple[float, float, float]
     panel_width: float = 0.7
+    stroke: float = 1.0
 
     def place(self, positions: Array) -> Array:
         """Points (..., 3) m in W of planner coordinates (..., nu) m."""
@@ -112,6 +113,7 @@ def make_replay(
         camera=view.camera,
         panel=view.panel,
         panel_width=view.panel_width,
+        stroke=view.stroke,
     )
 
 

@@ -17,6 +17,7 @@ CURVE = Rgba(0.13, 0.45, 0.85, 0.9)
 PRIOR = Rgba(0.72, 0.80, 0.90, 1.0)
 TRUTH = Rgba(0.85, 0.15, 0.15, 1.0)
 BOARD = Rgba(1.0, 1.0, 1.0, 1.0)
+THIN = 0.006  # of the board's width
 BASE = 0.2  # of the board's height, where the axis lies
 
 
@@ -122,13 +123,31 @@ def _draw_axis(meshcat: Meshcat, path: str, belief: BeliefHistory, board: Board,
     step = _nice_step((high - low) / 4.0)
     for index, value in enumerate(np.round(np.arange(np.ceil(low / step), np.floor(high / step) + 0.5)) * step):
         x = float(_across(np.array(value), low, high, board))
-        _draw_bar(meshcat, f"{path}/tick{index}", board, x, base - 0.02 * board.height, 0.004, 0.04 * board.height, INK)
+        _draw_bar(
+            meshcat,
+            f"{path}/tick{index}",
+            board,
+            x,
+            base - 0.02 * board.height,
+            THIN * board.width,
+            0.04 * board.height,
+            INK,
+        )
         text = f"{value + 0.0:.6g}"  # no "-0"
         at = (x, 0.07 * board.height)
         draw_text(meshcat, f"{path}/value{index}", text, at=at, height=0.06 * board.height, centred=True)
     if belief.truth is not None:
         x = float(_across(np.array(belief.truth), low, high, board))
-        _draw_bar(meshcat, f"{path}/truth", board, x, base + 0.31 * board.height, 0.005, 0.62 * board.height, TRUTH)
+        _draw_bar(
+            meshcat,
+            f"{path}/truth",
+            board,
+            x,
+            base + 0.31 * board.height,
+            1.3 * THIN * board.width,
+            0.62 * board.height,
+            TRUTH,
+        )
 
 
 def _draw_bar(

@@ -42,9 +42,9 @@ def render(replay: Replay, diagram: Diagram, meshcat: Meshcat) -> str:
     meshcat.StartRecording(frames_per_second=FRAMES_PER_SECOND, set_visualizations_while_recording=False)
     _record_motion(replay.motion, diagram)
     if replay.forces is not None:
-        _draw_forces(meshcat, replay.forces)
+        _draw_forces(meshcat, replay.forces, replay.stroke)
     if replay.candidates is not None:
-        _draw_candidates(meshcat, replay.candidates)
+        _draw_candidates(meshcat, replay.candidates, replay.stroke)
     _draw_beliefs(meshcat, replay)
     meshcat.StopRecording()
     meshcat.PublishRecording()
@@ -77,10 +77,10 @@ def _record_motion(motion: Motion, diagram: Diagram) -> None:
         visualizer.ForcedPublish(visualizer.GetMyContextFromRoot(context))
 
 
-def _draw_forces(meshcat: Meshcat, forces: Forces) -> None:
+def _draw_forces(meshcat: Meshcat, forces: Forces, stroke: float) -> None:
     for index in range(forces.forces.shape[1]):
         path = f"{ROOT}/force{index}"
-        draw_arrow(meshcat, path, FORCE)
+        draw_arrow(meshcat, path, FORCE, stroke)
         vectors = forces.scale * forces.forces[:, index]
         for time, point, vector in zip(forces.time, forces.points[:, index], vectors, strict=True):
             move_arrow(meshcat, path, float(time), point, vector)
@@ -88,13 +88,13 @@ def _draw_forces(meshcat: Meshcat, forces: Forces) -> None:
             meshcat.SetProperty(path, "visible", visible, moment)
 
 
-def _draw_candidates(meshcat: Meshcat, candidates: Candidates) -> None:
+def _draw_candidates(meshcat: Meshcat, candidates: Candidates, stroke: float) -> None:
     """The candidates of each planning step as thin lines, the chosen one as a thick one; one step at a time."""
     count = len(candidates.time)
     for index, (paths, chosen) in enumerate(zip(candidates.paths, candidates.chosen, strict=True)):
         path = f"{ROOT}/plan{index}"
         draw_lines(meshcat, f"{path}/all", paths, CANDIDATE)
-        draw_tube(meshcat, f"{path}/chosen", paths[int(chosen)], 0.004, CHOSEN)
+        draw_tube(meshcat, f"{path}/chosen", paths[int(chosen)], 0.004 * stroke, CHOSEN)
         for moment, visible in changes(candidates.time, np.arange(count) == index):
             meshcat.SetProperty(path, "visible", visible, moment)
 

@@ -64,4 +64,5 @@ class Replay:
     beliefs: tuple[BeliefHistory, ...] = field(default=())
     camera: Camera = field(default_factory=Camera)
     panel: tuple[float, float, float] = (0.0, 0.6, 0.6)
-    panel_width: float = 0.5
+    panel_width: float = 0.5  # m
+    stroke: float = 1.0  # thickness of arrows and plans; 1 suits an arm, less a gripper

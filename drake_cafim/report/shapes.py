@@ -53,13 +53,13 @@ def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9))
 
 
-def draw_arrow(meshcat: Meshcat, path: str, color: Rgba) -> None:
-    """An arrow along z of the path's frame; `move_arrow` gives it its length."""
-    meshcat.SetObject(f"{path}/shaft/bar", Cylinder(0.008, 1.0), color)
+def draw_arrow(meshcat: Meshcat, path: str, color: Rgba, stroke: float = 1.0) -> None:
+    """An arrow along z of the path's frame, 16 mm thick times `stroke`; `move_arrow` gives it its length."""
+    meshcat.SetObject(f"{path}/shaft/bar", Cylinder(0.008 * stroke, 1.0), color)
     meshcat.SetTransform(f"{path}/shaft/bar", shifted(0.0, 0.0, 0.5))
     # Meshcat's cones stand on their tips
-    turned = RigidTransform(RotationMatrix.MakeXRotation(np.pi), shifted(0.0, 0.0, 0.045).translation())
-    meshcat.SetObject(f"{path}/head/cone", MeshcatCone(0.045, 0.02, 0.02), color)
+    turned = RigidTransform(RotationMatrix.MakeXRotation(np.pi), shifted(0.0, 0.0, 0.045 * stroke).translation())
+    meshcat.SetObject(f"{path}/head/cone", MeshcatCone(0.045 * stroke, 0.02 * stroke, 0.02 * stroke), color)
     meshcat.SetTransform(f"{path}/head/cone", turned)
 
 
