@@ -1,0 +1,106 @@
+"""One sealed trial: make a case, seal its truth, run the diagnosis on it in a process of its own, open, score."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .case import RECORDINGS
+from .make import make
+from .score import score
+from .seal import Seal
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A slot of the proof; `seed` is the case's own."""
+
+    slot: int
+    kind: str
+    rig: str
+    seed: int
+
+
+def command(diagnose: list[str], out: str) -> list[str]:
+    """The diagnosis as a user would start it, in the case's folder."""
+    train, held = list(RECORDINGS[:3]), RECORDINGS[3]
+    return [*diagnose, "scenario.yaml", "--recording", *train, "--held-out", held, "--out", out, "--jobs", "1"]
+
+
+def scrubbed(home: Path) -> dict[str, str]:
+    """An environment that tells the child nothing of its parent."""
+    return {
+        "PATH": os.pathsep.join([str(Path(sys.executable).parent), "/usr/bin", "/bin"]),
+        "HOME": str(home),
+        "TMPDIR": str(home),
+        "LANG": "C.UTF-8",
+        "OMP_NUM_THREADS": "1",
+        "MPLBACKEND": "Agg",
+    }
+
+
+def diagnosed(diagnose: list[str], folder: Path, home: Path, limit: float) -> tuple[dict[str, Any] | None, str]:
+    """The child's report, or why there is none. The report lies where the contract says, whatever the verdict."""
+    out = home / "report"
+    try:
+        done = subprocess.run(
+            command(diagnose, str(out)), cwd=folder, env=scrubbed(home), capture_output=True, text=True, timeout=limit, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return None, f"no report after {limit:.0f} s"
+    if done.returncode != 0:
+        return None, f"exit {done.returncode}: {done.stderr.strip()[-600:]}"
+    try:
+        return json.loads((out / "report.json").read_text()), ""
+    except (OSError, ValueError) as error:
+        return None, f"no readable report.json: {error}"
+
+
+def attempt(trial: Trial, diagnose: list[str], out: Path, limit: float, keep: bool) -> dict[str, Any]:
+    """The scored trial. The truth leaves this process's memory only after the diagnosis has ended."""
+    started = time.perf_counter()
+    case = make(trial.kind, trial.rig, trial.seed)
+    seal = Seal.close(case.truth)
+    name = secrets.token_hex(6)
+    made = time.perf_counter()
+    with open(out / "seals.txt", "a") as stream:
+        stream.write(f"{name} {seal.digest}\n")
+    print(f"sealed {name} {seal.digest}", flush=True)
+    home = Path(tempfile.mkdtemp(prefix="case-"))
+    try:
+        folder = home / name
+        case.write(folder)
+        report, failure = diagnosed(diagnose, folder, home, limit)
+        ended = time.perf_counter()
+        if keep:
+            shutil.copytree(home, out / "kept" / name, dirs_exist_ok=True)
+    finally:
+        shutil.rmtree(home, ignore_errors=True)
+    if not seal.verify(seal.digest):  # pragma: no cover
+        raise RuntimeError("the truth was changed after it was sealed")
+    result = score(seal.truth, report, failure)
+    result |= {"slot": trial.slot, "name": name, "case_kind": trial.kind, "case_rig": trial.rig, "seed": hex(trial.seed)}
+    result |= {"digest": seal.digest, "salt": seal.salt, "opened": seal.truth, "report": _short(report)}
+    result |= {"made_seconds": made - started, "diagnosed_seconds": ended - made}
+    path = out / "opened" / f"{trial.slot:05d}.json"
+    temporary = path.with_suffix(".part")
+    temporary.write_text(json.dumps(result, default=float))
+    temporary.replace(path)
+    return result
+
+
+def _short(report: dict[str, Any] | None) -> dict[str, Any] | None:
+    """The report's findings, without its long parts."""
+    if report is None:
+        return None
+    kept = ("verdict", "mismatch", "explanation", "rivals", "data_mistakes", "parameters")
+    return {key: report.get(key) for key in kept}
