@@ -1,11 +1,12 @@
 """The whole diagnosis: recordings and a scene in, a verdict out."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from drake_cafim.diagnosis.adequacy import adequacy
-from drake_cafim.diagnosis.fitting import Fit
+from drake_cafim.diagnosis.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.forecast import forecast, root_mean_square
 from drake_cafim.diagnosis.innovations import innovations
 from drake_cafim.diagnosis.location import locate
@@ -63,8 +64,7 @@ def examine(
 ) -> tuple[Verdict, Outcome]:
     """`diagnose`, with the search's own account beside the verdict, for pictures."""
     settings = settings or Settings()
-    first = recordings[0].matrix("q", scene.tree.joint_names)
-    scene = scene.facing(first[np.flatnonzero(np.all(np.isfinite(first), axis=1))[0]])
+    scene = _facing(scene, recordings)
     progress("reading noise and laying windows")
     std, notes = noise_of(scene, recordings)
     weak = [WeakForm(samples_of(scene, recording, std), scene.wrench_sensors) for recording in recordings]
@@ -72,6 +72,35 @@ def examine(
     held = [WeakForm(samples_of(scene, recording, std), scene.wrench_sensors) for recording in held_out]
     mistakes = _mistakes(scene, recordings)
     return _verdict(scene, outcome, weak, held, settings, (*notes, *_notes(recordings)), mistakes, progress), outcome
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The unknown parameters as fitted, and how the model then does."""
+
+    parameters: tuple[NominalParameter, ...]
+    train: Comparison
+
+
+def estimate(
+    scene: Scene, recordings: Sequence[Recording], *, progress: Progress = lambda text: None
+) -> Estimate:
+    """The scenario's unknown parameters from recordings; the model's own effects are in it, no others are sought."""
+    scene = _facing(scene, recordings)
+    std, _ = noise_of(scene, recordings)
+    weak = [WeakForm(samples_of(scene, recording, std), scene.wrench_sensors) for recording in recordings]
+    problem = Problem.of(scene, weak, Model(scene.priors.mean))
+    progress("fitting the unknown parameters")
+    fitted = unbiased_fit(problem, problem.nominal())
+    progress("simulating")
+    models = [Model(scene.priors.mean), fitted.model, fitted.model]
+    return Estimate(_parameters(scene, fitted), _comparison(weak, scene, models))
+
+
+def _facing(scene: Scene, recordings: Sequence[Recording]) -> Scene:
+    """The scene with its contact planes on the side on which the first recording starts."""
+    q = recordings[0].matrix("q", scene.tree.joint_names)
+    return scene.facing(q[np.flatnonzero(np.all(np.isfinite(q), axis=1))[0]])
 
 
 def _verdict(

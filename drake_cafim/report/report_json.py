@@ -65,13 +65,10 @@ def report_of(
             {"effect": one.effect, "at": one.at, "probability": one.probability, "why_alike": one.why_alike}
             for one in verdict.rivals
         ],
-        "parameters": [
-            {"parameter": one.parameter, "at": one.at, "value": one.value, "std": one.std, "unit": one.unit}
-            for one in verdict.parameters
-        ],
+        "parameters": parameters_of(verdict.parameters),
         "fit": {
-            "train": _comparison(verdict.train),
-            "held_out": None if verdict.held_out is None else _comparison(verdict.held_out),
+            "train": comparison_of(verdict.train),
+            "held_out": None if verdict.held_out is None else comparison_of(verdict.held_out),
         },
         "reduced_chi_square": {"nominal": verdict.reduced_chi_square[0], "corrected": verdict.reduced_chi_square[1]},
         "notes": list(verdict.notes),

@@ -11,6 +11,7 @@ import yaml
 from pydrake.common.yaml import yaml_load_typed
 
 from drake_cafim.errors import InputError
+from drake_cafim.recordings.topics import Topic, check_topics
 
 
 @dc.dataclass
@@ -102,6 +103,7 @@ class Scenario:
     contact: list[ContactPair] = dc.field(default_factory=list)
     effects: list[EffectEntry] = dc.field(default_factory=list)
     servo: Servo | None = None
+    topics: dict[str, Topic] = dc.field(default_factory=dict)  # names in bags, logs and foreign tables
 
 
 LAWS = ("kelvin_voigt", "paper", "hunt_crossley")
@@ -190,6 +192,7 @@ def _refuse_unknown_keys(raw: dict[str, Any], source: str) -> None:
 def _check(scenario: Scenario, source: str) -> None:
     if not scenario.model and not scenario.directives:
         raise InputError(f"{source}: the key model is missing, expected the path of a .urdf, .sdf, .xml or .dmd.yaml")
+    check_topics(scenario.topics, source)
     if len(scenario.gravity) != 3:
         raise InputError(f"{source}: gravity is {scenario.gravity}, expected three numbers in m/s²")
     for name, channel in scenario.channels.items():

@@ -1,0 +1,147 @@
+"""The command `cafim`: arguments in, one call of `commands`, a summary out."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from tqdm import tqdm
+
+from drake_cafim.errors import InputError
+from drake_cafim.output import prepare_folder
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+class Cafim(click.Group):
+    """A group whose commands end with status 2 and one sentence where the input cannot be used."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            click.echo(f"cafim: {error}", err=True)
+            ctx.exit(2)
+
+
+@click.group(cls=Cafim, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="drake_cafim")
+def main() -> None:
+    """A robot that touches things learns what they are made of, and names the physics its model left out."""
+
+
+def common(function: Command) -> Command:
+    """The options that every command takes."""
+    options = [
+        click.option("--out", type=click.Path(path_type=Path), help="Where to write; default cafim-out/<command>-<n>."),
+        click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same bytes."),
+        click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
+        click.option("--jobs", type=int, default=-1, show_default=True, help="Processes; -1: one a core."),
+        click.option("--scheduler", help="A Dask cluster to spread the work over, as tcp://host:8786."),
+        click.option("--resume", is_flag=True, help="Go on with what a killed run left in --out."),
+        click.option("--overwrite", is_flag=True, help="Write into a folder that holds files."),
+    ]
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+@main.command()
+@click.argument("scenario")
+@click.option("--recording", "recordings", multiple=True, help="Recordings to diagnose; repeat, or list after one.")
+@click.option("--held-out", multiple=True, help="Recordings to test the explanation on; nothing is fitted to them.")
+@click.option("--fleet", type=click.Path(path_type=Path, exists=True, file_okay=False), help="One report a folder.")
+@common
+def diagnose(
+    scenario: str,
+    recordings: tuple[str, ...],
+    held_out: tuple[str, ...],
+    fleet: Path | None,
+    out: Path | None,
+    as_json: bool,
+    jobs: int,
+    resume: bool,
+    overwrite: bool,
+    **_: object,
+) -> None:
+    """Say what physics a model lacks, where, and how sure that is."""
+    from drake_cafim.commands.diagnose import diagnose_command, diagnose_fleet
+
+    if fleet is not None:
+        reports = diagnose_fleet(scenario, fleet, out, jobs, resume=resume, overwrite=overwrite)
+        _print(reports, as_json, "\n".join(report["sentence"] for report in reports))
+        return
+    if not recordings:
+        raise InputError("diagnose: no --recording was given, expected at least one file")
+    folder = prepare_folder(out, "diagnose", resume=resume, overwrite=overwrite)
+    with progress_line() as progress:
+        report = diagnose_command(scenario, recordings, held_out, folder, progress)
+    _print(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
+
+
+@main.command()
+@click.argument("scenario")
+@click.argument("recordings", nargs=-1, required=True)
+@common
+def estimate(
+    scenario: str, recordings: tuple[str, ...], out: Path | None, as_json: bool, resume: bool, overwrite: bool, **_: object
+) -> None:
+    """Estimate the scenario's unknown parameters from recordings."""
+    from drake_cafim.commands.estimate import estimate_command
+
+    folder = prepare_folder(out, "estimate", resume=resume, overwrite=overwrite)
+    with progress_line() as progress:
+        report = estimate_command(scenario, recordings, folder, progress)
+    lines = [f"{p['parameter']} of {p['at']}: {p['value']:.6g} ± {p['std']:.2g} {p['unit']}" for p in report["parameters"]]
+    _print(report, as_json, "\n".join([*lines, str(folder / "report.json")]))
+
+
+@main.command(name="import")
+@click.argument("files", nargs=-1, required=True)
+@common
+def import_(files: tuple[str, ...], out: Path | None, as_json: bool, resume: bool, overwrite: bool, **_: object) -> None:
+    """Show what bags, logs and tables hold, and write them as Parquet."""
+    from drake_cafim.commands.importing import import_command
+
+    folder = prepare_folder(out, "import", resume=resume, overwrite=overwrite)
+    found = import_command(files, folder)
+    _print(found, as_json, "\n".join(one["text"] for one in found))
+
+
+@contextmanager
+def progress_line() -> Iterator[Callable[[str], None]]:
+    """What is being done, on stderr: one line that changes, or a line a stage where stderr is no terminal."""
+    if not sys.stderr.isatty():
+        yield lambda text: click.echo(f"cafim: {text} ...", err=True)
+        return
+    with tqdm(bar_format="{elapsed} {desc}", file=sys.stderr, leave=False) as bar:
+        yield bar.set_description_str
+
+
+def _print(result: Any, as_json: bool, text: str) -> None:
+    click.echo(json.dumps(result, indent=1, ensure_ascii=False) if as_json else text)
+
+
+def spread_values(arguments: list[str], options: tuple[str, ...]) -> list[str]:
+    """`--recording A B C` as `--recording A --recording B --recording C`, which is what click reads."""
+    result: list[str] = []
+    current: str | None = None
+    for argument in arguments:
+        if argument in options:
+            current = argument
+        elif argument.startswith("-"):
+            current = None
+            result.append(argument)
+        elif current is not None:
+            result += [current, argument]
+        else:
+            result.append(argument)
+    return result
+
+
+def run_cli() -> None:
+    """The console script."""
+    main(args=spread_values(sys.argv[1:], ("--recording", "--held-out", "--between")))

@@ -1,0 +1,1 @@
+"""What each command of `cafim` does, one file a command; `cli` only reads the arguments."""
