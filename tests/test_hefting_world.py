@@ -11,6 +11,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from drake_cafim.diagrams import hefting
+from drake_cafim.diagrams.sensing import contact_force_on
 from drake_cafim.diagrams.world import start_context
 from drake_cafim.errors import InputError
 from drake_cafim.typing import Array
@@ -135,7 +136,7 @@ def test_heavier_ball_weighs_more(world: str, config: hefting.HeftingConfig) -> 
     ("truth", "kind", "message"),
     [
         ({"friction": 0.4}, "drake", "hefting: the truth names friction, expected mass"),
-        ({"mass": -1.0}, "drake", "mass is -1.0 kg"),
+        ({"mass": -1.0}, "drake", "the true mass is -1.0"),
         ({}, "mujoco", "expected one of drake, model"),
     ],
 )
@@ -149,3 +150,24 @@ def test_packaged_file_equals_the_defaults(tmp_path: Path) -> None:
     empty.write_text("{}\n")
     # Drake's own config structs compare by identity
     assert repr(hefting.load_config()) == repr(hefting.load_config(empty))
+
+
+def test_ball_starts_at_rest_on_the_palm(diagram: Diagram, config: hefting.HeftingConfig) -> None:
+    run = simulate(diagram, [0.0], step=0.002)
+    # Drake's ball is a polyhedron within the sphere, which at first sinks in less
+    assert run.true_force[0] == pytest.approx(0.05 * GRAVITY, rel=0.25)
+
+
+def test_contact_force_on_the_hand_is_the_reaction(config: hefting.HeftingConfig) -> None:
+    diagram = hefting.build_world(config, {}, "drake")
+    plant = diagram.GetSubsystemByName("plant")
+    context = start_context(diagram)
+    simulator = Simulator(diagram, context)
+    diagram.GetInputPort("command").FixValue(context, [0.0])
+    simulator.AdvanceTo(0.05)
+    results = diagram.GetOutputPort("contact_results").Eval(context)
+    hand = plant.GetBodyIndices(plant.GetModelInstanceByName("hand"))
+    on_ball = contact_force_on(results, plant, plant.GetBodyByName("ball").index())
+    on_hand = sum(contact_force_on(results, plant, body) for body in hand)
+    assert on_ball[2] == pytest.approx(0.05 * GRAVITY, rel=0.05)
+    np.testing.assert_allclose(on_hand, -on_ball, atol=1e-9)

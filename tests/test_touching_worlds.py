@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 from pydrake.math import RotationMatrix
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from drake_cafim.diagrams import contouring, pinching, rubbing
 from drake_cafim.diagrams.movers import JawMover, rotation_error
+from drake_cafim.diagrams.planner_contact import PlannerContact, TouchedPoint
 from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import start_context
 from drake_cafim.errors import InputError
@@ -199,3 +201,17 @@ def test_joint_velocity_limits_slow_the_arm_down() -> None:
         velocities = plant.GetVelocities(plant.GetMyContextFromRoot(context), arm)
         most = max(most, float((np.abs(velocities) / limits).max()))
     assert 0.95 < most < 1.05
+
+
+def test_planners_contact_pushes_the_tool() -> None:
+    scenario = load("pinching")
+    body, p_BT = BodyIndex(3), np.array([0.0, 0.0, 0.065])
+    outwards = np.array([[1.0, 0.0, 0.0]])
+    point = TouchedPoint(body, p_BT, outwards)
+    system = PlannerContact(scenario.task.model, scenario.task.theta, coordinates=1, points=[point])
+    context = system.CreateDefaultContext()
+    system.get_input_port().FixValue(context, [0.015, 0.0])
+    (applied,) = system.GetOutputPort("spatial_forces").Eval(context)
+    np.testing.assert_allclose(applied.F_Bq_W.translational(), [800.0 * 0.005, 0.0, 0.0])
+    np.testing.assert_allclose(applied.p_BoBq_B, p_BT)
+    assert applied.body_index == body
