@@ -110,3 +110,22 @@ def test_inertial_regressor_gives_the_same_rows_as_the_momentum(branched: Multib
     expected = -(windows.rate @ balance.momentum) - windows.value @ balance.force
     rows = inertial_regressor(moving, v, windows).rows(inertial_parameters(tree), gravity)
     np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-12)
+
+
+def test_a_locked_joint_is_a_weld_at_its_position(branched: MultibodyPlant) -> None:
+    tree = tree_of(branched, {"slide": 0.3})
+    assert "slide" not in tree.joint_names and len(tree.joints) == 3
+    rng = np.random.default_rng(5)
+    q, v = rng.normal(size=(4, 3)), rng.normal(size=(4, 3))
+    moving = motion(tree, q, v)
+    M = mass_matrix(moving, moving.link_inertias)
+    context = branched.CreateDefaultContext()
+    index = [branched.GetJointByName(name).velocity_start() for name in tree.joint_names]
+    slide = branched.GetJointByName("slide").position_start()
+    for k in range(4):
+        full = np.zeros(4)
+        full[index], full[slide] = q[k], 0.3
+        branched.SetPositions(context, full)
+        np.testing.assert_allclose(M[k], branched.CalcMassMatrix(context)[np.ix_(index, index)], atol=1e-12)
+    with pytest.raises(InputError, match="lock names the joint 'elbow'"):
+        tree_of(branched, {"elbow": 0.0})

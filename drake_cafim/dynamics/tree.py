@@ -1,13 +1,13 @@
 """The kinematic tree and inertias of a Drake plant as plain arrays: thousands of samples go through at once."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint, WeldJoint
+from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
 from pydrake.systems.framework import Context
 
 from drake_cafim.errors import InputError
@@ -101,18 +101,22 @@ class Tree:
         return replace(self, joints=tuple(changed.get(joint.name, joint) for joint in self.joints))
 
 
-def tree_of(plant: MultibodyPlant) -> Tree:
+def tree_of(plant: MultibodyPlant, locked: Mapping[str, float] | None = None) -> Tree:
     """The tree of a finalized plant whose joints are revolute, prismatic or welds.
 
-    Joints keep the order of the plant's velocities. Raises `InputError` for any other kind of joint.
+    Joints keep the order of the plant's velocities; those of `locked` are welds at that position, rad or m.
+    Raises `InputError` for any other kind of joint, and for a locked joint that the plant lacks.
     """
+    locked = locked or {}
     context = plant.CreateDefaultContext()
     zero: Array = np.zeros(plant.num_positions())
     plant.SetPositions(context, zero)
+    for name, position in locked.items():
+        _lock(plant, context, name, position)
     moving: list[OneAxisJoint] = []
     for i in plant.GetJointIndices():
         joint = plant.get_joint(i)
-        if joint.num_velocities() == 0:
+        if joint.num_velocities() == 0 or joint.name() in locked:
             continue
         if isinstance(joint, RevoluteJoint | PrismaticJoint):
             moving.append(joint)
@@ -125,13 +129,26 @@ def tree_of(plant: MultibodyPlant) -> Tree:
     index = {joint.name(): k for k, joint in enumerate(moving)}
     rides = _rides(plant, index)
     rotors = _rotor_inertias(plant)
-    joints = tuple(_joint(plant, context, joint, rides, rotors) for joint in moving)
+    joints = tuple(_joint(plant, context, joint, moving, rides, rotors) for joint in moving)
     bodies = tuple(
-        _body(plant, context, name, rides[name])
+        _body(plant, context, moving, name, rides[name])
         for name in rides
         if name != plant.world_body().name()
     )
     return Tree(joints, bodies)
+
+
+def _lock(plant: MultibodyPlant, context: Context, name: str, position: float) -> None:
+    if not plant.HasJointNamed(name):
+        names = ", ".join(plant.get_joint(i).name() for i in plant.GetJointIndices())
+        raise InputError(f"lock names the joint {name!r}, which the model lacks; it has: {names}")
+    joint = plant.GetJointByName(name)
+    if not isinstance(joint, RevoluteJoint | PrismaticJoint):
+        raise InputError(f"lock names the joint {name!r}, which is {type(joint).__name__}, expected one axis")
+    if isinstance(joint, RevoluteJoint):
+        joint.set_angle(context, position)
+    else:
+        joint.set_translation(context, position)
 
 
 def _rides(plant: MultibodyPlant, index: dict[str, int]) -> dict[str, int]:
@@ -145,8 +162,7 @@ def _rides(plant: MultibodyPlant, index: dict[str, int]) -> dict[str, int]:
             raise InputError(f"bodies {names} hang on no chain to the world; weld the base (`weld:`)")
         for joint in known:
             parent = rides[joint.parent_body().name()]
-            is_weld = isinstance(joint, WeldJoint)
-            rides[joint.child_body().name()] = parent if is_weld else index[joint.name()]
+            rides[joint.child_body().name()] = index.get(joint.name(), parent)
             waiting.remove(joint)
     return rides
 
@@ -166,12 +182,13 @@ def _joint(
     plant: MultibodyPlant,
     context: Context,
     joint: OneAxisJoint,
+    moving: Sequence[OneAxisJoint],
     rides: dict[str, int],
     rotors: dict[str, float],
 ) -> Joint:
     parent = rides[joint.parent_body().name()]
     X_WF: RigidTransform = joint.frame_on_parent().CalcPoseInWorld(context)
-    X_WP = _moving_frame(plant, context, parent)
+    X_WP = _moving_frame(context, moving, parent)
     X_PF = X_WP.inverse().multiply(X_WF)
     axis = joint.translation_axis() if isinstance(joint, PrismaticJoint) else joint.revolute_axis()
     effort = [
@@ -195,19 +212,16 @@ def _joint(
 
 
 
-def _moving_frame(plant: MultibodyPlant, context: Context, joint: int) -> RigidTransform:
-    if joint == FIXED:
-        return RigidTransform()
-    for i in plant.GetJointIndices():
-        candidate = plant.get_joint(i)
-        if candidate.num_velocities() > 0 and int(candidate.velocity_start()) == joint:
-            return candidate.frame_on_child().CalcPoseInWorld(context)
-    raise AssertionError(f"no joint starts at velocity {joint}")
+def _moving_frame(context: Context, moving: Sequence[OneAxisJoint], joint: int) -> RigidTransform:
+    """X_WJ of the joint of that index, the world itself for `FIXED`."""
+    return RigidTransform() if joint == FIXED else moving[joint].frame_on_child().CalcPoseInWorld(context)
 
 
-def _body(plant: MultibodyPlant, context: Context, name: str, joint: int) -> Body:
+def _body(
+    plant: MultibodyPlant, context: Context, moving: Sequence[OneAxisJoint], name: str, joint: int
+) -> Body:
     body = plant.GetBodyByName(name)
-    X_WJ = _moving_frame(plant, context, joint)
+    X_WJ = _moving_frame(context, moving, joint)
     X_JB = X_WJ.inverse().multiply(plant.EvalBodyPoseInWorld(context, body))
     M_BBo_B = body.default_spatial_inertia()
     about_center = M_BBo_B.Shift(M_BBo_B.get_com())

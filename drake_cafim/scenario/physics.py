@@ -9,6 +9,7 @@ from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import Motion, bias_force, mass_matrix, momentum_balance
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.actuator import ActuatorEffect
+from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect, Force, JointSamples
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.link import TreeEffect
@@ -26,6 +27,7 @@ class Physics:
     joint_forces: tuple[JointForce, ...] = ()
     actuators: tuple[ActuatorEffect, ...] = ()
     sensors: tuple[SensorEffect, ...] = ()
+    couplings: tuple[JointCoupling, ...] = ()
 
     @property
     def rotor_inertias(self) -> Array:
@@ -86,6 +88,34 @@ class Physics:
             force = force + moving.project(self.contact_wrenches(moving))
         return force + self.applied_at_joints(joints)[0], M
 
+    def rotor_drives(
+        self, time: Array, moving: Motion, effort: Array, joints: Sequence[JointSamples]
+    ) -> tuple[RotorDrive, ...]:
+        """What would drive each joint's twist if its rotor were coupled to it by a law; the other joints are rigid.
+
+        `effort` (N, n) acts from each of `time` (N,) s to the next. With A = M⁻¹ of the rigid robot, taking the rotor
+        J of a joint off its link makes its mobility b = a/(1 − J a), a the diagonal of A (Sherman, Morrison).
+        """
+        inertias = moving.link_inertias
+        M = mass_matrix(moving, inertias) + np.diag(self.rotor_inertias)
+        force = self.applied_at_joints(joints)[0] - bias_force(moving, inertias, self.gravity)
+        if self.contacts:
+            force = force + moving.project(self.contact_wrenches(moving))
+        A = np.linalg.inv(M)
+        # held efforts change at the samples, all else is smooth: taken in the middle of each interval
+        A, drift = _in_the_middle(A), _in_the_middle(np.einsum("nij,nj->ni", A, force))
+        own = np.diagonal(A, axis1=1, axis2=2)
+        drives = []
+        for j, inertia in enumerate(self.rotor_inertias):
+            if inertia <= 0.0:
+                drives.append(RotorDrive(time, np.zeros(len(time)), np.ones(len(time)), 0.0))
+                continue
+            without = drift[:, j] + np.einsum("ni,ni->n", A[:, j], effort) - own[:, j] * effort[:, j]
+            free = 1.0 - inertia * own[:, j]
+            push = effort[:, j] / inertia - without / free
+            drives.append(RotorDrive(time, push, 1.0 / inertia + own[:, j] / free, float(inertia)))
+        return tuple(drives)
+
     def with_effects(self, effects: Sequence[Effect]) -> "Physics":
         """The physics with more effects, each of which has its values."""
         physics = self
@@ -97,8 +127,15 @@ class Physics:
                 physics = replace(physics, joint_forces=(*physics.joint_forces, effect))
             elif isinstance(effect, ActuatorEffect):
                 physics = replace(physics, actuators=(*physics.actuators, effect))
+            elif isinstance(effect, JointCoupling):
+                physics = replace(physics, couplings=(*physics.couplings, effect))
             elif isinstance(effect, SensorEffect):
                 physics = replace(physics, sensors=(*physics.sensors, effect))
             else:
                 raise TypeError(f"{effect.name} has no way into the physics")
         return physics
+
+
+def _in_the_middle(values: Array) -> Array:
+    """Means (N, ...) of each sample and the next."""
+    return np.asarray(0.5 * (values + np.concatenate([values[1:], values[-1:]])), dtype=float)

@@ -73,7 +73,7 @@ class Scene:
         builder = DiagramBuilder()
         plant, scene_graph = add_plant(scenario, folder, builder, time_step=0.0)
         diagram = builder.Build()
-        tree = tree_of(plant)
+        tree = tree_of(plant, scenario.lock)
         physics = Physics(tree, np.array(scenario.gravity, dtype=float))
         scene = cls(name, scenario, diagram, plant, scene_graph, tree, physics, (), ())
         return scene.facing(np.zeros(len(tree.joints)))

@@ -98,6 +98,7 @@ class Scenario:
     directives: list[dict[str, typing.Any]] = dc.field(default_factory=list)  # Drake's model directives instead
     gravity: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, -9.81])  # m/s², world
     weld: list[Weld] = dc.field(default_factory=list)
+    lock: dict[str, float] = dc.field(default_factory=dict)  # joints that are held at a position, rad or m
     channels: dict[str, Channel] = dc.field(default_factory=dict)
     unknown: list[Unknown] = dc.field(default_factory=list)
     contact: list[ContactPair] = dc.field(default_factory=list)

@@ -1,0 +1,49 @@
+# Two commands do everything from nothing: `make` and `make test`.
+PYTHON ?= python3.11
+VENV := .venv
+RUN := OMP_NUM_THREADS=1 $(VENV)/bin
+STAMPS := $(VENV)/stamps
+
+.PHONY: all demo test ci long prove lint clean
+
+all: demo
+
+$(STAMPS)/package: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/pip install --quiet --constraint constraints.txt --editable .
+	mkdir -p $(STAMPS) && touch $@
+
+$(STAMPS)/test: $(STAMPS)/package
+	$(VENV)/bin/pip install --quiet --constraint constraints.txt --editable '.[test]'
+	touch $@
+
+# The main job: a robot hefts a ball and learns its mass, with friction in one joint that its model does not
+# have; then its own recordings are diagnosed.
+demo: $(STAMPS)/package
+	$(RUN)/cafim run hefting --seed 1 --conceal joint_viscous_friction@j2 coefficient=8 --out cafim-out/hefting --overwrite
+	$(RUN)/cafim diagnose hefting --recording cafim-out/hefting/experiment_1.parquet cafim-out/hefting/experiment_2.parquet \
+	  --held-out cafim-out/hefting/experiment_3.parquet --out cafim-out/hefting-diagnosis --overwrite
+	@echo "The run:       cafim-out/hefting/replay.html, error.svg, information.svg"
+	@echo "The diagnosis: cafim-out/hefting-diagnosis/report.html"
+
+# What a change must pass: at most ten minutes on two cores.
+test: $(STAMPS)/test
+	$(RUN)/python -m pytest -q -n 2 -m "not ci and not long" tests
+
+# What CI adds: style, types, and the tests that take minutes.
+ci: $(STAMPS)/test lint
+	$(RUN)/python -m pytest -q -n 2 -m "not long" tests
+
+# Studies, proofs and bags of gigabytes: hours.
+long: $(STAMPS)/test
+	$(RUN)/python -m pytest -q -m long tests
+
+prove: $(STAMPS)/test
+	$(RUN)/python -m tests.concealed.prove $(PROVE)
+
+lint: $(STAMPS)/test
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/mypy
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info
