@@ -87,7 +87,13 @@ def diagnose(
 @click.argument("recordings", nargs=-1, required=True)
 @common
 def estimate(
-    scenario: str, recordings: tuple[str, ...], out: Path | None, as_json: bool, resume: bool, overwrite: bool, **_: object
+    scenario: str,
+    recordings: tuple[str, ...],
+    out: Path | None,
+    as_json: bool,
+    resume: bool,
+    overwrite: bool,
+    **_: object,
 ) -> None:
     """Estimate the scenario's unknown parameters from recordings."""
     from drake_cafim.commands.estimate import estimate_command
@@ -95,14 +101,18 @@ def estimate(
     folder = prepare_folder(out, "estimate", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
         report = estimate_command(scenario, recordings, folder, progress)
-    lines = [f"{p['parameter']} of {p['at']}: {p['value']:.6g} ± {p['std']:.2g} {p['unit']}" for p in report["parameters"]]
+    lines = [
+        f"{p['parameter']} of {p['at']}: {p['value']:.6g} ± {p['std']:.2g} {p['unit']}" for p in report["parameters"]
+    ]
     _print(report, as_json, "\n".join([*lines, str(folder / "report.json")]))
 
 
 @main.command(name="import")
 @click.argument("files", nargs=-1, required=True)
 @common
-def import_(files: tuple[str, ...], out: Path | None, as_json: bool, resume: bool, overwrite: bool, **_: object) -> None:
+def import_(
+    files: tuple[str, ...], out: Path | None, as_json: bool, resume: bool, overwrite: bool, **_: object
+) -> None:
     """Show what bags, logs and tables hold, and write them as Parquet."""
     from drake_cafim.commands.importing import import_command
 

@@ -62,8 +62,17 @@ def cafim(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_diagnose_names_the_friction_and_the_gain_is_held_out(folder: Path) -> None:
-    done = cafim("diagnose", "scenario.yaml", "--recording", "damped_1.parquet", "--held-out", "damped_2.parquet",
-                 "--out", "out", folder=folder)
+    done = cafim(
+        "diagnose",
+        "scenario.yaml",
+        "--recording",
+        "damped_1.parquet",
+        "--held-out",
+        "damped_2.parquet",
+        "--out",
+        "out",
+        folder=folder,
+    )
     assert done.returncode == 0, done.stderr
     report = json.loads((folder / "out" / "report.json").read_text())
     assert report["verdict"] == "explained"
@@ -81,8 +90,9 @@ def test_diagnose_names_the_friction_and_the_gain_is_held_out(folder: Path) -> N
 
 def test_nothing_is_named_where_nothing_is_missing_and_bytes_repeat(folder: Path) -> None:
     for out in ("one", "two"):
-        done = cafim("diagnose", "scenario.yaml", "--recording", "free_1.parquet", "free_2.parquet",
-                     "--out", out, folder=folder)
+        done = cafim(
+            "diagnose", "scenario.yaml", "--recording", "free_1.parquet", "free_2.parquet", "--out", out, folder=folder
+        )
         assert done.returncode == 0, done.stderr
     report = json.loads((folder / "one" / "report.json").read_text())
     assert report["verdict"] == "none" and report["explanation"] == []

@@ -24,8 +24,11 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_wheel_has_every_module_and_every_file_of_the_tree(wheel: Path) -> None:
     suffixes = {".py", ".typed", ".yaml", ".xml", ".urdf", ".sdf", ".html", ".css", ".js", ".j2"}
     expected = set()
-    for top, inside in (("drake_cafim", "drake_cafim"), ("diagrams", "drake_cafim/diagrams"),
-                        ("models", "drake_cafim/models")):
+    for top, inside in (
+        ("drake_cafim", "drake_cafim"),
+        ("diagrams", "drake_cafim/diagrams"),
+        ("models", "drake_cafim/models"),
+    ):
         for path in (ROOT / top).rglob("*"):
             relative = path.relative_to(ROOT / top)
             linked = top == "drake_cafim" and relative.parts[0] in ("diagrams", "models")
@@ -40,7 +43,16 @@ def test_wheel_has_every_module_and_every_file_of_the_tree(wheel: Path) -> None:
 def test_wheel_runs_outside_the_tree(wheel: Path, tmp_path: Path) -> None:
     venv.create(tmp_path / "env", with_pip=True)
     python = tmp_path / "env" / "bin" / "python"
-    install = [str(python), "-m", "pip", "install", "--quiet", "--constraint", str(ROOT / "constraints.txt"), str(wheel)]
+    install = [
+        str(python),
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--constraint",
+        str(ROOT / "constraints.txt"),
+        str(wheel),
+    ]
     subprocess.run(install, check=True)
     script = (
         "from pydrake.multibody.parsing import Parser\n"

@@ -82,9 +82,7 @@ class Estimate:
     train: Comparison
 
 
-def estimate(
-    scene: Scene, recordings: Sequence[Recording], *, progress: Progress = lambda text: None
-) -> Estimate:
+def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progress = lambda text: None) -> Estimate:
     """The scenario's unknown parameters from recordings; the model's own effects are in it, no others are sought."""
     scene = _facing(scene, recordings)
     std, _ = noise_of(scene, recordings)
@@ -132,8 +130,10 @@ def _verdict(
         corrected=corrected,
         data_mistakes=mistakes,
         notes=notes,
-        reduced_chi_square=(outcome.nominal.chi_square / outcome.nominal.degrees_of_freedom,
-                            best.chi_square / best.degrees_of_freedom),
+        reduced_chi_square=(
+            outcome.nominal.chi_square / outcome.nominal.degrees_of_freedom,
+            best.chi_square / best.degrees_of_freedom,
+        ),
     )
 
 
@@ -200,7 +200,9 @@ def _quality(weak: list[WeakForm], scene: Scene, model: Model) -> Quality:
 
 
 def _mistakes(scene: Scene, recordings: Sequence[Recording]) -> tuple[str, ...]:
-    limits = {j.name: j.position_limits for j in scene.tree.joints if not j.prismatic and np.isfinite(j.position_limits[0])}
+    limits = {
+        j.name: j.position_limits for j in scene.tree.joints if not j.prismatic and np.isfinite(j.position_limits[0])
+    }
     return tuple(sentence for recording in recordings for sentence in unit_mistakes(recording, limits))
 
 

@@ -50,8 +50,7 @@ def fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
     Quick, and biased towards zero where the regressors are noisy; `unbiased_fit` mends that.
     """
     model, residual, jacobian = _minimised(problem, model, np.zeros(len(model.vector)), iterations)
-    covariance = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
-    return Fit(model, residual, jacobian, covariance, problem.rows)
+    return Fit(model, residual, jacobian, _inverse(jacobian.T @ jacobian), problem.rows)
 
 
 def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
@@ -68,7 +67,11 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
         offset, excess = _shared_noise(problem, model, residual, jacobian)
         model, residual, jacobian = _minimised(problem, model, offset, 4)
         information = jacobian.T @ jacobian - excess
-    return Fit(model, residual, jacobian, np.linalg.pinv(information, hermitian=True), problem.rows)
+    return Fit(model, residual, jacobian, _inverse(information), problem.rows)
+
+
+def _inverse(information: Array) -> Array:
+    return np.asarray(np.linalg.pinv(information, hermitian=True), dtype=float)
 
 
 def _shared_noise(problem: Problem, model: Model, residual: Array, jacobian: Array) -> tuple[Array, Array]:

@@ -107,8 +107,10 @@ def _gather(
         wrenches = physics.contact_wrenches(moving)
         for sensor in weak.sensors:
             reading = sensor.reading(moving, wrenches[:, sensor.joint])
-            predicted |= {f"wrench.{sensor.name}.{axis}": reading[:, k]
-                          for k, axis in enumerate(("fx", "fy", "fz", "tx", "ty", "tz"))}
+            predicted |= {
+                f"wrench.{sensor.name}.{axis}": reading[:, k]
+                for k, axis in enumerate(("fx", "fy", "fz", "tx", "ty", "tz"))
+            }
     time = samples.time[index]
     for effect in physics.sensors:
         if effect.at in predicted:

@@ -76,9 +76,7 @@ def inertial_regressor(smooth: Motion, v: Array, windows: Windows) -> InertialRe
 def _in_frame(S_W: Array, R_WJ: Array, p_WJ: Array) -> Array:
     """A motion vector about the world origin, world axes, taken to Jo and J axes."""
     linear = S_W[:, 3:] + np.cross(S_W[:, :3], p_WJ)
-    return np.concatenate(
-        [np.einsum("nji,nj->ni", R_WJ, S_W[:, :3]), np.einsum("nji,nj->ni", R_WJ, linear)], axis=1
-    )
+    return np.concatenate([np.einsum("nji,nj->ni", R_WJ, S_W[:, :3]), np.einsum("nji,nj->ni", R_WJ, linear)], axis=1)
 
 
 def _momentum_basis(V: Array) -> Array:

@@ -24,7 +24,10 @@ def state_at(samples: Samples, measured: Measurement, index: int) -> tuple[Array
     q, v, covariance = np.empty(n), np.empty(n), np.empty((n, 2, 2))
     names = [name.removeprefix("q.") for name in samples.std if name.startswith("q.")]
     for j, name in enumerate(names[:n]):
-        rows, values = [powers / samples.std[f"q.{name}"]], [measured.q[first : index + 1, j] / samples.std[f"q.{name}"]]
+        rows, values = (
+            [powers / samples.std[f"q.{name}"]],
+            [measured.q[first : index + 1, j] / samples.std[f"q.{name}"]],
+        )
         if samples.velocity_measured:
             rows.append(slopes / samples.std[f"v.{name}"])
             values.append(measured.v[first : index + 1, j] / samples.std[f"v.{name}"])

@@ -19,12 +19,12 @@ def locate(problem: Problem, model: Model) -> tuple[Location, ...]:
     Rows of the equation of motion stand for their joint, kinematic rows and wrench rows for their sensor.
     """
     physics = model.physics(problem.scene)
-    places = _places(problem)
+    places = places_of(problem)
     excess: dict[tuple[str, str], float] = dict.fromkeys(places, 0.0)
     found: dict[tuple[str, str, str], list[tuple[float, float]]] = {}
     blocks = sum(len(run.weak.samples.windows) // BLOCK for run in problem.runs) * len(places)
     for index, run in enumerate(problem.runs):
-        z = _standardised(run, run.weak.residual(physics))
+        z = standardised(run, run.weak.residual(physics))
         windows = problem.runs[index].weak.samples.windows
         recording = problem.runs[index].weak.samples.recording.name
         for row, place in enumerate(places):
@@ -50,7 +50,7 @@ def locate(problem: Problem, model: Model) -> tuple[Location, ...]:
     return tuple(locations)
 
 
-def _standardised(run: Run, rows: Array) -> Array:
+def standardised(run: Run, rows: Array) -> Array:
     """Rows (M, r) in units of their own standard deviation, given the kinematic rows of the same window.
 
     A row of the equation of motion keeps to its own joint this way, which the Cholesky factor does not see to.
@@ -67,7 +67,8 @@ def _standardised(run: Run, rows: Array) -> Array:
     return np.concatenate([result[:, :k], left / np.sqrt(variance)], axis=1)
 
 
-def _places(problem: Problem) -> list[tuple[str, str]]:
+def places_of(problem: Problem) -> list[tuple[str, str]]:
+    """Kind and name of what each row of a window stands for, in the rows' order."""
     weak = problem.runs[0].weak
     names = problem.scene.tree.joint_names
     places = [("sensor", f"v.{name}") for name in names] if weak.kinematic_rows else []

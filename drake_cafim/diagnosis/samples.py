@@ -1,6 +1,7 @@
 """One recording as the weak form needs it: measured and locally smoothed motion, efforts, wrenches."""
 
 from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,6 +12,8 @@ from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
+
+Flags: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
 
 SMOOTHING_REACH = 0.008
 """s on either side: the motion in products and kinked laws is smoothed over 16 ms."""
@@ -59,8 +62,8 @@ def noisier(samples: Samples, rng: np.random.Generator) -> Samples:
     v = drawn("v", samples.v) if samples.differentiate is None else samples.differentiate @ q
     sensors = list(dict.fromkeys(name.rsplit(".", 1)[0] for name in samples.std if name.startswith("wrench.")))
     wrenches = tuple(
-        wrench + np.array([samples.std[f"{sensor}.{axis}"] for axis in WRENCH_COMPONENTS])
-        * rng.standard_normal(wrench.shape)
+        wrench
+        + np.array([samples.std[f"{sensor}.{axis}"] for axis in WRENCH_COMPONENTS]) * rng.standard_normal(wrench.shape)
         for sensor, wrench in zip(sensors, samples.wrenches, strict=True)
     )
     return replace(samples, q=q, v=v, u=drawn("u", samples.u), wrenches=wrenches)
@@ -101,7 +104,7 @@ def _velocity_smoothers(
     names: tuple[str, ...], std: dict[str, float], smooth: sp.csr_matrix, slope: sp.csr_matrix, measured: bool
 ) -> tuple[tuple[sp.csr_matrix, ...], Array]:
     """For each joint the pair (from v, from q), weighted by what their noise leaves of each."""
-    smooth_norm = np.sqrt(smooth.multiply(smooth).sum(axis=1)).A1 if hasattr(smooth, "A1") else _row_norms(smooth)
+    smooth_norm = _row_norms(smooth)
     slope_norm = _row_norms(slope)
     pairs: list[sp.csr_matrix] = []
     stds = []
@@ -119,7 +122,8 @@ def _velocity_smoothers(
 
 
 def _row_norms(matrix: sp.csr_matrix) -> Array:
-    return np.sqrt(np.asarray(matrix.multiply(matrix).sum(axis=1), dtype=float)).ravel()
+    squares: Array = np.asarray(matrix.multiply(matrix).sum(axis=1), dtype=float)
+    return np.sqrt(squares).ravel()
 
 
 def _filled(values: Array) -> Array:
@@ -131,7 +135,7 @@ def _filled(values: Array) -> Array:
     return np.asarray(np.nan_to_num(held), dtype=float)
 
 
-def _away_from(missing: np.ndarray[tuple[int], np.dtype[np.bool_]], smooth: sp.csr_matrix) -> Array:
+def _away_from(missing: Flags, smooth: sp.csr_matrix) -> Flags:
     """Samples whose smoothing takes no missing one."""
     touched = abs(smooth) @ missing.astype(float)
     return np.asarray(touched == 0.0)

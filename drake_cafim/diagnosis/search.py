@@ -110,8 +110,13 @@ def search(problem: Problem, settings: Settings, progress: Callable[[str], None]
             best = frontier[0]
             # the accepted physics moves the noise too: whiten anew and refit before going on
             whitened = whitened.rewhitened(best.model)
-            refitted = Pool({key: unbiased_fit(whitened, one.model) for key, one in pool.fits.items()
-                             if key in {key_of(f) for f in frontier} or not key})
+            refitted = Pool(
+                {
+                    key: unbiased_fit(whitened, one.model)
+                    for key, one in pool.fits.items()
+                    if key in {key_of(f) for f in frontier} or not key
+                }
+            )
             frontier = sorted((refitted.fits[key_of(f)] for f in frontier), key=lambda f: criterion(f, 1.0, trials))
             pool = Pool(pool.fits | refitted.fits)
             best = refitted.fits[key_of(best)]
@@ -136,9 +141,7 @@ def _detection(problem: Problem, nominal: Fit, screened: Sequence[Candidate], tr
     return float(min(1.0, 2.0 * min(fit_quality, score)))
 
 
-def _worth_more(
-    problem: Problem, best: Fit, effects: Sequence[Effect], trials: int, settings: Settings
-) -> bool:
+def _worth_more(problem: Problem, best: Fit, effects: Sequence[Effect], trials: int, settings: Settings) -> bool:
     """Whether what `best` leaves is worth another effect: the strongest score test over what is not yet in it."""
     left = screen(problem, best, _compatible(effects, best))
     return any(chi2.sf(c.gain / scale_of(best), c.strengths) * trials <= settings.false_alarm_rate for c in left)

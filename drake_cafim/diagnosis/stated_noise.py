@@ -28,8 +28,10 @@ def noise_of(scene: Scene, recordings: Sequence[Recording]) -> tuple[dict[str, f
         if stated is None:
             # an effort that nothing is said of is the command itself
             stated = 0.0 if column.startswith("u.") else _estimated([r.measured(column) for r in recordings])
-            notes.append(f"channels: no std for {column}, {stated:.3g} was " +
-                         ("taken" if column.startswith("u.") else "estimated from fourth differences"))
+            notes.append(
+                f"channels: no std for {column}, {stated:.3g} was "
+                + ("taken" if column.startswith("u.") else "estimated from fourth differences")
+            )
         if stated == 0.0 and not column.startswith("u."):
             raise InputError(f"{scene.name}: the noise of {column} is 0, expected a positive std under channels")
         std[column] = stated

@@ -25,16 +25,15 @@ def step(physics: Physics, state: State, effort: Array, duration: Array) -> Stat
     """One step of `duration` (B,) s under the constant `effort` (B, n).
 
     The linearly implicit midpoint rule: second order, and stable where a joint's friction is stiff, since the slopes
-    of the joint laws in v are taken implicitly (Hairer, Wanner, Solving Ordinary Differential Equations II, 1996, IV.7).
+    of the joint laws in v are taken implicitly (Hairer, Wanner, Solving Ordinary Differential Equations II, 1996,
+    IV.7).
     """
     h = duration[:, None]
     q_middle = state.q + 0.5 * h * state.v
     moving = motion(physics.tree, q_middle, state.v)
     inertias = moving.link_inertias
     M = mass_matrix(moving, inertias) + np.diag(physics.rotor_inertias)
-    joints = [
-        JointSamples(q_middle[:, j], state.v[:, j], effort[:, j]) for j in range(state.q.shape[1])
-    ]
+    joints = [JointSamples(q_middle[:, j], state.v[:, j], effort[:, j]) for j in range(state.q.shape[1])]
     law, _, slope = physics.applied_at_joints(joints)
     force = effort + law - bias_force(moving, inertias, physics.gravity)
     if physics.contacts:

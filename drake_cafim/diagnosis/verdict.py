@@ -123,17 +123,26 @@ def sentence(verdict: Verdict) -> str:
     if verdict.data_mistakes:
         return "The recording itself looks wrong: " + " ".join(verdict.data_mistakes)
     if verdict.kind == "none":
-        return "Nothing is missing: the recordings are as the model and its noise predict " \
-               f"(p = {verdict.mismatch.p_value:.2g})."
+        return (
+            "Nothing is missing: the recordings are as the model and its noise predict "
+            f"(p = {verdict.mismatch.p_value:.2g})."
+        )
     named = "; ".join(explanation.sentence for explanation in verdict.explanation)
     if verdict.kind == "explained":
         return f"The model lacks {named}. With that, what remains is noise."
     rest = ", ".join(dict.fromkeys(location.name for location in verdict.mismatch.locations[:3]))
-    remains = f"Something more is there, at {rest}, that is not in the vocabulary." if rest else \
-        "Something more is there that is not in the vocabulary."
+    remains = (
+        f"Something more is there, at {rest}, that is not in the vocabulary."
+        if rest
+        else "Something more is there that is not in the vocabulary."
+    )
     before, after = verdict.reduced_chi_square
     if named:
-        return f"The model lacks {named}. That takes the misfit from {before:.3g} to {after:.3g} times the noise " \
-               f"variance. {remains}"
-    return f"The recordings differ from the model by {before:.3g} times the noise variance, and no known effect " \
-           f"explains it. {remains}"
+        return (
+            f"The model lacks {named}. That takes the misfit from {before:.3g} to {after:.3g} times the noise "
+            f"variance. {remains}"
+        )
+    return (
+        f"The recordings differ from the model by {before:.3g} times the noise variance, and no known effect "
+        f"explains it. {remains}"
+    )

@@ -58,8 +58,9 @@ class Windows:
         The trapezoid rule errs by h²/12 Σ (w_{i+1} − w_i) a_i where the slope of v jumps at the samples.
         """
         steps = np.diff(self.time)
-        difference = sp.diags_array([-np.ones(len(steps)), np.ones(len(steps))], offsets=[0, 1],
-                                    shape=(len(steps), len(self.time)))
+        difference = sp.diags_array(
+            [-np.ones(len(steps)), np.ones(len(steps))], offsets=[0, 1], shape=(len(steps), len(self.time))
+        )
         held = sp.csr_matrix(self._pointwise @ difference.T @ sp.diags_array(steps**2 / 12.0))
         return sp.csr_matrix(sp.hstack([held, sp.csr_matrix((len(self), 1))]))
 

@@ -72,6 +72,4 @@ class WrenchSensor:
         R_WS = moving.R_WJ[:, self.joint] @ self.R_JS
         force = wrench_W[:, 3:]
         moment = wrench_W[:, :3] - np.cross(p_WS, force)
-        return np.concatenate(
-            [np.einsum("nji,nj->ni", R_WS, force), np.einsum("nji,nj->ni", R_WS, moment)], axis=1
-        )
+        return np.concatenate([np.einsum("nji,nj->ni", R_WS, force), np.einsum("nji,nj->ni", R_WS, moment)], axis=1)

@@ -66,15 +66,18 @@ class Motion:
 
     def project(self, wrench: Array) -> Array:
         """Generalized forces (N, n) of wrenches (N, n, 6) that act on the links."""
-        return np.einsum("njk,njk->nj", self.axes, self.carried(wrench))
+        return np.asarray(np.einsum("njk,njk->nj", self.axes, self.carried(wrench)))
 
     def point(self, joint: int, p_JP: Array) -> tuple[Array, Array]:
         """World position and velocity, each (N, 3), of points fixed in frame J; `p_JP` (3,) or (N, 3)."""
         if joint == FIXED:
             position = np.broadcast_to(p_JP, (len(self.q), 3)).copy()
             return position, np.zeros_like(position)
-        position = self.p_WJ[:, joint] + np.einsum("nij,...j->ni", self.R_WJ[:, joint], p_JP) \
-            if p_JP.ndim == 1 else self.p_WJ[:, joint] + np.einsum("nij,nj->ni", self.R_WJ[:, joint], p_JP)
+        position = (
+            self.p_WJ[:, joint] + np.einsum("nij,...j->ni", self.R_WJ[:, joint], p_JP)
+            if p_JP.ndim == 1
+            else self.p_WJ[:, joint] + np.einsum("nij,nj->ni", self.R_WJ[:, joint], p_JP)
+        )
         V = self.velocities[:, joint]
         return position, V[:, 3:] + np.cross(V[:, :3], position)
 

@@ -131,9 +131,7 @@ def tree_of(plant: MultibodyPlant, locked: Mapping[str, float] | None = None) ->
     rotors = _rotor_inertias(plant)
     joints = tuple(_joint(plant, context, joint, moving, rides, rotors) for joint in moving)
     bodies = tuple(
-        _body(plant, context, moving, name, rides[name])
-        for name in rides
-        if name != plant.world_body().name()
+        _body(plant, context, moving, name, rides[name]) for name in rides if name != plant.world_body().name()
     )
     return Tree(joints, bodies)
 
@@ -211,15 +209,12 @@ def _joint(
     )
 
 
-
 def _moving_frame(context: Context, moving: Sequence[OneAxisJoint], joint: int) -> RigidTransform:
     """X_WJ of the joint of that index, the world itself for `FIXED`."""
     return RigidTransform() if joint == FIXED else moving[joint].frame_on_child().CalcPoseInWorld(context)
 
 
-def _body(
-    plant: MultibodyPlant, context: Context, moving: Sequence[OneAxisJoint], name: str, joint: int
-) -> Body:
+def _body(plant: MultibodyPlant, context: Context, moving: Sequence[OneAxisJoint], name: str, joint: int) -> Body:
     body = plant.GetBodyByName(name)
     X_WJ = _moving_frame(context, moving, joint)
     X_JB = X_WJ.inverse().multiply(plant.EvalBodyPoseInWorld(context, body))

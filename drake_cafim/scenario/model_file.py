@@ -2,14 +2,17 @@
 
 from pathlib import Path
 
+import numpy as np
 import yaml
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.parsing import LoadModelDirectivesFromString, Parser, ProcessModelDirectives
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.schema import Scenario
+from drake_cafim.typing import Array
 
 MODEL_SUFFIXES = (".urdf", ".sdf", ".xml", ".dmd.yaml", ".dmd.yml", ".mjcf")
 
@@ -24,25 +27,28 @@ def add_plant(
     plant: MultibodyPlant
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
     parser = Parser(plant)
-    parser.package_map().Add("drake_cafim_models", str(Path(__file__).parents[1] / "models"))
+    parser.package_map().Add("drake_cafim_models", Path(__file__).parents[1] / "models")
     _parse(parser, scenario, folder)
     for weld in scenario.weld:
         if not plant.HasBodyNamed(weld.body):
-            names = ", ".join(plant.get_body(i).name() for i in plant.GetBodyIndices(plant.GetModelInstanceByName(
-                parser_model_name(plant))))
-            raise InputError(f"{scenario.model}: weld names the body {weld.body!r}, which the model lacks; it has: {names}")
+            names = ", ".join(
+                plant.get_body(i).name()
+                for i in plant.GetBodyIndices(plant.GetModelInstanceByName(parser_model_name(plant)))
+            )
+            raise InputError(
+                f"{scenario.model}: weld names the body {weld.body!r}, which the model lacks; it has: {names}"
+            )
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(weld.body))
-    plant.mutable_gravity_field().set_gravity_vector(scenario.gravity)
+    gravity: Array = np.array(scenario.gravity, dtype=float)
+    plant.mutable_gravity_field().set_gravity_vector(gravity)
     plant.Finalize()
     return plant, scene_graph
 
 
-def parser_model_name(plant: MultibodyPlant) -> str:
-    """The name of the last model instance added."""
-    instances = plant.num_model_instances()
-    from pydrake.multibody.tree import ModelInstanceIndex
-
-    return str(plant.GetModelInstanceName(ModelInstanceIndex(instances - 1)))
+def _body_names(plant: MultibodyPlant) -> list[str]:
+    """All bodies but the world."""
+    instances = [ModelInstanceIndex(i) for i in range(2, plant.num_model_instances())]
+    return [plant.get_body(i).name() for instance in instances for i in plant.GetBodyIndices(instance)]
 
 
 def _parse(parser: Parser, scenario: Scenario, folder: Path) -> None:
@@ -55,11 +61,13 @@ def _parse(parser: Parser, scenario: Scenario, folder: Path) -> None:
         return
     address = scenario.model
     if not address.startswith("package://") and not (folder / address).is_file():
-        raise InputError(f"{folder / address}: there is no such model file, expected one of {', '.join(MODEL_SUFFIXES)}")
+        raise InputError(
+            f"{folder / address}: there is no such model file, expected one of {', '.join(MODEL_SUFFIXES)}"
+        )
     try:
         if address.startswith("package://"):
             parser.AddModelsFromUrl(address)
         else:
-            parser.AddModels(str(folder / address))
+            parser.AddModels(folder / address)
     except (RuntimeError, ValueError, SystemExit) as error:
         raise InputError(f"{address}: Drake's parser refuses it: {' '.join(str(error).split())}") from None

@@ -22,7 +22,7 @@ def as_yaml(scenario: Scenario, folder: Path, destination: Path) -> str:
         {key: value for key, value in entry.items() if key != "parameters"} | entry.get("parameters", {})
         for entry in raw.get("effects", [])
     ]
-    return yaml.safe_dump(raw, sort_keys=False, allow_unicode=True)
+    return str(yaml.safe_dump(raw, sort_keys=False, allow_unicode=True))
 
 
 def _plain(value: Any) -> Any:

@@ -108,7 +108,9 @@ class Scene:
         ]
         scenario = replace(
             self.scenario,
-            unknown=[replace(entry, mean=float(value)) for entry, value in zip(self.scenario.unknown, unknown, strict=True)],
+            unknown=[
+                replace(entry, mean=float(value)) for entry, value in zip(self.scenario.unknown, unknown, strict=True)
+            ],
             effects=[*self.scenario.effects, *entries],
         )
         return replace(self, scenario=scenario, physics=physics)
@@ -143,7 +145,9 @@ class Scene:
             X_BF = np.eye(4)
             if channel.frame and channel.frame != channel.body:
                 if not self.plant.HasFrameNamed(channel.frame):
-                    raise InputError(f"{self.name}: channels.{key} names the frame {channel.frame!r}, which the model lacks")
+                    raise InputError(
+                        f"{self.name}: channels.{key} names the frame {channel.frame!r}, which the model lacks"
+                    )
                 frame = self.plant.GetFrameByName(channel.frame)
                 X_BF = np.array(frame.GetFixedPoseInBodyFrame().GetAsMatrix4())
             R_JS, p_JS = body.R_JB @ X_BF[:3, :3], body.p_JB + body.R_JB @ X_BF[:3, 3]

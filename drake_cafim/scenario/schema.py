@@ -135,7 +135,7 @@ def parse(raw: dict[str, Any], source: str) -> Scenario:
     directives = raw.pop("directives", [])
     plain = _with_plain_std(_with_effect_parameters(raw))
     try:
-        scenario = yaml_load_typed(schema=Scenario, data=yaml.safe_dump(plain))
+        scenario: Scenario = yaml_load_typed(schema=Scenario, data=yaml.safe_dump(plain))
     except (RuntimeError, ValueError, TypeError) as error:
         raise InputError(f"{source}: {' '.join(str(error).split())}") from None
     scenario.directives = directives
@@ -199,7 +199,9 @@ def _check(scenario: Scenario, source: str) -> None:
     for name, channel in scenario.channels.items():
         kind = name.split(".")[0]
         if kind not in ("q", "v", "u", "cmd", "wrench", "pose"):
-            raise InputError(f"{source}: unknown channel {name!r}; valid kinds: q, v, u, cmd, wrench.<sensor>, pose.<body>")
+            raise InputError(
+                f"{source}: unknown channel {name!r}; valid kinds: q, v, u, cmd, wrench.<sensor>, pose.<body>"
+            )
         parts = {"wrench": {"force", "torque"}, "pose": {"position", "rotation"}}.get(kind, {"all"})
         wrong = set(channel.std) - parts
         if wrong:
@@ -222,9 +224,13 @@ def _check(scenario: Scenario, source: str) -> None:
     for unknown in scenario.unknown:
         places = [unknown.body, unknown.joint, "/".join(unknown.contact) or None, unknown.at]
         if sum(place is not None for place in places) != 1:
-            raise InputError(f"{source}: unknown {unknown.parameter!r} needs exactly one of body, joint, contact, effect with at")
+            raise InputError(
+                f"{source}: unknown {unknown.parameter!r} needs exactly one of body, joint, contact, effect with at"
+            )
         if not unknown.std > 0:
-            raise InputError(f"{source}: unknown {unknown.parameter!r} has std {unknown.std}, expected a positive number")
+            raise InputError(
+                f"{source}: unknown {unknown.parameter!r} has std {unknown.std}, expected a positive number"
+            )
 
 
 def package_reference(text: str) -> str | None:

@@ -51,9 +51,7 @@ def contact_of(
     )
 
 
-def _sphere(
-    name: str, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree
-) -> tuple[int, Array, float] | None:
+def _sphere(name: str, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree) -> tuple[int, Array, float] | None:
     if not plant.HasBodyNamed(name):
         return None
     body = tree.body(name)
