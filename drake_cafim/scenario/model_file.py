@@ -31,10 +31,7 @@ def add_plant(
     _parse(parser, scenario, folder)
     for weld in scenario.weld:
         if not plant.HasBodyNamed(weld.body):
-            names = ", ".join(
-                plant.get_body(i).name()
-                for i in plant.GetBodyIndices(plant.GetModelInstanceByName(parser_model_name(plant)))
-            )
+            names = ", ".join(_body_names(plant))
             raise InputError(
                 f"{scenario.model}: weld names the body {weld.body!r}, which the model lacks; it has: {names}"
             )
