@@ -10,7 +10,7 @@ The noise of the samples reaches them to first order through the Jacobian that `
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,6 +20,7 @@ from drake_cafim.diagnosis.samples import Samples
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.motion import Motion, mass_matrix, motion
 from drake_cafim.effects.actuator import Effort
+from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -57,10 +58,11 @@ class WeakForm:
     sensors: tuple[WrenchSensor, ...]
     _cache: dict[tuple[object, ...], _Prepared] = field(default_factory=dict, repr=False, compare=False)
     _held: dict[bytes, sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
+    _drives: dict[tuple[object, ...], tuple[RotorDrive, ...]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def joints(self) -> int:
-        return self.samples.q.shape[1]
+        return int(self.samples.q.shape[1])
 
     @property
     def kinematic_rows(self) -> int:
@@ -131,6 +133,30 @@ class WeakForm:
         efforts = [self.effort(physics, j, u) for j in range(self.joints)]
         return np.stack([self.held(effort.times) @ effort.values for effort in efforts], axis=1)
 
+    def rotor_drives(self, physics: Physics) -> tuple[RotorDrive, ...]:
+        """What drives each joint's twist between rotor and link; kept for the last physics but its couplings."""
+        key = (
+            inertial_parameters(physics.tree).tobytes(), physics.gravity.tobytes(), physics.rotor_inertias.tobytes(),
+            physics.dampings.tobytes(), *((effect.key, *effect.values.values()) for effect in
+                                          (*physics.joint_forces, *physics.actuators, *physics.sensors)),
+            *((contact.name, contact.radius, str(contact.parameters)) for contact in physics.contacts),
+        )
+        if key not in self._drives:
+            self._drives.clear()
+            prepared, time = self._prepared(physics), self.samples.time
+            u = prepared.measured.u
+            effort = np.stack([self.effort(physics, j, u).means(time) for j in range(self.joints)], axis=1)
+            joints = self.joint_samples(prepared.measured)
+            # the joints' masses may differ from those that the motion was prepared with
+            moving = replace(prepared.moving, tree=physics.tree)
+            self._drives[key] = physics.rotor_drives(time, moving, effort, joints)
+        return self._drives[key]
+
+    def coupling_rows(self, physics: Physics, coupling: JointCoupling) -> Array:
+        """What a coupling adds to its joint's dynamic row, (M,): −∫ ẇ J ψ̇ dt."""
+        drive = self.rotor_drives(physics)[physics.tree.joint_index(coupling.at)]
+        return np.asarray(-drive.inertia * (self.samples.windows.rate @ coupling.twist_rate(drive)), dtype=float)
+
     def residual(self, physics: Physics) -> Array:
         """All rows, (M, r): kinematic, dynamic, then each sensor's wrench."""
         prepared = self._prepared(physics)
@@ -142,6 +168,8 @@ class WeakForm:
         if wrench is not None:
             force = force + prepared.moving.project(wrench)
         dynamic = dynamic - windows.value @ force - self.effort_integral(physics, measured.u)
+        for coupling in physics.couplings:
+            dynamic[:, physics.tree.joint_index(coupling.at)] += self.coupling_rows(physics, coupling)
         # an effort of unknown gain is what is predicted: divided by it, so that no motion is not a perfect fit
         rows = [prepared.kinematic, dynamic / physics.effort_gains]
         for sensor, reading in zip(self.sensors, measured.wrenches, strict=True):
@@ -219,7 +247,10 @@ class WeakForm:
             for k, axis in enumerate(("fx", "fy", "fz", "tx", "ty", "tz")):
                 row = self.kinematic_rows + n + 6 * i + k
                 add(f"wrench.{sensor.name}.{axis}", self._place(s.windows.value, row))
-        return sp.csr_matrix(sp.hstack(blocks)), labels
+        scale = np.ones(self.rows_per_window)
+        scale[self.dynamic] = 1.0 / physics.effort_gains
+        scaling = sp.diags_array(np.tile(scale, len(s.windows)))
+        return sp.csr_matrix(scaling @ sp.hstack(blocks)), labels
 
     def _difference(
         self, physics: Physics, q: Array, v: Array, joints: Sequence[JointSamples], j: int, step: float, position: bool
