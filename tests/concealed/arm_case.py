@@ -104,8 +104,14 @@ def controller(
 
 
 def simulate_arm(
-    robot: Robot, effects: tuple[Concealed, ...], time: Array, desired: excitation.Desired, command: Callable[[int, Array, Array], Array],
-    process: Array | None, skip: int, tolerance: float = 1e-8,
+    robot: Robot,
+    effects: tuple[Concealed, ...],
+    time: Array,
+    desired: excitation.Desired,
+    command: Callable[[int, Array, Array], Array],
+    process: Array | None,
+    skip: int,
+    tolerance: float = 1e-8,
 ) -> tuple[Motion, Robot]:
     """The true motion and the true robot with the effects' changes in it."""
     laws = Laws()
@@ -142,7 +148,9 @@ def make_arm(rng: np.random.Generator, size: int, kind: str, branched: bool | No
     clock = Clock(
         settings.step,
         0.3 if settings.jitter != "none" else 0.0,
-        min(2e-5, 0.2 * noise_q.declared_std / max(context.speed(j) for j in range(size))) if settings.jitter == "stamps" else 0.0,
+        min(2e-5, 0.2 * noise_q.declared_std / max(context.speed(j) for j in range(size)))
+        if settings.jitter == "stamps"
+        else 0.0,
     )
     time = clock.times(rng, MEMBERS, total)
     drawn_q, drawn_v = noise_q.draw(rng, time, size), noise_v.draw(rng, time, size)
@@ -184,7 +192,11 @@ def draw_effects(rng: np.random.Generator, context: ArmContext, kind: str) -> tu
         return (odd_arm.draw(rng, context, names or str(rng.choice(sorted(odd_arm.DRAWS)))),)
     chosen = names.split(",") if names else [str(rng.choice(sorted(DRAWS)))]
     if head == "pair" and len(chosen) < 2:
-        second = [effect for effect in sorted(DRAWS) if effect not in chosen and effect.split("_")[0] != chosen[0].split("_")[0]]
+        second = [
+            effect
+            for effect in sorted(DRAWS)
+            if effect not in chosen and effect.split("_")[0] != chosen[0].split("_")[0]
+        ]
         chosen.append(str(rng.choice(second)))
     effects: list[Concealed] = []
     used: frozenset[int] = frozenset()
@@ -200,12 +212,15 @@ def _shifted(item: Concealed, seconds: float) -> Concealed:
     if item.interval is None:
         return item
     bodies = tuple(
-        replace(law, force=lambda t, p, r, v, w, force=law.force: force(t - seconds, p, r, v, w)) for law in item.laws.bodies
+        replace(law, force=lambda t, p, r, v, w, force=law.force: force(t - seconds, p, r, v, w))
+        for law in item.laws.bodies
     )
     return replace(item, laws=replace(item.laws, bodies=bodies))
 
 
-def channel_noise(rng: np.random.Generator, settings: Settings, linear: np.ndarray) -> tuple[ChannelNoise, ChannelNoise]:
+def channel_noise(
+    rng: np.random.Generator, settings: Settings, linear: np.ndarray
+) -> tuple[ChannelNoise, ChannelNoise]:
     """Noise of q and v; in metres a tenth where an axis slides would complicate the file, so one std serves all."""
     q, v = loguniform(rng, 2e-5, 6e-4), loguniform(rng, 5e-4, 1.2e-2)
     if settings.noise.startswith("coloured"):
@@ -230,8 +245,17 @@ def sensed(motion: Motion, robot: Robot, effects: tuple[Concealed, ...]) -> Chan
 
 
 def tabulate(
-    rng: np.random.Generator, settings: Settings, robot: Robot, motion: Motion, measured: dict[str, Array], drawn_q: Array, drawn_v: Array,
-    noise_q: ChannelNoise, noise_v: ChannelNoise, clock: Clock, scale: Array,
+    rng: np.random.Generator,
+    settings: Settings,
+    robot: Robot,
+    motion: Motion,
+    measured: dict[str, Array],
+    drawn_q: Array,
+    drawn_v: Array,
+    noise_q: ChannelNoise,
+    noise_v: ChannelNoise,
+    clock: Clock,
+    scale: Array,
 ) -> dict[str, pd.DataFrame]:
     """Recordings by file name."""
     stamps = clock.stamps(rng, motion.time)
@@ -250,7 +274,12 @@ def tabulate(
 
 
 def arm_scenario(
-    settings: Settings, robot: Robot, entries: list[dict[str, object]], noise_q: ChannelNoise, noise_v: ChannelNoise, scale: Array,
+    settings: Settings,
+    robot: Robot,
+    entries: list[dict[str, object]],
+    noise_q: ChannelNoise,
+    noise_v: ChannelNoise,
+    scale: Array,
     rng: np.random.Generator,
 ) -> dict[str, object]:
     """The scenario as a user would write it."""

@@ -52,7 +52,9 @@ class ContactLaw:
         """Penetration (B, K) of points (B, K, 3); the nominal surface is z = 0 through the origin."""
         return self.offset + self.swelling * time[:, None] - point @ self.normal
 
-    def force(self, time: Array, point: Array, velocity: Array, z: Array, touching: np.ndarray) -> tuple[Array, Array, Array, Array]:
+    def force(
+        self, time: Array, point: Array, velocity: Array, z: Array, touching: np.ndarray
+    ) -> tuple[Array, Array, Array, Array]:
         """Force (B, K, 3), pushing part lambda (B, K), rates of z (B, K, 5), depth (B, K).
 
         point, velocity: (B, K, 3) in world axes; touching (B, K) is the mode, so that a step never sees a jump.
@@ -89,7 +91,9 @@ class ContactLaw:
             mu = mu + (self.static - self.friction) * np.exp(-((speed / self.stribeck_velocity) ** 2))
         if self.patch is not None:
             part, per_metre, phase = self.patch
-            mu = mu * (1.0 + part * np.sin(per_metre * point[:, :, 0] + phase) * np.sin(per_metre * point[:, :, 1] - phase))
+            mu = mu * (
+                1.0 + part * np.sin(per_metre * point[:, :, 0] + phase) * np.sin(per_metre * point[:, :, 1] - phase)
+            )
         if self.ageing:
             mu = mu * (1.0 + self.ageing * z[:, :, 3])
         # tanh(s/w)/s is finite at rest.
@@ -130,5 +134,7 @@ class ContactLaw:
             rates[:, :, 3] = np.where(touching, 1.0, rates[:, :, 3])
         if self.plastic:
             # The deepest depth so far, followed within a few milliseconds, forgotten within a second.
-            rates[:, :, 4] = np.where(touching, np.maximum(0.0, d - z[:, :, 4]) / 3e-3 - z[:, :, 4] / 0.8, -z[:, :, 4] / 0.8)
+            rates[:, :, 4] = np.where(
+                touching, np.maximum(0.0, d - z[:, :, 4]) / 3e-3 - z[:, :, 4] / 0.8, -z[:, :, 4] / 0.8
+            )
         return rates

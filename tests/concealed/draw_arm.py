@@ -43,7 +43,15 @@ class ArmContext:
     def unit(self, joint: int, rotary: str) -> str:
         if self.robot.joints[joint].kind == "revolute":
             return rotary
-        return {"N m": "N", "N m s/rad": "N s/m", "N m/rad": "N/m", "rad": "m", "rad/s": "m/s", "kg m^2": "kg", "1/rad": "1/m"}[rotary]
+        return {
+            "N m": "N",
+            "N m s/rad": "N s/m",
+            "N m/rad": "N/m",
+            "rad": "m",
+            "rad/s": "m/s",
+            "kg m^2": "kg",
+            "1/rad": "1/m",
+        }[rotary]
 
 
 Draw = Callable[[np.random.Generator, ArmContext, int], Concealed]
@@ -62,13 +70,20 @@ def _width(rng: np.random.Generator) -> tuple[float, bool, str]:
     pick = rng.random()
     if pick < 0.75:
         return 0.005, True, ""
-    return (float(rng.uniform(0.001, 0.003)), False, "narrow") if pick < 0.88 else (float(rng.uniform(0.01, 0.03)), False, "wide")
+    return (
+        (float(rng.uniform(0.001, 0.003)), False, "narrow")
+        if pick < 0.88
+        else (float(rng.uniform(0.01, 0.03)), False, "wide")
+    )
 
 
 def _viscous(rng: np.random.Generator, c: ArmContext, j: int) -> Concealed:
     coefficient = _share(rng) * c.effort(j) / c.speed(j)
     return Concealed(
-        "joint_viscous_friction", _joint(c, j), {"coefficient": (coefficient, c.unit(j, "N m s/rad"))}, laws.viscous(j, coefficient)
+        "joint_viscous_friction",
+        _joint(c, j),
+        {"coefficient": (coefficient, c.unit(j, "N m s/rad"))},
+        laws.viscous(j, coefficient),
     )
 
 
@@ -81,7 +96,9 @@ def _coulomb(rng: np.random.Generator, c: ArmContext, j: int) -> Concealed:
         law = laws.lugre(j, torque, torque * rng.uniform(1.0, 1.15), 0.02, bristle, 2.0 * np.sqrt(bristle) * 0.02)
         return Concealed("joint_coulomb_friction", _joint(c, j), told, law, exact=False, variant="lugre")
     width, exact, variant = _width(rng)
-    return Concealed("joint_coulomb_friction", _joint(c, j), told, laws.coulomb(j, torque, width), exact=exact, variant=variant)
+    return Concealed(
+        "joint_coulomb_friction", _joint(c, j), told, laws.coulomb(j, torque, width), exact=exact, variant=variant
+    )
 
 
 def _asymmetric(rng: np.random.Generator, c: ArmContext, j: int) -> Concealed:
@@ -227,7 +244,9 @@ def _lag(rng: np.random.Generator, c: ArmContext, j: int) -> Concealed:
 
 def _saturation(rng: np.random.Generator, c: ArmContext, j: int) -> Concealed:
     limit = float(np.quantile(np.abs(c.u[:, :, j]), rng.uniform(0.6, 0.985)))
-    return Concealed("actuator_saturation", _joint(c, j), {"limit": (limit, c.unit(j, "N m"))}, laws.saturation(j, limit))
+    return Concealed(
+        "actuator_saturation", _joint(c, j), {"limit": (limit, c.unit(j, "N m"))}, laws.saturation(j, limit)
+    )
 
 
 def _gain(rng: np.random.Generator, c: ArmContext, j: int) -> Concealed:
@@ -248,7 +267,7 @@ def _dead_zone(rng: np.random.Generator, c: ArmContext, j: int) -> Concealed:
 def _carried(rng: np.random.Generator, c: ArmContext) -> int:
     """A link that moves, more often one far out."""
     first = min(c.moving())
-    links = [link for link in c.robot.descendants(first)]
+    links = c.robot.descendants(first)
     weights = np.arange(1.0, len(links) + 1.0)
     return int(rng.choice(links, p=weights / weights.sum()))
 
@@ -271,7 +290,9 @@ def _payload(rng: np.random.Generator, c: ArmContext, j: int) -> Concealed:
 def misaligned_gravity(rng: np.random.Generator) -> tuple[Concealed, Array]:
     size, angle = loguniform(rng, 1e-3, 0.15), rng.uniform(0.0, 2.0 * np.pi)
     roll, pitch = float(size * np.cos(angle)), float(size * np.sin(angle))
-    gravity = Rotation.from_euler("x", roll).as_matrix() @ Rotation.from_euler("y", pitch).as_matrix() @ [0.0, 0.0, -9.81]
+    gravity = (
+        Rotation.from_euler("x", roll).as_matrix() @ Rotation.from_euler("y", pitch).as_matrix() @ [0.0, 0.0, -9.81]
+    )
 
     def change(robot: Robot) -> Robot:
         return Robot(robot.name, robot.links, robot.joints, gravity)
@@ -298,7 +319,7 @@ def _drag(rng: np.random.Generator, c: ArmContext, j: int) -> Concealed:
 
 
 def _disturbance(rng: np.random.Generator, c: ArmContext, j: int) -> Concealed:
-    links = [link for link in range(1, c.robot.size)] or [0]
+    links = list(range(1, c.robot.size)) or [0]
     link = int(rng.choice(links))
     direction = rng.normal(size=3)
     peak = loguniform(rng, 0.3, 60.0) * direction / np.linalg.norm(direction)
@@ -394,11 +415,16 @@ DRAWS: dict[str, Draw] = {
     "aerodynamic_drag": _drag,
     "external_disturbance": _disturbance,
     "unmodeled_contact": _unmodeled,
-    **{name: _sensor(name) for name in ("sensor_bias", "sensor_gain_error", "sensor_drift", "sensor_delay", "sensor_lag", "clock_skew")},
+    **{
+        name: _sensor(name)
+        for name in ("sensor_bias", "sensor_gain_error", "sensor_drift", "sensor_delay", "sensor_lag", "clock_skew")
+    },
 }
 
 
-def draw_arm(rng: np.random.Generator, context: ArmContext, effect: str, avoid: frozenset[int] = frozenset()) -> tuple[Concealed, int]:
+def draw_arm(
+    rng: np.random.Generator, context: ArmContext, effect: str, avoid: frozenset[int] = frozenset()
+) -> tuple[Concealed, int]:
     """The effect at a random joint that moves, and that joint."""
     joints = [joint for joint in context.moving() if joint not in avoid] or context.moving()
     joint = int(rng.choice(joints))

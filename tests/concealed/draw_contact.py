@@ -53,7 +53,9 @@ def draw_contact(rng: np.random.Generator, c: ContactContext, effect: str) -> Co
         return made({"cubic": (cubic, "N/m^3")}, cubic=cubic)
     if effect == "contact_viscoelastic_relaxation":
         stiffness, time = law.stiffness * loguniform(rng, 0.01, 0.8), loguniform(rng, 0.01, 0.4)
-        return made({"stiffness": (stiffness, "N/m"), "time_constant": (time, "s")}, relaxing=stiffness, relaxation_time=time)
+        return made(
+            {"stiffness": (stiffness, "N/m"), "time_constant": (time, "s")}, relaxing=stiffness, relaxation_time=time
+        )
     if effect == "contact_hunt_crossley_dissipation":
         dissipation = loguniform(rng, 0.02, 2.0) if c.wobbles else loguniform(rng, 0.3, 40.0)
         return made({"dissipation": (dissipation, "s/m")}, dissipation=dissipation)
@@ -100,7 +102,9 @@ def draw_wrench(rng: np.random.Generator, c: ContactContext, effect: str, sensor
     if effect == "sensor_misalignment":
         angles = loguniform(rng, 3e-3, 0.3) * _direction(rng)
         rotation = (
-            Rotation.from_euler("x", angles[0]) * Rotation.from_euler("y", angles[1]) * Rotation.from_euler("z", angles[2])
+            Rotation.from_euler("x", angles[0])
+            * Rotation.from_euler("y", angles[1])
+            * Rotation.from_euler("z", angles[2])
         ).as_matrix()
         told = {axis: (float(value), "rad") for axis, value in zip(("roll", "pitch", "yaw"), angles, strict=True)}
         return Concealed(effect, at, told, sensor=timing.turned(sensor, rotation))

@@ -42,7 +42,9 @@ def _ramp(time: Array, seconds: float) -> tuple[Array, Array, Array]:
     )
 
 
-def desired(rng: np.random.Generator, members: int, samples: int, step: float, size: int, kind: str, linear: np.ndarray) -> Desired:
+def desired(
+    rng: np.random.Generator, members: int, samples: int, step: float, size: int, kind: str, linear: np.ndarray
+) -> Desired:
     """Random desired motions from rest; `linear` (n,) marks prismatic joints, whose amplitudes are a tenth."""
     time = step * np.arange(samples)
     ramp, ramp1, ramp2 = _ramp(time, 0.6)

@@ -71,7 +71,9 @@ class Integrator:
             x = np.where(good[:, None], new, x)
             time = np.where(good, time + step, time)
             # A step cut short by the interval's end does not say that the next must be short.
-            self._step = np.where(full & (proposal < self._step) & (norm <= 1.0), np.maximum(proposal, self._step), proposal)
+            self._step = np.where(
+                full & (proposal < self._step) & (norm <= 1.0), np.maximum(proposal, self._step), proposal
+            )
             time = np.where(full, stop, time)
             left = np.where(full, 0.0, stop - time)
             if not left.any():

@@ -18,7 +18,7 @@ Scalar = Callable[..., Array]
 
 @dataclass(frozen=True)
 class JointLaw:
-    """A torque (N m) on the link side of a joint: torque(t, q, v, u, z, mode); rate(t, q, v, u, z) of its hidden states."""
+    """A torque (N m) on the link side of a joint: torque(t, q, v, u, z, mode); rate(t, q, v, u, z) of hidden states."""
 
     joint: int
     torque: Scalar
@@ -38,7 +38,7 @@ class Transmission:
 
 @dataclass(frozen=True)
 class Drive:
-    """What lies between the commanded and the acting effort of a joint: delay, then first-order lag, then a static map."""
+    """Between the commanded and the acting effort of a joint: delay, then first-order lag, then a static map."""
 
     joint: int
     delay: float = 0.0

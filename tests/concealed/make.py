@@ -1,6 +1,7 @@
 """`python -m tests.concealed.make --kind KIND --rig RIG --seed S --out DIR`: one case, its truth beside the folder.
 
-KIND: null | single:<effect> | pair | pair:<effect>,<effect> | odd | odd:<name>; RIG: arm2 | arm3 | arm6 | arm7 | press | toss.
+KIND: null | single:<effect> | pair | pair:<effect>,<effect> | odd | odd:<name>.
+RIG: arm2 | arm3 | arm6 | arm7 | press | toss.
 """
 
 from __future__ import annotations
@@ -78,7 +79,10 @@ def told(truth: dict[str, object]) -> str:
     """The truth in one line."""
     effects: list[dict[str, object]] = truth["effects"]  # type: ignore[assignment]
     strengths: list[dict[str, object]] = truth["strengths"]  # type: ignore[assignment]
-    lines = [f"{item['effect']} at {item['at']} (strength {size['value']:.3g})" for item, size in zip(effects, strengths, strict=False)]
+    lines = [
+        f"{item['effect']} at {item['at']} (strength {size['value']:.3g})"
+        for item, size in zip(effects, strengths, strict=False)
+    ]
     return "; ".join(lines) or "nothing concealed"
 
 

@@ -20,12 +20,14 @@ def _body_xml(robot: Robot, index: int, copy: int) -> str:
     i = link.inertia
     inertia = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
     kind = "hinge" if joint.kind == "revolute" else "slide"
-    inside = "".join(_body_xml(robot, child, copy) for child in range(index + 1, robot.size) if robot.joints[child].parent == index)
+    inside = "".join(
+        _body_xml(robot, child, copy) for child in range(index + 1, robot.size) if robot.joints[child].parent == index
+    )
     return (
         f'<body name="{link.name}_{copy}" pos="{_numbers(joint.origin)}" quat="{_numbers(np.array([w, x, y, z]))}">'
         f'<inertial pos="{_numbers(link.com)}" mass="{link.mass!r}" fullinertia="{_numbers(np.array(inertia))}"/>'
-        f'<joint name="{joint.name}_{copy}" type="{kind}" axis="{_numbers(joint.axis)}" armature="{joint.rotor_inertia!r}" '
-        f'damping="{joint.damping!r}"/>{inside}</body>'
+        f'<joint name="{joint.name}_{copy}" type="{kind}" axis="{_numbers(joint.axis)}" '
+        f'armature="{joint.rotor_inertia!r}" damping="{joint.damping!r}"/>{inside}</body>'
     )
 
 
@@ -35,7 +37,8 @@ def mjcf(robot: Robot, copies: int) -> str:
     bodies = "".join(_body_xml(robot, root, copy) for copy in range(copies) for root in roots)
     return (
         f'<mujoco model="{robot.name}"><compiler angle="radian" autolimits="false"/>'
-        f'<option gravity="{_numbers(robot.gravity)}"><flag contact="disable" constraint="disable" eulerdamp="disable"/></option>'
+        f'<option gravity="{_numbers(robot.gravity)}">'
+        '<flag contact="disable" constraint="disable" eulerdamp="disable"/></option>'
         f"<worldbody>{bodies}</worldbody></mujoco>"
     )
 
@@ -50,12 +53,11 @@ class ArmPlant:
         self.model = mujoco.MjModel.from_xml_string(mjcf(robot, copies))
         self.data = mujoco.MjData(self.model)
         n = robot.size
-        order = [
-            self.model.joint(f"{joint.name}_{copy}").dofadr[0] for copy in range(copies) for joint in robot.joints
-        ]
+        order = [self.model.joint(f"{joint.name}_{copy}").dofadr[0] for copy in range(copies) for joint in robot.joints]
         self._order = np.array(order).reshape(copies, n)
         self._rows = [
-            np.array([self.model.body(f"{robot.links[law.link].name}_{copy}").id for copy in range(copies)]) for law in bodies
+            np.array([self.model.body(f"{robot.links[law.link].name}_{copy}").id for copy in range(copies)])
+            for law in bodies
         ]
         self._touching = [index for index, law in enumerate(bodies) if law.boundary is not None]
 

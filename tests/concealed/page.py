@@ -35,13 +35,22 @@ def curve_svg(scores: Scores) -> str:
     axes = figure.add_subplot()
     if points:
         middle = [np.sqrt(max(p["low"], 0.003) * min(p["high"], 3e3)) for p in points]
-        for key, colour, label in (("detected", "#8a97a5", "something found"), ("place", "#2b6cb0", "place right"), ("right", "#17743b", "name and place right")):
+        for key, colour, label in (
+            ("detected", "#8a97a5", "something found"),
+            ("place", "#2b6cb0", "place right"),
+            ("right", "#17743b", "name and place right"),
+        ):
             axes.plot(middle, [p[key] for p in points], "o-", color=colour, label=label, markersize=4)
         for x, p in zip(middle, points, strict=True):
             axes.annotate(f"{p['count']}", (x, -0.07), ha="center", fontsize=8, color="#53626f", annotation_clip=False)
         axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(0.0, 0.94))
     axes.axvline(3.0, color="#c9a227", linestyle="--", linewidth=1)
-    axes.set(xscale="log", ylim=(-0.12, 1.05), xlabel="strength: mean square per whitened row", ylabel="share of single effects")
+    axes.set(
+        xscale="log",
+        ylim=(-0.12, 1.05),
+        xlabel="strength: mean square per whitened row",
+        ylabel="share of single effects",
+    )
     axes.spines[["top", "right"]].set_visible(False)
     return _svg(figure)
 
@@ -90,11 +99,26 @@ def _groups(scores: Scores) -> list[dict[str, Any]]:
     for rig in sorted({item["rig"] for item in scores}):
         groups.append((f"single, {rig}", [item for item in single if item["rig"] == rig]))
     for noise in sorted({item["opened"]["noise"]["kind"] for item in scores}):
-        groups.append((f"nulls, {noise} noise", [x for x in scores if x["kind"] == "null" and x["opened"]["noise"]["kind"] == noise]))
-    for name in sorted({str(item["opened"]["settings"].get("excitation")) for item in scores}):
-        groups.append((f"single, excitation {name}", [x for x in single if str(x["opened"]["settings"].get("excitation")) == name]))
+        groups.append(
+            (
+                f"nulls, {noise} noise",
+                [x for x in scores if x["kind"] == "null" and x["opened"]["noise"]["kind"] == noise],
+            )
+        )
+    for name in sorted({item["opened"]["settings"].get("excitation", "of throws") for item in scores}):
+        groups.append(
+            (
+                f"single, excitation {name}",
+                [x for x in single if x["opened"]["settings"].get("excitation", "of throws") == name],
+            )
+        )
     groups.append(("single, process noise", [item for item in single if item["process"]]))
-    groups.append(("single, law not the vocabulary's own", [x for x in single if not all(e.get("exact", True) for e in x["opened"]["effects"])]))
+    groups.append(
+        (
+            "single, law not the vocabulary's own",
+            [x for x in single if not all(e.get("exact", True) for e in x["opened"]["effects"])],
+        )
+    )
     rows = []
     for name, items in groups:
         if not items:
@@ -105,7 +129,7 @@ def _groups(scores: Scores) -> list[dict[str, Any]]:
             {
                 "name": name,
                 "count": len(items),
-                "clear": "" if null else len(clear),
+                "clear_count": "" if null else len(clear),
                 "right_clear": "" if null else _percent(part(clear, "right")),
                 "right": _percent(part(items, "right")),
             }
@@ -138,11 +162,16 @@ def _failures(scores: Scores) -> list[dict[str, Any]]:
 
 def _composition(scores: Scores, rigs: Sequence[str]) -> list[dict[str, Any]]:
     rows = []
-    for kind, name in (("single", "one effect"), ("null", "nothing concealed"), ("odd", "outside the vocabulary"), ("pair", "two effects")):
+    for kind, name in (
+        ("single", "one effect"),
+        ("null", "nothing concealed"),
+        ("odd", "outside the vocabulary"),
+        ("pair", "two effects"),
+    ):
         items = [item for item in scores if item["kind"] == kind]
         counts = [sum(item["rig"] == rig for item in items) for rig in rigs]
         clear = "" if kind == "null" else sum(item["clear"] for item in items)
-        rows.append({"kind": name, "counts": counts, "all": len(items), "clear": clear})
+        rows.append({"kind": name, "counts": counts, "all": len(items), "clear_count": clear})
     return rows
 
 
@@ -150,7 +179,10 @@ def write_page(path: Path, about: dict[str, Any], scores: Scores, elapsed: float
     """Writes the page at once, never half of it."""
     template = Environment(autoescape=True).from_string((Path(__file__).parent / "page.html").read_text())
     rigs = sorted({item["rig"] for item in scores})
-    median = {key: f"{np.median([item[key] for item in scores]):.1f} s" if scores else "–" for key in ("made_seconds", "diagnosed_seconds")}
+    median = {
+        key: f"{np.median([item[key] for item in scores]):.1f} s" if scores else "–"
+        for key in ("made_seconds", "diagnosed_seconds")
+    }
     text = template.render(
         about=about,
         debug=any(start["debug_seed"] for start in about["starts"]),
@@ -164,7 +196,10 @@ def write_page(path: Path, about: dict[str, Any], scores: Scores, elapsed: float
         curve_svg=curve_svg(scores),
         calibration_svg=calibration_svg(scores),
         groups=_groups(scores),
-        matrices=[_matrix(scores, "Confusion, clear cases (true names down, told names across)", True), _matrix(scores, "Confusion, all cases", False)],
+        matrices=[
+            _matrix(scores, "Confusion, clear cases (true names down, told names across)", True),
+            _matrix(scores, "Confusion, all cases", False),
+        ],
         failures=_failures(scores),
         seals=scores,
     )

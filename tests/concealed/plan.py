@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from .draw_arm import DRAWS
-from .odd_arm import DRAWS as ODD_ARM
 from .draw_contact import ODD_CONTACT
+from .odd_arm import DRAWS as ODD_ARM
 from .press_case import ON_STAGE
 from .toss_case import ODD_TOSS, ON_TOSS
 from .truth import FAMILY, VOCABULARY
@@ -63,7 +63,7 @@ def counts(size: int) -> dict[str, int]:
 
 
 def composition(rng: np.random.Generator, size: int) -> list[Slot]:
-    """The slots in random order; single effects go round all families, then all effects, so that a short form has all families."""
+    """The slots in random order; single effects go round all families first, so that a short form has them all."""
     number = counts(size)
     slots: list[Slot] = [(f"single:{effect}", _single_rig(rng, effect)) for effect in _round(rng, number["single"])]
     slots += [("null", _any_rig(rng)) for _ in range(number["null"])]
@@ -74,7 +74,9 @@ def composition(rng: np.random.Generator, size: int) -> list[Slot]:
 
 def _round(rng: np.random.Generator, count: int) -> list[str]:
     """Effects, each as often as the others; first of all one of each family."""
-    families = [[effect for effect in VOCABULARY if FAMILY[effect] == family] for family in dict.fromkeys(FAMILY.values())]
+    families = [
+        [effect for effect in VOCABULARY if FAMILY[effect] == family] for family in dict.fromkeys(FAMILY.values())
+    ]
     first = [str(rng.choice(family)) for family in families]
     rest = [effect for effect in VOCABULARY if effect not in first]
     lap = first + [rest[index] for index in rng.permutation(len(rest))]
@@ -82,8 +84,10 @@ def _round(rng: np.random.Generator, count: int) -> list[str]:
 
 
 def _odd(rng: np.random.Generator, index: int) -> Slot:
-    every = [(name, "arm") for name in sorted(ODD_ARM)] + [(name, "press") for name in sorted(ODD_CONTACT)] + [
-        (name, "toss") for name in sorted(ODD_TOSS)
-    ]
+    every = (
+        [(name, "arm") for name in sorted(ODD_ARM)]
+        + [(name, "press") for name in sorted(ODD_CONTACT)]
+        + [(name, "toss") for name in sorted(ODD_TOSS)]
+    )
     name, rig = every[(5 * index + int(rng.integers(len(every)))) % len(every)]
     return f"odd:{name}", _arm(rng) if rig == "arm" else rig

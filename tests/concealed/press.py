@@ -30,11 +30,13 @@ class Stage:
 
     def urdf(self) -> str:
         origin = " ".join(repr(float(value)) for value in self.tip)
-        tip = f'    <collision name="tip"><origin xyz="{origin}"/><geometry>{sphere(self.radius)}</geometry></collision>\n'
+        shape = f"<geometry>{sphere(self.radius)}</geometry>"
+        tip = f'    <collision name="tip"><origin xyz="{origin}"/>{shape}</collision>\n'
         wall = (
             '  <link name="wall">\n    <inertial><mass value="10"/>'
             '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>\n'
-            '    <collision name="wall"><origin xyz="0 0 -0.05"/><geometry><box size="2 2 0.1"/></geometry></collision>\n  </link>\n'
+            '    <collision name="wall"><origin xyz="0 0 -0.05"/>'
+            '<geometry><box size="2 2 0.1"/></geometry></collision>\n  </link>\n'
             '  <joint name="wall_mount" type="fixed"><parent link="base"/><child link="wall"/></joint>\n'
         )
         return arm_urdf(self.robot, {"tool": tip}, wall)
@@ -45,12 +47,22 @@ def random_stage(rng: np.random.Generator) -> Stage:
     links = tuple(
         Link(name, float(mass), com, np.eye(3) * 0.006 * mass)
         for name, mass, com in zip(
-            ("carriage_x", "carriage_y", "tool"), masses, (np.zeros(3), np.zeros(3), np.array([0.0, 0.0, -0.03])), strict=True
+            ("carriage_x", "carriage_y", "tool"),
+            masses,
+            (np.zeros(3), np.zeros(3), np.array([0.0, 0.0, -0.03])),
+            strict=True,
         )
     )
-    joints = tuple(Joint(name, "prismatic", index - 1, np.zeros(3), np.zeros(3), np.eye(3)[index]) for index, name in enumerate(NAMES))
+    joints = tuple(
+        Joint(name, "prismatic", index - 1, np.zeros(3), np.zeros(3), np.eye(3)[index])
+        for index, name in enumerate(NAMES)
+    )
     robot = Robot("press", links, joints, np.array([0.0, 0.0, -9.81]))
-    return Stage(robot, np.array([0.0, 0.0, -float(np.round(rng.uniform(0.08, 0.15), 3))]), float(np.round(rng.uniform(0.006, 0.015), 4)))
+    return Stage(
+        robot,
+        np.array([0.0, 0.0, -float(np.round(rng.uniform(0.08, 0.15), 3))]),
+        float(np.round(rng.uniform(0.006, 0.015), 4)),
+    )
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,9 @@ ON_STAGE = (
 )
 
 
-def press_desired(rng: np.random.Generator, stage: Stage, law: ContactLaw, samples: int, step: float, kind: str) -> tuple[Desired, float]:
+def press_desired(
+    rng: np.random.Generator, stage: Stage, law: ContactLaw, samples: int, step: float, kind: str
+) -> tuple[Desired, float]:
     """Rubbing multisines and a pressing force that swings, sometimes off the wall; and the typical force (N)."""
     time = step * np.arange(samples)
     ramp, ramp1, ramp2 = _ramp(time, 0.4)
@@ -72,7 +74,9 @@ def _feedforward(stage: Stage, law: ContactLaw, desired: Desired) -> Array:
     return effort
 
 
-def draw_effects(rng: np.random.Generator, arm: ArmContext, contact: ContactContext, kind: str) -> tuple[Concealed, ...]:
+def draw_effects(
+    rng: np.random.Generator, arm: ArmContext, contact: ContactContext, kind: str
+) -> tuple[Concealed, ...]:
     head, _, names = kind.partition(":")
     if head == "null":
         return ()
@@ -114,7 +118,9 @@ def make_press(rng: np.random.Generator, kind: str) -> Case:
     speed = float(np.sqrt(np.mean(np.sum(desired.v[:, :, :2] ** 2, axis=2))))
     effects = draw_effects(rng, arm, ContactContext(nominal, force, speed, "tool/wall", "wall"), kind)
     noise = _noise(rng, settings)
-    clock = Clock(settings.step, 0.3 if settings.jitter != "none" else 0.0, 3e-6 if settings.jitter == "stamps" else 0.0)
+    clock = Clock(
+        settings.step, 0.3 if settings.jitter != "none" else 0.0, 3e-6 if settings.jitter == "stamps" else 0.0
+    )
     time = clock.times(rng, MEMBERS, settings.samples)
     drawn = {name: noise[name].draw(rng, time, 3) for name in ("q", "v", "force", "torque")}
     seen = 1.0 if settings.noisy_feedback else 0.0
@@ -150,10 +156,21 @@ def make_press(rng: np.random.Generator, kind: str) -> Case:
         "entries": entries,
         "noise": noise,
     }
-    return Case(kind, "press", press_scenario(settings, nominal, entries, noise), "press.urdf", stage.urdf(), tables, truth, study)
+    return Case(
+        kind,
+        "press",
+        press_scenario(settings, nominal, entries, noise),
+        "press.urdf",
+        stage.urdf(),
+        tables,
+        truth,
+        study,
+    )
 
 
-def _unknown(rng: np.random.Generator, nominal: ContactLaw) -> tuple[ContactLaw, list[dict[str, object]], dict[str, float]]:
+def _unknown(
+    rng: np.random.Generator, nominal: ContactLaw
+) -> tuple[ContactLaw, list[dict[str, object]], dict[str, float]]:
     true, entries, values = nominal, [], {}
     names = ["stiffness", "friction"] + (["damping"] if rng.random() < 0.3 else [])
     for name in names:
@@ -180,7 +197,13 @@ def _noise(rng: np.random.Generator, settings: Settings) -> dict[str, ChannelNoi
 
 
 def simulate_press(
-    stage: Stage, law: ContactLaw, effects: tuple[Concealed, ...], time: Array, q0: Array, command: object, process: Array | None,
+    stage: Stage,
+    law: ContactLaw,
+    effects: tuple[Concealed, ...],
+    time: Array,
+    q0: Array,
+    command: object,
+    process: Array | None,
     tolerance: float = 1e-8,
 ) -> tuple[PressPlant, Motion]:
     """The plant with the effects in it and its noise-free motion."""
@@ -277,7 +300,12 @@ def press_scenario(
         "model": "press.urdf",
         "gravity": [0, 0, -9.81],
         "weld": [{"body": "base"}],
-        "channels": {"q": channel("q"), "v": channel("v"), "u": {"std": 0.0, "hold": "zero_order"}, "wrench.wrist": wrench},
+        "channels": {
+            "q": channel("q"),
+            "v": channel("v"),
+            "u": {"std": 0.0, "hold": "zero_order"},
+            "wrench.wrist": wrench,
+        },
         "unknown": entries,
         "contact": [contact],
     }

@@ -1,7 +1,8 @@
 """`python -m tests.concealed.prove --size N --out DIR --jobs J [--resume]`: the blind proof.
 
-Each case's truth is sealed by a salted hash that is printed before its diagnosis starts. The seeds come from the system's
-entropy when the proof starts, so after the last change to the diagnosis, whose commit is printed and stands on the page.
+Each case's truth is sealed by a salted hash that is printed before its diagnosis starts. The seeds come from the
+system's entropy when the proof starts, so after the last change to the diagnosis, whose commit is printed and stands on
+the page.
 A killed run goes on with --resume: finished trials stay, the others are made anew from fresh entropy.
 """
 
@@ -31,9 +32,13 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def commit() -> str:
     """The commit of the working tree, and whether the package differs from it."""
-    head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
+    head = subprocess.run(
+        ["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout.strip()
     paths = ["drake_cafim", "diagrams", "models"]
-    changed = subprocess.run(["git", "status", "--porcelain", *paths], cwd=ROOT, capture_output=True, text=True, check=False).stdout
+    changed = subprocess.run(
+        ["git", "status", "--porcelain", *paths], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout
     return (head or "no repository") + (" (with uncommitted changes to the diagnosis)" if changed.strip() else "")
 
 
@@ -61,7 +66,9 @@ def about(out: Path, size: int, seed: str | None) -> dict[str, Any]:
     if known["starts"] and known["size"] != size:
         raise SystemExit(f"{out} was begun with --size {known['size']}, not {size}")
     known |= {"size": size, "composition": known.get("composition", fresh_seed() if seed is None else seed)}
-    known["starts"].append({"commit": commit(), "time": time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime()), "debug_seed": seed})
+    known["starts"].append(
+        {"commit": commit(), "time": time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime()), "debug_seed": seed}
+    )
     path.write_text(json.dumps(known, indent=1) + "\n")
     return known
 
@@ -99,7 +106,10 @@ def main(arguments: list[str] | None = None) -> int:
     done = {item["slot"] for item in opened(options.out)}
     wanted = [i for i in range(len(slots)) if i not in done and (options.only is None or i in options.only)]
     print(f"diagnosis at commit {known['starts'][-1]['commit']}", flush=True)
-    print(f"{len(slots)} trials, {len(done)} ended before, {len(wanted)} to run; seeds sealed under {_digest(master)}", flush=True)
+    print(
+        f"{len(slots)} trials, {len(done)} ended before, {len(wanted)} to run; seeds sealed under {_digest(master)}",
+        flush=True,
+    )
     trials = [Trial(i, *slots[i], seed=case_seed(master, i)) for i in wanted]
     diagnose = [str(Path(part).absolute()) if Path(part).exists() else part for part in options.diagnose]
     work = (delayed(attempt)(trial, diagnose, options.out, options.limit, options.keep) for trial in trials)

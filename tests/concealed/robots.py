@@ -38,7 +38,7 @@ def _parallel(mass: float, arm: Array) -> Array:
 
 @dataclass(frozen=True)
 class Joint:
-    """A revolute or prismatic joint; `parent` is a link's index, -1 the base; the child is the link of the same index."""
+    """A revolute or prismatic joint; `parent` is a link's index, -1 the base; the child link has the joint's index."""
 
     name: str
     kind: str  # revolute | prismatic
@@ -146,7 +146,16 @@ def random_arm(rng: np.random.Generator, size: int, branched: bool = False) -> R
         rotor = float(np.round(10 ** rng.uniform(-1.5, -0.6) * 0.9**depth, 4))
         kind = "prismatic" if index == prismatic else "revolute"
         joints.append(
-            Joint(names[index], kind, parent, np.round(origin, 4), rpy, axis, 0.0, rotor * (10.0 if kind == "prismatic" else 1.0))
+            Joint(
+                names[index],
+                kind,
+                parent,
+                np.round(origin, 4),
+                rpy,
+                axis,
+                0.0,
+                rotor * (10.0 if kind == "prismatic" else 1.0),
+            )
         )
         links.append(_random_link(rng, f"link{index + 1}", mass, reach, 0.07 * scale))
         reaches.append(np.round(reach, 4))

@@ -114,10 +114,19 @@ def equivalent(effect: str, told: dict[str, float], true: dict[str, float]) -> d
         forms = [told | {"phase": told["phase"] + turn} for turn in turns]
         forms += [told | {"phase": told["phase"] + np.pi + turn, "amplitude": -told["amplitude"]} for turn in turns]
     if effect == "contact_anisotropic_friction" and {"angle", "friction_1", "friction_2"} <= told.keys():
-        swapped = told | {"friction_1": told["friction_2"], "friction_2": told["friction_1"], "angle": told["angle"] + 0.5 * np.pi}
+        swapped = told | {
+            "friction_1": told["friction_2"],
+            "friction_2": told["friction_1"],
+            "angle": told["angle"] + 0.5 * np.pi,
+        }
         forms = [form | {"angle": form["angle"] + np.pi * k} for form in (told, swapped) for k in (-2, -1, 0, 1, 2)]
     key = "phase" if effect == "torque_ripple" else "angle"
-    return min(forms, key=lambda form: sum(abs(form[name] - true[name]) for name in true if name in form and (name == key or len(forms) > 1)))
+    return min(
+        forms,
+        key=lambda form: sum(
+            abs(form[name] - true[name]) for name in true if name in form and (name == key or len(forms) > 1)
+        ),
+    )
 
 
 def _score_numbers(truth: Json, report: Json) -> dict[str, Any]:
@@ -137,8 +146,15 @@ def _score_numbers(truth: Json, report: Json) -> dict[str, Any]:
                 for name, value in true.items():
                     std = item["parameters"].get(name, {}).get("std")
                     if name in told and std:
-                        covered.append([name, abs(told[name] - value) <= NORMAL_95 * float(std), (told[name] - value) / float(std)])
-    return {"errors": errors, "covered": covered, "held_out_gain": _gain(report), "transient": _transient(truth, report)}
+                        covered.append(
+                            [name, abs(told[name] - value) <= NORMAL_95 * float(std), (told[name] - value) / float(std)]
+                        )
+    return {
+        "errors": errors,
+        "covered": covered,
+        "held_out_gain": _gain(report),
+        "transient": _transient(truth, report),
+    }
 
 
 def _relative(effect: str, told: float, true: float) -> float:
@@ -157,7 +173,7 @@ def _gain(report: Json) -> float | None:
 
 
 def _transient(truth: Json, report: Json) -> dict[str, float] | None:
-    """Of a pulse: the centre's error (s) and intersection over union, against the best interval told for its recording."""
+    """Of a pulse: the centre's error (s) and intersection over union with the best interval told in its recording."""
     for effect in truth["effects"]:
         if "interval" not in effect:
             continue

@@ -18,14 +18,16 @@ class Plant(Protocol):
 
     hidden: int
 
-    def acceleration(self, t: Array, q: Array, v: Array, z: Array, mode: np.ndarray, tau: Array) -> tuple[Array, Array]: ...
+    def acceleration(
+        self, t: Array, q: Array, v: Array, z: Array, mode: np.ndarray, tau: Array
+    ) -> tuple[Array, Array]: ...
     def boundary(self, t: Array, q: Array, v: Array, z: Array) -> Array: ...
     def initial_hidden(self, q: Array) -> Array: ...
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A noise-free batch: time (B, N); q, v, a, u (B, N, n), a and u from their sample on; hidden (B, N, h) of the plant."""
+    """A noise-free batch: time (B, N); q, v, a, u (B, N, n), a and u from their sample on; the plant's hidden (B, N, h)."""
 
     time: Array
     q: Array
@@ -43,7 +45,9 @@ Controller = Callable[[int, Array, Array], Array]  # (sample, q (B, n), v (B, n)
 class Simulation:
     """State of the batch: q, v (link side), the plant's hidden states, rotors, lags, hidden states of joint laws."""
 
-    def __init__(self, plant: Plant, size: int, laws: Laws, rotor_inertia: dict[int, float], tolerance: float = 1e-8) -> None:
+    def __init__(
+        self, plant: Plant, size: int, laws: Laws, rotor_inertia: dict[int, float], tolerance: float = 1e-8
+    ) -> None:
         self.plant, self.size, self.laws, self.rotor_inertia = plant, size, laws, rotor_inertia
         lags = [drive for drive in laws.drives if drive.time_constant > 0.0]
         n = size
@@ -135,7 +139,9 @@ class Simulation:
                 source = self._delayed[id(drive)] if drive.delay > 0.0 else self._command[:, drive.joint]
                 out[:, at] = (source - x[:, at]) / drive.time_constant
         out[:, :n] = v
-        a, rate = self.plant.acceleration(t, q, v, x[:, self._plant_at], mode[:, :plant_modes], tau + on_joint + self._noise)
+        a, rate = self.plant.acceleration(
+            t, q, v, x[:, self._plant_at], mode[:, :plant_modes], tau + on_joint + self._noise
+        )
         out[:, n : 2 * n] = a
         out[:, self._plant_at] = rate
         return out
@@ -243,6 +249,9 @@ class Simulation:
         for drive in self.laws.drives:
             if drive.delay > 0.0:
                 index = np.array(
-                    [np.searchsorted(row[: k + 1], at - drive.delay + 1e-12, side="right") - 1 for row, at in zip(time, now, strict=True)]
+                    [
+                        np.searchsorted(row[: k + 1], at - drive.delay + 1e-12, side="right") - 1
+                        for row, at in zip(time, now, strict=True)
+                    ]
                 )
                 self._delayed[id(drive)] = u[np.arange(len(time)), np.maximum(index, 0), drive.joint]

@@ -1,10 +1,10 @@
 """How clear a concealed effect is, by the maker's own reckoning along the noise-free truth.
 
-The nominal equations are evaluated on noise-free measurements, multiplied by sin^4 windows of 60 ms that overlap by half,
-and divided by the std that the measurement noise gives each such row. With the unknown parameters refitted (their priors
-as extra rows), what remains is the excess that a diagnosis can find: its sum of squares in a channel, over the number of
-the channel's rows, is the strength; `clear` is 3 or more (a root-mean-square residual of 1.7 std a row). Rows are taken
-as independent: neighbours correlate at about -0.3, which is left out.
+The nominal equations are evaluated on noise-free measurements, multiplied by sin^4 windows of 60 ms that overlap by
+half, and divided by the std that the measurement noise gives each such row. With the unknown parameters refitted (their
+priors as extra rows), what remains is the excess that a diagnosis can find: its sum of squares in a channel, over the
+number of the channel's rows, is the strength; `clear` is 3 or more (a root-mean-square residual of 1.7 std a row). Rows
+are taken as independent: neighbours correlate at about -0.3, which is left out.
 
 The expected log Bayes factor of the truth over another explanation is half of what the other, fitted best, leaves over,
 plus (k_other - k_true)/2 ln(rows). Under 3 another name is acceptable.
@@ -64,7 +64,7 @@ class Windows:
 
 @dataclass(frozen=True)
 class Excess:
-    """Whitened rows by channel: what the nominal leaves, and what each unknown parameter (unit: its prior std) would do."""
+    """Whitened rows by channel: what the nominal leaves, and what a prior std of each unknown parameter would do."""
 
     channels: tuple[str, ...]
     rows: Array  # (B, W, C) in std
@@ -96,7 +96,9 @@ class Alternative:
     parameters: int
 
 
-def strength(excess: Excess, channels: Sequence[str] | None, interval: tuple[float, float] | None, member: int | None) -> dict[str, object]:
+def strength(
+    excess: Excess, channels: Sequence[str] | None, interval: tuple[float, float] | None, member: int | None
+) -> dict[str, object]:
     """Per channel and of the affected one: mean square of the remaining rows, and whether that is clear.
 
     A pulse is judged in its own recording and interval, and must add up to 100 besides.
@@ -116,7 +118,7 @@ def strength(excess: Excess, channels: Sequence[str] | None, interval: tuple[flo
 
 
 def acceptable(excess: Excess, own: int, alternatives: Sequence[Alternative]) -> list[dict[str, object]]:
-    """Explanations whose expected log Bayes factor against the truth is under 3; `none` is one of them for faint effects."""
+    """Explanations whose expected log Bayes factor against the truth is under 3; for faint effects `none` is one."""
     count = excess.rows[:3].size
     found: list[dict[str, object]] = []
     nominal = 0.5 * float(np.sum(excess.remaining() ** 2)) - 0.5 * own * np.log(count)

@@ -52,7 +52,9 @@ class ArmRows:
         else:
             momentum = self.windows.noise_std(w2, self.noise_q)
         place = self.windows.noise_std(w, self.noise_q)
-        speed = self.windows.noise_std(w, self.noise_v) if self.has_velocity else self.windows.noise_std(w1, self.noise_q)
+        speed = (
+            self.windows.noise_std(w, self.noise_v) if self.has_velocity else self.windows.noise_std(w1, self.noise_q)
+        )
         centres = self.windows.centres()
         inverse, n = ArmInverse(self.robot), self.robot.size
         variance = np.empty((len(self.q), len(centres), n))
@@ -61,7 +63,11 @@ class ArmRows:
                 k = centres[i]
                 mass = inverse.mass_matrix(self.q[b, k])
                 dq, dv = self._jacobians(inverse, b, k)
-                now = (mass**2).sum(axis=1) * momentum**2 + (dq**2).sum(axis=1) * place**2 + (dv**2).sum(axis=1) * speed**2
+                now = (
+                    (mass**2).sum(axis=1) * momentum**2
+                    + (dq**2).sum(axis=1) * place**2
+                    + (dv**2).sum(axis=1) * speed**2
+                )
                 variance[b, i : i + _EVERY] = now
         return np.sqrt(variance)
 
@@ -216,5 +222,3 @@ def _alternatives(rows: ArmRows, effect: str, at: str, channels: list[str] | Non
         if (name, place) != (effect, at):
             found.append(Alternative(name, place, np.stack([rows.whiten(torque) for torque in torques]), count))
     return found
-
-

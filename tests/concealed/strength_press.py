@@ -1,4 +1,4 @@
-"""Strength and rival explanations on the pressing stage: the wrench against the nominal law, the axes against the wrench."""
+"""Strength and rivals on the pressing stage: the wrench against the nominal law, the axes against the wrench."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ class PressRows:
         self.nominal = self.wrench(self.law)
         self.std = self._noise()
 
-    def wrench(self, law: ContactLaw, q: Array | None = None, v: Array | None = None, hidden: Array | None = None) -> Array:
+    def wrench(
+        self, law: ContactLaw, q: Array | None = None, v: Array | None = None, hidden: Array | None = None
+    ) -> Array:
         """Wrench (B, N, 6) that a law predicts at the measured states."""
         q = self.q if q is None else q
         v = self.v if v is None else v
@@ -53,7 +55,9 @@ class PressRows:
     def _noise(self) -> Array:
         """Std (B, W, 9): the sensor's own noise and what the noise of q and v does to the prediction."""
         w, w1, _ = self.windows.shape
-        flat = self.windows.noise_std(w, replace(self.noise["q"], std=1.0, quantum=0.0)) ** 2 / (self.windows.step**2 * (w @ w))
+        flat = self.windows.noise_std(w, replace(self.noise["q"], std=1.0, quantum=0.0)) ** 2 / (
+            self.windows.step**2 * (w @ w)
+        )
         variance = np.empty((*self.windows.integrate(self.nominal, w).shape[:2], 9))
         through = np.zeros((*self.nominal.shape[:2], 6))
         for axis in range(3):
@@ -96,9 +100,17 @@ class PressRows:
             yield "contact_presliding", "tool/wall", 1, [self._presliding(distance)]
         slope = np.gradient(self.read, self.windows.step, axis=1)
         yield "sensor_delay", "wrench.wrist", 1, [self._sensor(-slope)]
-        yield "sensor_lag", "wrench.wrist", 1, [self._sensor(-slope + 0.005 * np.gradient(slope, self.windows.step, axis=1))]
+        yield (
+            "sensor_lag",
+            "wrench.wrist",
+            1,
+            [self._sensor(-slope + 0.005 * np.gradient(slope, self.windows.step, axis=1))],
+        )
         yield "clock_skew", "wrench.wrist", 1, [self._sensor(slope * self.time[:, :, None])]
-        turned = [np.concatenate([np.cross(self.read[:, :, :3], e), np.cross(self.read[:, :, 3:], e)], axis=2) for e in np.eye(3)]
+        turned = [
+            np.concatenate([np.cross(self.read[:, :, :3], e), np.cross(self.read[:, :, 3:], e)], axis=2)
+            for e in np.eye(3)
+        ]
         yield "sensor_misalignment", "wrench.wrist", 3, [self._sensor(change) for change in turned]
         for i, axis in enumerate(WRENCH):
             one = np.zeros(6)
@@ -117,7 +129,9 @@ class PressRows:
         hidden = np.zeros((*depth.shape, ContactLaw.hidden))
         step = self.windows.step
         for k in range(1, depth.shape[1]):
-            held = np.exp(-step / time) * (hidden[:, k - 1, 2] + self.law.stiffness * 0.1 * (depth[:, k] - depth[:, k - 1]))
+            held = np.exp(-step / time) * (
+                hidden[:, k - 1, 2] + self.law.stiffness * 0.1 * (depth[:, k] - depth[:, k - 1])
+            )
             hidden[:, k, 2] = np.where(depth[:, k] > 0.0, held, 0.0)
         law = replace(self.law, relaxing=0.1 * self.law.stiffness, relaxation_time=time)
         return self.whiten(self.wrench(law, hidden=hidden) - self.nominal)

@@ -51,7 +51,8 @@ class TossRows:
         self.v = np.gradient(self.p, self.step, axis=1)
         rate = np.gradient(self.rotation, self.step, axis=1) @ self.rotation.swapaxes(2, 3)
         self.omega = 0.5 * np.stack(
-            [rate[..., 2, 1] - rate[..., 1, 2], rate[..., 0, 2] - rate[..., 2, 0], rate[..., 1, 0] - rate[..., 0, 1]], axis=2
+            [rate[..., 2, 1] - rate[..., 1, 2], rate[..., 0, 2] - rate[..., 2, 0], rate[..., 1, 0] - rate[..., 0, 1]],
+            axis=2,
         )
         self.frame = Toss(self.link, true.shape, self.law, np.array([0.0, 0.0, -9.81]))
         self.windows = Windows.over(self.p.shape[1], self.step)
@@ -73,13 +74,15 @@ class TossRows:
         torque = np.cross(arms, force).sum(axis=1)
         if toss.law.rolling:
             torque -= toss._rolling(omega, pushing.sum(axis=1))
-        total = force.sum(axis=1) + toss.link.mass * toss.gravity - toss.drag * np.linalg.norm(v, axis=1, keepdims=True) * v
+        total = (
+            force.sum(axis=1) + toss.link.mass * toss.gravity - toss.drag * np.linalg.norm(v, axis=1, keepdims=True) * v
+        )
         lever = rotation @ toss.link.com
         torque += np.cross(lever, toss.link.mass * toss.gravity)
         return np.concatenate([total, torque], axis=1).reshape(*self.p.shape[:2], 6)
 
     def momentum(self, link: Link) -> Array:
-        """Momentum and spin about the origin of a body whose centre is the origin (B, N, 6); a payload's first moments added."""
+        """Momentum and spin about the body's origin (B, N, 6)."""
         spin = np.einsum("bnij,jk,bnlk,bnl->bni", self.rotation, link.inertia, self.rotation, self.omega)
         lever = np.einsum("bnij,j->bni", self.rotation, link.com)
         linear = link.mass * (self.v + np.cross(self.omega, lever))
@@ -133,12 +136,22 @@ class TossRows:
         for speed in (0.05, 0.15, 0.4):
             yield "contact_stribeck_friction", pair, 2, [seen(static=law.friction * 1.01, stribeck_velocity=speed)]
         mu = law.friction
-        yield "contact_anisotropic_friction", pair, 3, [seen(anisotropic=(1.01 * mu, 0.99 * mu, x)) for x in (0.0, 0.25 * np.pi)]
+        yield (
+            "contact_anisotropic_friction",
+            pair,
+            3,
+            [seen(anisotropic=(1.01 * mu, 0.99 * mu, x)) for x in (0.0, 0.25 * np.pi)],
+        )
         if self.frame.shape.radius:
             yield "contact_rolling_resistance", pair, 1, [seen(rolling=1e-4)]
         yield "aerodynamic_drag", body, 1, [self.whiten(self.effort(replace(self.frame, drag=1e-3)) - self.nominal)]
         tilts = [Rotation.from_euler(axis, 1e-3).as_matrix() @ self.frame.gravity for axis in "xy"]
-        yield "gravity_misalignment", "world", 2, [self.whiten(self.effort(replace(self.frame, gravity=g)) - self.nominal) for g in tilts]
+        yield (
+            "gravity_misalignment",
+            "world",
+            2,
+            [self.whiten(self.effort(replace(self.frame, gravity=g)) - self.nominal) for g in tilts],
+        )
         loads = []
         for p in (np.zeros(3), *(0.01 * np.eye(3))):
             link = self.link.with_point_mass(0.01 * self.link.mass, p)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,11 @@ def figures(scores: Scores) -> list[Figure]:
     pairs = [item for item in scores if item["kind"] == "pair" and item["clear"]]
     pulses = [item["transient"] for item in clear if item.get("transient")]
     errors = [error for item in clear for error in item.get("errors", [])]
-    held = [item["held_out_gain"] for item in single if item.get("held_out_gain") is not None and item["verdict"] == "explained"]
+    held = [
+        item["held_out_gain"]
+        for item in single
+        if item.get("held_out_gain") is not None and item["verdict"] == "explained"
+    ]
     covered = [entry[1] for item in scores if item["kind"] in ("single", "pair") for entry in item.get("covered", [])]
     alarms = part(nulls, lambda item: not item["right"])
     coverage = float(np.mean(covered)) if covered else None
@@ -64,7 +69,12 @@ def figures(scores: Scores) -> list[Figure]:
             len(pulses),
             0.90,
         ),
-        _at_most("clear: median relative error of the strength", float(np.median(errors)) if errors else None, len(errors), 0.05),
+        _at_most(
+            "clear: median relative error of the strength",
+            float(np.median(errors)) if errors else None,
+            len(errors),
+            0.05,
+        ),
         Figure(
             "95 % intervals of named strengths that hold the truth",
             coverage,
@@ -72,17 +82,31 @@ def figures(scores: Scores) -> list[Figure]:
             "0.92–0.97",
             None if coverage is None else 0.92 <= coverage <= 0.97,
         ),
-        _at_least("explained: held-out likelihood better", part(held, lambda gain: gain > 0.0) if held else None, len(held), 0.98),  # type: ignore[arg-type]
-        _at_most("single effects right only by an acceptable second name", part(single, "second_name"), len(single), 0.10),
-        _at_most("diagnoses that failed or timed out", part(scores, lambda item: item["verdict"] == "failed"), len(scores), 0.0),
+        _at_least(
+            "explained: held-out likelihood better",
+            part(held, lambda gain: gain > 0.0) if held else None,
+            len(held),
+            0.98,
+        ),  # type: ignore[arg-type]
+        _at_most(
+            "single effects right only by an acceptable second name", part(single, "second_name"), len(single), 0.10
+        ),
+        _at_most(
+            "diagnoses that failed or timed out",
+            part(scores, lambda item: item["verdict"] == "failed"),
+            len(scores),
+            0.0,
+        ),
     ]
 
 
-def curve(scores: Scores, edges: Sequence[float] = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0, np.inf)) -> list[dict[str, float]]:
+def curve(
+    scores: Scores, edges: Sequence[float] = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0, np.inf)
+) -> list[dict[str, float]]:
     """Of single effects: share named exactly, detected, and placed, by strength."""
     single = [item for item in scores if item["kind"] == "single" and item["strengths"]]
     out = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         inside = [item for item in single if low <= item["strengths"][0] < high]
         if inside:
             out.append(
@@ -106,7 +130,11 @@ def confusion(scores: Scores, clear_only: bool = False) -> tuple[list[str], list
         if item["kind"] == "pair" or (clear_only and item["kind"] != "null" and not item["clear"]):
             continue
         true = item["truth"][0][0] if item["truth"] else "none"
-        told = " + ".join(sorted({name for name, _ in item["named"]})) if item["verdict"] == "explained" else item["verdict"]
+        told = (
+            " + ".join(sorted({name for name, _ in item["named"]}))
+            if item["verdict"] == "explained"
+            else item["verdict"]
+        )
         told = told if " + " not in told else "several"
         counts[true, told] = counts.get((true, told), 0) + 1
     rows = sorted({true for true, _ in counts}, key=lambda name: (name == "none", name.startswith("odd_"), name))
@@ -117,10 +145,15 @@ def confusion(scores: Scores, clear_only: bool = False) -> tuple[list[str], list
 
 def calibration(scores: Scores) -> list[dict[str, float]]:
     """Nominal against actual coverage of central intervals of the named strengths."""
-    z = np.array([entry[2] for item in scores if item["kind"] in ("single", "pair") for entry in item.get("covered", [])])
+    z = np.array(
+        [entry[2] for item in scores if item["kind"] in ("single", "pair") for entry in item.get("covered", [])]
+    )
     if len(z) == 0:
         return []
     from scipy.stats import norm
 
     levels = (0.5, 0.68, 0.8, 0.9, 0.95, 0.99)
-    return [{"level": level, "actual": float(np.mean(np.abs(z) <= norm.ppf(0.5 + 0.5 * level))), "count": float(len(z))} for level in levels]
+    return [
+        {"level": level, "actual": float(np.mean(np.abs(z) <= norm.ppf(0.5 + 0.5 * level))), "count": float(len(z))}
+        for level in levels
+    ]

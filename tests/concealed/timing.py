@@ -54,7 +54,9 @@ def velocity_curve(time: Array, v: Array, a: Array) -> Curve:
 
 def fine_curve(time: Array, value: Array) -> Curve:
     """Linear through finely sampled values (B, M)."""
-    return lambda at: np.stack([np.interp(row, stamps, values) for row, stamps, values in zip(at, time, value, strict=True)])
+    return lambda at: np.stack(
+        [np.interp(row, stamps, values) for row, stamps, values in zip(at, time, value, strict=True)]
+    )
 
 
 def _change(columns: list[str], wrap: Callable[[Curve, Array], Curve]) -> Sensor:

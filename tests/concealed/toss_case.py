@@ -77,7 +77,9 @@ def make_toss(rng: np.random.Generator, kind: str) -> Case:
     duration = float(rng.uniform(1.2, 1.8))
     samples = int(duration / step)
     contact = ContactContext(nominal, 4.0 * link.mass * 9.81, 0.4, f"{link.name}/ground", "ground", wobbles=True)
-    concealed, toss, sensors = _effects(rng, kind, Toss(link, shape, law, np.array([0.0, 0.0, -9.81])), contact, duration, ball)
+    concealed, toss, sensors = _effects(
+        rng, kind, Toss(link, shape, law, np.array([0.0, 0.0, -9.81])), contact, duration, ball
+    )
     clock = Clock(step, 0.3 if rng.random() < 0.2 else 0.0)
     extra = 1 + int(0.04 * samples)
     time = clock.times(rng, MEMBERS, samples + extra)
@@ -100,12 +102,28 @@ def make_toss(rng: np.random.Generator, kind: str) -> Case:
         "noise": {"kind": noise_kind, "position": position.declared_std, "rotation": rotation.declared_std},
         "settings": {"step": step, "samples": samples, "states_std": states_std, "jitter": clock.jitter},
     }
-    study = {"toss": toss, "nominal_law": nominal, "link": link, "shape": shape, "states": states[:, :samples], "time": time}
-    study |= {"measured": measured, "effects": concealed, "position": position, "rotation": rotation, "entries": entries, "true_law": law}
+    study = {
+        "toss": toss,
+        "nominal_law": nominal,
+        "link": link,
+        "shape": shape,
+        "states": states[:, :samples],
+        "time": time,
+    }
+    study |= {
+        "measured": measured,
+        "effects": concealed,
+        "position": position,
+        "rotation": rotation,
+        "entries": entries,
+        "true_law": law,
+    }
     return Case(kind, "toss", scenario, f"{link.name}.urdf", free_body_urdf(link, geometry), tables, truth, study)
 
 
-def _unknown(rng: np.random.Generator, nominal: ContactLaw, body: str) -> tuple[ContactLaw, list[dict[str, object]], dict[str, float]]:
+def _unknown(
+    rng: np.random.Generator, nominal: ContactLaw, body: str
+) -> tuple[ContactLaw, list[dict[str, object]], dict[str, float]]:
     true, entries, values = nominal, [], {}
     for name, part in (("stiffness", 0.1), ("damping", 0.15), ("friction", 0.08)):
         mean = float(getattr(nominal, name))
@@ -131,7 +149,9 @@ def _effects(
     allowed = [effect for effect in ON_TOSS if ball or effect != "contact_rolling_resistance"]
     chosen = names.split(",") if names else [str(rng.choice(allowed))]
     if head == "pair" and len(chosen) < 2:
-        chosen.append(str(rng.choice([effect for effect in allowed if effect.split("_")[0] != chosen[0].split("_")[0]])))
+        chosen.append(
+            str(rng.choice([effect for effect in allowed if effect.split("_")[0] != chosen[0].split("_")[0]]))
+        )
     concealed: list[Concealed] = []
     sensors: Sensors = []
     for effect in chosen:
@@ -142,7 +162,9 @@ def _effects(
     return tuple(concealed), toss, sensors
 
 
-def _one(rng: np.random.Generator, effect: str, toss: Toss, contact: ContactContext, duration: float) -> tuple[Concealed, Toss]:
+def _one(
+    rng: np.random.Generator, effect: str, toss: Toss, contact: ContactContext, duration: float
+) -> tuple[Concealed, Toss]:
     body, mass = toss.link.name, toss.link.mass
     if effect in CONTACT:
         item = draw_contact(rng, contact, effect)
@@ -159,7 +181,9 @@ def _one(rng: np.random.Generator, effect: str, toss: Toss, contact: ContactCont
         return item, replace(toss, gravity=gravity)
     if effect == "aerodynamic_drag":
         coefficient = loguniform(rng, 0.002, 0.5)
-        return Concealed(effect, body, {"coefficient": (coefficient, "N s^2/m^2")}, place_kind="body"), replace(toss, drag=coefficient)
+        return Concealed(effect, body, {"coefficient": (coefficient, "N s^2/m^2")}, place_kind="body"), replace(
+            toss, drag=coefficient
+        )
     if effect == "external_disturbance":
         return _disturbed(rng, toss, duration)
     if effect == "sensor_gain_error":
@@ -200,12 +224,16 @@ def _odd(rng: np.random.Generator, name: str, toss: Toss, contact: ContactContex
 
         return Concealed(name, toss.link.name, {"peak": (peak, "N")}, place_kind="body"), replace(toss, at_origin=force)
     if name == "odd_patchy_ground":
-        changes: dict[str, object] = {"patch": (loguniform(rng, 0.3, 0.9), float(rng.uniform(15.0, 50.0)), float(rng.uniform(0.0, 6.28)))}
+        changes: dict[str, object] = {
+            "patch": (loguniform(rng, 0.3, 0.9), float(rng.uniform(15.0, 50.0)), float(rng.uniform(0.0, 6.28)))
+        }
     elif name == "odd_ageing_ground":
         changes = {"ageing": loguniform(rng, 1.0, 6.0)}
     else:
         raise ValueError(f"{name}: not on a toss")
-    item = Concealed(name, contact.pair, {"size": (float(np.ravel(next(iter(changes.values())))[0]), "1")}, place_kind="contact")
+    item = Concealed(
+        name, contact.pair, {"size": (float(np.ravel(next(iter(changes.values())))[0]), "1")}, place_kind="contact"
+    )
     return item, replace(toss, law=replace(toss.law, **changes))  # type: ignore[arg-type]
 
 
@@ -236,7 +264,12 @@ def _noise(rng: np.random.Generator) -> tuple[ChannelNoise, ChannelNoise, str]:
 
 
 def _tabulate(
-    rng: np.random.Generator, body: str, time: Array, measured: dict[str, Array], position: ChannelNoise, rotation: ChannelNoise
+    rng: np.random.Generator,
+    body: str,
+    time: Array,
+    measured: dict[str, Array],
+    position: ChannelNoise,
+    rotation: ChannelNoise,
 ) -> dict[str, pd.DataFrame]:
     shift, turn = position.draw(rng, time, 3), rotation.draw(rng, time, 3)
     tables = {}
@@ -255,7 +288,13 @@ def _tabulate(
 
 
 def _scenario(
-    body: str, law: ContactLaw, entries: list[dict[str, object]], position: ChannelNoise, rotation: ChannelNoise, stated: bool, kind: str
+    body: str,
+    law: ContactLaw,
+    entries: list[dict[str, object]],
+    position: ChannelNoise,
+    rotation: ChannelNoise,
+    stated: bool,
+    kind: str,
 ) -> dict[str, object]:
     channel: dict[str, object] = {}
     if stated:

@@ -53,7 +53,13 @@ def diagnosed(diagnose: list[str], folder: Path, home: Path, limit: float) -> tu
     out = home / "report"
     try:
         done = subprocess.run(
-            command(diagnose, str(out)), cwd=folder, env=scrubbed(home), capture_output=True, text=True, timeout=limit, check=False
+            command(diagnose, str(out)),
+            cwd=folder,
+            env=scrubbed(home),
+            capture_output=True,
+            text=True,
+            timeout=limit,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         return None, f"no report after {limit:.0f} s"
@@ -88,7 +94,13 @@ def attempt(trial: Trial, diagnose: list[str], out: Path, limit: float, keep: bo
     if not seal.verify(seal.digest):  # pragma: no cover
         raise RuntimeError("the truth was changed after it was sealed")
     result = score(seal.truth, report, failure)
-    result |= {"slot": trial.slot, "name": name, "case_kind": trial.kind, "case_rig": trial.rig, "seed": hex(trial.seed)}
+    result |= {
+        "slot": trial.slot,
+        "name": name,
+        "case_kind": trial.kind,
+        "case_rig": trial.rig,
+        "seed": hex(trial.seed),
+    }
     result |= {"digest": seal.digest, "salt": seal.salt, "opened": seal.truth, "report": _short(report)}
     result |= {"made_seconds": made - started, "diagnosed_seconds": ended - made}
     path = out / "opened" / f"{trial.slot:05d}.json"

@@ -40,7 +40,10 @@ def _joint_xml(joint: Joint, parent: str, child: str) -> str:
 def arm_urdf(robot: Robot, extra_link: dict[str, str] | None = None, tail: str = "") -> str:
     """The robot as URDF; `extra_link` adds elements to named links, `tail` elements to the robot."""
     extra = extra_link or {}
-    lines = [f'<?xml version="1.0"?>\n<robot name="{robot.name}" xmlns:drake="http://drake.mit.edu">\n  <link name="base"/>\n']
+    lines = [
+        f'<?xml version="1.0"?>\n<robot name="{robot.name}" xmlns:drake="http://drake.mit.edu">\n'
+        '  <link name="base"/>\n'
+    ]
     lines += [link_xml(link, extra.get(link.name, "")) for link in robot.links]
     for index, joint in enumerate(robot.joints):
         parent = "base" if joint.parent < 0 else robot.links[joint.parent].name
