@@ -186,5 +186,5 @@ def test_intervals_hold_the_truth(name, least):
 @pytest.mark.parametrize("name", TASKS)
 def test_seven_priors_end_within_nine_percent(name):
     for scale in (0.5, 0.7, 0.9, 1.0, 1.1, 1.3, 1.5):
-        errors = _many(name, "contact-aware", range(20), scale)[0]
+        errors = _many(name, "contact-aware", range(40), scale)[0]
         assert (np.median(errors, axis=0) <= 9.0).all(), (scale, np.median(errors, axis=0))
