@@ -144,7 +144,10 @@ class Problem:
     def _by_strength(self, model: Model, position: int, k: int) -> Array:
         effect: Effect = model.effects[position]
         index = len(model.unknown) + sum(len(e.strengths) for e in model.effects[:position]) + k
-        return self._difference(model, index, 1e-4 * effect.strengths[k].typical)
+        strength, value = effect.strengths[k], float(effect.vector[k])
+        # what is absent at infinity has no scale but its own
+        size = abs(value) if np.isinf(strength.nominal) else strength.typical
+        return self._difference(model, index, effect.difference_step * size)
 
     def _difference(self, model: Model, index: int, step: float) -> Array:
         vector = model.vector
@@ -154,4 +157,4 @@ class Problem:
         # bounds must not cut the step short: the quotient uses the steps that were really taken
         up, down = model.at(ahead), model.at(behind)
         taken = up.vector[index] - down.vector[index]
-        return (self.residual(up) - self.residual(down)) / taken
+        return np.asarray((self.residual(up) - self.residual(down)) / taken)

@@ -1,6 +1,6 @@
 """Score tests: how much each effect of the catalogue would gain, to first order, with the nuisance projected out."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -10,6 +10,7 @@ from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.catalogue import EFFECTS
+from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect, Place, joined
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.link import TreeEffect
@@ -89,6 +90,8 @@ def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Ca
         yield from _force_looks(problem, physics, effect)
     elif isinstance(effect, ActuatorEffect):
         yield from _drive_looks(problem, physics, effect)
+    elif isinstance(effect, JointCoupling):
+        yield from _coupling_looks(problem, physics, effect)
     elif isinstance(effect, SensorEffect):
         parts = []
         for run in problem.runs:
@@ -148,3 +151,31 @@ def _drive_looks(
                 rows[:, weak.dynamic.start + joint, k] = -(ahead - behind) / (step.size * gain)
             parts.append(run.whitened(rows))
         yield np.concatenate(parts), partial(effect.from_look, look)
+
+
+def _coupling_looks(
+    problem: Problem, physics: Physics, effect: JointCoupling
+) -> Iterator[tuple[Array, Callable[[Array], Effect | None]]]:
+    """The coupling's trials: the rotor simulated with each, which no coefficient can stand for."""
+    joint = problem.scene.tree.joint_index(effect.at)
+    gain = float(physics.effort_gains[joint])
+    drives = [run.weak.rotor_drives(physics)[joint] for run in problem.runs]
+    together = RotorDrive(
+        *(np.concatenate([getattr(drive, name) for drive in drives]) for name in ("time", "push", "mobility")),
+        drives[0].inertia,
+    )
+    trials = list(effect.trials(together, problem.scene.tree.joints[joint].prismatic))
+    parts = []
+    for run in problem.runs:
+        weak = run.weak
+        rows = np.zeros((len(weak.samples.windows), weak.rows_per_window, len(trials)))
+        for k, values in enumerate(trials):
+            rows[:, weak.dynamic.start + joint, k] = weak.coupling_rows(physics, effect.with_values(values)) / gain
+        parts.append(run.whitened(rows))
+    columns = np.concatenate(parts)
+    for k, values in enumerate(trials):
+        yield columns[:, k : k + 1], partial(_scaled, effect, values)
+
+
+def _scaled(effect: JointCoupling, values: Mapping[str, float], coefficients: Array) -> Effect | None:
+    return effect.scaled(values, float(coefficients[0]))

@@ -21,6 +21,13 @@ class Effort:
     times: Array
     values: Array
 
+    def means(self, times: Array) -> Array:
+        """Mean effort (N,) from each of `times` (N,) s to the next; the last one's is the value there."""
+        sums = np.concatenate([[0.0], np.cumsum(self.values[:-1] * np.diff(self.times))])
+        inside = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, None)
+        integral = sums[inside] + self.values[inside] * (times - self.times[inside])
+        return np.append(np.diff(integral) / np.diff(times), self.values[inside[-1]])
+
 
 @dataclass(frozen=True)
 class ActuatorEffect(Effect):

@@ -8,6 +8,7 @@ from drake_cafim.effects.actuator import (
     ActuatorLag,
     ActuatorSaturation,
 )
+from drake_cafim.effects.coupling import JointBacklash, JointElasticity
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.friction import JointLoadDependentFriction, JointStribeckFriction
 from drake_cafim.effects.joint import (
@@ -30,6 +31,8 @@ EFFECTS: tuple[type[Effect], ...] = (
     JointSpring,
     JointHardStop,
     TorqueRipple,
+    JointElasticity,
+    JointBacklash,
     RotorInertia,
     ActuatorGainError,
     ActuatorBias,

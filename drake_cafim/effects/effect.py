@@ -114,6 +114,8 @@ class Effect(ABC):
     strengths: ClassVar[tuple[Strength, ...]]
     shapes: ClassVar[tuple[Strength, ...]] = ()
     """Numbers of the law that are chosen from a grid and are not strengths, such as the width of a sign change."""
+    difference_step: ClassVar[float] = 1e-4
+    """Step of finite differences by strengths, as a share of the typical size."""
     group: ClassVar[str | None] = None
     """Effects of one group are laws of the same thing: at one place at most one of them holds."""
     reference: ClassVar[str]
@@ -177,7 +179,9 @@ class Effect(ABC):
 
     def from_directions(self, coefficients: Array) -> Self:
         """The effect that the coefficients (k,) of its `directions` stand for."""
-        return self.with_values({s.name: s.nominal + float(c) for s, c in zip(self.strengths, coefficients, strict=True)})
+        return self.with_values(
+            {s.name: s.nominal + float(c) for s, c in zip(self.strengths, coefficients, strict=True)}
+        )
 
     def reshaped(self) -> Iterator[Self]:
         """The effect with each other value that its shapes may take."""
@@ -193,7 +197,7 @@ class Effect(ABC):
     def sentence(self, tree: Tree) -> str:
         """What a report says of the effect and its strength."""
         strengths = ", ".join(
-            f"{s.name.replace('_', ' ')} {self.values.get(s.name, s.nominal):.4g} {self.unit(s, tree)}".removesuffix(" 1")
-            for s in self.strengths
+            f"{s.name.replace('_', ' ')} {value:.4g} {self.unit(s, tree)}".removesuffix(" 1")
+            for s, value in zip(self.strengths, self.vector, strict=True)
         )
         return f"{self.name.replace('_', ' ')} at {self.at} ({strengths})"

@@ -1,0 +1,184 @@
+"""Rotor and link that are not one: what lies between them, and the rotor's motion that nobody measures.
+
+The rotor, of reflected inertia J, is driven by the effort u; the coupling exerts the torque f(ψ, ψ̇) on the link, with
+the twist ψ = θ − q of the rotor against the link:
+
+    J θ̈ = u − f,      q̈ = r + b f      ⇒      ψ̈ = g − m f,      g = u/J − r,      m = 1/J + b,
+
+where r is the link's acceleration without the coupling and b its mobility. r, b follow from the rigid-body model at
+the measured positions and velocities, so that ψ contains no differentiated measurement: its noise is negligible, and
+it cannot explain noise away. The rotor's momentum J θ̇ replaces J q̇ in the equation of motion: it adds J ψ̇.
+"""
+
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy.linalg import lapack
+
+from drake_cafim.dynamics.tree import Tree
+from drake_cafim.effects.effect import Effect, Place, Strength
+from drake_cafim.typing import Array
+
+LONGEST_STEP = 0.5e-3
+"""s; the flanks of a gap are met and left within steps this long."""
+
+
+@dataclass(frozen=True)
+class RotorDrive:
+    """What drives the twist, each (N,): `push` g and `mobility` m, held from each of `time` to the next."""
+
+    time: Array
+    push: Array
+    mobility: Array
+    inertia: float
+
+
+@dataclass(frozen=True)
+class JointCoupling(Effect):
+    """A law between rotor and link of one joint."""
+
+    place: ClassVar[Place] = Place.JOINT
+    family: ClassVar[str] = "joint"
+
+    @abstractmethod
+    def twist_rate(self, drive: RotorDrive) -> Array:
+        """ψ̇ (N,) at the samples, from rest in balance with the first push."""
+
+    @abstractmethod
+    def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
+        """Values to screen with; `drive` holds all recordings, one after the other."""
+
+    def scaled(self, values: Mapping[str, float], coefficient: float) -> "JointCoupling | None":
+        """The effect when `coefficient` times the change by `values` fits best; None where it fits badly."""
+        return self.with_values(values) if 0.3 < coefficient < 3.0 else None
+
+    @classmethod
+    def places(cls, tree: Tree) -> Iterator[str]:
+        """Joints whose model has a rotor: without inertia it would not be told from the link."""
+        yield from (joint.name for joint in tree.joints if joint.rotor_inertia > 0.0)
+
+
+@dataclass(frozen=True)
+class JointElasticity(JointCoupling):
+    """f = k ψ + d ψ̇."""
+
+    name: ClassVar[str] = "joint_elasticity"
+    strengths: ClassVar[tuple[Strength, ...]] = (
+        Strength("stiffness", "N m/rad", 1000.0, lower=1e-3, nominal=np.inf, linear_unit="N/m"),
+        Strength("damping", "N m s/rad", 1.0, lower=0.0, linear_unit="N s/m", amplitude=False),
+    )
+    reference: ClassVar[str] = "Spong, J. Dynamic Systems, Measurement, and Control 109(4), 1987"
+    alike: ClassVar[Mapping[str, str]] = {
+        "actuator_delay": "below the resonance a soft joint passes an effort on late",
+        "actuator_lag": "below the resonance a soft joint passes an effort on late",
+        "joint_backlash": "a gap is soft while it is crossed",
+        "rotor_inertia": "near the resonance the rotor moves more than the link, as if it were heavier",
+    }
+
+    def twist_rate(self, drive: RotorDrive) -> Array:
+        stiffness, damping = self.vector
+        steps = np.diff(drive.time)
+        pull, drag = stiffness * drive.mobility, damping * drive.mobility
+        phi = _transition(pull[:-1], drag[:-1], steps)
+        rest = drive.push / pull
+        # about the balance point of each interval the motion is free: x' = Φ (x − x_e) + x_e
+        n = len(drive.time)
+        band = np.zeros((4, 2 * n))
+        band[0] = 1.0
+        band[2, 0 : 2 * n - 2 : 2], band[1, 1 : 2 * n - 2 : 2] = -phi[0], -phi[1]
+        band[3, 0 : 2 * n - 2 : 2], band[2, 1 : 2 * n - 2 : 2] = -phi[2], -phi[3]
+        right = np.zeros(2 * n)
+        right[0] = rest[0]
+        right[2::2] = rest[:-1] * (1.0 - phi[0])
+        right[3::2] = -rest[:-1] * phi[2]
+        state, _ = lapack.dtbtrs(band, right[:, None], uplo="L")
+        return np.asarray(state[1::2, 0], dtype=float)
+
+    def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
+        mobility = float(np.mean(drive.mobility))
+        for frequency in 4.0 * 1.22 ** np.arange(17):
+            stiffness = (2.0 * np.pi * float(frequency)) ** 2 / mobility
+            for ratio in (0.05, 0.2):
+                yield {"stiffness": stiffness, "damping": 2.0 * ratio * float(np.sqrt(stiffness / mobility))}
+
+    def scaled(self, values: Mapping[str, float], coefficient: float) -> "JointElasticity | None":
+        # far above the motion's frequencies the twist is in proportion to the compliance
+        if not 0.02 < coefficient < 3.0:
+            return None
+        return self.with_values({**values, "stiffness": values["stiffness"] / min(coefficient, 1.5)})
+
+
+def _transition(pull: Array, drag: Array, step: Array) -> tuple[Array, Array, Array, Array]:
+    """The entries (ψψ, ψψ̇, ψ̇ψ, ψ̇ψ̇) of exp(A h) for ψ̈ = −pull ψ − drag ψ̇, each broadcast."""
+    half = 0.5 * drag
+    # sqrt of a negative discriminant is imaginary: one formula for all dampings
+    root = np.sqrt((half**2 - pull).astype(complex))
+    root = np.where(np.abs(root) < 1e-6, 1e-6, root)
+    decay = np.exp(-half * step)
+    cosine, sine = (decay * np.cosh(root * step)).real, (decay * np.sinh(root * step) / root).real
+    return cosine + half * sine, sine, -pull * sine, cosine - half * sine
+
+
+@dataclass(frozen=True)
+class JointBacklash(JointCoupling):
+    """f = max(0, k (ψ − gap/2) + d ψ̇) on one flank, its mirror image on the other, nothing between them."""
+
+    name: ClassVar[str] = "joint_backlash"
+    difference_step: ClassVar[float] = 1e-2
+    strengths: ClassVar[tuple[Strength, ...]] = (
+        Strength("gap", "rad", 2e-3, lower=0.0, upper=0.5, linear_unit="m"),
+        Strength("stiffness", "N m/rad", 1000.0, lower=1e-3, nominal=np.inf, linear_unit="N/m", amplitude=False),
+        Strength("damping", "N m s/rad", 1.0, lower=0.0, linear_unit="N s/m", amplitude=False),
+    )
+    reference: ClassVar[str] = "Nordin, Gutman, Automatica 38(10), 2002 (backlash with a dead zone and damped flanks)"
+    alike: ClassVar[Mapping[str, str]] = {
+        "joint_elasticity": "a gap is soft while it is crossed; a gap that is never crossed is a soft joint",
+        "actuator_dead_zone": "efforts too small to cross the gap do nothing",
+        "joint_coulomb_friction": "both act at reversals of the motion",
+    }
+
+    def twist_rate(self, drive: RotorDrive) -> Array:
+        gap, stiffness, damping = (float(x) for x in self.vector)
+        half = 0.5 * gap
+        steps = np.diff(drive.time)
+        parts = max(int(np.ceil(float(np.median(steps)) / LONGEST_STEP)), 1)
+        h = steps / parts
+        entries = _transition(stiffness * drive.mobility[:-1], damping * drive.mobility[:-1], h)
+        rest = drive.push / (stiffness * drive.mobility)
+        twist, rate = float(rest[0]) + half * float(np.sign(rest[0])), 0.0
+        rates = np.empty(len(drive.time))
+        rates[0] = rate
+        pushes, mobilities = drive.push.tolist(), drive.mobility.tolist()
+        lists = [entry.tolist() for entry in entries]
+        for k, (a, b, c, d, e, length) in enumerate(zip(*lists, rest.tolist(), h.tolist(), strict=False)):
+            g = pushes[k]
+            for _ in range(parts):
+                if twist > half and stiffness * (twist - half) + damping * rate > 0.0:
+                    x = twist - half - e
+                    twist, rate = half + e + a * x + b * rate, c * x + d * rate
+                elif twist < -half and stiffness * (twist + half) + damping * rate < 0.0:
+                    x = twist + half - e
+                    twist, rate = e - half + a * x + b * rate, c * x + d * rate
+                else:
+                    before = twist
+                    twist, rate = twist + length * (rate + 0.5 * length * g), rate + length * g
+                    wall = half if twist > half else -half
+                    if (before - wall) * (twist - wall) < 0.0 and abs(twist) > half:
+                        # the flank is met within the step: it pushes for what is left of it
+                        left = length * (twist - wall) / (twist - before)
+                        force = 0.5 * stiffness * (twist - wall) + damping * rate
+                        if force * wall > 0.0:
+                            rate -= force * left * mobilities[k]
+            rates[k + 1] = rate
+        return rates
+
+    def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
+        scale = 0.2 if prismatic else 1.0
+        for gap in (3e-4, 8e-4, 2e-3, 5e-3, 1.2e-2):
+            for frequency in (14.0, 22.0, 36.0, 60.0):
+                stiffness = drive.inertia * (2.0 * np.pi * frequency) ** 2
+                damping = 0.6 * float(np.sqrt(stiffness * drive.inertia))
+                yield {"gap": scale * gap, "stiffness": stiffness, "damping": damping}
