@@ -9,8 +9,9 @@ import numpy as np
 import pandas as pd
 
 from . import excitation, odd_arm, timing
+from .arm_context import ArmContext
 from .case import RECORDINGS, Case, World
-from .draw_arm import DRAWS, ArmContext, draw_arm
+from .draw_arm import DRAWS, draw_arm
 from .laws import Laws
 from .mujoco_arm import ArmInverse, ArmPlant
 from .noise import KINDS, ChannelNoise, Clock, loguniform
@@ -127,10 +128,13 @@ def simulate_arm(
     return simulation.run(time, desired.q[:, 0], desired.v[:, 0], command, process, skip), robot
 
 
-def make_arm(rng: np.random.Generator, size: int, kind: str, branched: bool | None = None) -> Case:
-    """A case on a random arm; kind: null, single:<effect>, pair[:<effect>,<effect>], odd[:<name>]."""
+def make_arm(rng: np.random.Generator, size: int, kind: str, only: int | None = None) -> Case:
+    """A case on a random arm; kind: null, single:<effect>, pair[:<effect>,<effect>], odd[:<name>].
+
+    `only` conceals one of the drawn effects and leaves all else as it is, to reckon its strength by itself.
+    """
     settings = random_settings(rng, kind)
-    branch = bool(size >= 6 and rng.random() < 0.25) if branched is None else branched
+    branch = bool(size >= 6 and rng.random() < 0.25)
     base = random_arm(rng, size, branch)
     true, entries, values = random_unknown(rng, base)
     nominal = nominal_of(base, entries)
@@ -142,6 +146,7 @@ def make_arm(rng: np.random.Generator, size: int, kind: str, branched: bool | No
     duration = settings.step * settings.samples
     context = ArmContext(nominal, desired.q, desired.v, feedforward, duration, settings.has_velocity, RECORDINGS)
     effects = draw_effects(rng, context, kind)
+    effects = effects if only is None else (effects[only],)
     if settings.skip:
         effects = tuple(_shifted(item, settings.step * settings.skip) for item in effects)
     noise_q, noise_v = channel_noise(rng, settings, linear)

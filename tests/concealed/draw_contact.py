@@ -52,15 +52,15 @@ def draw_contact(rng: np.random.Generator, c: ContactContext, effect: str) -> Co
         cubic = loguniform(rng, 0.01, 1.5) * law.stiffness / c.depth**2
         return made({"cubic": (cubic, "N/m^3")}, cubic=cubic)
     if effect == "contact_viscoelastic_relaxation":
-        stiffness, time = law.stiffness * loguniform(rng, 0.01, 0.8), loguniform(rng, 0.01, 0.4)
+        stiffness, time = law.stiffness * loguniform(rng, 0.03, 1.2), loguniform(rng, 0.01, 0.4)
         return made(
             {"stiffness": (stiffness, "N/m"), "time_constant": (time, "s")}, relaxing=stiffness, relaxation_time=time
         )
     if effect == "contact_hunt_crossley_dissipation":
-        dissipation = loguniform(rng, 0.02, 2.0) if c.wobbles else loguniform(rng, 0.3, 40.0)
+        dissipation = loguniform(rng, 0.1, 5.0) if c.wobbles else loguniform(rng, 0.3, 40.0)
         return made({"dissipation": (dissipation, "s/m")}, dissipation=dissipation)
     if effect == "contact_rolling_resistance":
-        coefficient = loguniform(rng, 1e-4, 6e-3)
+        coefficient = loguniform(rng, 4e-4, 1e-2)
         return made({"coefficient": (coefficient, "m")}, rolling=coefficient)
     if effect == "contact_anisotropic_friction":
         part, angle = loguniform(rng, 0.02, 0.6), float(rng.uniform(0.0, np.pi))

@@ -44,6 +44,7 @@ class Integrator:
 
     def __post_init__(self) -> None:
         self._step: Array | None = None
+        self._usual: Array = np.zeros(0)  # step before it was cut short to end on an event
 
     def initial_mode(self, time: Array, state: Array) -> np.ndarray:
         if self.boundary is None:
@@ -55,6 +56,7 @@ class Integrator:
         time, x, mode = start.copy(), state.copy(), mode.copy()
         if self._step is None:
             self._step = np.full(len(time), np.inf)
+            self._usual = np.zeros(len(time))
         left = stop - time
         while True:
             step = np.minimum(self._step, left)
@@ -104,5 +106,10 @@ class Integrator:
         good = good & ~retry
         shortest = part.min(axis=1)
         proposal = np.where(retry, np.maximum(step * np.where(retry, shortest, 1.0), self.smallest), proposal)
+        self._usual = np.where(retry, np.maximum(self._usual, step), self._usual)
         flip = crossed & ~retry[:, None]
+        flipped = flip.any(axis=1)
+        # Beyond the event the step before it is a better guess than the sliver that ended on it.
+        proposal = np.where(flipped, np.maximum(proposal, self._usual), proposal)
+        self._usual = np.where(flipped, 0.0, self._usual)
         return good, proposal, np.where(flip, after > 0.0, mode)

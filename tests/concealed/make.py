@@ -31,22 +31,26 @@ def seed_number(seed: str) -> int:
     return int(seed, 0)
 
 
-def simulate(kind: str, rig: str, seed: int, attempt: int = 0) -> Case:
-    """The case of this kind, rig and seed, its strength not yet reckoned."""
+def simulate(kind: str, rig: str, seed: int, attempt: int = 0, only: int | None = None) -> Case:
+    """The case of this kind, rig and seed, its strength not yet reckoned; `only` conceals one of a pair."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(attempt,)))
     if rig == "press":
-        return make_press(rng, kind)
+        return make_press(rng, kind, only)
     if rig == "toss":
-        return make_toss(rng, kind)
+        return make_toss(rng, kind, only)
     if rig in RIGS:
-        return make_arm(rng, int(rig[3:]), kind)
+        return make_arm(rng, int(rig[3:]), kind, only)
     raise ValueError(f"rig {rig!r}: expected one of {', '.join(RIGS)}")
 
 
 def studied(case: Case) -> Case:
     """The case with strengths and acceptable other names in its truth."""
-    reckon = {"press": press_strength, "toss": toss_strength}.get(case.rig, arm_strength)
-    return replace(case, truth=case.truth | reckon(case), study={})
+    return replace(case, truth=case.truth | reckoned(case), study={})
+
+
+def reckoned(case: Case) -> dict[str, object]:
+    """Strengths and acceptable other names of a case that still has its study."""
+    return {"press": press_strength, "toss": toss_strength}.get(case.rig, arm_strength)(case)
 
 
 def make(kind: str, rig: str, seed: int) -> Case:
@@ -59,6 +63,10 @@ def make(kind: str, rig: str, seed: int) -> Case:
         if not calm(case):
             continue
         case = studied(case)
+        if kind.startswith("pair"):
+            # Each of the two by itself: in a common channel one would lend the other its strength.
+            alone = [reckoned(simulate(kind, rig, seed, attempt, only))["strengths"] for only in (0, 1)]
+            case = replace(case, truth=case.truth | {"strengths": [item[0] for item in alone]})  # type: ignore[index]
         if not kind.startswith("odd") or case.truth["strengths"][0]["clear"]:  # type: ignore[index]
             return case
     if not calm(case):

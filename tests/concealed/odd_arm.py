@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .draw_arm import ArmContext
+from .arm_context import ArmContext
 from .laws import BodyLaw, Drive, JointLaw, Laws, Mode
 from .noise import loguniform
 from .robots import Array
@@ -36,7 +36,7 @@ def warming_viscosity(rng: np.random.Generator, c: ArmContext, j: int) -> Concea
 
 
 def bouc_wen(rng: np.random.Generator, c: ArmContext, j: int) -> Concealed:
-    """Hysteresis of a soft gear that remembers tenths of a radian: z' = v - |v| z/reach, torque -T z/reach |z/reach|."""
+    """Hysteresis of a soft gear that remembers tenths of a radian: z' = v - |v| z/reach, torque -T z|z|/reach^2."""
     torque_size, reach = 2.0 * _size(rng) * c.effort(j), max(0.3 * float(c.q[:, :, j].std()), 0.03)
 
     def rate(t: Array, q: Array, v: Array, u: Array, z: Array) -> Array:

@@ -9,9 +9,10 @@ import pandas as pd
 
 from . import timing
 from .arm_case import DRAWS, MEMBERS, Settings, random_settings, verdict
+from .arm_context import ArmContext
 from .case import RECORDINGS, Case, World
 from .contact_law import ContactLaw
-from .draw_arm import ArmContext, draw_arm
+from .draw_arm import draw_arm
 from .draw_contact import ODD_CONTACT, WRENCH, ContactContext, draw_contact, draw_odd_contact, draw_wrench
 from .excitation import Desired, _ramp, multisine
 from .laws import Laws
@@ -99,8 +100,11 @@ def _draw(rng: np.random.Generator, arm: ArmContext, contact: ContactContext, ef
     return draw_arm(rng, arm, effect)[0]
 
 
-def make_press(rng: np.random.Generator, kind: str) -> Case:
-    """A case on a random stage; kind: null, single:<effect>, pair[:<effect>,<effect>], odd[:<name>]."""
+def make_press(rng: np.random.Generator, kind: str, only: int | None = None) -> Case:
+    """A case on a random stage; kind: null, single:<effect>, pair[:<effect>,<effect>], odd[:<name>].
+
+    `only` conceals one of the drawn effects and leaves all else as it is, to reckon its strength by itself.
+    """
     settings = replace(random_settings(rng, kind), has_velocity=True, skip=0, samples=3000, effort_std=0.0)
     if settings.excitation in ("few", "monotone"):
         settings = replace(settings, excitation="rich")
@@ -117,6 +121,7 @@ def make_press(rng: np.random.Generator, kind: str) -> Case:
     arm = ArmContext(stage.robot, desired.q, desired.v, feedforward, settings.step * settings.samples, True, RECORDINGS)
     speed = float(np.sqrt(np.mean(np.sum(desired.v[:, :, :2] ** 2, axis=2))))
     effects = draw_effects(rng, arm, ContactContext(nominal, force, speed, "tool/wall", "wall"), kind)
+    effects = effects if only is None else (effects[only],)
     noise = _noise(rng, settings)
     clock = Clock(
         settings.step, 0.3 if settings.jitter != "none" else 0.0, 3e-6 if settings.jitter == "stamps" else 0.0

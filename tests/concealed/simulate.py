@@ -27,7 +27,7 @@ class Plant(Protocol):
 
 @dataclass(frozen=True)
 class Motion:
-    """A noise-free batch: time (B, N); q, v, a, u (B, N, n), a and u from their sample on; the plant's hidden (B, N, h)."""
+    """A noise-free batch: time (B, N); q, v, a, u (B, N, n), a and u from their sample on; hidden (B, N, h)."""
 
     time: Array
     q: Array

@@ -1,10 +1,10 @@
 """How clear a concealed effect is, by the maker's own reckoning along the noise-free truth.
 
-The nominal equations are evaluated on noise-free measurements, multiplied by sin^4 windows of 60 ms that overlap by
-half, and divided by the std that the measurement noise gives each such row. With the unknown parameters refitted (their
-priors as extra rows), what remains is the excess that a diagnosis can find: its sum of squares in a channel, over the
-number of the channel's rows, is the strength; `clear` is 3 or more (a root-mean-square residual of 1.7 std a row). Rows
-are taken as independent: neighbours correlate at about -0.3, which is left out.
+The nominal equations are evaluated on noise-free measurements, multiplied by sin^4 windows of 60 ms (tosses: 100 ms)
+that overlap by half, and divided by the std that the measurement noise gives each such row. With the unknown parameters
+refitted (their priors as extra rows), what remains is the excess that a diagnosis can find: its sum of squares in a
+channel, over the number of the channel's rows, is the strength; `clear` is 3 or more (a root-mean-square residual of
+1.7 std a row). Rows are taken as independent: neighbours correlate at about -0.3, which is left out.
 
 The expected log Bayes factor of the truth over another explanation is half of what the other, fitted best, leaves over,
 plus (k_other - k_true)/2 ln(rows). Under 3 another name is acceptable.

@@ -19,7 +19,7 @@ _EVERY = 12  # windows between two evaluations of the noise's Jacobian
 
 
 class ArmRows:
-    """Whitened rows of the torque balance of the nominal arm along noise-free measurements."""
+    """Whitened rows along noise-free measurements: the nominal arm's torque balance, and v against the rate of q."""
 
     def __init__(self, case: Case) -> None:
         world: World = case.study["world"]  # type: ignore[assignment]
@@ -37,6 +37,7 @@ class ArmRows:
         self.has_velocity = settings.has_velocity
         self.nominal_torque = self.torque(self.robot)
         self.std = self._noise()
+        self.channels = tuple(self.names) + tuple(f"rate of {name}" for name in self.names if self.has_velocity)
 
     def torque(self, robot: Robot, q: Array | None = None, v: Array | None = None, a: Array | None = None) -> Array:
         """Inverse dynamics (B, N, n)."""
@@ -69,6 +70,9 @@ class ArmRows:
                     + (dv**2).sum(axis=1) * speed**2
                 )
                 variance[b, i : i + _EVERY] = now
+        if self.has_velocity:
+            rate = self.windows.noise_std(w, self.noise_v) ** 2 + self.windows.noise_std(w1, self.noise_q) ** 2
+            variance = np.concatenate([variance, np.full_like(variance, rate)], axis=2)
         return np.sqrt(variance)
 
     def _jacobians(self, inverse: ArmInverse, b: int, k: int) -> tuple[Array, Array]:
@@ -80,17 +84,24 @@ class ArmRows:
         dv = inverse.torque(np.tile(q, (n, 1)), v + nudge, np.tile(a, (n, 1))) - base
         return dq.T / step, dv.T / step
 
-    def whiten(self, torque: Array) -> Array:
-        """Rows (B, W, n) in std of torques (B, N, n)."""
-        return self.windows.integrate(torque, self.windows.shape[0]) / self.std
+    def whiten(self, torque: Array, q: Array | None = None, v: Array | None = None) -> Array:
+        """Rows (B, W, n or 2 n) in std of torques (B, N, n) and of the mismatch of q and v (zero where not given)."""
+        w, w1, _ = self.windows.shape
+        rows = self.windows.integrate(torque, w)
+        if self.has_velocity:
+            rate = np.zeros_like(rows)
+            rate = rate if v is None else rate + self.windows.integrate(v, w)
+            rate = rate if q is None else rate + self.windows.integrate(q, w1)
+            rows = np.concatenate([rows, rate], axis=2)
+        return rows / self.std
 
     def excess(self) -> Excess:
         unknown = [self._unknown(entry) for entry in self.entries]  # type: ignore[attr-defined]
         centres = self.time[:, self.windows.centres()]
         shape = (0, *self.std.shape)
         return Excess(
-            tuple(self.names),
-            self.whiten(self.nominal_torque - self.u),
+            self.channels,
+            self.whiten(self.nominal_torque - self.u, self.q, self.v),
             np.stack(unknown) if unknown else np.zeros(shape),
             centres,
         )
@@ -167,7 +178,7 @@ def joint_alternatives(rows: ArmRows, j: int) -> Iterator[tuple[str, int, list[A
 
 
 def body_alternatives(rows: ArmRows, joints: list[int]) -> Iterator[tuple[str, str, int, list[Array]]]:
-    """Explanations that act on many joints: payloads, tilt of gravity, bias and gain of encoders; torques (B, N, n)."""
+    """Explanations that act on many joints: payloads and the tilt of gravity; torques (B, N, n)."""
     base = rows.nominal_torque
     for link, body in enumerate(rows.robot.links):
         if not set(joints) & {joint for joint in range(rows.robot.size) if link in rows.robot.descendants(joint)}:
@@ -181,11 +192,27 @@ def body_alternatives(rows: ArmRows, joints: list[int]) -> Iterator[tuple[str, s
         g = Rotation.from_euler(axis, 1e-3).as_matrix() @ rows.robot.gravity
         tilts.append(rows.torque(Robot(rows.robot.name, rows.robot.links, rows.robot.joints, g)) - base)
     yield "gravity_misalignment", "world", 2, tilts
+
+
+def sensor_alternatives(rows: ArmRows, joints: list[int]) -> Iterator[tuple[str, str, Array]]:
+    """Faults of encoders, each with one parameter: whitened rows."""
+    time = rows.time[:, :, None]
     for j in joints:
-        for effect, change in (("sensor_bias", 1e-3), ("sensor_gain_error", 1e-3 * rows.q[:, :, j])):
-            moved = rows.q.copy()
-            moved[:, :, j] += change
-            yield effect, f"q.{rows.names[j]}", 1, [rows.torque(rows.robot, q=moved) - base]
+        only = np.eye(rows.robot.size)[j]
+        for effect, shape in (("sensor_bias", np.ones_like(time)), ("sensor_drift", time), ("sensor_delay", None)):
+            change = 1e-3 * only * (-rows.v if shape is None else shape)
+            yield effect, f"q.{rows.names[j]}", _moved(rows, change)
+        yield "sensor_gain_error", f"q.{rows.names[j]}", _moved(rows, 1e-3 * only * rows.q)
+        if rows.has_velocity:
+            for effect, speed in (("sensor_bias", np.ones_like(rows.v)), ("sensor_gain_error", rows.v)):
+                change = 1e-3 * only * speed
+                late = np.gradient(change, rows.windows.step, axis=1)
+                torque = rows.torque(rows.robot, v=rows.v + change, a=rows.a + late) - rows.nominal_torque
+                yield effect, f"v.{rows.names[j]}", rows.whiten(torque, v=change)
+
+
+def _moved(rows: ArmRows, change: Array) -> Array:
+    return rows.whiten(rows.torque(rows.robot, q=rows.q + change) - rows.nominal_torque, q=change)
 
 
 def arm_strength(case: Case) -> dict[str, object]:
@@ -207,12 +234,14 @@ def arm_strength(case: Case) -> dict[str, object]:
 
 def _channels(rows: ArmRows, item: Concealed) -> list[str] | None:
     place = item.at.split(".")[-1]
-    return [place] if place in rows.names else None
+    if place not in rows.names:
+        return list(rows.names)
+    return [place, f"rate of {place}"] if "." in item.at else [place]
 
 
 def _alternatives(rows: ArmRows, effect: str, at: str, channels: list[str] | None) -> list[Alternative]:
     found = []
-    joints = [rows.names.index(name) for name in channels or rows.names]
+    joints = [rows.names.index(name) for name in channels or rows.names if name in rows.names]
     for j in joints if len(joints) == 1 else []:
         for name, count, torques in joint_alternatives(rows, j):
             if name != effect:
@@ -221,4 +250,7 @@ def _alternatives(rows: ArmRows, effect: str, at: str, channels: list[str] | Non
     for name, place, count, torques in body_alternatives(rows, joints):
         if (name, place) != (effect, at):
             found.append(Alternative(name, place, np.stack([rows.whiten(torque) for torque in torques]), count))
+    for name, place, row in sensor_alternatives(rows, joints):
+        if (name, place) != (effect, at):
+            found.append(Alternative(name, place, row[None], 1))
     return found

@@ -22,6 +22,7 @@ from .truth import Channels, Concealed
 
 CHANNELS = ("x", "y", "z", "rx", "ry", "rz")
 _PARTS = 8
+_WINDOW = 0.1  # s: a twice differentiated pose says little in less
 
 
 class TossRows:
@@ -55,7 +56,7 @@ class TossRows:
             axis=2,
         )
         self.frame = Toss(self.link, true.shape, self.law, np.array([0.0, 0.0, -9.81]))
-        self.windows = Windows.over(self.p.shape[1], self.step)
+        self.windows = Windows.over(self.p.shape[1], self.step, _WINDOW)
         self.nominal = self.effort(self.frame)
         self.std = self._noise()
 
@@ -90,7 +91,7 @@ class TossRows:
 
     def _noise(self) -> Array:
         """Std (B, W, 6): twice differentiated pose noise, and contact stiffness, damping and slip times it."""
-        coarse = Windows.over(int(self.p.shape[1] / _PARTS), self.coarse)
+        coarse = Windows.over(int(self.p.shape[1] / _PARTS), self.coarse, _WINDOW)
         w, w1, w2 = coarse.shape
         position, rotation = self.noise
         touching = (np.abs(self.nominal[:, :, 2] + 9.81 * self.link.mass) > 1e-9).astype(float)

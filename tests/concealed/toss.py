@@ -105,7 +105,7 @@ class Toss:
         factor = np.tanh(size / _ROLLING_WIDTH) / np.maximum(size, 1e-9)
         return (self.law.rolling * pushing * factor)[:, None] * tangential
 
-    def run(self, time: Array, start: Array, tolerance: float = 1e-8) -> Array:
+    def run(self, time: Array, start: Array, tolerance: float = 1e-7) -> Array:
         """States (B, N, 13 + hidden) at time (B, N) from start (B, 13)."""
         x = np.zeros((len(start), self.columns))
         x[:, :13] = start

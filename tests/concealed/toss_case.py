@@ -13,8 +13,8 @@ from . import timing
 from .arm_case import MEMBERS, verdict
 from .case import RECORDINGS, Case
 from .contact_law import ContactLaw
-from .draw_arm import misaligned_gravity
 from .draw_contact import ContactContext, draw_contact
+from .draw_link import misaligned_gravity
 from .laws import pulse
 from .noise import ChannelNoise, Clock, loguniform
 from .robots import Array, Link
@@ -59,8 +59,11 @@ def _starts(rng: np.random.Generator, shape: Shape) -> Array:
     return out
 
 
-def make_toss(rng: np.random.Generator, kind: str) -> Case:
-    """A case of four throws; kind: null, single:<effect>, pair[:<effect>,<effect>], odd[:<name>]."""
+def make_toss(rng: np.random.Generator, kind: str, only: int | None = None) -> Case:
+    """A case of four throws; kind: null, single:<effect>, pair[:<effect>,<effect>], odd[:<name>].
+
+    `only` conceals one of the drawn effects and leaves all else as it is, to reckon its strength by itself.
+    """
     names = kind.partition(":")[2].split(",")
     ball = bool(rng.random() < 0.6) or "contact_rolling_resistance" in names
     if "contact_anisotropic_friction" in names:
@@ -78,7 +81,7 @@ def make_toss(rng: np.random.Generator, kind: str) -> Case:
     samples = int(duration / step)
     contact = ContactContext(nominal, 4.0 * link.mass * 9.81, 0.4, f"{link.name}/ground", "ground", wobbles=True)
     concealed, toss, sensors = _effects(
-        rng, kind, Toss(link, shape, law, np.array([0.0, 0.0, -9.81])), contact, duration, ball
+        rng, kind, Toss(link, shape, law, np.array([0.0, 0.0, -9.81])), contact, duration, ball, only
     )
     clock = Clock(step, 0.3 if rng.random() < 0.2 else 0.0)
     extra = 1 + int(0.04 * samples)
@@ -138,7 +141,13 @@ Sensors = list[Callable[[Channels], Channels]]
 
 
 def _effects(
-    rng: np.random.Generator, kind: str, toss: Toss, contact: ContactContext, duration: float, ball: bool
+    rng: np.random.Generator,
+    kind: str,
+    toss: Toss,
+    contact: ContactContext,
+    duration: float,
+    ball: bool,
+    only: int | None,
 ) -> tuple[tuple[Concealed, ...], Toss, Sensors]:
     head, _, names = kind.partition(":")
     if head == "null":
@@ -154,8 +163,11 @@ def _effects(
         )
     concealed: list[Concealed] = []
     sensors: Sensors = []
-    for effect in chosen:
-        item, toss = _one(rng, effect, toss, contact, duration)
+    for index, effect in enumerate(chosen):
+        item, changed = _one(rng, effect, toss, contact, duration)
+        if only is not None and index != only:
+            continue
+        toss = changed
         concealed.append(item)
         if item.sensor:
             sensors.append(item.sensor)
@@ -180,7 +192,7 @@ def _one(
         item, gravity = misaligned_gravity(rng)
         return item, replace(toss, gravity=gravity)
     if effect == "aerodynamic_drag":
-        coefficient = loguniform(rng, 0.002, 0.5)
+        coefficient = loguniform(rng, 0.01, 1.0)
         return Concealed(effect, body, {"coefficient": (coefficient, "N s^2/m^2")}, place_kind="body"), replace(
             toss, drag=coefficient
         )
@@ -199,7 +211,7 @@ def _one(
 
 def _disturbed(rng: np.random.Generator, toss: Toss, duration: float) -> tuple[Concealed, Toss]:
     direction = rng.normal(size=3)
-    peak = toss.link.mass * 9.81 * loguniform(rng, 0.05, 4.0) * direction / np.linalg.norm(direction)
+    peak = toss.link.mass * 9.81 * loguniform(rng, 0.1, 5.0) * direction / np.linalg.norm(direction)
     width = loguniform(rng, 0.06, 0.3)
     first = float(rng.uniform(0.1, duration - width - 0.1))
     member = int(rng.integers(3))
@@ -213,7 +225,7 @@ def _disturbed(rng: np.random.Generator, toss: Toss, duration: float) -> tuple[C
 
 def _odd(rng: np.random.Generator, name: str, toss: Toss, contact: ContactContext) -> tuple[Concealed, Toss]:
     if name == "odd_magnus_lift":
-        lift = toss.link.mass * loguniform(rng, 0.05, 0.5)
+        lift = toss.link.mass * loguniform(rng, 0.2, 1.5)
         return Concealed(name, toss.link.name, {"lift": (lift, "kg")}, place_kind="body"), replace(toss, magnus=lift)
     if name == "odd_wind_gusts":
         peak = toss.link.mass * 9.81 * loguniform(rng, 0.05, 0.6)
@@ -256,7 +268,7 @@ def _pose_curves(time: Array, toss: Toss, states: Array) -> dict[str, timing.Cur
 
 
 def _noise(rng: np.random.Generator) -> tuple[ChannelNoise, ChannelNoise, str]:
-    position, rotation = loguniform(rng, 5e-5, 8e-4), loguniform(rng, 1e-3, 1e-2)
+    position, rotation = loguniform(rng, 3e-5, 5e-4), loguniform(rng, 5e-4, 6e-3)
     if rng.random() < 0.2:
         time = loguniform(rng, 0.005, 0.03)
         return ChannelNoise(position, time), ChannelNoise(rotation, time), "coloured_declared"
