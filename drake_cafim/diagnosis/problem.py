@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening import Whitening, whitening
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
@@ -106,6 +107,9 @@ class Problem:
             if isinstance(effect, JointForce):
                 law = self._force_columns(effect, physics)
                 columns += [self._padded(law[:, k]) for k in range(law.shape[1])]
+            elif isinstance(effect, SensorEffect):
+                sensed = self.sensor_columns(effect)
+                columns += [self._padded(sensed[:, k]) for k in range(sensed.shape[1])]
             else:
                 columns += [self._by_strength(model, position, k) for k in range(len(effect.strengths))]
         return np.stack(columns, axis=1) if columns else np.zeros((self.rows + len(model.unknown), 0))
@@ -118,6 +122,17 @@ class Problem:
             rows = np.zeros((len(weak.samples.windows), weak.rows_per_window, column.shape[1]))
             rows[:, weak.dynamic.start + joint] = -(weak.samples.windows.value @ column)
             result.append(run.whitened(rows))
+        return np.concatenate(result)
+
+    def sensor_columns(self, effect: SensorEffect) -> Array:
+        """Whitened rows (R, k) by an effect's strengths, through the rows' slopes in its channels' samples."""
+        result = []
+        for run in self.runs:
+            recording = run.weak.samples.recording
+            on = effect.channels([name for name, _ in run.labels])
+            written = np.nan_to_num(np.stack([recording[name] for name in on], axis=1))
+            change = effect.columns(run.weak.samples.time, written)
+            result.append(-sum(run.sensed(name, change[:, k]) for k, name in enumerate(on)))
         return np.concatenate(result)
 
     def _force_columns(self, effect: JointForce, physics: Physics) -> Array:
@@ -146,7 +161,7 @@ class Problem:
         index = len(model.unknown) + sum(len(e.strengths) for e in model.effects[:position]) + k
         strength, value = effect.strengths[k], float(effect.vector[k])
         # what is absent at infinity has no scale but its own
-        size = abs(value) if np.isinf(strength.nominal) else strength.typical
+        size = abs(value) if strength.inverse else strength.typical
         return self._difference(model, index, effect.difference_step * size)
 
     def _difference(self, model: Model, index: int, step: float) -> Array:

@@ -21,6 +21,10 @@ WINDOW_WIDTH = 0.06
 """s; test functions this wide resolve what happens at reversals and still average the noise."""
 
 
+END_MARGIN = 0.02
+"""s at both ends that no window covers, so that a channel can be read a little earlier or later than it was written."""
+
+
 @dataclass(frozen=True)
 class Samples:
     """Measured channels of one recording, with the linear operators that act on them.
@@ -92,6 +96,7 @@ def samples_of(scene: Scene, recording: Recording, std: dict[str, float], width:
         differentiate = local_polynomial(time, 0.0, 6, 1, at_least=3)
         v = differentiate @ q
     pairs, v_std = _velocity_smoothers(names, std, smooth_q, slope_q, measured)
+    usable &= (time >= time[0] + END_MARGIN) & (time <= time[-1] - END_MARGIN)
     windows = lay_windows(time, _away_from(~usable, smooth_q), width)
     if len(windows) < 3:
         raise InputError(

@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
-from drake_cafim.effects.effect import Effect, Place, joined
+from drake_cafim.effects.effect import Effect, joined
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.sensor import SensorEffect
@@ -34,14 +34,15 @@ def hypotheses(problem: Problem) -> tuple[Effect, ...]:
     """Every effect of the catalogue at every place of the scene where it can be."""
     found: list[Effect] = []
     for effect in EFFECTS:
-        places: Iterator[str]
-        places = iter(_channels(problem)) if effect.place is Place.CHANNEL else effect.places(problem.scene.tree)
-        found.extend(effect(place) for place in places)
+        if issubclass(effect, SensorEffect):
+            found.extend(effect(place) for place in effect.sites(_channels(problem)))
+        else:
+            found.extend(effect(place) for place in effect.places(problem.scene.tree))
     return tuple(found)
 
 
 def _channels(problem: Problem) -> tuple[str, ...]:
-    """Columns with noise: an offset of a commanded effort is the actuator's, not a sensor's."""
+    """Columns with noise."""
     return tuple(name for name, _ in problem.runs[0].labels)
 
 
@@ -93,11 +94,7 @@ def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Ca
     elif isinstance(effect, JointCoupling):
         yield from _coupling_looks(problem, physics, effect)
     elif isinstance(effect, SensorEffect):
-        parts = []
-        for run in problem.runs:
-            column = run.weak.samples.recording[effect.at]
-            parts.append(-run.sensed(effect.at, effect.columns(run.weak.samples.time, np.nan_to_num(column))))
-        yield np.concatenate(parts), effect.from_directions
+        yield problem.sensor_columns(effect), effect.from_directions
     elif isinstance(effect, TreeEffect):
         here = at.residual[: problem.rows]
         columns = []
@@ -160,10 +157,10 @@ def _coupling_looks(
     joint = problem.scene.tree.joint_index(effect.at)
     gain = float(physics.effort_gains[joint])
     drives = [run.weak.rotor_drives(physics)[joint] for run in problem.runs]
-    together = RotorDrive(
-        *(np.concatenate([getattr(drive, name) for drive in drives]) for name in ("time", "push", "mobility")),
-        drives[0].inertia,
+    time, push, mobility = (
+        np.concatenate([getattr(drive, name) for drive in drives]) for name in ("time", "push", "mobility")
     )
+    together = RotorDrive(time, push, mobility, drives[0].inertia)
     trials = list(effect.trials(together, problem.scene.tree.joints[joint].prismatic))
     parts = []
     for run in problem.runs:

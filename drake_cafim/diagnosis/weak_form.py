@@ -95,7 +95,9 @@ class WeakForm:
         columns |= {f"wrench.{sensor.name}.{axis}": s.wrenches[i][:, k] for i, sensor in enumerate(self.sensors)
                     for k, axis in enumerate(("fx", "fy", "fz", "tx", "ty", "tz"))}
         for effect in physics.sensors:
-            columns[effect.at] = effect.true(s.time, columns[effect.at])
+            on = effect.channels(tuple(columns))
+            true = effect.true(s.time, np.stack([columns[name] for name in on], axis=1))
+            columns |= {name: true[:, k] for k, name in enumerate(on)}
         q = np.stack([columns[f"q.{name}"] for name in names], axis=1)
         u = np.stack([columns[f"u.{name}"] for name in names], axis=1)
         v = s.differentiate @ q if s.differentiate is not None else \
@@ -225,6 +227,11 @@ class WeakForm:
         labels: list[tuple[str, slice]] = []
 
         def add(name: str, block: sp.csr_matrix) -> None:
+            # the last correction made is the first that the rows see
+            for effect in reversed(physics.sensors):
+                correction = effect.correction(s.time) if effect.channels((name,)) else None
+                if correction is not None:
+                    block = sp.csr_matrix(block @ correction)
             start = sum(b.shape[1] for b in blocks)
             blocks.append(block)
             labels.append((name, slice(start, start + block.shape[1])))

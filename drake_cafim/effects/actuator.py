@@ -104,7 +104,7 @@ class ActuatorDelay(ActuatorEffect):
         "actuator_lag": "slow efforts are late by the time constant, whichever of the two it is",
         "joint_elasticity": "below its resonance a soft joint passes an effort on late",
         "joint_viscous_friction": "under a motion at one frequency both shift the effort's phase",
-        "sensor_delay": "early effort and late position are the same at one joint; the other joints tell them apart",
+        "sensor_delay": "late effort and late position are the same at one joint; the other joints tell them apart",
     }
 
     def drive(self, effort: Effort) -> Effort:
@@ -132,7 +132,7 @@ class ActuatorLag(ActuatorEffect):
         "actuator_delay": "slow efforts are late by the time constant, whichever of the two it is",
         "joint_elasticity": "below its resonance a soft joint passes an effort on late",
         "joint_viscous_friction": "under a motion at one frequency both shift the effort's phase",
-        "sensor_lag": "late effort and early position are alike at one joint; the other joints tell them apart",
+        "sensor_lag": "late effort and late position are alike at one joint; the other joints tell them apart",
     }
 
     def drive(self, effort: Effort) -> Effort:
@@ -165,7 +165,7 @@ class ActuatorSaturation(ActuatorEffect):
 
     name: ClassVar[str] = "actuator_saturation"
     strengths: ClassVar[tuple[Strength, ...]] = (
-        Strength("limit", "N m", 10.0, lower=1e-9, nominal=np.inf, linear_unit="N"),
+        Strength("limit", "N m", 10.0, lower=1e-9, inverse=True, linear_unit="N"),
     )
     reference: ClassVar[str] = "Hu, Lin, Control Systems with Actuator Saturation, 2001, §1"
     alike: ClassVar[Mapping[str, str]] = {

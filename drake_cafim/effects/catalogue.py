@@ -18,7 +18,8 @@ from drake_cafim.effects.joint import (
     JointViscousFriction,
 )
 from drake_cafim.effects.link import GravityMisalignment, Payload, RotorInertia
-from drake_cafim.effects.sensor import SensorBias
+from drake_cafim.effects.sensor import SensorBias, SensorDrift, SensorGainError, SensorMisalignment
+from drake_cafim.effects.timing import ClockSkew, SensorDelay, SensorLag
 from drake_cafim.effects.transmission import JointHardStop, TorqueRipple
 from drake_cafim.errors import InputError
 
@@ -43,6 +44,12 @@ EFFECTS: tuple[type[Effect], ...] = (
     Payload,
     GravityMisalignment,
     SensorBias,
+    SensorGainError,
+    SensorDrift,
+    SensorDelay,
+    SensorLag,
+    SensorMisalignment,
+    ClockSkew,
 )
 
 

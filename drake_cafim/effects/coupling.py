@@ -67,7 +67,7 @@ class JointElasticity(JointCoupling):
 
     name: ClassVar[str] = "joint_elasticity"
     strengths: ClassVar[tuple[Strength, ...]] = (
-        Strength("stiffness", "N m/rad", 1000.0, lower=1e-3, nominal=np.inf, linear_unit="N/m"),
+        Strength("stiffness", "N m/rad", 1000.0, lower=1e-3, inverse=True, linear_unit="N/m"),
         Strength("damping", "N m s/rad", 1.0, lower=0.0, linear_unit="N s/m", amplitude=False),
     )
     reference: ClassVar[str] = "Spong, J. Dynamic Systems, Measurement, and Control 109(4), 1987"
@@ -114,11 +114,11 @@ class JointElasticity(JointCoupling):
 def _transition(pull: Array, drag: Array, step: Array) -> tuple[Array, Array, Array, Array]:
     """The entries (ψψ, ψψ̇, ψ̇ψ, ψ̇ψ̇) of exp(A h) for ψ̈ = −pull ψ − drag ψ̇, each broadcast."""
     half = 0.5 * drag
-    # sqrt of a negative discriminant is imaginary: one formula for all dampings
+    # the two roots are complex or real: one formula for all dampings, of exponentials that only decay
     root = np.sqrt((half**2 - pull).astype(complex))
     root = np.where(np.abs(root) < 1e-6, 1e-6, root)
-    decay = np.exp(-half * step)
-    cosine, sine = (decay * np.cosh(root * step)).real, (decay * np.sinh(root * step) / root).real
+    slow, fast = np.exp((root - half) * step), np.exp(-(root + half) * step)
+    cosine, sine = (0.5 * (slow + fast)).real, (0.5 * (slow - fast) / root).real
     return cosine + half * sine, sine, -pull * sine, cosine - half * sine
 
 
@@ -130,7 +130,7 @@ class JointBacklash(JointCoupling):
     difference_step: ClassVar[float] = 1e-2
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("gap", "rad", 2e-3, lower=0.0, upper=0.5, linear_unit="m"),
-        Strength("stiffness", "N m/rad", 1000.0, lower=1e-3, nominal=np.inf, linear_unit="N/m", amplitude=False),
+        Strength("stiffness", "N m/rad", 1000.0, lower=1e-3, inverse=True, linear_unit="N/m", amplitude=False),
         Strength("damping", "N m s/rad", 1.0, lower=0.0, linear_unit="N s/m", amplitude=False),
     )
     reference: ClassVar[str] = "Nordin, Gutman, Automatica 38(10), 2002 (backlash with a dead zone and damped flanks)"

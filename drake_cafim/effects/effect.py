@@ -39,6 +39,9 @@ class Strength:
     upper: float = np.inf
     nominal: float = 0.0
     """The value at which the effect is absent."""
+    inverse: bool = False
+    """Whether the effect is absent at infinity instead. Its inverse then vanishes, and is as many of its own standard
+    deviations from zero as the number itself, so that a test against zero serves both."""
     linear_unit: str | None = None
     grid: tuple[float, ...] = ()
     """Of a shape: the values that it may take."""

@@ -101,7 +101,7 @@ class Physics:
         force = self.applied_at_joints(joints)[0] - bias_force(moving, inertias, self.gravity)
         if self.contacts:
             force = force + moving.project(self.contact_wrenches(moving))
-        A = np.linalg.inv(M)
+        A: Array = np.asarray(np.linalg.inv(M), dtype=float)
         # held efforts change at the samples, all else is smooth: taken in the middle of each interval
         A, drift = _in_the_middle(A), _in_the_middle(np.einsum("nij,nj->ni", A, force))
         own = np.diagonal(A, axis1=1, axis2=2)

@@ -1,0 +1,141 @@
+"""Sensors whose values belong to another time: late, slow, or by a clock that runs at another rate.
+
+Their inverse reads the recorded channel between its samples by local polynomials. Under test functions that are much
+wider than a sample this only moves the noise, it does not smooth it.
+"""
+
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import scipy.sparse as sp
+
+from drake_cafim.effects.effect import Strength
+from drake_cafim.effects.sensor import SensorEffect, whole_sensors
+from drake_cafim.typing import Array
+
+POINTS = 6
+"""Samples that a local polynomial goes through."""
+
+
+def interpolation(time: Array, at: Array, derivative: int = 0) -> sp.csr_matrix:
+    """(K, N): value or first derivative at `at` (K,) s of the local polynomials through samples at `time` (N,) s.
+
+    Before the first and after the last sample the value is held.
+    """
+    count = min(POINTS, len(time))
+    inside = np.clip(at, time[0], time[-1])
+    first = np.clip(np.searchsorted(time, inside, side="right") - count // 2, 0, len(time) - count)
+    columns = first[:, None] + np.arange(count)
+    offset = time[columns] - inside[:, None]
+    scale = np.abs(offset).max(axis=1, keepdims=True)
+    powers = np.swapaxes((offset / scale)[..., None] ** np.arange(count), 1, 2)
+    # weights that give 1, x, x², ... their values (slopes) at x = 0
+    wanted = np.zeros(count)
+    wanted[derivative] = 1.0
+    weights = np.linalg.solve(powers, np.broadcast_to(wanted[:, None], (len(at), count, 1)))[..., 0]
+    weights = weights / scale**derivative
+    rows = np.repeat(np.arange(len(at)), count)
+    return sp.csr_matrix((weights.ravel(), (rows, columns.ravel())), shape=(len(at), len(time)))
+
+
+@dataclass(frozen=True)
+class TimingEffect(SensorEffect):
+    """A sensor effect that is linear in the channel's past; on a channel, or on a whole sensor's."""
+
+    @abstractmethod
+    def correction(self, time: Array) -> sp.csr_matrix:
+        """(N, N): truth from the samples."""
+
+    def true(self, time: Array, measured: Array) -> Array:
+        return np.asarray(self.correction(time) @ measured)
+
+    @classmethod
+    def sites(cls, columns: Sequence[str]) -> Iterator[str]:
+        # all channels of a wrench or a pose come through one wire
+        yield from (column for column in columns if column.startswith(("q.", "v.")))
+        yield from whole_sensors(columns)
+
+
+@dataclass(frozen=True)
+class SensorDelay(TimingEffect):
+    """The value of t − delay is written at t."""
+
+    name: ClassVar[str] = "sensor_delay"
+    strengths: ClassVar[tuple[Strength, ...]] = (Strength("delay", "s", 0.005, lower=0.0, upper=0.2),)
+    reference: ClassVar[str] = "Furgale, Rehder, Siegwart, IEEE/RSJ IROS, 2013 (temporal calibration)"
+    alike: ClassVar[Mapping[str, str]] = {
+        "sensor_lag": "slow signals are late by the time constant, whichever of the two it is",
+        "actuator_delay": "late position and late effort are the same at one joint; the other joints tell them apart",
+        "clock_skew": "over a short recording a growing delay is one of its mean",
+    }
+
+    def measured(self, time: Array, true: Array) -> Array:
+        return np.asarray(interpolation(time, time - self.values["delay"]) @ true)
+
+    def correction(self, time: Array) -> sp.csr_matrix:
+        return interpolation(time, time + self.values["delay"])
+
+    def columns(self, time: Array, true: Array) -> Array:
+        return -np.asarray(interpolation(time, time, derivative=1) @ true)[..., None]
+
+
+@dataclass(frozen=True)
+class SensorLag(TimingEffect):
+    """τ ẏ = x − y, and y is written; it starts settled."""
+
+    name: ClassVar[str] = "sensor_lag"
+    strengths: ClassVar[tuple[Strength, ...]] = (Strength("time_constant", "s", 0.005, lower=0.0, upper=0.5),)
+    reference: ClassVar[str] = "Oppenheim, Willsky, Signals and Systems, 1997, §6.5 (first-order systems)"
+    alike: ClassVar[Mapping[str, str]] = {
+        "sensor_delay": "slow signals are late by the time constant, whichever of the two it is",
+        "actuator_lag": "late position and late effort are alike at one joint; the other joints tell them apart",
+        "sensor_gain_error": "a fast signal comes out smaller",
+    }
+
+    def measured(self, time: Array, true: Array) -> Array:
+        tau = self.values["time_constant"]
+        if tau <= 0.0:
+            return true
+        written = np.empty_like(true)
+        written[0] = true[0]
+        steps = np.diff(time)
+        kept = np.exp(-steps / tau)
+        slopes = np.diff(true, axis=0) / steps[:, None]
+        for k, (step, keep) in enumerate(zip(steps, kept, strict=True)):
+            # exact for a signal that is straight between samples
+            settled = true[k] - tau * slopes[k]
+            written[k + 1] = settled + keep * (written[k] - settled) + slopes[k] * step
+        return written
+
+    def correction(self, time: Array) -> sp.csr_matrix:
+        slope = interpolation(time, time, derivative=1)
+        return sp.csr_matrix(sp.eye_array(len(time)) + self.values["time_constant"] * slope)
+
+    def columns(self, time: Array, true: Array) -> Array:
+        return -np.asarray(interpolation(time, time, derivative=1) @ true)[..., None]
+
+
+@dataclass(frozen=True)
+class ClockSkew(TimingEffect):
+    """The value of t·(1 + skew) is written at t."""
+
+    name: ClassVar[str] = "clock_skew"
+    strengths: ClassVar[tuple[Strength, ...]] = (Strength("skew", "1", 1e-3, lower=-0.1, upper=0.1),)
+    reference: ClassVar[str] = "Mills, Internet time synchronization, IEEE Trans. Communications 39(10), 1991"
+    alike: ClassVar[Mapping[str, str]] = {
+        "sensor_delay": "over a short recording a growing delay is one of its mean",
+        "sensor_drift": "in a steady motion a growing delay is a drift",
+    }
+
+    def measured(self, time: Array, true: Array) -> Array:
+        return np.asarray(interpolation(time, time * (1.0 + self.values["skew"])) @ true)
+
+    def correction(self, time: Array) -> sp.csr_matrix:
+        return interpolation(time, time / (1.0 + self.values["skew"]))
+
+    def columns(self, time: Array, true: Array) -> Array:
+        slope = np.asarray(interpolation(time, time, derivative=1) @ true)
+        return np.asarray((time[:, None] * slope)[..., None])
