@@ -1,0 +1,154 @@
+"""Pictures of a law over the data: what is missing without an effect, and what the effect gives."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from drake_cafim.dynamics.tree import Joint
+from drake_cafim.effects.actuator import ActuatorEffect, Effort
+from drake_cafim.effects.effect import Effect, JointSamples
+from drake_cafim.effects.joint import JointForce
+from drake_cafim.report.colours import CORRECTED, MUTED, NOMINAL
+from drake_cafim.report.evidence import Evidence, Picture, fit_limits, law_line, points, thinned
+from drake_cafim.report.svg import as_svg, page_style
+from drake_cafim.report.time_picture import over_time
+from drake_cafim.typing import Array
+
+BY_VELOCITY = (
+    "joint_viscous_friction",
+    "joint_coulomb_friction",
+    "joint_asymmetric_coulomb_friction",
+    "joint_stribeck_friction",
+)
+BY_POSITION = ("joint_spring", "joint_hard_stop", "torque_ripple")
+BY_EFFORT = ("actuator_gain_error", "actuator_bias", "actuator_saturation", "actuator_dead_zone")
+
+
+def law_picture(evidence: Evidence) -> Picture:
+    """The law over what it depends on where that is one number, else over time."""
+    effect = evidence.effect
+    with page_style():
+        if isinstance(effect, JointForce) and effect.name in BY_VELOCITY:
+            return _over_velocity(evidence, effect)
+        if isinstance(effect, JointForce) and effect.name in BY_POSITION:
+            return _over_position(evidence, effect)
+        if isinstance(effect, JointForce) and effect.name == "joint_load_dependent_friction":
+            return _over_load(evidence, effect)
+        if effect.name == "rotor_inertia":
+            return _over_acceleration(evidence, effect)
+        if isinstance(effect, ActuatorEffect) and effect.name in BY_EFFORT:
+            return _over_effort(evidence, effect)
+        return over_time(evidence)
+
+
+def _over_velocity(evidence: Evidence, effect: JointForce) -> Picture:
+    joint, x, y, unit, rate = *_joint_data(evidence, "v"), _joint(evidence).position_unit + "/s"
+    grid = _grid(x)
+    if effect.name != "joint_viscous_friction":  # the sign change has its own width
+        near = float(np.max(np.abs(x))) * np.linspace(-0.05, 0.05, 201)
+        grid = np.unique(np.concatenate([grid, near]))
+    law = effect.force(JointSamples(np.zeros_like(grid), grid, np.zeros_like(grid))).value
+    svg = _law_over(x, y, grid, law, f"velocity of {joint} ({rate})", f"missing force ({unit})")
+    return Picture(svg, _each_point(evidence) + "the line is the law. Windows with a reversal in them lie between.")
+
+
+def _over_position(evidence: Evidence, effect: JointForce) -> Picture:
+    joint, x, y, unit = _joint_data(evidence, "q")
+    grid = _grid(x, 400)
+    label = f"position of {joint} ({_joint(evidence).position_unit})"
+    caption = _each_point(evidence)
+    if effect.name == "joint_hard_stop":  # it damps too: what it gives is no single line
+        v = _joint_data(evidence, "v")[1]
+        given = effect.force(JointSamples(x, v, np.zeros_like(x))).value
+        svg = _dots_over(x, y, given, label, f"missing force ({unit})")
+        return Picture(svg, caption + "blue is what the law gives in that window.")
+    law = effect.force(JointSamples(grid, np.zeros_like(grid), np.zeros_like(grid))).value
+    svg = _law_over(x, y, grid, law, label, f"missing force ({unit})")
+    return Picture(svg, caption + "the line is the law.")
+
+
+def _over_load(evidence: Evidence, effect: JointForce) -> Picture:
+    joint, effort, y, unit = _joint_data(evidence, "u")
+    v = _joint_data(evidence, "v")[1]
+    moving = np.abs(v) > 0.05 * np.max(np.abs(v))
+    x, y = np.abs(effort[moving]), -y[moving] * np.sign(v[moving])
+    grid = np.linspace(0.0, float(np.max(x)), 100)
+    ones = np.ones_like(grid)
+    law = -effect.force(JointSamples(0.0 * ones, 1e3 * ones, grid)).value
+    svg = _law_over(x, y, grid, law, f"size of the effort at {joint} ({unit})", f"force against the motion ({unit})")
+    return Picture(svg, "Each point is a window in which the joint moves: the missing force that opposes it.")
+
+
+def _over_acceleration(evidence: Evidence, effect: Effect) -> Picture:
+    joint, x, y, unit = _joint_data(evidence, "a")
+    grid = _grid(x)
+    label = f"acceleration of {joint} ({_joint(evidence).position_unit}/s²)"
+    svg = _law_over(x, y, grid, -effect.values["inertia"] * grid, label, f"missing force ({unit})")
+    return Picture(svg, _each_point(evidence) + "the slope of the line is the inertia.")
+
+
+def _over_effort(evidence: Evidence, effect: ActuatorEffect) -> Picture:
+    joint, x, y, unit = _joint_data(evidence, "u")
+    grid = _grid(x, 400)
+    law = effect.drive(Effort(np.arange(len(grid), dtype=float), grid)).values
+    figure, axes = _single()
+    axes.plot(grid, grid, color=NOMINAL, linewidth=1.2, linestyle=(0, (4, 3)), label="as the model has it")
+    law_line(axes, grid, law)
+    points(axes, x, x + y)
+    axes.set_xlabel(f"effort asked of {joint} ({unit})")
+    axes.set_ylabel(f"effort that acted ({unit})")
+    axes.legend(loc="upper left")
+    svg = as_svg(figure, f"Effort that acted against effort asked for at {joint}")
+    return Picture(svg, "Each point is a window: the effort that the motion shows to have acted.")
+
+
+def _law_over(x: Array, y: Array, grid: Array, law: Array, x_label: str, y_label: str) -> str:
+    figure, axes = _single()
+    axes.axhline(0.0, color=MUTED, linewidth=0.8)
+    law_line(axes, grid, law)
+    points(axes, x, y)
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    fit_limits(axes, np.concatenate([y, law]))
+    return as_svg(figure, f"{y_label} against {x_label}")
+
+
+def _dots_over(x: Array, y: Array, given: Array, x_label: str, y_label: str) -> str:
+    figure, axes = _single()
+    axes.axhline(0.0, color=MUTED, linewidth=0.8)
+    chosen = thinned(len(x))
+    axes.plot(x[chosen], given[chosen], "o", color=CORRECTED, markersize=4.5, markeredgewidth=0.0, alpha=0.45)
+    points(axes, x, y)
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    fit_limits(axes, np.concatenate([y, given]))
+    return as_svg(figure, f"{y_label} against {x_label}")
+
+
+def _single() -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(6.2, 3.1), layout="constrained")
+    return figure, figure.subplots()
+
+
+def _joint_data(evidence: Evidence, variable: str) -> tuple[str, Array, Array, str]:
+    """The effect's joint, a variable of its motion, what is missing there, and the force's unit; all recordings."""
+    tree = evidence.problem.scene.tree
+    j = tree.joint_index(evidence.effect.at)
+    row = evidence.problem.runs[0].weak.dynamic.start + j
+    x = np.concatenate([getattr(means, variable)[:, j] for means in evidence.means])
+    y = np.concatenate([values[:, row] for values in evidence.without])
+    return evidence.effect.at, x, y, tree.joints[j].effort_unit
+
+
+def _joint(evidence: Evidence) -> Joint:
+    tree = evidence.problem.scene.tree
+    return tree.joints[tree.joint_index(evidence.effect.at)]
+
+
+def _grid(x: Array, count: int = 200) -> Array:
+    return np.linspace(float(np.min(x)), float(np.max(x)), count)
+
+
+def _each_point(evidence: Evidence) -> str:
+    width = 1e3 * evidence.problem.runs[0].weak.samples.windows.width
+    return f"Each point is the force at {evidence.effect.at} that the model lacks, averaged over {width:.0f} ms; "

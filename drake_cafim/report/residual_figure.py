@@ -1,0 +1,86 @@
+"""The residual over time and channel as a heat map, before and after the explanation."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+
+from drake_cafim.report.colours import RESIDUAL
+from drake_cafim.report.missing import ResidualMap
+from drake_cafim.report.svg import as_svg, page_style, quiet
+from drake_cafim.report.wording import short
+from drake_cafim.typing import Array
+
+MOST_RECORDINGS = 6
+COLUMNS = 320
+"""Of pixels across a panel; longer recordings show the root mean square of what falls into one."""
+NOISE = 2.0
+"""Standard deviations below which the map stays pale."""
+
+
+def worst_first(maps: Sequence[ResidualMap]) -> list[ResidualMap]:
+    """The maps that are shown, in their own order: those with the largest residual where there are too many."""
+    order = sorted(range(len(maps)), key=lambda i: -float(np.mean(maps[i].before ** 2)))[:MOST_RECORDINGS]
+    return [maps[i] for i in sorted(order)]
+
+
+def residual_figure(maps: Sequence[ResidualMap], labels: Sequence[str], *, with_after: bool) -> str:
+    """One row of panels a recording: |residual| in standard deviations of its noise; two columns with the effects."""
+    with page_style():
+        columns = 2 if with_after else 1
+        panel = 0.35 + 0.17 * len(labels)
+        height = panel * len(maps) + 1.05
+        figure = Figure(figsize=(9.4, height), layout="constrained")
+        grid = figure.subplots(len(maps), columns, squeeze=False, sharey=True)
+        top = max(20.0, *(float(np.quantile(np.abs(m.before), 0.995)) for m in maps))
+        norm = LogNorm(NOISE, top, clip=True)
+        for row, (one, axes) in enumerate(zip(maps, grid, strict=True)):
+            last = row == len(maps) - 1
+            image = _panel(axes[0], one, one.before, labels, norm, last=last)
+            if with_after:
+                _panel(axes[1], one, one.after, labels, norm, last=last)
+            axes[0].set_title(short(one.recording) + (", the model without the effects" if with_after else ""))
+            if with_after:
+                axes[1].set_title("with them")
+        bar = figure.colorbar(
+            image, ax=grid, location="top", shrink=0.42, aspect=42, pad=0.22 / height, anchor=(0.0, 0.0)
+        )
+        bar.set_label("misfit, in standard deviations of the noise", fontsize=8.5, loc="left")
+        bar.set_ticks([t for t in (2, 5, 10, 30, 100, 300, 1000, 3000, 10000) if t <= top])
+        bar.ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        bar.ax.minorticks_off()
+        return as_svg(figure, "Misfit over time and channel, before and after the effects")
+
+
+def _panel(
+    axes: Axes, one: ResidualMap, values: Array, labels: Sequence[str], norm: LogNorm, *, last: bool
+) -> AxesImage:
+    edges, picture = binned(one, values)
+    colours = LinearSegmentedColormap.from_list("residual", RESIDUAL).with_extremes(bad="#ffffff")
+    extent = (float(edges[0]), float(edges[-1]), len(labels) - 0.5, -0.5)
+    image = axes.imshow(picture.T, aspect="auto", interpolation="none", cmap=colours, norm=norm, extent=extent)
+    quiet(axes)
+    for boundary in range(1, len(labels)):
+        axes.axhline(boundary - 0.5, color="white", linewidth=1.0)
+    axes.set_yticks(range(len(labels)), labels)
+    if last:
+        axes.set_xlabel("time (s)")
+    for side in ("left", "bottom"):
+        axes.spines[side].set_visible(False)
+    return image
+
+
+def binned(one: ResidualMap, values: Array) -> tuple[Array, Array]:
+    """Edges (P + 1,) s and the root mean square (P, r) of the windows in each bin of time; NaN where there are none."""
+    start, stop = float(one.time[0] - 0.5 * one.width), float(one.time[-1] + 0.5 * one.width)
+    count = int(min(COLUMNS, max(2, np.ceil((stop - start) / one.width))))
+    edges = np.linspace(start, stop, count + 1)
+    index = np.clip(np.searchsorted(edges, one.time, side="right") - 1, 0, count - 1)
+    total, hits = np.zeros((count, values.shape[1])), np.zeros(count)
+    np.add.at(total, index, values**2)
+    np.add.at(hits, index, 1.0)
+    filled = np.where(hits > 0, hits, np.nan)[:, None]
+    return edges, np.sqrt(total / filled)

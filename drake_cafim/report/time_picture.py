@@ -1,0 +1,75 @@
+"""What is missing and what an effect gives over time: the picture for laws that have no single variable."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from drake_cafim.report.colours import CORRECTED, INK
+from drake_cafim.report.evidence import Evidence, Picture, fit_limits, law_line, points
+from drake_cafim.report.missing import missing_std, row_labels, row_units
+from drake_cafim.report.svg import as_svg
+from drake_cafim.typing import Array
+
+STRETCH = 3.0
+"""s of the time strip."""
+
+
+def over_time(evidence: Evidence) -> Picture:
+    """What is missing and what the effect gives, where it gives most: over time, and one against the other."""
+    given = [a - b for a, b in zip(evidence.without, evidence.with_it, strict=True)]
+    row = _telling_row(evidence, given)
+    label, unit = row_labels(evidence.problem)[row], row_units(evidence.problem)[row]
+    run = int(np.argmax([np.mean(one[:, row] ** 2) for one in given]))
+    start = _telling_start(evidence.means[run].time, given[run][:, row])
+    time = evidence.means[run].time
+    shown = (time >= start) & (time <= start + STRETCH)
+    x = np.concatenate([one[:, row] for one in given])
+    y = np.concatenate([one[:, row] for one in evidence.without])
+    constant = float(np.ptp(x)) < 1e-6 * float(np.max(np.abs(x)))
+    figure = Figure(figsize=(6.6, 2.9), layout="constrained")
+    grid = figure.subplots(1, 1 if constant else 2, squeeze=False, width_ratios=None if constant else [1.9, 1.0])[0]
+    strip: Axes = grid[0]
+    strip.plot(
+        time[shown], evidence.without[run][shown, row], ".", color=INK, markersize=4.0, label="missing without it"
+    )
+    strip.plot(time[shown], given[run][shown, row], color=CORRECTED, linewidth=2.0, label="what it gives")
+    strip.set_xlabel("time (s)")
+    strip.set_ylabel(f"{label} ({unit})")
+    strip.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.0)
+    if not constant:
+        _against(grid[1], x, y, unit)
+    svg = as_svg(figure, f"What is missing at {label} and what the effect gives")
+    caption = f"The stretch in which the effect gives most, at {label}."
+    if not constant:
+        caption += " Right: every window; the points lie on the line where the effect is the whole story."
+    return Picture(svg, caption)
+
+
+def _against(axes: Axes, x: Array, y: Array, unit: str) -> None:
+    ends = np.array([np.min(x), np.max(x)])
+    law_line(axes, ends, ends)
+    points(axes, x, y)
+    axes.set_xlabel(f"what it gives ({unit})")
+    axes.set_ylabel(f"missing without it ({unit})")
+    fit_limits(axes, y)
+
+
+def _telling_row(evidence: Evidence, given: Sequence[Array]) -> int:
+    """The row of a window in which the effect stands out most over the noise."""
+    total = np.zeros(given[0].shape[1])
+    for run, one in zip(evidence.problem.runs, given, strict=True):
+        total += np.sum((one / missing_std(run)) ** 2, axis=0)
+    dynamic = evidence.problem.runs[0].weak.kinematic_rows
+    # a force is easier to read than a disagreement of position and velocity
+    return dynamic + int(np.argmax(total[dynamic:])) if np.any(total[dynamic:] > 0.0) else int(np.argmax(total))
+
+
+def _telling_start(time: Array, values: Array) -> float:
+    """Where the stretch begins in which `values` are largest."""
+    sums = np.concatenate([[0.0], np.cumsum(values**2)])
+    stop = np.searchsorted(time, time + STRETCH, side="right")
+    inside = np.flatnonzero(time <= max(time[-1] - STRETCH, time[0]))
+    best = inside[np.argmax(sums[stop[inside]] - sums[inside])]
+    return float(time[best])

@@ -1,0 +1,64 @@
+"""Numbers, names and verdicts as a reader meets them."""
+
+from collections.abc import Sequence
+from pathlib import PurePath
+
+import numpy as np
+
+INTERVAL = 1.959964
+"""Standard deviations to either side of a 95 % interval."""
+
+
+def rounded(value: float, digits: int = 3) -> str:
+    """The value to so many digits, without an exponent where it can be read without one."""
+    if value == 0.0 or not np.isfinite(value):
+        return "0" if value == 0.0 else str(value)
+    magnitude = int(np.floor(np.log10(abs(value))))
+    if -4 <= magnitude < 6:
+        return f"{value:.{max(digits - 1 - magnitude, 0)}f}".replace("-", "−")
+    return f"{value:.{digits - 1}e}".replace("-", "−")
+
+
+def with_prefix(values: Sequence[float], unit: str) -> str:
+    """The values, an arrow between them, in mm where metres would be small."""
+    scale, name = (1e3, "mm") if unit == "m" and max(values) < 0.1 else (1.0, unit)
+    return f"{' → '.join(rounded(scale * value) for value in values)} {name}"
+
+
+def with_interval(value: float, std: float) -> str:
+    """`value ± half-width` of the 95 % interval, both to two digits of the half-width."""
+    half = INTERVAL * std
+    if not np.isfinite(half) or half <= 0.0:
+        return rounded(value, 4)
+    decimals = 1 - int(f"{half:.1e}".partition("e")[2])  # of the rounded half-width: 0.9996 is 1.0
+    if decimals > 7 or max(abs(value), half) >= 1e6:
+        return f"{value:.4g} ± {half:.2g}".replace("-", "−")
+    places = max(decimals, 0)
+    return f"{value:.{places}f} ± {half:.{places}f}".replace("-", "−")
+
+
+def probability(p: float) -> str:
+    """A probability in percent, never rounded to certainty."""
+    if p > 0.999:
+        return "> 99.9 %"
+    return "< 0.1 %" if p < 0.001 else f"{100.0 * p:.1f} %"
+
+
+def p_value(p: float) -> str:
+    """A p-value as it is written after a sign."""
+    return "< 10⁻¹⁵" if p < 1e-15 else f"= {p:.2g}"
+
+
+def spoken(name: str) -> str:
+    """An identifier in words."""
+    return name.replace("_", " ")
+
+
+def short(recording: str) -> str:
+    """A recording's file name, without the folders that led to it."""
+    return PurePath(recording).name or recording
+
+
+def sentence_size(text: str) -> str:
+    """The class of lettering that suits a sentence of this length."""
+    return "brief" if len(text) < 160 else "long" if len(text) < 420 else "very-long"

@@ -1,0 +1,179 @@
+"""The page that shows a verdict: complete, alone, small, and the same each time."""
+
+import re
+from dataclasses import replace
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.diagnose import examine
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.search import Outcome
+from drake_cafim.diagnosis.stepper import State, advance
+from drake_cafim.diagnosis.verdict import Verdict
+from drake_cafim.effects.catalogue import EFFECTS
+from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import JointSpring, JointViscousFriction
+from drake_cafim.effects.sensor import SensorBias
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.report.evidence import evidence_of
+from drake_cafim.report.law_figures import law_picture
+from drake_cafim.report.laws import LAWS, law_of
+from drake_cafim.report.missing import missing, row_labels, window_means
+from drake_cafim.report.report_html import write_report_page
+from drake_cafim.report.wording import probability, rounded, with_interval
+from drake_cafim.scenario.scene import Scene
+
+PENDULUM = """<robot name="pendulum">
+  <link name="base"/>
+  <link name="rod">
+    <inertial><origin xyz="0 0 -0.3"/><mass value="1.2"/>
+      <inertia ixx="0.02" iyy="0.02" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>
+  <joint name="hinge" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="20" velocity="20"/></joint>
+  <transmission name="motor" type="SimpleTransmission"><type>transmission_interface/SimpleTransmission</type>
+    <joint name="hinge"><hardwareInterface>EffortJointInterface</hardwareInterface></joint>
+    <actuator name="hinge_motor"/></transmission>
+</robot>
+"""
+STEP = 0.004
+SAMPLES = 600
+COMMAND = ["cafim", "diagnose", "my robot.yaml", "--recording", "a.parquet", "--held-out", "b.parquet"]
+
+
+def recorded(scene: Scene, effects: list[Effect], name: str, seed: int) -> Recording:
+    """Some seconds of the pendulum under a sum of sines, with noise."""
+    rng = np.random.default_rng(seed)
+    physics = Model(scene.priors.mean).with_effects(effects).physics(scene)
+    time = STEP * np.arange(SAMPLES)
+    frequencies, phases = rng.uniform(0.4, 2.0, 4), rng.uniform(0.0, 6.3, 4)
+    u = np.sum(1.1 * np.sin(2.0 * np.pi * frequencies * time[:, None] + phases), axis=1)
+    state = State(np.array([[0.3]]), np.array([[0.0]]))
+    q, v = [], []
+    for effort in u:
+        q.append(float(state.q[0, 0]))
+        v.append(float(state.v[0, 0]))
+        for _ in range(2):  # finer than the simulations of the diagnosis itself
+            state = advance(physics, state, np.array([[effort]]), np.array([STEP / 2]))
+    noisy = {
+        "q": np.array(q) + 1e-4 * rng.standard_normal(SAMPLES),
+        "v": np.array(v) + 1e-3 * rng.standard_normal(SAMPLES),
+    }
+    return Recording(name, time, {"q.hinge": noisy["q"], "v.hinge": noisy["v"], "u.hinge": u})
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    path = tmp_path_factory.mktemp("model") / "pendulum.urdf"
+    path.write_text(PENDULUM)
+    return Scene.from_model(path, channels={"q": 1e-4, "v": 1e-3, "u": 0.0}, weld=["base"])
+
+
+@pytest.fixture(scope="module")
+def friction(scene: Scene) -> tuple[Verdict, Outcome, list[Recording]]:
+    truth: list[Effect] = [JointViscousFriction("hinge", {"coefficient": 0.2})]
+    held = [recorded(scene, truth, "b.parquet", 2)]
+    verdict, outcome = examine(scene, [recorded(scene, truth, "folder/a.parquet", 1)], held_out=held)
+    return verdict, outcome, held
+
+
+@pytest.fixture(scope="module")
+def nothing(scene: Scene) -> tuple[Verdict, Outcome]:
+    return examine(scene, [recorded(scene, [], "a.parquet", 3)])
+
+
+def page(tmp_path: Path, verdict: Verdict, outcome: Outcome, held: list[Recording]) -> str:
+    path = tmp_path / "report.html"
+    write_report_page(path, verdict, outcome, held, COMMAND)
+    return path.read_text(encoding="utf-8")
+
+
+def words(html: str) -> str:
+    """What a reader sees of the page."""
+    body = html[html.index("<body>") :]
+    return " ".join(unescape(re.sub(r"<[^>]*>", "", body)).split())
+
+
+def test_page_of_an_explained_verdict(tmp_path: Path, friction: tuple[Verdict, Outcome, list[Recording]]) -> None:
+    verdict, outcome, held = friction
+    assert verdict.kind == "explained"
+    html = page(tmp_path, verdict, outcome, held)
+    seen = words(html)
+    assert " ".join(str(verdict).split()) in seen
+    assert seen.startswith("explained")
+    assert "joint_viscous_friction" in seen
+    assert "cafim diagnose 'my robot.yaml' --recording a.parquet --held-out b.parquet" in seen
+    assert "b.parquet, held out" in seen
+    assert "Nothing was wrong with the 1 recording" in seen
+
+
+def test_page_stands_alone_and_is_small(tmp_path: Path, friction: tuple[Verdict, Outcome, list[Recording]]) -> None:
+    html = page(tmp_path, *friction)
+    assert len(html.encode()) < 3_000_000
+    assert "http://" not in html
+    assert "https://" not in html
+    assert "<script" not in html
+    assert not re.search(r'(src|href)="(?!data:|#)', html)
+
+
+def test_same_verdict_same_bytes(tmp_path: Path, friction: tuple[Verdict, Outcome, list[Recording]]) -> None:
+    assert page(tmp_path, *friction) == page(tmp_path, *friction)
+
+
+def test_page_where_nothing_is_missing(tmp_path: Path, nothing: tuple[Verdict, Outcome]) -> None:
+    verdict, outcome = nothing
+    assert verdict.kind == "none"
+    html = page(tmp_path, verdict, outcome, [])
+    assert words(html).startswith("nothing missing Nothing is missing")
+    assert "with the effects" not in html
+    assert "without the effects" not in html
+    assert "No recording was held out" in html
+
+
+def test_unexplained_shows_what_remains(tmp_path: Path, friction: tuple[Verdict, Outcome, list[Recording]]) -> None:
+    verdict, outcome, held = friction
+    bare = outcome.problem.scene.corrected(np.zeros(0), [])
+    left = replace(verdict, kind="unexplained", explanation=(), rivals=(), corrected=bare)
+    html = page(tmp_path, left, outcome, held)
+    assert "What remains" in html
+    assert "against position, velocity, effort and time" in html
+
+
+def test_missing_force_is_the_law(scene: Scene, friction: tuple[Verdict, Outcome, list[Recording]]) -> None:
+    verdict, outcome, _ = friction
+    weak = outcome.problem.runs[0].weak
+    row = row_labels(outcome.problem).index("hinge: forces")
+    v = window_means(weak, verdict.corrected.physics).v[:, 0]
+    lacking = missing(weak, scene.physics)[:, row]
+    assert np.ptp(v) > 1.0
+    np.testing.assert_allclose(lacking, -0.2 * v, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    "effect", [JointSpring("hinge", {"stiffness": 1.0, "rest": 0.2}), SensorBias("v.hinge", {"bias": 0.1})]
+)
+def test_any_effect_has_a_picture(effect: Effect, friction: tuple[Verdict, Outcome, list[Recording]]) -> None:
+    outcome = friction[1]
+    scene = outcome.problem.scene
+    with_it = scene.physics.with_effects([effect])
+    picture = law_picture(evidence_of(effect, outcome.problem, scene.physics, with_it))
+    assert picture.svg.startswith("<svg")
+    assert picture.caption.endswith(".")
+
+
+def test_every_effect_has_a_law_in_words() -> None:
+    assert len(LAWS) == 39
+    for effect in EFFECTS:
+        assert effect.name in LAWS
+        assert law_of(effect("somewhere")).words
+
+
+def test_numbers_read_well() -> None:
+    assert with_interval(203.4567, 0.51) == "203.5 ± 1.0"
+    assert with_interval(-0.02513, 0.0004) == "−0.02513 ± 0.00078"
+    assert rounded(0.0123456) == "0.0123"
+    assert rounded(123456.0) == "123456"
+    assert (probability(0.99999), probability(0.25)) == ("> 99.9 %", "25.0 %")
