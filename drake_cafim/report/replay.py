@@ -10,7 +10,7 @@ from pydrake.systems.framework import Diagram
 from drake_cafim.errors import InputError
 from drake_cafim.output import write_text
 from drake_cafim.report.panel import Board, animate_panel, changes, draw_panel, draw_text, facing
-from drake_cafim.report.replay_data import Candidates, Forces, Motion, Replay
+from drake_cafim.report.replay_data import Camera, Candidates, Forces, Motion, Replay
 from drake_cafim.report.shapes import draw_arrow, draw_lines, draw_tube, move_arrow, shifted
 from drake_cafim.typing import Array
 
@@ -38,7 +38,7 @@ def render(replay: Replay, diagram: Diagram, meshcat: Meshcat) -> str:
     `diagram` was built with this `meshcat` (`make_meshcat`), and holds a MultibodyPlant named "plant" and a
     MeshcatVisualizer; its own state and time are not touched. Raises `InputError` if the motion does not fit it.
     """
-    _set_stage(meshcat, replay)
+    set_stage(meshcat, replay.camera)
     meshcat.StartRecording(frames_per_second=FRAMES_PER_SECOND, set_visualizations_while_recording=False)
     _record_motion(replay.motion, diagram)
     if replay.forces is not None:
@@ -51,14 +51,15 @@ def render(replay: Replay, diagram: Diagram, meshcat: Meshcat) -> str:
     return str(meshcat.StaticHtml())
 
 
-def _set_stage(meshcat: Meshcat, replay: Replay) -> None:
+def set_stage(meshcat: Meshcat, camera: Camera) -> None:
+    """A calm background without grid and axes, and the eye where `camera` has it."""
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     meshcat.SetProperty("/Background", "top_color", [0.78, 0.85, 0.93])
     meshcat.SetProperty("/Background", "bottom_color", [0.96, 0.97, 0.98])
-    meshcat.SetCamera(Meshcat.PerspectiveCamera(fov=replay.camera.field_of_view))
-    eye: Array = np.array(replay.camera.eye)
-    target: Array = np.array(replay.camera.target)
+    meshcat.SetCamera(Meshcat.PerspectiveCamera(fov=camera.field_of_view))
+    eye: Array = np.array(camera.eye)
+    target: Array = np.array(camera.target)
     meshcat.SetCameraPose(eye, target)
 
 
