@@ -121,6 +121,26 @@ def import_(
     _print(found, as_json, "\n".join(one["text"] for one in found))
 
 
+@main.command()
+@click.argument("scenario")
+@click.argument("recording")
+@click.option("--report", type=click.Path(path_type=Path, exists=True), help="A report.json, or the folder it is in.")
+@common
+def replay(
+    scenario: str, recording: str, report: Path | None, out: Path | None, as_json: bool, overwrite: bool, **_: object
+) -> None:
+    """Show a recording beside what the model, and the corrected one, make of it."""
+    from drake_cafim.commands.replay import replay_command
+
+    path = out or prepare_folder(None, "replay", resume=False, overwrite=False) / "replay.html"
+    if path.exists() and not overwrite:
+        raise InputError(f"--out {path}: the file is there already; give --overwrite or another name")
+    with progress_line() as progress:
+        progress("simulating and drawing")
+        result = replay_command(scenario, recording, report, path)
+    _print(result, as_json, str(path))
+
+
 @contextmanager
 def progress_line() -> Iterator[Callable[[str], None]]:
     """What is being done, on stderr: one line that changes, or a line a stage where stderr is no terminal."""

@@ -1,0 +1,85 @@
+"""`cafim replay`: a recording, its model and its corrected model in step, as one page."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drake_cafim.commands.inputs import read_all
+from drake_cafim.diagnosis.samples import samples_of
+from drake_cafim.diagnosis.stated_noise import noise_of
+from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.errors import InputError
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.report.recording_replay import RecordingReplay, write_recording_replay
+from drake_cafim.scenario.scene import Scene
+from drake_cafim.typing import Array
+
+
+def replay_command(address: str, recording: str, report: Path | None, out: Path) -> dict[str, Any]:
+    """Write the page to `out`, an .html; `report` is a report.json or the folder it is in.
+
+    Raises `InputError` for a report that is none, or that lacks its corrected scenario.
+    """
+    if out.suffix != ".html":
+        raise InputError(f"--out {out}: the replay is one page, expected a name that ends in .html")
+    scene = Scene.load(address)
+    (read,) = read_all(scene, [recording])
+    scene = _facing(scene, read)
+    std, _ = noise_of(scene, [read])
+    weak = WeakForm(samples_of(scene, read, std), scene.wrench_sensors)
+    found = RecordingReplay(scene, weak, scene.physics)
+    if report is not None:
+        found = _corrected(found, report, read)
+    write_recording_replay(out, found)
+    return {
+        "replay": str(out),
+        "recording": recording,
+        "corrected": found.corrected is not None,
+        "shares": found.shares,
+    }
+
+
+def _corrected(bare: RecordingReplay, report: Path, recording: Recording) -> RecordingReplay:
+    """The replay with what a report found: its corrected scenario, its parameters and where the misfit is."""
+    path = report / "report.json" if report.is_dir() else report
+    content = _read(path)
+    scene, weak = bare.scene, bare.weak
+    nominal = scene.physics_at(_parameters(scene, content, path))
+    corrected = None
+    if content.get("explanation"):
+        name = content.get("files", {}).get("corrected_scenario", "scenario.corrected.yaml")
+        corrected = _facing(Scene.load(path.parent / name), recording).physics
+    shares: dict[str, float] = {}
+    for location in (content.get("mismatch") or {}).get("locations", []):
+        shares[location["name"]] = shares.get(location["name"], 0.0) + float(location["share"])
+    return RecordingReplay(scene, weak, nominal, corrected, shares, str(content.get("sentence", "")))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"--report {path}: it cannot be read ({error.strerror}), expected a report.json") from None
+    except ValueError as error:
+        raise InputError(f"--report {path}: it is no JSON ({error}), expected a report.json") from None
+    if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("drake_cafim.report/"):
+        raise InputError(f"--report {path}: its schema is not drake_cafim.report/1, expected a report.json")
+    return content
+
+
+def _parameters(scene: Scene, content: dict[str, Any], path: Path) -> Array:
+    """The scene's unknowns as the report has them."""
+    known = {(one["parameter"], one["at"]): float(one["value"]) for one in content.get("parameters", [])}
+    wanted = [(one.parameter, one.at) for one in scene.unknown]
+    lacking = [f"{parameter} of {at}" for parameter, at in wanted if (parameter, at) not in known]
+    if lacking:
+        raise InputError(f"--report {path}: parameters lacks {', '.join(lacking)}; is it a report on this scenario?")
+    return np.array([known[key] for key in wanted], dtype=float)
+
+
+def _facing(scene: Scene, recording: Recording) -> Scene:
+    """The scene with its contact planes on the side on which the recording starts."""
+    q = recording.matrix("q", scene.tree.joint_names)
+    return scene.facing(q[np.flatnonzero(np.all(np.isfinite(q), axis=1))[0]])

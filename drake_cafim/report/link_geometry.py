@@ -1,0 +1,130 @@
+"""What a model looks like: its own visuals, or joints, links and centres of mass where it has none."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from pydrake.geometry import Box, Cylinder, HalfSpace, Rgba, Shape, Sphere
+from pydrake.math import RigidTransform, RotationMatrix
+
+from drake_cafim.dynamics.tree import FIXED, Tree
+from drake_cafim.scenario.scene import Scene
+from drake_cafim.typing import Array
+
+LINK = Rgba(0.72, 0.75, 0.79, 1.0)
+JOINT = Rgba(0.28, 0.33, 0.40, 1.0)
+MASS = Rgba(0.10, 0.13, 0.18, 1.0)
+TOUCHING = Rgba(0.55, 0.60, 0.66, 1.0)
+GROUND = Rgba(0.86, 0.88, 0.90, 1.0)
+
+
+@dataclass(frozen=True)
+class LinkShape:
+    """A shape at X_JG in frame J of `joint`; of a joint that is `FIXED` J is the world."""
+
+    joint: int
+    shape: Shape
+    X_JG: RigidTransform
+    color: Rgba
+
+
+def link_shapes(scene: Scene, size: float) -> list[LinkShape]:
+    """The shapes of the scene's bodies; `size` (m) of the whole is what drawn joints and links are measured by."""
+    visuals = list(_geometries(scene, visual=True))
+    moving = any(shape.joint != FIXED for shape in visuals)
+    drawn = visuals if moving else [*visuals, *_sticks(scene.tree, size), *_geometries(scene, visual=False)]
+    return [*drawn, *_grounds(scene, size)]
+
+
+def reach(tree: Tree) -> float:
+    """About how far the model extends, m: its joints' and centres of mass' distances along the chain."""
+    lengths = np.zeros(len(tree.joints))
+    for j, joint in enumerate(tree.joints):
+        before = 0.0 if joint.parent == FIXED else lengths[joint.parent] + float(np.linalg.norm(joint.p_PF))
+        travel = (
+            np.abs(joint.position_limits) if joint.prismatic and np.all(np.isfinite(joint.position_limits)) else 0.0
+        )
+        lengths[j] = before + float(np.max(travel))
+    tips = [
+        lengths[b.joint] + float(np.linalg.norm(_center(tree, i)))
+        for i, b in enumerate(tree.bodies)
+        if b.joint != FIXED
+    ]
+    return float(max([0.05, *tips, *lengths.tolist()]))
+
+
+def _center(tree: Tree, index: int) -> Array:
+    """A body's centre of mass in frame J, (3,) m."""
+    body = tree.bodies[index]
+    return np.asarray(body.p_JB + body.R_JB @ body.p_BBcm, dtype=float)
+
+
+def _geometries(scene: Scene, *, visual: bool) -> Iterator[LinkShape]:
+    """The model's own shapes in one role."""
+    inspector = scene.scene_graph.model_inspector()
+    plant = scene.plant
+    for body in scene.tree.bodies:
+        drake_body = plant.GetBodyByName(body.name)
+        ids = (
+            plant.GetVisualGeometriesForBody(drake_body) if visual else plant.GetCollisionGeometriesForBody(drake_body)
+        )
+        X_JB = RigidTransform(RotationMatrix(body.R_JB), body.p_JB)
+        for i in ids:
+            shape = inspector.GetShape(i)
+            if isinstance(shape, HalfSpace):
+                continue
+            color = TOUCHING
+            properties = inspector.GetIllustrationProperties(i) if visual else None
+            if properties is not None and properties.HasProperty("phong", "diffuse"):
+                color = cast(Rgba, properties.GetProperty("phong", "diffuse"))
+            yield LinkShape(body.joint, shape, X_JB.multiply(inspector.GetPoseInFrame(i)), color)
+
+
+def _sticks(tree: Tree, size: float) -> Iterator[LinkShape]:
+    """A mark at each joint, a bar to whatever it carries, and a mark at each centre of mass."""
+    thick = 0.018 * size
+    heaviest = max(body.mass for body in tree.bodies)
+    for j, joint in enumerate(tree.joints):
+        if joint.prismatic:
+            yield LinkShape(j, Box(5 * thick, 5 * thick, 3 * thick), RigidTransform(), JOINT)
+        else:
+            along = _upright(joint.axis)
+            yield LinkShape(j, Cylinder(1.7 * thick, 4.2 * thick), _pose(along), JOINT)
+        yield from _bar(joint.parent, joint.p_PF, thick)
+    for index, body in enumerate(tree.bodies):
+        if body.joint == FIXED or body.mass < 1e-3 * heaviest:
+            continue
+        center = _center(tree, index)
+        yield from _bar(body.joint, center, 0.8 * thick)
+        radius = 2.2 * thick * float(np.cbrt(body.mass / heaviest))
+        yield LinkShape(body.joint, Sphere(radius), RigidTransform(center), MASS)
+
+
+def _bar(joint: int, end: Array, radius: float) -> Iterator[LinkShape]:
+    """A bar from the joint's origin to `end` (3,) m in J; from the world's origin it would be no link."""
+    length = float(np.linalg.norm(end))
+    if joint == FIXED or length < 2.0 * radius:
+        return
+    along = _upright(end / length)
+    yield LinkShape(joint, Cylinder(radius, length), _pose(along, 0.5 * end), LINK)
+
+
+def _grounds(scene: Scene, size: float) -> Iterator[LinkShape]:
+    """A plate under each contact plane."""
+    for contact in scene.physics.contacts:
+        turned = _upright(contact.normal)
+        thickness = 0.01 * size
+        place = _pose(turned, contact.point - 0.5 * thickness * contact.normal)
+        yield LinkShape(FIXED, Box(1.5 * size, 1.5 * size, thickness), place, GROUND)
+
+
+def _upright(axis: Array) -> RotationMatrix:
+    """The rotation that takes z to a unit `axis` (3,)."""
+    one: Array = np.asarray(axis, dtype=float)
+    return RotationMatrix.MakeFromOneVector(one, 2)
+
+
+def _pose(R: RotationMatrix, p: Array | None = None) -> RigidTransform:
+    position: Array = np.zeros(3) if p is None else p
+    return RigidTransform(R, position)
