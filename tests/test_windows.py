@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.local_polynomial import local_polynomial
 from drake_cafim.diagnosis.windows import lay_windows
+from drake_cafim.local_polynomial import local_polynomial
 
 
 def _staircase_motion(time: np.ndarray, steps: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,12 +12,16 @@ from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.samples import noisier
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening import Whitening, whitening
-from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.effect import Effect, Place
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.local_polynomial import local_polynomial
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
+
+COLUMN_REACH = 0.04
+"""s on either side over which a channel is smoothed before its slopes are taken."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +92,17 @@ class Problem:
     def log_determinant(self) -> float:
         return sum(run.whiten.log_determinant for run in self.runs)
 
+    def rows_of(self, effect: Effect) -> np.ndarray[Any, np.dtype[np.bool_]]:
+        """Which rows of a residual stand for the effect's place: its joint's equation of motion, or all data rows."""
+        flags = []
+        for run in self.runs:
+            own = np.ones((len(run.weak.samples.windows), run.weak.rows_per_window), dtype=bool)
+            if effect.place in (Place.JOINT, Place.ACTUATOR):
+                own[:] = False
+                own[:, run.weak.dynamic.start + self.scene.tree.joint_index(effect.at)] = True
+            flags.append(own.ravel())
+        return np.concatenate([*flags, np.zeros(len(self.scene.unknown), dtype=bool)])
+
     def nominal(self) -> Model:
         """Unknowns at their prior means, no effects."""
         return Model(self.scene.priors.mean)
@@ -125,13 +141,18 @@ class Problem:
         return np.concatenate(result)
 
     def sensor_columns(self, effect: SensorEffect) -> Array:
-        """Whitened rows (R, k) by an effect's strengths, through the rows' slopes in its channels' samples."""
+        """Whitened rows (R, k) by an effect's strengths, through the rows' slopes in its channels' samples.
+
+        The channels are smoothed over more than a window first: columns that hold the noise of the rows come out
+        smaller than they are, and what is fitted with them with them.
+        """
         result = []
         for run in self.runs:
             recording = run.weak.samples.recording
             on = effect.channels([name for name, _ in run.labels])
             written = np.nan_to_num(np.stack([recording[name] for name in on], axis=1))
-            change = effect.columns(run.weak.samples.time, written)
+            time = run.weak.samples.time
+            change = effect.columns(time, local_polynomial(time, COLUMN_REACH, 3, 0, at_least=4) @ written)
             result.append(-sum(run.sensed(name, change[:, k]) for k, name in enumerate(on)))
         return np.concatenate(result)
 

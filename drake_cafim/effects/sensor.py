@@ -35,7 +35,7 @@ class SensorEffect(Effect):
         """∂measured/∂strengths at no effect, (N, c, k)."""
 
     def correction(self, time: Array) -> sp.csr_matrix | None:
-        """(N, N) by which `true` takes a channel's samples, and their noise, to other times; None where it does not."""
+        """(N, N) by which `true` scales or moves a channel's samples, and their noise; None where it does not."""
         return None
 
     @classmethod

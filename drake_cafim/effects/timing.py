@@ -4,7 +4,6 @@ Their inverse reads the recorded channel between its samples by local polynomial
 wider than a sample this only moves the noise, it does not smooth it.
 """
 
-from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -14,10 +13,13 @@ import scipy.sparse as sp
 
 from drake_cafim.effects.effect import Strength
 from drake_cafim.effects.sensor import SensorEffect, whole_sensors
+from drake_cafim.local_polynomial import local_polynomial
 from drake_cafim.typing import Array
 
 POINTS = 6
 """Samples that a local polynomial goes through."""
+SMOOTHING_REACH = 0.04
+"""s on either side over which a lagging channel is smoothed before its slope is taken."""
 
 
 def interpolation(time: Array, at: Array, derivative: int = 0) -> sp.csr_matrix:
@@ -45,13 +47,6 @@ def interpolation(time: Array, at: Array, derivative: int = 0) -> sp.csr_matrix:
 class TimingEffect(SensorEffect):
     """A sensor effect that is linear in the channel's past; on a channel, or on a whole sensor's."""
 
-    @abstractmethod
-    def correction(self, time: Array) -> sp.csr_matrix:
-        """(N, N): truth from the samples."""
-
-    def true(self, time: Array, measured: Array) -> Array:
-        return np.asarray(self.correction(time) @ measured)
-
     @classmethod
     def sites(cls, columns: Sequence[str]) -> Iterator[str]:
         # all channels of a wrench or a pose come through one wire
@@ -74,6 +69,9 @@ class SensorDelay(TimingEffect):
 
     def measured(self, time: Array, true: Array) -> Array:
         return np.asarray(interpolation(time, time - self.values["delay"]) @ true)
+
+    def true(self, time: Array, measured: Array) -> Array:
+        return np.asarray(self.correction(time) @ measured)
 
     def correction(self, time: Array) -> sp.csr_matrix:
         return interpolation(time, time + self.values["delay"])
@@ -110,9 +108,11 @@ class SensorLag(TimingEffect):
             written[k + 1] = settled + keep * (written[k] - settled) + slopes[k] * step
         return written
 
-    def correction(self, time: Array) -> sp.csr_matrix:
-        slope = interpolation(time, time, derivative=1)
-        return sp.csr_matrix(sp.eye_array(len(time)) + self.values["time_constant"] * slope)
+    def true(self, time: Array, measured: Array) -> Array:
+        # x = y + τ ẏ with the slope of a smoothed y: an exact inverse would raise the channel's noise, and what it is
+        # then compared with would no longer be the same measurement
+        smooth = local_polynomial(time, SMOOTHING_REACH, 5, 1, at_least=3)
+        return measured + self.values["time_constant"] * np.asarray(smooth @ measured)
 
     def columns(self, time: Array, true: Array) -> Array:
         return -np.asarray(interpolation(time, time, derivative=1) @ true)[..., None]
@@ -132,6 +132,9 @@ class ClockSkew(TimingEffect):
 
     def measured(self, time: Array, true: Array) -> Array:
         return np.asarray(interpolation(time, time * (1.0 + self.values["skew"])) @ true)
+
+    def true(self, time: Array, measured: Array) -> Array:
+        return np.asarray(self.correction(time) @ measured)
 
     def correction(self, time: Array) -> sp.csr_matrix:
         return interpolation(time, time / (1.0 + self.values["skew"]))
