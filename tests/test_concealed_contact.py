@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from concealed.arm_case import Settings
 from concealed.contact_law import ContactLaw
+from concealed.draw_contact import WRENCH
 from concealed.make import simulate
-from concealed.press import PressPlant, random_stage
+from concealed.press import NAMES, PressPlant, random_stage
 from concealed.press_case import simulate_press
 from concealed.robots import Array, Link
 from concealed.strength_press import PressRows
@@ -169,3 +170,18 @@ def test_tumbling_box_keeps_spin_and_converges_through_impacts() -> None:
 def test_strength_of_a_null_is_nothing(rig: str, rows: type[PressRows] | type[TossRows]) -> None:
     excess = rows(simulate("null", rig, 3)).excess()
     assert np.mean(excess.remaining() ** 2) < 0.02
+
+
+def test_noisy_press_null_is_white_at_its_stated_noise() -> None:
+    """The wrench less the true law at measured q and v, whitened: a mean square of one a row, whatever the seed."""
+    squares = []
+    for seed in (1, 3):
+        case = simulate("null", "press", seed)
+        rows = PressRows(case)
+        law = case.study["true_law"]
+        assert isinstance(law, ContactLaw)
+        tables = list(case.recordings.values())
+        q, v = (np.stack([table[[f"{kind}.{name}" for name in NAMES]].to_numpy() for table in tables]) for kind in "qv")
+        read = np.stack([table[[f"wrench.wrist.{axis}" for axis in WRENCH]].to_numpy() for table in tables])
+        squares.append(np.mean(rows.whiten(read - rows.wrench(law, q, v))[:, :, :6] ** 2))
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.06)
