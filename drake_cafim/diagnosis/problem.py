@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,7 +11,7 @@ from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.samples import noisier
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening import Whitening, whitening
-from drake_cafim.effects.effect import Effect, Place
+from drake_cafim.effects.effect import Effect, joined
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.local_polynomial import local_polynomial
@@ -92,16 +91,16 @@ class Problem:
     def log_determinant(self) -> float:
         return sum(run.whiten.log_determinant for run in self.runs)
 
-    def rows_of(self, effect: Effect) -> np.ndarray[Any, np.dtype[np.bool_]]:
-        """Which rows of a residual stand for the effect's place: its joint's equation of motion, or all data rows."""
-        flags = []
-        for run in self.runs:
-            own = np.ones((len(run.weak.samples.windows), run.weak.rows_per_window), dtype=bool)
-            if effect.place in (Place.JOINT, Place.ACTUATOR):
-                own[:] = False
-                own[:, run.weak.dynamic.start + self.scene.tree.joint_index(effect.at)] = True
-            flags.append(own.ravel())
-        return np.concatenate([*flags, np.zeros(len(self.scene.unknown), dtype=bool)])
+    def plausible(self, model: Model) -> bool:
+        """Whether every joint effect of the model still is what its name says, over all recordings."""
+        physics = model.physics(self.scene)
+        for effect in model.effects:
+            if isinstance(effect, JointForce):
+                joint = self.scene.tree.joint_index(effect.at)
+                samples = [run.weak.joint_samples(run.weak.measurement(physics))[joint] for run in self.runs]
+                if not effect.plausible_over(joined(samples)):
+                    return False
+        return True
 
     def nominal(self) -> Model:
         """Unknowns at their prior means, no effects."""

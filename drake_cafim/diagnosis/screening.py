@@ -8,7 +8,13 @@ import numpy as np
 
 from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.problem import Problem
-from drake_cafim.effects.actuator import ActuatorEffect
+from drake_cafim.effects.actuator import (
+    ActuatorDeadZone,
+    ActuatorDelay,
+    ActuatorEffect,
+    ActuatorLag,
+    ActuatorSaturation,
+)
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect, joined
@@ -30,12 +36,19 @@ class Candidate:
     """How many shapes were tried to find this one."""
 
 
+OF_COMMANDS = (ActuatorSaturation, ActuatorDeadZone, ActuatorDelay, ActuatorLag)
+
+
 def hypotheses(problem: Problem) -> tuple[Effect, ...]:
     """Every effect of the catalogue at every place of the scene where it can be."""
     found: list[Effect] = []
+    channels = _channels(problem)
     for effect in EFFECTS:
         if issubclass(effect, SensorEffect):
-            found.extend(effect(place) for place in effect.sites(_channels(problem)))
+            found.extend(effect(place) for place in effect.sites(channels))
+        elif effect in OF_COMMANDS:
+            # an effort that was measured behind the drive has been through its limits and its dead zone
+            found.extend(effect(at) for at in effect.places(problem.scene.tree) if f"u.{at}" not in channels)
         else:
             found.extend(effect(place) for place in effect.places(problem.scene.tree))
     return tuple(found)

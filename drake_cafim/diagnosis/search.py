@@ -1,6 +1,6 @@
 """The search for the effects that explain a misfit: screen to first order, refit exactly, then admit another one."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,6 +18,13 @@ from drake_cafim.typing import Array
 LOOKED_AT = 8
 """Candidates whose first look is followed by a fit before an alarm is raised."""
 SUSPICIOUS = 0.05
+PROMISING = 0.1
+"""Candidates whose first look gains less than this share of the best one's are not refitted."""
+COMPETES = 1e3
+"""Information criterion, in units of the noise that is left, beyond which an explanation has lost."""
+RIVALS = 3
+MISFIT, FAIR_PART = 1.5, 0.1
+"""χ² per degree of freedom that is no longer noise, and the share of it that an effect must then take away."""
 
 Key = frozenset[tuple[str, str]]
 
@@ -96,33 +103,68 @@ def search(problem: Problem, settings: Settings, progress: Callable[[str], None]
     screened = screen(problem, nominal, effects)
     trials = sum(candidate.trials for candidate in screened)
     detection = _detection(problem, nominal, screened, trials)
-    pool = Pool()
-    pool.add(nominal)
-    best, frontier = nominal, [nominal]
-    whitened = problem
+    state = _State(problem, settings, effects, trials, progress)
+    state.pool.add(nominal)
+    state.screens[key_of(nominal)] = screened
+    best = nominal
     if detection <= settings.false_alarm_rate:
-        for depth in range(1, settings.most_effects + 1):
-            if not _worth_more(whitened, best, effects, trials, settings):
-                break
-            frontier = _expand(whitened, pool, frontier, effects, settings, depth, trials, progress)
-            if not frontier or not _accepted(whitened, best, frontier[0], trials, settings):
-                break
-            best = frontier[0]
-            # the accepted physics moves the noise too: whiten anew and refit before going on
-            whitened = whitened.rewhitened(best.model)
-            refitted = Pool(
-                {
-                    key: unbiased_fit(whitened, one.model)
-                    for key, one in pool.fits.items()
-                    if key in {key_of(f) for f in frontier} or not key
-                }
-            )
-            frontier = sorted((refitted.fits[key_of(f)] for f in frontier), key=lambda f: criterion(f, 1.0, trials))
-            pool = Pool(pool.fits | refitted.fits)
-            best = refitted.fits[key_of(best)]
+        best = _grown(state, nominal)
     if best.model.effects:
-        _rivals(whitened, pool, best, frontier[1:], effects, progress)
-    return Outcome(whitened, problem, nominal, best, pool, trials, tuple(screened), detection)
+        _fit_rivals(state, best)
+        alike = [one for one in state.pool.fits.values() if len(one.model.effects) <= len(best.model.effects)]
+        best = min(alike, key=lambda one: criterion(one, scale_of(best), trials))
+    return Outcome(state.problem, problem, nominal, best, state.pool, trials, tuple(screened), detection)
+
+
+@dataclass
+class _State:
+    """A search under way: the problem under its present whitening, and what was fitted and screened under it."""
+
+    problem: Problem
+    settings: Settings
+    effects: Sequence[Effect]
+    trials: int
+    progress: Callable[[str], None]
+    pool: Pool = field(default_factory=Pool)
+    screens: dict[Key, list[Candidate]] = field(default_factory=dict)
+    frontier: list[Fit] = field(default_factory=list)
+
+    def screen(self, parent: Fit) -> list[Candidate]:
+        """Candidates that may join `parent`, looked for once."""
+        key = key_of(parent)
+        if key not in self.screens:
+            others = parent.model.effects
+            free = [effect for effect in self.effects if not any(effect.excludes(other) for other in others)]
+            self.screens[key] = screen(self.problem, parent, free)
+        return self.screens[key]
+
+    def ranked(self, fits: Iterable[Fit]) -> list[Fit]:
+        return sorted(fits, key=lambda one: criterion(one, 1.0, self.trials))
+
+    def rewhiten(self, best: Fit) -> Fit:
+        """Whiten under `best`, since accepted physics moves the noise too; what still competes is fitted anew."""
+        self.problem = self.problem.rewhitened(best.model)
+        reach = criterion(best, 1.0, self.trials) + COMPETES * scale_of(best)
+        competing = [one for one in self.frontier if criterion(one, 1.0, self.trials) < reach]
+        self.pool, self.screens = Pool(), {}
+        for one in competing:
+            self.pool.add(unbiased_fit(self.problem, one.model))
+        self.frontier = self.ranked(self.pool.fits.values())
+        return self.pool.fits[key_of(best)]
+
+
+def _grown(state: _State, nominal: Fit) -> Fit:
+    """The explanation that no further effect improves enough."""
+    best = nominal
+    state.frontier = [nominal]
+    for depth in range(1, state.settings.most_effects + 1):
+        if not _worth_more(state, best):
+            break
+        _expand(state, depth)
+        if not state.frontier or not _accepted(state, best, state.frontier[0]):
+            break
+        best = state.rewhiten(state.frontier[0])
+    return best
 
 
 def _detection(problem: Problem, nominal: Fit, screened: Sequence[Candidate], trials: int) -> float:
@@ -141,66 +183,52 @@ def _detection(problem: Problem, nominal: Fit, screened: Sequence[Candidate], tr
     return float(min(1.0, 2.0 * min(fit_quality, score)))
 
 
-def _worth_more(problem: Problem, best: Fit, effects: Sequence[Effect], trials: int, settings: Settings) -> bool:
+def _worth_more(state: _State, best: Fit) -> bool:
     """Whether what `best` leaves is worth another effect: the strongest score test over what is not yet in it."""
-    left = screen(problem, best, _compatible(effects, best))
-    return any(chi2.sf(c.gain / scale_of(best), c.strengths) * trials <= settings.false_alarm_rate for c in left)
+    scale, alpha = scale_of(best), state.settings.false_alarm_rate
+    return any(chi2.sf(c.gain / scale, c.strengths) * state.trials <= alpha for c in state.screen(best))
 
 
-def _compatible(effects: Sequence[Effect], parent: Fit) -> list[Effect]:
-    return [effect for effect in effects if not any(effect.excludes(other) for other in parent.model.effects)]
-
-
-def _expand(
-    problem: Problem,
-    pool: Pool,
-    frontier: Sequence[Fit],
-    effects: Sequence[Effect],
-    settings: Settings,
-    depth: int,
-    trials: int,
-    progress: Callable[[str], None],
-) -> list[Fit]:
-    """The best explanations with one effect more."""
+def _expand(state: _State, depth: int) -> None:
+    """Move the frontier to the best explanations with one effect more."""
     found: dict[Key, Fit] = {}
-    for parent in frontier:
+    for parent in state.frontier:
         present = {effect.key for effect in parent.model.effects}
-        candidates = screen(problem, parent, _compatible(effects, parent))
-        promising = [c for c in candidates if c.gain > 0.1 * candidates[0].gain]
-        for candidate in promising[: settings.refined]:
+        candidates = state.screen(parent)
+        promising = [c for c in candidates if c.gain > PROMISING * candidates[0].gain]
+        for candidate in promising[: state.settings.refined]:
             key = frozenset({*present, candidate.effect.key})
             if key in found:
                 continue
-            progress(f"{depth} effect{'s' * (depth > 1)}: trying {candidate.effect.name} at {candidate.effect.at}")
-            found[key] = fit(problem, parent.model.with_effects([candidate.effect]))
-    ranked = sorted(found.values(), key=lambda one: criterion(one, 1.0, trials))
-    kept = [_reshaped(problem, one) for one in ranked[: settings.beam]]
-    for one in (*ranked[settings.beam :], *kept):
-        pool.add(one)
-    return sorted(kept, key=lambda one: criterion(one, 1.0, trials))
+            state.progress(f"{depth} effect{'s' * (depth > 1)}: {candidate.effect.name} at {candidate.effect.at}")
+            one = fit(state.problem, parent.model.with_effects([candidate.effect]))
+            if state.problem.plausible(one.model):
+                found[key] = one
+    ranked = state.ranked(found.values())
+    kept = [_reshaped(state.problem, one) for one in ranked[: state.settings.beam]]
+    for one in (*ranked[state.settings.beam :], *kept):
+        state.pool.add(one)
+    state.frontier = state.ranked(kept)
 
 
-def _rivals(
-    problem: Problem,
-    pool: Pool,
-    best: Fit,
-    others: Sequence[Fit],
-    effects: Sequence[Effect],
-    progress: Callable[[str], None],
-) -> None:
+def _fit_rivals(state: _State, best: Fit) -> None:
     """Fit what might stand in for an accepted effect: each one exchanged, and the runners-up with one effect more."""
-    progress("fitting rivals")
-    parents: list[tuple[Fit, int]] = []
+    state.progress("fitting rivals")
+    parents: list[Fit] = []
     for effect in best.model.effects:
         rest = Model(best.model.unknown, tuple(e for e in best.model.effects if e is not effect))
-        parents.append((fit(problem, rest), 2))
-    parents += [(other, 3) for other in others]
-    for parent, count in parents:
-        for candidate in screen(problem, parent, _compatible(effects, parent))[:count]:
+        parents.append(fit(state.problem, rest))
+    parents += [one for one in state.frontier if one is not best]
+    for parent in parents:
+        needed = parent.chi_square - best.chi_square
+        for candidate in state.screen(parent)[:RIVALS]:
             model = parent.model.with_effects([candidate.effect])
             key = frozenset(effect.key for effect in model.effects)
-            if key not in pool.fits:
-                pool.add(fit(problem, model))
+            # a first look that gains far less than what was lost does not become a rival by refinement
+            if key not in state.pool.fits and candidate.gain > 0.5 * needed:
+                one = _reshaped(state.problem, fit(state.problem, model))
+                if state.problem.plausible(one.model):
+                    state.pool.add(one)
 
 
 def _reshaped(problem: Problem, one: Fit) -> Fit:
@@ -215,20 +243,27 @@ def _reshaped(problem: Problem, one: Fit) -> Fit:
     return one
 
 
-def _accepted(problem: Problem, before: Fit, after: Fit, trials: int, settings: Settings) -> bool:
-    """Whether the larger explanation is more than the luck of the best of `trials` looks."""
+def _accepted(state: _State, before: Fit, after: Fit) -> bool:
+    """Whether the larger explanation is more than the luck of the best of so many looks.
+
+    Where even the larger one leaves far more than noise, small gains mean little: the wrong law of one effect is
+    patched by others that are not there. It must then take away a fair part of what was left.
+    """
+    if scale_of(after) > MISFIT and after.chi_square > (1.0 - FAIR_PART) * before.chi_square:
+        return False
+    known = {effect.key for effect in before.model.effects}
+    new = [effect for effect in after.model.effects if effect.key not in known]
+    trials, settings = state.trials, state.settings
     strengths = len(after.model.vector) - len(before.model.vector)
     gain = (before.chi_square - after.chi_square) / scale_of(after)
     p = float(chi2.sf(max(gain, 0.0), max(strengths, 1))) * trials
     if p > settings.false_alarm_rate or gain < strengths * np.log(max(after.data_rows, 2)):
         return False
-    new = [effect.key for effect in after.model.effects if effect.key not in {e.key for e in before.model.effects}]
-    return all(wald_p_value(problem, after, key) * trials <= settings.false_alarm_rate for key in new)
+    return all(wald_p_value(state.problem, after, effect.key) * trials <= settings.false_alarm_rate for effect in new)
 
 
 def inclusion(outcome: Outcome) -> dict[tuple[str, str], float]:
     """Posterior probability of each effect over all fitted explanations, by their information criteria."""
-    # explanations that were fitted under different covariances are compared by size only where refitted
     fits = list(outcome.pool.fits.values())
     scores: Array = np.array([-0.5 * criterion(one, outcome.scale, outcome.hypotheses) for one in fits])
     weights = np.exp(scores - scores.max())

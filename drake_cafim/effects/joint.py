@@ -36,6 +36,10 @@ class JointForce(Effect):
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointForce":
         """The effect whose force is `columns @ coefficients` of the start with this `shape`."""
 
+    def plausible_over(self, joint: JointSamples) -> bool:
+        """Whether values that were fitted over this motion still are what the name says."""
+        return True
+
 
 def smooth_sign(v: Array, v_std: Array | float, width: float) -> tuple[Array, Array]:
     """The smoothed sign tanh(v/w), averaged over what is not known of v, and its slope.

@@ -38,6 +38,10 @@ class TorqueRipple(JointForce):
         zero = np.zeros_like(joint.q)
         return Force(amplitude * sine, amplitude * cycles * cosine, zero, zero, d_strengths)
 
+    def plausible_over(self, joint: JointSamples) -> bool:
+        # less than three quarters of a period is a slope or an offset, not a ripple
+        return bool(self.values["cycles"] * np.ptp(joint.q) > 1.5 * np.pi)
+
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         span = float(np.ptp(joint.q))
         if span < 1e-4:
@@ -88,6 +92,11 @@ class JointHardStop(JointForce):
             zero,
             np.where(touching[:, None], d_strengths, 0.0),
         )
+
+    def plausible_over(self, joint: JointSamples) -> bool:
+        # what is touched most of the time stops nothing
+        beyond = self.values.get("side", 1.0) * (joint.q - self.values["position"]) > 0.0
+        return bool(np.mean(beyond) < 0.4)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         for side in (1.0, -1.0):
