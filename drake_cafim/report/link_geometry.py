@@ -8,13 +8,14 @@ import numpy as np
 from pydrake.geometry import Box, Cylinder, HalfSpace, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
+from drake_cafim.dynamics.motion import Motion
 from drake_cafim.dynamics.tree import FIXED, Tree
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
 LINK = Rgba(0.72, 0.75, 0.79, 1.0)
-JOINT = Rgba(0.28, 0.33, 0.40, 1.0)
-MASS = Rgba(0.10, 0.13, 0.18, 1.0)
+JOINT = Rgba(0.42, 0.48, 0.56, 1.0)
+MASS = Rgba(0.22, 0.26, 0.33, 1.0)
 TOUCHING = Rgba(0.55, 0.60, 0.66, 1.0)
 GROUND = Rgba(0.86, 0.88, 0.90, 1.0)
 
@@ -29,29 +30,32 @@ class LinkShape:
     color: Rgba
 
 
-def link_shapes(scene: Scene, size: float) -> list[LinkShape]:
-    """The shapes of the scene's bodies; `size` (m) of the whole is what drawn joints and links are measured by."""
+def link_shapes(scene: Scene, moving: Motion, size: float) -> list[LinkShape]:
+    """The shapes of the scene's bodies; `size` (m) of the whole is what drawn joints and links are measured by.
+
+    Where a model has no visuals: slides as long as its `moving` needs, bars, joints, masses, and what it touches with.
+    """
     visuals = list(_geometries(scene, visual=True))
-    moving = any(shape.joint != FIXED for shape in visuals)
-    drawn = visuals if moving else [*visuals, *_sticks(scene.tree, size), *_geometries(scene, visual=False)]
-    return [*drawn, *_grounds(scene, size)]
+    if any(shape.joint != FIXED for shape in visuals):
+        drawn = visuals
+    else:
+        touching = list(_geometries(scene, visual=False))
+        tips = [bar for one in touching for bar in _bar(one.joint, np.array(one.X_JG.translation()), 0.014 * size)]
+        drawn = [*visuals, *_sticks(scene.tree, size), *_rails(moving, size), *tips, *touching]
+    standing = any(shape.joint == FIXED for shape in drawn)
+    return drawn if standing else [*drawn, *_grounds(scene, size)]
 
 
-def reach(tree: Tree) -> float:
-    """About how far the model extends, m: its joints' and centres of mass' distances along the chain."""
-    lengths = np.zeros(len(tree.joints))
-    for j, joint in enumerate(tree.joints):
-        before = 0.0 if joint.parent == FIXED else lengths[joint.parent] + float(np.linalg.norm(joint.p_PF))
-        travel = (
-            np.abs(joint.position_limits) if joint.prismatic and np.all(np.isfinite(joint.position_limits)) else 0.0
-        )
-        lengths[j] = before + float(np.max(travel))
-    tips = [
-        lengths[b.joint] + float(np.linalg.norm(_center(tree, i)))
-        for i, b in enumerate(tree.bodies)
-        if b.joint != FIXED
-    ]
-    return float(max([0.05, *tips, *lengths.tolist()]))
+def extent(moving: Motion) -> float:
+    """How large the model and its motion are together, m."""
+    return max(0.05, float(np.linalg.norm(np.ptp(cloud(moving), axis=0))))
+
+
+def cloud(moving: Motion) -> Array:
+    """(N, 3) m: where joints and centres of mass are over the whole motion, world."""
+    tree = moving.tree
+    centers = [moving.point(b.joint, _center(tree, i))[0] for i, b in enumerate(tree.bodies) if b.joint != FIXED]
+    return np.concatenate([moving.p_WJ.reshape(-1, 3), *centers])
 
 
 def _center(tree: Tree, index: int) -> Array:
@@ -87,18 +91,29 @@ def _sticks(tree: Tree, size: float) -> Iterator[LinkShape]:
     heaviest = max(body.mass for body in tree.bodies)
     for j, joint in enumerate(tree.joints):
         if joint.prismatic:
-            yield LinkShape(j, Box(5 * thick, 5 * thick, 3 * thick), RigidTransform(), JOINT)
+            yield LinkShape(j, Box(3.6 * thick, 3.6 * thick, 2.4 * thick), RigidTransform(), JOINT)
         else:
             along = _upright(joint.axis)
-            yield LinkShape(j, Cylinder(1.7 * thick, 4.2 * thick), _pose(along), JOINT)
+            yield LinkShape(j, Cylinder(1.5 * thick, 3.6 * thick), _pose(along), JOINT)
         yield from _bar(joint.parent, joint.p_PF, thick)
     for index, body in enumerate(tree.bodies):
         if body.joint == FIXED or body.mass < 1e-3 * heaviest:
             continue
         center = _center(tree, index)
         yield from _bar(body.joint, center, 0.8 * thick)
-        radius = 2.2 * thick * float(np.cbrt(body.mass / heaviest))
+        radius = 1.7 * thick * float(np.cbrt(body.mass / heaviest))
         yield LinkShape(body.joint, Sphere(radius), RigidTransform(center), MASS)
+
+
+def _rails(moving: Motion, size: float) -> Iterator[LinkShape]:
+    """A rail under each slide, as long as the motion."""
+    for j, joint in enumerate(moving.tree.joints):
+        if joint.prismatic:
+            low, high = float(np.min(moving.q[:, j])), float(np.max(moving.q[:, j]))
+            along = _upright(joint.R_PF @ joint.axis)
+            middle = joint.p_PF + joint.R_PF @ joint.axis * 0.5 * (low + high)
+            shape = Cylinder(0.007 * size, high - low + 0.1 * size)
+            yield LinkShape(joint.parent, shape, _pose(along, middle), LINK)
 
 
 def _bar(joint: int, end: Array, radius: float) -> Iterator[LinkShape]:

@@ -15,8 +15,11 @@ from drake_cafim.typing import Array
 
 MOST_FRAMES = 1600
 FRAMES_PER_SECOND = 32.0
-LONGEST_ARROW = 0.45
-"""Of the model's size, for the largest effort or force of the recording."""
+LONGEST_ARROW = 0.4
+"""Of the model's size, for the largest force that is shown in one colour."""
+SHORTEST_ARROW = 0.02
+SMALLEST_SCALE = 0.25
+ABOVE_SLIDE = 0.08
 
 
 @dataclass(frozen=True)
@@ -61,22 +64,50 @@ def placed(physics: Physics, q: Array) -> Motion:
     return motion(physics.tree, q, np.zeros_like(q))
 
 
-def lacking_arrows(weak: WeakForm, physics: Physics, moving: Motion, frames: Array, size: float) -> list[Arrow]:
-    """What the physics lacks: at each joint along its axis (of a torque, its axis), at each sensor as it reads."""
-    rows, centers = missing(weak, physics), weak.samples.windows.centers
+def lacking_arrows(
+    weak: WeakForm, physics: Physics, moving: Motion, frames: Array, size: float, *, beside: Physics
+) -> list[Arrow]:
+    """What `physics` lacks: forces at prismatic joints, torques as the push on their link, and at each sensor.
+
+    Drawn to the scale of what the model `beside` lacks, or of a quarter of the largest effort or reading, if that is
+    larger: noise must not look like a force.
+    """
+    rows, other, centers = missing(weak, physics), missing(weak, beside), weak.samples.windows.centers
     arrows = []
     for j, joint in enumerate(physics.tree.joints):
-        value = np.interp(frames, centers, rows[:, weak.dynamic.start + j])
-        scale = (
-            LONGEST_ARROW * size / max(float(np.max(np.abs(weak.samples.u[:, j]))), float(np.max(np.abs(value))), 1e-9)
+        row = weak.dynamic.start + j
+        value = np.interp(frames, centers, rows[:, row])
+        largest = max(
+            SMALLEST_SCALE * float(np.max(np.abs(weak.samples.u[:, j]))), float(np.max(np.abs(other[:, row])))
         )
-        axis = moving.R_WJ[:, j] @ joint.axis
-        arrows.append(Arrow(joint.name, moving.p_WJ[:, j], scale * value[:, None] * axis))
+        points, direction = _where_it_pushes(moving, j, size)
+        arrows.append(Arrow(joint.name, points, LONGEST_ARROW * size / max(largest, 1e-9) * value[:, None] * direction))
     for i, sensor in enumerate(weak.sensors):
-        first = weak.dynamic.stop + 6 * i
-        value = np.stack([np.interp(frames, centers, rows[:, first + k]) for k in range(3)], axis=1)
-        arrows.append(_at_sensor(weak, i, f"wrench.{sensor.name}", moving, value, size))
-    return [arrow for arrow in arrows if np.max(np.linalg.norm(arrow.vectors, axis=1)) > 0.02 * size]
+        axes = slice(weak.dynamic.stop + 6 * i, weak.dynamic.stop + 6 * i + 3)
+        value = np.stack([np.interp(frames, centers, column) for column in rows[:, axes].T], axis=1)
+        reading = float(np.nanmax(np.linalg.norm(weak.samples.wrenches[i][:, :3], axis=1)))
+        largest = max(SMALLEST_SCALE * reading, float(np.max(np.linalg.norm(other[:, axes], axis=1))))
+        scaled = LONGEST_ARROW * size / max(largest, 1e-9) * value
+        arrows.append(_at_sensor(weak, i, f"wrench.{sensor.name}", moving, scaled))
+    return [arrow for arrow in arrows if np.max(np.linalg.norm(arrow.vectors, axis=1)) > SHORTEST_ARROW * size]
+
+
+def _where_it_pushes(moving: Motion, j: int, size: float) -> tuple[Array, Array]:
+    """Where a force at a joint is shown, (F, 3) m, and which way: above a slide, or across a lever."""
+    joint, tree = moving.tree.joints[j], moving.tree
+    axis = moving.R_WJ[:, j] @ joint.axis
+    here = moving.p_WJ[:, j]
+    if joint.prismatic:
+        side = np.where(np.abs(axis[:, 2:]) > 0.9, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+        return here + ABOVE_SLIDE * size * side, axis
+    ends = [other.p_PF for other in tree.joints if other.parent == j]
+    ends += [body.p_JB + body.R_JB @ body.p_BBcm for body in tree.bodies if body.joint == j]
+    levers = [np.asarray(end - joint.axis * (joint.axis @ end), dtype=float) for end in ends]
+    longest = max(levers, key=lambda lever: float(np.linalg.norm(lever)), default=np.zeros(3))
+    if np.linalg.norm(longest) < 1e-3:
+        return here, axis  # nothing sticks out: the torque's own axis is all there is
+    lever = moving.R_WJ[:, j] @ longest
+    return here + lever, np.cross(axis, lever) / np.linalg.norm(longest)
 
 
 def contact_arrows(weak: WeakForm, physics: Physics, moving: Motion, frames: Array, size: float) -> list[Arrow]:
@@ -86,7 +117,8 @@ def contact_arrows(weak: WeakForm, physics: Physics, moving: Motion, frames: Arr
         for i, sensor in enumerate(weak.sensors):
             reading = weak.samples.smooth_q @ weak.samples.wrenches[i][:, :3]
             value = np.stack([np.interp(frames, time, reading[:, k]) for k in range(3)], axis=1)
-            arrows.append(_at_sensor(weak, i, f"wrench.{sensor.name}", moving, value, size))
+            largest = max(float(np.nanmax(np.linalg.norm(reading, axis=1))), 1e-9)
+            arrows.append(_at_sensor(weak, i, sensor.name, moving, LONGEST_ARROW * size / largest * value))
         return arrows
     arrows = []
     v = np.stack([np.interp(frames, weak.samples.time, weak.samples.v[:, j]) for j in range(weak.joints)], axis=1)
@@ -98,12 +130,10 @@ def contact_arrows(weak: WeakForm, physics: Physics, moving: Motion, frames: Arr
     return arrows
 
 
-def _at_sensor(weak: WeakForm, index: int, name: str, moving: Motion, force_S: Array, size: float) -> Arrow:
-    """A force (F, 3) in the sensor's frame, at the sensor; the largest reading sets the scale."""
+def _at_sensor(weak: WeakForm, index: int, name: str, moving: Motion, vector_S: Array) -> Arrow:
+    """A vector (F, 3) of the sensor's frame, at the sensor."""
     sensor = weak.sensors[index]
-    largest = float(np.nanmax(np.linalg.norm(weak.samples.wrenches[index][:, :3], axis=1)))
-    scale = LONGEST_ARROW * size / max(largest, 1e-9)
     R_WS = sensor.R_JS if sensor.joint == FIXED else moving.R_WJ[:, sensor.joint] @ sensor.R_JS
     p_WS, _ = moving.point(sensor.joint, sensor.p_JS)
-    force_W = np.einsum("...ij,...j->...i", np.broadcast_to(R_WS, (len(force_S), 3, 3)), force_S)
-    return Arrow(name, p_WS, scale * force_W)
+    vector_W = np.einsum("...ij,...j->...i", np.broadcast_to(R_WS, (len(vector_S), 3, 3)), vector_S)
+    return Arrow(name, p_WS, vector_W)

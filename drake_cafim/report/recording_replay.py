@@ -1,13 +1,14 @@
 """A recording in Meshcat beside what the models make of it, as one page that needs no network."""
 
 import html
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
-from pydrake.geometry import Meshcat, Rgba, Sphere
+from pydrake.geometry import Cylinder, Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_cafim.diagnosis.weak_form import WeakForm
@@ -16,7 +17,7 @@ from drake_cafim.dynamics.tree import FIXED
 from drake_cafim.errors import InputError
 from drake_cafim.output import write_text
 from drake_cafim.report.colours import CORRECTED, NOMINAL, RESIDUAL
-from drake_cafim.report.link_geometry import LinkShape, link_shapes, reach
+from drake_cafim.report.link_geometry import LinkShape, cloud, extent, link_shapes
 from drake_cafim.report.panel import changes
 from drake_cafim.report.recording_motion import (
     Arrow,
@@ -36,7 +37,7 @@ from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
 ROOT = "/replay"
-GHOST = 0.45
+GHOST = 0.5
 """Opacity of a simulation."""
 CONTACT = Rgba(0.76, 0.16, 0.11, 1.0)
 FRAME_RATE = 32.0
@@ -65,13 +66,14 @@ def render(replay: RecordingReplay, meshcat: Meshcat) -> str:
 
     Raises `InputError` for a recording that is too short to be simulated.
     """
-    weak, size = replay.weak, reach(replay.scene.tree)
+    weak = replay.weak
     if weak.samples.recording.duration <= 0.0:
         raise InputError(f"{weak.samples.recording.name}: it lasts no time, expected at least two samples")
     frames = frame_times(weak.samples.time)
     moving = placed(replay.scene.physics, recorded_frames(weak, frames))
-    shapes = link_shapes(replay.scene, size)
-    meshcat.Delete()
+    size = extent(moving)
+    shapes = link_shapes(replay.scene, moving, size)
+    meshcat.Delete(ROOT)
     meshcat.DeleteRecording()
     set_stage(meshcat, _camera(moving, size))
     _draw_model(meshcat, f"{ROOT}/world", [s for s in shapes if s.joint == FIXED], None)
@@ -85,9 +87,11 @@ def render(replay: RecordingReplay, meshcat: Meshcat) -> str:
         _draw_model(meshcat, f"{ROOT}/{name}", carried, color)
         _move_model(meshcat, f"{ROOT}/{name}", motion, clock)
     arrows = [(CONTACT, "contact", contact_arrows(weak, replay.corrected or replay.nominal, moving, frames, size))]
-    arrows.append((_rgba(NOMINAL), "lacking", lacking_arrows(weak, replay.nominal, moving, frames, size)))
+    arrows.append(
+        (_rgba(NOMINAL), "lacking", lacking_arrows(weak, replay.nominal, moving, frames, size, beside=replay.nominal))
+    )
     if replay.corrected is not None:
-        remaining = lacking_arrows(weak, replay.corrected, moving, frames, size)
+        remaining = lacking_arrows(weak, replay.corrected, moving, frames, size, beside=replay.nominal)
         arrows.append((_rgba(CORRECTED), "remaining", remaining))
     for color_, kind, those in arrows:
         _draw_arrows(meshcat, f"{ROOT}/{kind}", those, color_, clock, size)
@@ -95,7 +99,9 @@ def render(replay: RecordingReplay, meshcat: Meshcat) -> str:
     meshcat.StopRecording()
     meshcat.PublishRecording()
     legend = _legend(replay, {kind for _, kind, those in arrows if those})
-    return str(meshcat.StaticHtml()).replace("</body>", f"{legend}</body>")
+    transport = (Path(__file__).parent / "transport.html").read_text(encoding="utf-8")
+    head, _, tail = str(meshcat.StaticHtml()).rpartition("</body>")
+    return f"{head}{legend}{transport}</body>{tail}"
 
 
 def _simulated(replay: RecordingReplay, physics: Physics, frames: Array) -> Motion:
@@ -108,6 +114,9 @@ def _draw_model(meshcat: Meshcat, path: str, shapes: Sequence[LinkShape], color:
         place = f"{path}/joint{one.joint}/shape{index}"
         meshcat.SetObject(place, one.shape, one.color if color is None else _rgba(color, GHOST))
         meshcat.SetTransform(place, one.X_JG)
+        if color is not None:  # within the recording's own shapes where the two coincide
+            slimmer = [0.8, 0.8, 0.995] if isinstance(one.shape, Cylinder) else [0.92, 0.92, 0.92]
+            meshcat.SetProperty(place, "scale", slimmer)
 
 
 def _move_model(meshcat: Meshcat, path: str, motion: Motion, clock: Array) -> None:
@@ -141,7 +150,7 @@ def _draw_places(meshcat: Meshcat, replay: RecordingReplay, moving: Motion, cloc
         joint, p_JP = found
         red, green, blue, _ = colours(share)
         path = f"{ROOT}/places/place{index}"
-        meshcat.SetObject(path, Sphere(size * (0.05 + 0.04 * share)), Rgba(red, green, blue, 0.55))
+        meshcat.SetObject(path, Sphere(size * (0.035 + 0.025 * share)), Rgba(red, green, blue, 0.42))
         points, _ = moving.point(joint, p_JP)
         for time, point in zip(clock, points, strict=True):
             meshcat.SetTransform(path, RigidTransform(point), float(time))
@@ -165,17 +174,16 @@ def _place(replay: RecordingReplay, name: str) -> tuple[int, Array] | None:
 
 def _camera(moving: Motion, size: float) -> Camera:
     """Looks across the plane in which most of the motion is, from somewhat above."""
-    points = moving.p_WJ.reshape(-1, 3)
-    tips = [moving.point(b.joint, b.p_JB + b.R_JB @ b.p_BBcm)[0] for b in moving.tree.bodies if b.joint != FIXED]
-    cloud = np.concatenate([points, *tips])
-    center = 0.5 * (cloud.min(axis=0) + cloud.max(axis=0))
-    spread = np.linalg.svd(cloud - cloud.mean(axis=0), full_matrices=False)[2]
+    points = cloud(moving)
+    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    spread = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
     normal = spread[2] if spread[2][1] <= 0.0 else -spread[2]  # from the side on which x points to the right
     if abs(normal[2]) > 0.7:
         normal = np.array([0.25, -0.8, 0.6])
     eye = normal / np.linalg.norm(normal) + np.array([0.0, 0.0, 0.3])
-    radius = max(0.5 * float(np.linalg.norm(np.ptp(cloud, axis=0))), 0.5 * size)
-    away = center + 3.1 * radius * eye / np.linalg.norm(eye)
+    # the legend covers the left of the picture
+    center = center - 0.22 * size * np.cross([0.0, 0.0, 1.0], eye) / np.linalg.norm(eye[:2])
+    away = center + 1.75 * size * eye / np.linalg.norm(eye)
     return Camera(eye=_triple(away), target=_triple(center))
 
 
@@ -189,7 +197,7 @@ def _rgba(color: str, opacity: float = 1.0) -> Rgba:
 
 
 def _legend(replay: RecordingReplay, kinds: set[str]) -> str:
-    """What the colours mean, over the scene; the slider is Meshcat's own."""
+    """What the colours mean, over the scene."""
     rows = [("#5d6b7a", f"the recording, {short(replay.weak.samples.recording.name)}")]
     without = "the model without the effects" if replay.corrected else "the model"
     rows.append((NOMINAL, f"{without}, started anew every second"))
@@ -198,7 +206,7 @@ def _legend(replay: RecordingReplay, kinds: set[str]) -> str:
     if "contact" in kinds:
         rows.append(("#c2291d", "arrow: contact force"))
     if "lacking" in kinds:
-        rows.append((NOMINAL, "arrow: force or torque that the model lacks; a torque along its axis"))
+        rows.append((NOMINAL, "arrow: force that the model lacks; a torque as the push on its link"))
     if "remaining" in kinds:
         rows.append((CORRECTED, "arrow: what is still lacking with the effects"))
     colours = LinearSegmentedColormap.from_list("share", RESIDUAL[1:])
@@ -206,7 +214,8 @@ def _legend(replay: RecordingReplay, kinds: set[str]) -> str:
         red, green, blue, _ = (int(255 * c) for c in colours(share))
         rows.append((f"rgb({red},{green},{blue})", f"{name}: {100 * share:.0f} % of the misfit"))
     items = "".join(f'<li><i style="background:{color}"></i>{html.escape(text)}</li>' for color, text in rows)
-    sentence = f"<p>{html.escape(replay.sentence)}</p>" if replay.sentence else ""
+    words = re.sub(r" \([^()]*\)", "", replay.sentence)  # the numbers stand in the report
+    sentence = f"<p>{html.escape(words)}</p>" if words else ""
     return f'{STYLE}<div id="legend">{sentence}<ul>{items}</ul></div>'
 
 
