@@ -14,13 +14,9 @@ from drake_cafim.diagnosis.whitening import Whitening, whitening
 from drake_cafim.effects.effect import Effect, joined
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.sensor import SensorEffect
-from drake_cafim.local_polynomial import local_polynomial
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
-
-COLUMN_REACH = 0.04
-"""s on either side over which a channel is smoothed before its slopes are taken."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +54,7 @@ class Problem:
     scene: Scene
     runs: tuple[Run, ...]
     _unknown_columns: dict[int, Array] = field(default_factory=dict, repr=False, compare=False)
+    _sensor_columns: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(cls, scene: Scene, weak: Sequence[WeakForm], model: Model) -> "Problem":
@@ -140,20 +137,15 @@ class Problem:
         return np.concatenate(result)
 
     def sensor_columns(self, effect: SensorEffect) -> Array:
-        """Whitened rows (R, k) by an effect's strengths, through the rows' slopes in its channels' samples.
-
-        The channels are smoothed over more than a window first: columns that hold the noise of the rows come out
-        smaller than they are, and what is fitted with them with them.
-        """
-        result = []
-        for run in self.runs:
-            recording = run.weak.samples.recording
-            on = effect.channels([name for name, _ in run.labels])
-            written = np.nan_to_num(np.stack([recording[name] for name in on], axis=1))
-            time = run.weak.samples.time
-            change = effect.columns(time, local_polynomial(time, COLUMN_REACH, 3, 0, at_least=4) @ written)
-            result.append(-sum(run.sensed(name, change[:, k]) for k, name in enumerate(on)))
-        return np.concatenate(result)
+        """Whitened rows (R, k) by an effect's strengths, through the rows' slopes in its channels' samples."""
+        if effect.key not in self._sensor_columns:
+            result = []
+            for run in self.runs:
+                on = effect.channels([name for name, _ in run.labels])
+                change = run.weak.sensor_change(effect, on)
+                result.append(-sum(run.sensed(name, change[:, k]) for k, name in enumerate(on)))
+            self._sensor_columns[effect.key] = np.concatenate(result)
+        return self._sensor_columns[effect.key]
 
     def _force_columns(self, effect: JointForce, physics: Physics) -> Array:
         joint = self.scene.tree.joint_index(effect.at)

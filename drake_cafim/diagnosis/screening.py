@@ -180,7 +180,7 @@ def _coupling_looks(
         weak = run.weak
         rows = np.zeros((len(weak.samples.windows), weak.rows_per_window, len(trials)))
         for k, values in enumerate(trials):
-            rows[:, weak.dynamic.start + joint, k] = weak.coupling_rows(physics, effect.with_values(values)) / gain
+            rows[:, weak.dynamic.start + joint, k] = weak.trial_rows(physics, effect.with_values(values)) / gain
         parts.append(run.whitened(rows))
     columns = np.concatenate(parts)
     for k, values in enumerate(trials):

@@ -22,10 +22,14 @@ from drake_cafim.dynamics.motion import Motion, mass_matrix, motion
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.local_polynomial import local_polynomial
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 POSITION_STEP, VELOCITY_STEP = 1e-6, 1e-5
+CHANNEL_REACH = 0.04
+"""s on either side over which a channel is smoothed before its slopes are taken."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,8 @@ class WeakForm:
     sensors: tuple[WrenchSensor, ...]
     _cache: dict[tuple[object, ...], _Prepared] = field(default_factory=dict, repr=False, compare=False)
     _held: dict[bytes, sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
+    _trials: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False, compare=False)
+    _changes: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
     _drives: dict[tuple[object, ...], tuple[RotorDrive, ...]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -88,6 +94,9 @@ class WeakForm:
 
     def measurement(self, physics: Physics) -> Measurement:
         """The channels, corrected for the sensor effects of `physics`."""
+        return self._prepared(physics).measured
+
+    def _measured(self, physics: Physics) -> Measurement:
         s = self.samples
         names = physics.tree.joint_names
         columns = {f"{kind}.{name}": values[:, j] for kind, values in (("q", s.q), ("v", s.v), ("u", s.u))
@@ -159,6 +168,29 @@ class WeakForm:
         drive = self.rotor_drives(physics)[physics.tree.joint_index(coupling.at)]
         return np.asarray(-drive.inertia * (self.samples.windows.rate @ coupling.twist_rate(drive)), dtype=float)
 
+    def trial_rows(self, physics: Physics, trial: JointCoupling) -> Array:
+        """`coupling_rows` of a value to screen with, (M,); those of the first physics serve all later ones.
+
+        A rotor's motion takes long to simulate, and a look at it need not be exact.
+        """
+        key = (*trial.key, *trial.values.values())
+        if key not in self._trials:
+            self._trials[key] = self.coupling_rows(physics, trial)
+        return self._trials[key]
+
+    def sensor_change(self, effect: SensorEffect, columns: tuple[str, ...]) -> Array:
+        """How the `columns` that the effect is on change with its strengths, (N, c, k).
+
+        They are smoothed over more than a window first: slopes that hold the noise of the rows come out smaller than
+        they are, and what is fitted with them too.
+        """
+        if effect.key not in self._changes:
+            time, recording = self.samples.time, self.samples.recording
+            written = np.nan_to_num(np.stack([recording[name] for name in columns], axis=1))
+            smooth = local_polynomial(time, CHANNEL_REACH, 3, 0, at_least=4) @ written
+            self._changes[effect.key] = effect.columns(time, smooth)
+        return self._changes[effect.key]
+
     def residual(self, physics: Physics) -> Array:
         """All rows, (M, r): kinematic, dynamic, then each sensor's wrench."""
         prepared = self._prepared(physics)
@@ -183,13 +215,13 @@ class WeakForm:
         """What depends on the sensor effects alone, kept for the last few of them."""
         key = tuple((effect.key, *effect.values.values()) for effect in physics.sensors)
         if key not in self._cache:
-            while len(self._cache) >= 3:
+            while len(self._cache) >= 4:
                 self._cache.pop(next(iter(self._cache)))
             self._cache[key] = self._prepare(physics)
         return self._cache[key]
 
     def _prepare(self, physics: Physics) -> "_Prepared":
-        measured = self.measurement(physics)
+        measured = self._measured(physics)
         windows = self.samples.windows
         moving = motion(physics.tree, measured.q_hat, measured.v_hat)
         kinematic = np.zeros((len(windows), 0))

@@ -100,9 +100,10 @@ class JointElasticity(JointCoupling):
     def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
         mobility = float(np.mean(drive.mobility))
         for frequency in 4.0 * 1.22 ** np.arange(17):
-            stiffness = (2.0 * np.pi * float(frequency)) ** 2 / mobility
+            # rounded, so that a robot a little heavier is tried with the same
+            stiffness = 10.0 ** (round(20.0 * float(np.log10((2.0 * np.pi * frequency) ** 2 / mobility))) / 20.0)
             for ratio in (0.05, 0.2):
-                yield {"stiffness": stiffness, "damping": 2.0 * ratio * float(np.sqrt(stiffness / mobility))}
+                yield {"stiffness": stiffness, "damping": 4.0 * np.pi * ratio * float(frequency) / mobility}
 
     def scaled(self, values: Mapping[str, float], coefficient: float) -> "JointElasticity | None":
         # far above the motion's frequencies the twist is in proportion to the compliance

@@ -6,6 +6,7 @@ wider than a sample this only moves the noise, it does not smooth it.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -33,7 +34,9 @@ def interpolation(time: Array, at: Array, derivative: int = 0) -> sp.csr_matrix:
     columns = first[:, None] + np.arange(count)
     offset = time[columns] - inside[:, None]
     scale = np.abs(offset).max(axis=1, keepdims=True)
-    powers = np.swapaxes((offset / scale)[..., None] ** np.arange(count), 1, 2)
+    powers = np.ones((len(at), count, count))
+    for degree in range(1, count):
+        powers[:, degree] = powers[:, degree - 1] * (offset / scale)
     # weights that give 1, x, x², ... their values (slopes) at x = 0
     wanted = np.zeros(count)
     wanted[derivative] = 1.0
@@ -111,8 +114,7 @@ class SensorLag(TimingEffect):
     def true(self, time: Array, measured: Array) -> Array:
         # x = y + τ ẏ with the slope of a smoothed y: an exact inverse would raise the channel's noise, and what it is
         # then compared with would no longer be the same measurement
-        smooth = local_polynomial(time, SMOOTHING_REACH, 5, 1, at_least=3)
-        return measured + self.values["time_constant"] * np.asarray(smooth @ measured)
+        return measured + self.values["time_constant"] * np.asarray(_smooth_slope(time.tobytes()) @ measured)
 
     def columns(self, time: Array, true: Array) -> Array:
         return -np.asarray(interpolation(time, time, derivative=1) @ true)[..., None]
@@ -142,3 +144,9 @@ class ClockSkew(TimingEffect):
     def columns(self, time: Array, true: Array) -> Array:
         slope = np.asarray(interpolation(time, time, derivative=1) @ true)
         return np.asarray((time[:, None] * slope)[..., None])
+
+
+@lru_cache(maxsize=16)
+def _smooth_slope(time: bytes) -> sp.csr_matrix:
+    """The slope of a smoothed channel at `time`, kept for the recordings at hand."""
+    return local_polynomial(np.frombuffer(time), SMOOTHING_REACH, 5, 1, at_least=3)
