@@ -37,7 +37,7 @@ def telling_columns(
         span = float(np.nanmax(measured[column]) - np.nanmin(measured[column]))
         return float(np.sqrt(max(nominal.rmse[column] ** 2 - left**2, 0.0))) / max(span, 1e-12)
 
-    chosen = sorted(nominal.rmse, key=lambda column: -miss(column))[:count]
+    chosen = sorted((c for c in nominal.rmse if c in measured), key=lambda column: -miss(column))[:count]
     return sorted(chosen, key=lambda column: (not column.startswith("q."), -miss(column)))
 
 

@@ -55,7 +55,9 @@ def _joint_of(problem: Problem, row: int) -> int:
         return row
     if row < weak.dynamic.stop:
         return int(row - weak.dynamic.start)
-    return int(weak.sensors[(row - weak.dynamic.stop) // 6].joint)
+    sensor = (row - weak.dynamic.stop) // 6
+    carrier = weak.sensors[sensor].joint if sensor < len(weak.sensors) else weak.joints - 1
+    return max(int(carrier), 0)
 
 
 def _trend(x: Array, y: Array) -> tuple[Array, Array]:
