@@ -11,6 +11,8 @@ from drake_cafim.typing import Array
 FARTHEST = 5.0
 """Prior standard deviations that an unknown may move: beyond, the model of what is unknown is wrong itself, and
 a mass that is free to vanish makes any equation of motion hold."""
+LEAST_GAIN = 2.5e-4
+"""Of ½ χ²; where a step promises less, the minimum is reached."""
 
 
 @dataclass(frozen=True)
@@ -110,8 +112,19 @@ def _step(
     normal, gradient = scaled.T @ scaled, scaled.T @ residual - offset / scale
     start = 0.5 * float(residual @ residual)
     for _ in range(8):
-        step = -np.linalg.solve(normal + damping * np.eye(len(scale)), gradient) / scale
-        trial = _kept_near(problem, model.at(model.vector + step))
+        damped = normal + damping * np.eye(len(scale))
+        step = -np.linalg.solve(damped, gradient)
+        if -0.5 * float(gradient @ step) < LEAST_GAIN:
+            break
+        trial = _kept_near(problem, model.at(model.vector + step / scale))
+        taken = (trial.vector - model.vector) * scale
+        stopped = np.abs(taken - step) > 1e-9 * (1.0 + np.abs(step))
+        if np.any(stopped) and not np.all(stopped):
+            # what met its bound stays there; the others then have another best step
+            free = ~stopped
+            toward = gradient[free] + damped[np.ix_(free, stopped)] @ taken[stopped]
+            taken[free] = -np.linalg.solve(damped[np.ix_(free, free)], toward)
+            trial = _kept_near(problem, model.at(model.vector + taken / scale))
         trial_residual = problem.residual(trial)
         moved = float(offset @ (trial.vector - model.vector))
         if np.all(np.isfinite(trial_residual)) and 0.5 * float(trial_residual @ trial_residual) - moved < start:
