@@ -20,7 +20,7 @@ LOOKED_AT = 8
 SUSPICIOUS = 0.05
 PROMISING = 0.1
 """Candidates whose first look gains less than this share of the best one's are not refitted."""
-COMPETES = 1e3
+COMPETES = 100.0
 """Information criterion, in units of the noise that is left, beyond which an explanation has lost."""
 RIVALS = 3
 MISFIT, FAIR_PART = 1.5, 0.1
@@ -35,10 +35,10 @@ class Settings:
 
     false_alarm_rate: float = 0.01
     """Probability that anything is named where nothing is missing."""
-    most_effects: int = 5
+    most_effects: int = 3
     beam: int = 3
     """Explanations of each size that are carried on."""
-    refined: int = 5
+    refined: int = 4
     """Candidates that each of them is refitted with."""
 
 
