@@ -41,6 +41,7 @@ class Integrator:
     tolerance: float = 1e-8
     event_tolerance: float = 1e-11
     smallest: float = 1e-9
+    looseness: Array | float = 1.0  # (n,) factor of the tolerance by state
 
     def __post_init__(self) -> None:
         self._step: Array | None = None
@@ -61,7 +62,7 @@ class Integrator:
         while True:
             step = np.minimum(self._step, left)
             new, error = self._attempt(time, x, mode, step)
-            scale = self.tolerance * (1.0 + np.maximum(np.abs(x), np.abs(new)))
+            scale = self.tolerance * self.looseness * (1.0 + np.maximum(np.abs(x), np.abs(new)))
             norm = np.max(np.abs(error) / scale, axis=1)
             norm = np.where(np.isfinite(norm), norm, 1e9)
             good = (norm <= 1.0) | (step <= self.smallest)

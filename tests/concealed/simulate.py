@@ -66,7 +66,11 @@ class Simulation:
         self._delayed: dict[int, Array] = {}
         self._noise: Array | float = 0.0
         self._boundaries = self._count_boundaries()
-        self.integrator = Integrator(self._derivative, self._boundary if self._boundaries else None, tolerance)
+        # A drive's lag is felt only through what it moves, whose own error is watched.
+        looseness = np.ones(column)
+        looseness[list(self._lag_at.values())] = 100.0
+        boundary = self._boundary if self._boundaries else None
+        self.integrator = Integrator(self._derivative, boundary, tolerance, looseness=looseness)
 
     def _count_boundaries(self) -> bool:
         return (
