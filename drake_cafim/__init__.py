@@ -1,1 +1,46 @@
-"""Robots that touch things learn what they are made of, and name the physics their model left out."""
+"""A robot that touches things learns what they are made of, and names the physics that its model left out.
+
+The public names, loaded when they are first used (pydrake takes half a second):
+
+- `Scene`: a model, its channels and its unknowns; `Scene.load`, `Scene.from_model`.
+- `read`, `write`, `Recording`: what a robot leaves behind.
+- `diagnose`, `Verdict`, `Settings`: where recordings and model differ, which physics is missing, how sure that is.
+- `estimate`: the scene's unknown parameters alone.
+- `InputError`: what cannot be used, in one sentence.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from drake_cafim.errors import InputError
+
+if TYPE_CHECKING:
+    from drake_cafim.diagnosis.diagnose import diagnose, estimate
+    from drake_cafim.diagnosis.search import Settings
+    from drake_cafim.diagnosis.verdict import Verdict
+    from drake_cafim.recordings import read, write
+    from drake_cafim.recordings.recording import Recording
+    from drake_cafim.scenario.scene import Scene
+
+__all__ = ["InputError", "Recording", "Scene", "Settings", "Verdict", "diagnose", "estimate", "read", "write"]
+
+_HOMES = {
+    "Recording": "drake_cafim.recordings.recording",
+    "Scene": "drake_cafim.scenario.scene",
+    "Settings": "drake_cafim.diagnosis.search",
+    "Verdict": "drake_cafim.diagnosis.verdict",
+    "diagnose": "drake_cafim.diagnosis.diagnose",
+    "estimate": "drake_cafim.diagnosis.diagnose",
+    "read": "drake_cafim.recordings",
+    "write": "drake_cafim.recordings",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'drake_cafim' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

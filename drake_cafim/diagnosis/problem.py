@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -54,6 +55,8 @@ class Problem:
     scene: Scene
     runs: tuple[Run, ...]
     _unknown_columns: dict[int, Array] = field(default_factory=dict, repr=False, compare=False)
+    found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
+    """The last residual that was searched for pushes, and what was found."""
     _sensor_columns: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
@@ -92,6 +95,8 @@ class Problem:
         """Whether every joint effect of the model still is what its name says, over all recordings."""
         physics = model.physics(self.scene)
         for effect in model.effects:
+            if not effect.plausible():
+                return False
             if isinstance(effect, JointForce):
                 joint = self.scene.tree.joint_index(effect.at)
                 samples = [run.weak.joint_samples(run.weak.measurement(physics))[joint] for run in self.runs]

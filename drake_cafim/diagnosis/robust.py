@@ -45,7 +45,7 @@ def wald_p_value(problem: Problem, fitted: Fit, key: tuple[str, str]) -> float:
             plain = fitted.covariance[part, part]
             blocks = block_covariance(problem, fitted)[part, part]
             statistics = [
-                float(difference @ np.linalg.pinv(covariance, hermitian=True) @ difference)
+                float(difference @ np.linalg.pinv(covariance, rcond=1e-18, hermitian=True) @ difference)
                 for covariance in (plain, blocks)
             ]
             return float(chi2.sf(min(statistics), len(difference)))

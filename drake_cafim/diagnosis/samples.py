@@ -70,7 +70,14 @@ def noisier(samples: Samples, rng: np.random.Generator) -> Samples:
         + np.array([samples.std[f"{sensor}.{axis}"] for axis in WRENCH_COMPONENTS]) * rng.standard_normal(wrench.shape)
         for sensor, wrench in zip(sensors, samples.wrenches, strict=True)
     )
-    return replace(samples, q=q, v=v, u=drawn("u", samples.u), wrenches=wrenches)
+    u = drawn("u", samples.u)
+    columns = dict(samples.recording.columns)
+    for kind, values in (("q", q), ("u", u), *([("v", v)] if samples.velocity_measured else [])):
+        columns |= {f"{kind}.{name}": values[:, j] for j, name in enumerate(names)}
+    for sensor, wrench in zip(sensors, wrenches, strict=True):
+        columns |= {f"{sensor}.{axis}": wrench[:, k] for k, axis in enumerate(WRENCH_COMPONENTS)}
+    recording = replace(samples.recording, columns=columns)
+    return replace(samples, recording=recording, q=q, v=v, u=u, wrenches=wrenches)
 
 
 def samples_of(scene: Scene, recording: Recording, std: dict[str, float], width: float = WINDOW_WIDTH) -> Samples:

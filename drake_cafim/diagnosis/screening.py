@@ -1,13 +1,14 @@
 """Score tests: how much each effect of the catalogue would gain, to first order, with the nuisance projected out."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.pulses import Push, strongest_pushes
 from drake_cafim.effects.actuator import (
     ActuatorDeadZone,
     ActuatorDelay,
@@ -15,6 +16,7 @@ from drake_cafim.effects.actuator import (
     ActuatorLag,
     ActuatorSaturation,
 )
+from drake_cafim.effects.body import AerodynamicDrag, BodyForce, ExternalDisturbance
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect, joined
@@ -94,6 +96,8 @@ def _best_look(problem: Problem, at: Fit, effect: Effect, basis: Array, residual
         # a friction that drives or an inertia below zero is no explanation, however well it fits
         if built is not None and built.plausible():
             best = Candidate(built, gain, len(effect.strengths), 0)
+    if isinstance(effect, ExternalDisturbance):
+        trials += _pushes(problem, at)[1]
     return None if best is None else Candidate(best.effect, best.gain, best.strengths, trials)
 
 
@@ -106,6 +110,11 @@ def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Ca
         yield from _drive_looks(problem, physics, effect)
     elif isinstance(effect, JointCoupling):
         yield from _coupling_looks(problem, physics, effect)
+    elif isinstance(effect, ExternalDisturbance):
+        yield from _push_looks(problem, physics, effect, at)
+    elif isinstance(effect, AerodynamicDrag):
+        unit = effect.with_values({"coefficient": 1.0})
+        yield _body_columns(problem, physics, [unit]), effect.from_directions
     elif isinstance(effect, SensorEffect):
         yield problem.sensor_columns(effect), effect.from_directions
     elif isinstance(effect, TreeEffect):
@@ -189,3 +198,45 @@ def _coupling_looks(
 
 def _scaled(effect: JointCoupling, values: Mapping[str, float], coefficients: Array) -> Effect | None:
     return effect.scaled(values, float(coefficients[0]))
+
+
+def _body_columns(problem: Problem, physics: Physics, forces: Sequence[BodyForce]) -> Array:
+    """Whitened rows (R, k) of forces on bodies."""
+    parts = []
+    for run in problem.runs:
+        weak = run.weak
+        moving, samples = weak.motion(physics), weak.samples
+        rows = np.zeros((len(samples.windows), weak.rows_per_window, len(forces)))
+        for k, force in enumerate(forces):
+            alone = replace(physics, body_forces=(force,))
+            wrench = alone.body_wrenches(moving, samples.time, samples.recording.name)
+            rows[:, weak.dynamic, k] = -(samples.windows.value @ moving.project(wrench)) / physics.effort_gains
+        parts.append(run.whitened(rows))
+    return np.concatenate(parts)
+
+
+def _pushes(problem: Problem, at: Fit) -> tuple[list[Push], int]:
+    """The strongest pushes of the residual, found once for all bodies."""
+    if not problem.found_pushes or problem.found_pushes[0] is not at.residual:
+        problem.found_pushes[:] = [at.residual, strongest_pushes(problem, at.residual)]
+    return problem.found_pushes[1]
+
+
+def _push_looks(
+    problem: Problem, physics: Physics, effect: ExternalDisturbance, at: Fit
+) -> Iterator[tuple[Array, Callable[[Array], Effect | None]]]:
+    """A pulse along each axis, at the strongest pushes and a little beside them."""
+    for push in _pushes(problem, at)[0][:2]:
+        name = problem.runs[push.run].weak.samples.recording.name
+        duration = push.stop - push.start
+        for center in (-0.15, 0.0, 0.15):
+            for width in (0.8, 1.0, 1.25):
+                middle = 0.5 * (push.start + push.stop) + center * duration
+                interval = {"start": middle - 0.5 * width * duration, "stop": middle + 0.5 * width * duration}
+                axes = [{a: float(a == axis) for a in "xyz"} | interval for axis in "xyz"]
+                forces = [ExternalDisturbance(effect.at, one, name) for one in axes]
+                yield _body_columns(problem, physics, forces), partial(_pushed, effect.at, interval, name)
+
+
+def _pushed(at: str, interval: Mapping[str, float], recording: str, peak: Array) -> Effect:
+    return ExternalDisturbance(at, {"x": float(peak[0]), "y": float(peak[1]), "z": float(peak[2]), **interval}, recording)

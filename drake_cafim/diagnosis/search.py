@@ -218,7 +218,8 @@ def _fit_rivals(state: _State, best: Fit) -> None:
     for effect in best.model.effects:
         rest = Model(best.model.unknown, tuple(e for e in best.model.effects if e is not effect))
         parents.append(fit(state.problem, rest))
-    parents += [one for one in state.frontier if one is not best]
+    size = len(best.model.effects)
+    parents += [one for one in state.frontier if one is not best and len(one.model.effects) <= size]
     for parent in parents:
         needed = parent.chi_square - best.chi_square
         for candidate in state.screen(parent)[:RIVALS]:

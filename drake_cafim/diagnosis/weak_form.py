@@ -96,6 +96,10 @@ class WeakForm:
         """The channels, corrected for the sensor effects of `physics`."""
         return self._prepared(physics).measured
 
+    def motion(self, physics: Physics) -> Motion:
+        """The smoothed motion, corrected alike."""
+        return self._prepared(physics).moving
+
     def _measured(self, physics: Physics) -> Measurement:
         s = self.samples
         names = physics.tree.joint_names
@@ -149,7 +153,7 @@ class WeakForm:
         key = (
             inertial_parameters(physics.tree).tobytes(), physics.gravity.tobytes(), physics.rotor_inertias.tobytes(),
             physics.dampings.tobytes(), *((effect.key, *effect.values.values()) for effect in
-                                          (*physics.joint_forces, *physics.actuators, *physics.sensors)),
+                                          (*physics.joint_forces, *physics.actuators, *physics.sensors, *physics.body_forces)),
             *((contact.name, contact.radius, str(contact.parameters)) for contact in physics.contacts),
         )
         if key not in self._drives:
@@ -201,6 +205,9 @@ class WeakForm:
         wrench = physics.contact_wrenches(prepared.moving) if physics.contacts else None
         if wrench is not None:
             force = force + prepared.moving.project(wrench)
+        if physics.body_forces:
+            pushed = physics.body_wrenches(prepared.moving, self.samples.time, self.samples.recording.name)
+            force = force + prepared.moving.project(pushed)
         dynamic = dynamic - windows.value @ force - self.effort_integral(physics, measured.u)
         for coupling in physics.couplings:
             dynamic[:, physics.tree.joint_index(coupling.at)] += self.coupling_rows(physics, coupling)
@@ -241,6 +248,8 @@ class WeakForm:
         wrench = physics.contact_wrenches(moving) if physics.contacts else None
         if wrench is not None:
             force = force + moving.project(wrench)
+        if physics.body_forces:
+            force = force + moving.project(physics.body_wrenches(moving, self.samples.time, self.samples.recording.name))
         readings = [sensor.reading(moving, self._on(sensor, moving, wrench)) for sensor in self.sensors]
         return momentum, np.concatenate([force, *readings], axis=1)
 

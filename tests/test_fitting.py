@@ -1,0 +1,76 @@
+"""Fits on a pendulum: the estimate is where the truth is, also where the regressors are mostly noise."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.fitting import unbiased_fit
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.robust import wald_p_value
+from drake_cafim.diagnosis.samples import samples_of
+from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.effects.joint import JointViscousFriction
+from drake_cafim.effects.sensor import SensorGainError
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.scenario.scene import Scene
+
+MODEL = """<robot name="slider"><link name="base"/>
+  <link name="block"><inertial><mass value="2.0"/>
+    <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="rail" type="prismatic"><parent link="base"/><child link="block"/><axis xyz="1 0 0"/></joint></robot>"""
+NOISE = {"q.rail": 1e-4, "v.rail": 0.03, "u.rail": 0.0}
+
+
+def _problem(folder: Path, *, mass: float, friction: float, seed: int, still: bool = False) -> Problem:
+    """A sliding mass, solved exactly between the steps of its effort; the velocity is measured badly."""
+    (folder / "slider.urdf").write_text(MODEL)
+    rng = np.random.default_rng(seed)
+    h, N = 0.002, 1500
+    time = h * np.arange(N)
+    u = np.zeros(N) if still else 4.0 * np.sin(2 * np.pi * 1.3 * time) + 2.0 * np.sin(2 * np.pi * 3.1 * time)
+    q, v = np.zeros(N), np.zeros(N)
+    rate = friction / mass
+    for k in range(N - 1):
+        decay, toward = np.exp(-rate * h), u[k] / friction if friction else 0.0
+        if friction:
+            v[k + 1] = toward + (v[k] - toward) * decay
+            q[k + 1] = q[k] + toward * h + (v[k] - toward) * (1.0 - decay) / rate
+        else:
+            v[k + 1] = v[k] + h * u[k] / mass
+            q[k + 1] = q[k] + h * v[k] + 0.5 * h**2 * u[k] / mass
+    columns = {"q.rail": q + 1e-4 * rng.normal(size=N), "v.rail": v + 0.03 * rng.normal(size=N), "u.rail": u}
+    from drake_cafim.scenario.schema import parse
+
+    raw = {"model": "slider.urdf", "weld": [{"body": "base"}],
+           "unknown": [{"parameter": "mass", "body": "block", "mean": 2.0, "std": 0.4}]}  # fmt: skip
+    scene = Scene.build(parse(raw, "test"), folder, "test")
+    weak = WeakForm(samples_of(scene, Recording("a", time, columns), NOISE), ())
+    return Problem.of(scene, [weak], Model(scene.priors.mean))
+
+
+def test_estimates_are_centred_and_as_sure_as_they_say(tmp_path: Path) -> None:
+    scores = []
+    for seed in range(30):
+        problem = _problem(tmp_path, mass=2.3, friction=1.5, seed=seed)
+        start = Model(problem.scene.priors.mean, (JointViscousFriction("rail", {"coefficient": 1.0}),))
+        found = unbiased_fit(problem, start)
+        scores.append((found.model.vector - [2.3, 1.5]) / found.std)
+    mean, std = np.mean(scores, axis=0), np.std(scores, axis=0)
+    assert np.all(np.abs(mean) < 4.0 / np.sqrt(30)), mean
+    assert np.all((std > 0.65) & (std < 1.45)), std
+
+
+def test_a_gain_of_pure_noise_is_not_significant(tmp_path: Path) -> None:
+    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=1, still=True)
+    gain = SensorGainError("v.rail", {"gain": 1.05})
+    found = unbiased_fit(problem, Model(problem.scene.priors.mean, (gain,)))
+    assert wald_p_value(problem, found, gain.key) > 0.01
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_mass_is_not_drawn_to_zero_by_noise(tmp_path: Path, seed: int) -> None:
+    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=seed)
+    found = unbiased_fit(problem, problem.nominal())
+    assert abs(found.model.unknown[0] - 2.0) < 4.0 * found.std[0]

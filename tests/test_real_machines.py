@@ -1,0 +1,52 @@
+"""Recordings of real machines whose friction is published: named, and the held-out simulation improves."""
+
+from pathlib import Path
+
+import pytest
+
+from drake_cafim import recordings
+from drake_cafim.diagnosis.diagnose import diagnose
+from drake_cafim.diagnosis.verdict import Verdict
+from drake_cafim.scenario.scene import Scene
+
+FRICTION = {"joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_coulomb_friction",
+            "joint_stribeck_friction", "joint_load_dependent_friction"}  # fmt: skip
+
+
+def _diagnosed(folder: Path, held_out: set[str]) -> Verdict:
+    runs = sorted((folder / "runs").glob("*.parquet"))
+    train = [recordings.read(path) for path in runs if path.stem not in held_out]
+    held = [recordings.read(path) for path in runs if path.stem in held_out]
+    return diagnose(Scene.load(folder / "scenario.yaml"), train, held_out=held)
+
+
+@pytest.mark.ci
+def test_emps_drive_lacks_its_published_friction(data_folder: Path) -> None:
+    """Published: viscous 203.5034 N s/m, Coulomb 20.3935 N, offset −3.1648 N (Janot, Gautier, Brunot, 2019)."""
+    verdict = _diagnosed(data_folder / "data" / "emps_drive", {"ident_2"})
+    found = {one.effect.name: one.values for one in verdict.explanation}
+    assert found["joint_viscous_friction"]["coefficient"].value == pytest.approx(203.5034, rel=0.1)
+    asymmetric = found["joint_asymmetric_coulomb_friction"]
+    positive, negative = asymmetric["torque_positive"].value, asymmetric["torque_negative"].value
+    assert 0.5 * (positive + negative) == pytest.approx(20.3935, rel=0.1)
+    assert 0.5 * (positive - negative) == pytest.approx(-3.1648, rel=0.2)
+    assert verdict.held_out is not None
+    assert verdict.held_out.corrected.rmse["q.carriage"] <= 2.5e-3
+    assert verdict.held_out.nominal_as_given.rmse["q.carriage"] > 0.08
+    rivals = {rival.effect for rival in verdict.rivals}
+    assert {"joint_coulomb_friction", "actuator_bias"} <= rivals
+
+
+@pytest.mark.ci
+def test_double_pendulum_lacks_friction_at_both_joints(data_folder: Path) -> None:
+    held_out = {"trajectory_03", "trajectory_05", "trajectory_11"}
+    verdict = _diagnosed(data_folder / "data" / "double_pendulum_A0", held_out)
+    rubbing = {one.effect.at for one in verdict.explanation if one.effect.name in FRICTION}
+    assert rubbing == {"shoulder", "elbow"}
+    # the measured torque lags the command, which nothing here explains away
+    assert verdict.kind == "unexplained"
+    assert verdict.held_out is not None
+    nominal, corrected = verdict.held_out.nominal, verdict.held_out.corrected
+    assert corrected.nll < nominal.nll
+    for joint in ("shoulder", "elbow"):
+        assert corrected.rmse[f"q.{joint}"] < nominal.rmse[f"q.{joint}"]
