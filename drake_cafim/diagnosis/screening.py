@@ -217,9 +217,10 @@ def _body_columns(problem: Problem, physics: Physics, forces: Sequence[BodyForce
 
 def _pushes(problem: Problem, at: Fit) -> tuple[list[Push], int]:
     """The strongest pushes of the residual, found once for all bodies."""
-    if not problem.found_pushes or problem.found_pushes[0] is not at.residual:
-        problem.found_pushes[:] = [at.residual, strongest_pushes(problem, at.residual)]
-    return problem.found_pushes[1]
+    known = problem.found_pushes
+    if not known or known[0] is not at.residual:
+        known[:] = [at.residual, *strongest_pushes(problem, at.residual)]
+    return known[1], known[2]
 
 
 def _push_looks(
@@ -239,4 +240,5 @@ def _push_looks(
 
 
 def _pushed(at: str, interval: Mapping[str, float], recording: str, peak: Array) -> Effect:
-    return ExternalDisturbance(at, {"x": float(peak[0]), "y": float(peak[1]), "z": float(peak[2]), **interval}, recording)
+    x, y, z = (float(component) for component in peak)
+    return ExternalDisturbance(at, {"x": x, "y": y, "z": z, **interval}, recording)

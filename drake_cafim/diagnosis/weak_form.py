@@ -150,10 +150,10 @@ class WeakForm:
 
     def rotor_drives(self, physics: Physics) -> tuple[RotorDrive, ...]:
         """What drives each joint's twist between rotor and link; kept for the last physics but its couplings."""
+        effects = (*physics.joint_forces, *physics.actuators, *physics.sensors, *physics.body_forces)
         key = (
             inertial_parameters(physics.tree).tobytes(), physics.gravity.tobytes(), physics.rotor_inertias.tobytes(),
-            physics.dampings.tobytes(), *((effect.key, *effect.values.values()) for effect in
-                                          (*physics.joint_forces, *physics.actuators, *physics.sensors, *physics.body_forces)),
+            physics.dampings.tobytes(), *((effect.key, *effect.values.values()) for effect in effects),
             *((contact.name, contact.radius, str(contact.parameters)) for contact in physics.contacts),
         )
         if key not in self._drives:
@@ -206,8 +206,7 @@ class WeakForm:
         if wrench is not None:
             force = force + prepared.moving.project(wrench)
         if physics.body_forces:
-            pushed = physics.body_wrenches(prepared.moving, self.samples.time, self.samples.recording.name)
-            force = force + prepared.moving.project(pushed)
+            force = force + self._pushed(physics, prepared.moving)
         dynamic = dynamic - windows.value @ force - self.effort_integral(physics, measured.u)
         for coupling in physics.couplings:
             dynamic[:, physics.tree.joint_index(coupling.at)] += self.coupling_rows(physics, coupling)
@@ -241,6 +240,10 @@ class WeakForm:
     def _on(self, sensor: WrenchSensor, moving: Motion, wrench: Array | None) -> Array:
         return np.zeros((len(moving.q), 6)) if wrench is None else wrench[:, sensor.joint]
 
+    def _pushed(self, physics: Physics, moving: Motion) -> Array:
+        """Generalized forces (N, n) of what pushes the bodies."""
+        return moving.project(physics.body_wrenches(moving, self.samples.time, self.samples.recording.name))
+
     def _pointwise(self, physics: Physics, q: Array, v: Array, joints: Sequence[JointSamples]) -> tuple[Array, Array]:
         """Momentum (N, n) and what the windows weigh, force then predicted wrenches (N, n + 6 s)."""
         moving = motion(physics.tree, q, v)
@@ -249,7 +252,7 @@ class WeakForm:
         if wrench is not None:
             force = force + moving.project(wrench)
         if physics.body_forces:
-            force = force + moving.project(physics.body_wrenches(moving, self.samples.time, self.samples.recording.name))
+            force = force + self._pushed(physics, moving)
         readings = [sensor.reading(moving, self._on(sensor, moving, wrench)) for sensor in self.sensors]
         return momentum, np.concatenate([force, *readings], axis=1)
 

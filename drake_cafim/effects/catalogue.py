@@ -8,6 +8,7 @@ from drake_cafim.effects.actuator import (
     ActuatorLag,
     ActuatorSaturation,
 )
+from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance
 from drake_cafim.effects.coupling import JointBacklash, JointElasticity
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.friction import JointLoadDependentFriction, JointStribeckFriction
@@ -43,6 +44,8 @@ EFFECTS: tuple[type[Effect], ...] = (
     ActuatorDeadZone,
     Payload,
     GravityMisalignment,
+    AerodynamicDrag,
+    ExternalDisturbance,
     SensorBias,
     SensorGainError,
     SensorDrift,

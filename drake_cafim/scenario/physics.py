@@ -9,6 +9,7 @@ from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import Motion, bias_force, mass_matrix, momentum_balance
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.actuator import ActuatorEffect
+from drake_cafim.effects.body import BodyForce
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect, Force, JointSamples
 from drake_cafim.effects.joint import JointForce
@@ -28,6 +29,7 @@ class Physics:
     actuators: tuple[ActuatorEffect, ...] = ()
     sensors: tuple[SensorEffect, ...] = ()
     couplings: tuple[JointCoupling, ...] = ()
+    body_forces: tuple[BodyForce, ...] = ()
 
     @property
     def rotor_inertias(self) -> Array:
@@ -79,6 +81,19 @@ class Physics:
             total[:, contact.joint] += contact.wrench(moving)
         return total
 
+    def body_wrenches(self, moving: Motion, time: Array | None = None, recording: str | None = None) -> Array:
+        """(N, n, 6) wrenches of body forces on the links, about the world origin, moment first.
+
+        `time` (N,) s and `recording` say when the samples were taken, where they were.
+        """
+        total = np.zeros((*moving.q.shape, 6))
+        for effect in self.body_forces:
+            body = self.tree.body(effect.at)
+            p_WP, v_WP = moving.point(body.joint, body.p_JB + body.R_JB @ effect.point(body))
+            force = effect.force(v_WP, time, recording)
+            total[:, body.joint] += np.concatenate([np.cross(p_WP, force), force], axis=1)
+        return total
+
     def acceleration(self, moving: Motion, effort: Array, joints: Sequence[JointSamples]) -> tuple[Array, Array]:
         """v̇ (N, n) without the joints' stiff slopes, and M(q) + 0 (N, n, n), for a stepper to use."""
         inertias = moving.link_inertias
@@ -86,6 +101,8 @@ class Physics:
         force = effort - bias_force(moving, inertias, self.gravity)
         if self.contacts:
             force = force + moving.project(self.contact_wrenches(moving))
+        if self.body_forces:
+            force = force + moving.project(self.body_wrenches(moving))
         return force + self.applied_at_joints(joints)[0], M
 
     def rotor_drives(
@@ -101,6 +118,8 @@ class Physics:
         force = self.applied_at_joints(joints)[0] - bias_force(moving, inertias, self.gravity)
         if self.contacts:
             force = force + moving.project(self.contact_wrenches(moving))
+        if self.body_forces:
+            force = force + moving.project(self.body_wrenches(moving))
         A: Array = np.asarray(np.linalg.inv(M), dtype=float)
         # held efforts change at the samples, all else is smooth: taken in the middle of each interval
         A, drift = _in_the_middle(A), _in_the_middle(np.einsum("nij,nj->ni", A, force))
@@ -127,6 +146,8 @@ class Physics:
                 physics = replace(physics, joint_forces=(*physics.joint_forces, effect))
             elif isinstance(effect, ActuatorEffect):
                 physics = replace(physics, actuators=(*physics.actuators, effect))
+            elif isinstance(effect, BodyForce):
+                physics = replace(physics, body_forces=(*physics.body_forces, effect))
             elif isinstance(effect, JointCoupling):
                 physics = replace(physics, couplings=(*physics.couplings, effect))
             elif isinstance(effect, SensorEffect):

@@ -11,6 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.tree import Tree, tree_of
+from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
 from drake_cafim.errors import InputError
@@ -134,7 +135,17 @@ class Scene:
         return self.scenario.channels.get(own) or self.scenario.channels.get(kind)
 
     def _known_effects(self) -> list[Effect]:
-        return [effect_named(entry.effect)(entry.at, entry.parameters) for entry in self.scenario.effects]
+        effects: list[Effect] = []
+        for entry in self.scenario.effects:
+            kind = effect_named(entry.effect)
+            if issubclass(kind, ExternalDisturbance):
+                if len(entry.interval) != 2:
+                    raise InputError(f"{self.name}: {entry.effect} at {entry.at} has no `interval: [start, stop]`")
+                start, stop = entry.interval
+                effects.append(kind(entry.at, {**entry.parameters, "start": start, "stop": stop}, entry.recording))
+            else:
+                effects.append(kind(entry.at, entry.parameters))
+        return effects
 
     def _sensors(self) -> tuple[WrenchSensor, ...]:
         sensors = []

@@ -1,0 +1,95 @@
+"""Forces on a body that neither the model's joints nor its contacts exert."""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from drake_cafim.dynamics.tree import Body
+from drake_cafim.effects.effect import Effect, Place, Strength
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class BodyForce(Effect):
+    """A force at a point fixed in a body."""
+
+    place: ClassVar[Place] = Place.BODY
+    family: ClassVar[str] = "link"
+
+    @abstractmethod
+    def point(self, body: Body) -> Array:
+        """p_BP (3,) m, where the force acts."""
+
+    @abstractmethod
+    def force(self, v_WP: Array, time: Array | None, recording: str | None) -> Array:
+        """f_P_W (N, 3) N at velocities (N, 3) m/s; `time` (N,) s and `recording` are None outside of recordings."""
+
+
+@dataclass(frozen=True)
+class AerodynamicDrag(BodyForce):
+    """−c |v| v at the centre of mass."""
+
+    name: ClassVar[str] = "aerodynamic_drag"
+    strengths: ClassVar[tuple[Strength, ...]] = (Strength("coefficient", "N s^2/m^2", 0.3, lower=0.0),)
+    reference: ClassVar[str] = "Hoerner, Fluid-Dynamic Drag, 1965, ch. 1"
+    alike: ClassVar[Mapping[str, str]] = {
+        "joint_viscous_friction": "both brake; drag grows with the square of the speed, and at all joints before it",
+        "payload": "fast curved motion of a drag's body loads the same joints as a mass on it",
+    }
+
+    def point(self, body: Body) -> Array:
+        return body.p_BBcm
+
+    def force(self, v_WP: Array, time: Array | None, recording: str | None) -> Array:
+        speed = np.linalg.norm(v_WP, axis=1, keepdims=True)
+        return np.asarray(-self.values["coefficient"] * speed * v_WP)
+
+
+@dataclass(frozen=True)
+class ExternalDisturbance(BodyForce):
+    """A pulse of force (x, y, z) sin²(π (t − start)/(stop − start)) at the body's origin, in one recording.
+
+    Without a recording it acts in every one.
+    """
+
+    recording: str | None = None
+
+    name: ClassVar[str] = "external_disturbance"
+    difference_step: ClassVar[float] = 1e-3
+    strengths: ClassVar[tuple[Strength, ...]] = (
+        Strength("x", "N", 3.0),
+        Strength("y", "N", 3.0),
+        Strength("z", "N", 3.0),
+        Strength("start", "s", 0.1, amplitude=False),
+        Strength("stop", "s", 0.1, amplitude=False),
+    )
+    reference: ClassVar[str] = "Haddadin, De Luca, Albu-Schäffer, IEEE Trans. Robotics 33(6), 2017"
+    alike: ClassVar[Mapping[str, str]] = {
+        "unmodeled_contact": "a short touch is a push; only a second one at the same place tells them apart",
+        "joint_hard_stop": "a stop that is met once is a push",
+    }
+
+    def point(self, body: Body) -> Array:
+        return np.zeros(3)
+
+    def force(self, v_WP: Array, time: Array | None, recording: str | None) -> Array:
+        if time is None or (self.recording is not None and recording != self.recording):
+            return np.zeros_like(v_WP)
+        peak = np.array([self.values["x"], self.values["y"], self.values["z"]])
+        return np.asarray(pulse(time, self.values["start"], self.values["stop"])[:, None] * peak)
+
+    def with_values(self, values: Mapping[str, float] | Array) -> Self:
+        plain = super().with_values(values)
+        return type(self)(self.at, plain.values, self.recording)
+
+    def plausible(self) -> bool:
+        return super().plausible() and self.values["stop"] > self.values["start"]
+
+
+def pulse(time: Array, start: float, stop: float) -> Array:
+    """sin² over an interval, zero outside, (N,)."""
+    phase = (time - start) / max(stop - start, 1e-6)
+    return np.asarray(np.where((phase > 0.0) & (phase < 1.0), np.sin(np.pi * phase) ** 2, 0.0), dtype=float)
