@@ -44,8 +44,12 @@ class Run:
 
     def sensed(self, column: str, change: Array) -> Array:
         """Whitened rows' change (R, k) when the recording's `column` changes by `change` (N, k)."""
-        part = dict(self.labels)[column]
-        return self.whiten(np.asarray(self.jacobian[:, part] @ change))
+        return self.whiten(np.asarray(self._by_column[column] @ change))
+
+    @cached_property
+    def _by_column(self) -> dict[str, sp.csr_matrix]:
+        columns = sp.csc_matrix(self.jacobian)
+        return {name: sp.csr_matrix(columns[:, part]) for name, part in self.labels}
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from drake_cafim.diagnosis.problem import Problem, Run
 from drake_cafim.effects.body import pulse
 from drake_cafim.typing import Array
 
-DURATIONS = (0.06, 0.1, 0.17, 0.28, 0.45, 0.75)
+DURATIONS = (0.07, 0.12, 0.2, 0.35, 0.6)
 """s"""
-SPACING = 0.25
+SPACING = 0.3
 """Of a duration, from one trial to the next."""
 TAIL = 8
 """Windows behind a pulse that its whitened rows are followed through."""
@@ -74,4 +74,6 @@ def _gain(run: Run, residual: Array, start: float, stop: float) -> float | None:
     if info != 0:
         return None
     along = solved.T @ residual[rows]
-    return float(along @ np.linalg.lstsq(solved.T @ solved, along, rcond=1e-10)[0])
+    strength = solved.T @ solved
+    strength[np.diag_indices(weak.joints)] *= 1.0 + 1e-9
+    return float(along @ np.linalg.solve(strength, along))

@@ -11,6 +11,7 @@ The noise of the samples reaches them to first order through the Jacobian that `
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -182,6 +183,10 @@ class WeakForm:
             self._trials[key] = self.coupling_rows(physics, trial)
         return self._trials[key]
 
+    @cached_property
+    def _smooth_channel(self) -> sp.csr_matrix:
+        return local_polynomial(self.samples.time, CHANNEL_REACH, 3, 0, at_least=4)
+
     def sensor_change(self, effect: SensorEffect, columns: tuple[str, ...]) -> Array:
         """How the `columns` that the effect is on change with its strengths, (N, c, k).
 
@@ -189,10 +194,9 @@ class WeakForm:
         they are, and what is fitted with them too.
         """
         if effect.key not in self._changes:
-            time, recording = self.samples.time, self.samples.recording
+            recording = self.samples.recording
             written = np.nan_to_num(np.stack([recording[name] for name in columns], axis=1))
-            smooth = local_polynomial(time, CHANNEL_REACH, 3, 0, at_least=4) @ written
-            self._changes[effect.key] = effect.columns(time, smooth)
+            self._changes[effect.key] = effect.columns(self.samples.time, self._smooth_channel @ written)
         return self._changes[effect.key]
 
     def residual(self, physics: Physics) -> Array:

@@ -80,7 +80,7 @@ class SensorDelay(TimingEffect):
         return interpolation(time, time + self.values["delay"])
 
     def columns(self, time: Array, true: Array) -> Array:
-        return -np.asarray(interpolation(time, time, derivative=1) @ true)[..., None]
+        return -np.asarray(_slope(time.tobytes()) @ true)[..., None]
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class SensorLag(TimingEffect):
         return measured + self.values["time_constant"] * np.asarray(_smooth_slope(time.tobytes()) @ measured)
 
     def columns(self, time: Array, true: Array) -> Array:
-        return -np.asarray(interpolation(time, time, derivative=1) @ true)[..., None]
+        return -np.asarray(_slope(time.tobytes()) @ true)[..., None]
 
 
 @dataclass(frozen=True)
@@ -142,8 +142,14 @@ class ClockSkew(TimingEffect):
         return interpolation(time, time / (1.0 + self.values["skew"]))
 
     def columns(self, time: Array, true: Array) -> Array:
-        slope = np.asarray(interpolation(time, time, derivative=1) @ true)
+        slope = np.asarray(_slope(time.tobytes()) @ true)
         return np.asarray((time[:, None] * slope)[..., None])
+
+
+@lru_cache(maxsize=16)
+def _slope(time: bytes) -> sp.csr_matrix:
+    """The slope of a channel at `time`, kept for the recordings at hand."""
+    return interpolation(np.frombuffer(time), np.frombuffer(time), derivative=1)
 
 
 @lru_cache(maxsize=16)
