@@ -1,16 +1,17 @@
 """Contouring: an arm feels its way around a box on a table; its size is unknown (paper, "Shape Estimation")."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.geometry import Box, Meshcat
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import Diagram
 
 from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.diagrams.concealing import Concealed
+from drake_cafim.diagrams.configured import load_section
 from drake_cafim.diagrams.objects import Surface, add_fixture, add_shape
 from drake_cafim.diagrams.probing import Coordinates, ProbingArm, build_probing_world, tip_at_start
 from drake_cafim.diagrams.showing import View
@@ -53,10 +54,8 @@ class ContouringConfig:
 
 
 def load_config(path: Path | None = None) -> ContouringConfig:
-    """The packaged `contouring.yaml`, or the YAML file at `path`; what it lacks keeps its default."""
-    path = Path(__file__).with_name("contouring.yaml") if path is None else path
-    config: ContouringConfig = yaml_load_typed(schema=ContouringConfig, filename=str(path), defaults=ContouringConfig())
-    return config
+    """From the section `diagram:` of the packaged `contouring.yaml`, or of the scenario file at `path`."""
+    return load_section(Path(__file__).with_name("contouring.yaml") if path is None else path, ContouringConfig())
 
 
 def build_world(
@@ -65,6 +64,7 @@ def build_world(
     world: WorldKind = "drake",
     seed: int = 0,
     meshcat: Meshcat | None = None,
+    concealed: Sequence[Concealed] = (),
 ) -> Diagram:
     """The Diagram of arm, rod, table and box, as `build_probing_world`; `truth` may give `length` and `width`.
 
@@ -93,6 +93,7 @@ def build_world(
         world=world,
         seed=seed,
         meshcat=meshcat,
+        concealed=concealed,
     )
 
 

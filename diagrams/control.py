@@ -6,7 +6,8 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.controllers import InverseDynamicsController
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.diagrams.movers import Mover
@@ -51,7 +52,23 @@ def add_velocity_control(
     )
     builder.AddNamedSystem("joint_control", controller)
     builder.Connect(plant.get_state_output_port(robot), controller.get_input_port_estimated_state())
-    builder.Connect(controller.get_output_port_control(), plant.get_actuation_input_port(robot))
+    _connect_efforts(builder, plant, robot, controller.get_output_port_control())
     builder.Connect(reference.GetOutputPort("desired_state"), controller.get_input_port_desired_state())
     builder.Connect(reference.GetOutputPort("desired_acceleration"), controller.get_input_port_desired_acceleration())
     builder.ExportInput(reference.GetInputPort("command"), "command")
+
+
+def _connect_efforts(
+    builder: DiagramBuilder, plant: MultibodyPlant, robot: ModelInstanceIndex, efforts: OutputPort
+) -> None:
+    """The controller's efforts to the joints' own actuators; brakes, which were added after them, get none."""
+    count, own = plant.num_actuators(robot), efforts.size()
+    if count == own:
+        builder.Connect(efforts, plant.get_actuation_input_port(robot))
+        return
+    padding = builder.AddNamedSystem("efforts", MatrixGain(as_array(np.eye(count, own))))
+    builder.Connect(efforts, padding.get_input_port())
+    builder.Connect(padding.get_output_port(), plant.get_actuation_input_port(robot))
+    # a brake holds speed zero; Drake asks for the desired state of all actuators of the instance
+    rest = builder.AddNamedSystem("brakes", ConstantVectorSource(as_array(np.zeros(2 * count))))
+    builder.Connect(rest.get_output_port(), plant.get_desired_state_input_port(robot))

@@ -1,11 +1,10 @@
 """Hefting: an arm and a hand, palm up, carry a ball; its mass is unknown (paper, "Mass Estimation Experiments")."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.geometry import Meshcat, MeshcatVisualizer, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
@@ -31,6 +30,8 @@ from drake_cafim.diagrams.arm import (
     spatial_inertia_of,
 )
 from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.diagrams.concealing import Concealed, conceal
+from drake_cafim.diagrams.configured import load_section
 from drake_cafim.diagrams.control import JointGains, add_velocity_control
 from drake_cafim.diagrams.movers import ArmMover
 from drake_cafim.diagrams.objects import Surface, add_ball
@@ -38,7 +39,14 @@ from drake_cafim.diagrams.sensing import ContactForce
 from drake_cafim.diagrams.showing import View
 from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
-from drake_cafim.diagrams.world import WorldKind, check_kind, check_truth, export_force, export_tool_state
+from drake_cafim.diagrams.world import (
+    WorldKind,
+    check_kind,
+    check_truth,
+    export_force,
+    export_joints,
+    export_tool_state,
+)
 from drake_cafim.report.replay_data import Camera
 from drake_cafim.typing import Array
 
@@ -62,8 +70,9 @@ class HandHold:
             *(0.736, 0.477, 1.408, 0.02),
         ]
     )
-    stiffness: float = 5.0  # N m/rad
-    damping: float = 0.05  # N m s/rad
+    # stiff, so that the hand is one body to the arm: at 5 N m/rad the fingers swing, and the arm's recordings show it
+    stiffness: float = 200.0  # N m/rad
+    damping: float = 2.0  # N m s/rad
     ball_z: float = -0.031  # m, where the ball lies, in the palm's frame
 
 
@@ -103,10 +112,8 @@ class HeftingConfig:
 
 
 def load_config(path: Path | None = None) -> HeftingConfig:
-    """The packaged `hefting.yaml`, or the YAML file at `path`; what it lacks keeps its default."""
-    path = Path(__file__).with_name("hefting.yaml") if path is None else path
-    config: HeftingConfig = yaml_load_typed(schema=HeftingConfig, filename=str(path), defaults=HeftingConfig())
-    return config
+    """From the section `diagram:` of the packaged `hefting.yaml`, or of the scenario file at `path`."""
+    return load_section(Path(__file__).with_name("hefting.yaml") if path is None else path, HeftingConfig())
 
 
 @dataclass(frozen=True)
@@ -129,6 +136,7 @@ def build_world(
     world: WorldKind = "drake",
     seed: int = 0,
     meshcat: Meshcat | None = None,
+    concealed: Sequence[Concealed] = (),
 ) -> Diagram:
     """The Diagram of arm, hand and ball, its start state the default Context's (see `world.start_context`).
 
@@ -136,17 +144,19 @@ def build_world(
 
         name: hefting
         input_ports: [command]
-        output_ports: [measured_state, true_force, measured_force, plant_state, contact_results]
+        output_ports: [measured_state, true_force, measured_force, plant_state, contact_results, joint_state,
+            joint_effort]
 
     `command` (1,) m/s is the palm's vertical velocity, reached over `tracking.ramp`; `measured_state` (2,) the
     height m and velocity m/s of the palm's face under the ball, read from the plant; the forces (1,) N are the
     vertical force of the hand on the ball. `truth` may give `mass` (kg). In world `model` the ball moves up and
     down over the palm, pushed by the planner's own law (stiffness, damping) alone.
+    `concealed` is in the plant and in no controller.
     """
     check_kind(world)
     mass = check_truth("hefting", {"mass": config.mass}, truth or {})["mass"]
     builder = DiagramBuilder()
-    robot = _add_bodies(builder, config, mass, world)
+    robot = _add_bodies(builder, config, mass, world, concealed)
     _add_control(builder, config, robot)
     if world == "drake":
         force = _add_contact_sensor(builder, robot)
@@ -154,6 +164,7 @@ def build_world(
         force = _add_planner_contact(builder, config, robot)
     export_force(builder, force, std=[config.force_std], period=config.time_step, seed=seed)
     export_tool_state(builder, robot.plant, robot.palm, p_BT=_palm_point(config), axes=UP)
+    export_joints(builder, robot.plant, robot.arm)
     builder.ExportOutput(robot.plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(robot.plant.get_contact_results_output_port(), "contact_results")
     if meshcat is not None:
@@ -200,7 +211,9 @@ def _hand_inertia(config: HeftingConfig) -> SpatialInertia:
     return spatial_inertia_of(plant, hand, as_array(config.hand.posture), "world")
 
 
-def _add_bodies(builder: DiagramBuilder, config: HeftingConfig, mass: float, world: WorldKind) -> _Robot:
+def _add_bodies(
+    builder: DiagramBuilder, config: HeftingConfig, mass: float, world: WorldKind, concealed: Sequence[Concealed]
+) -> _Robot:
     control_plant = _control_plant(config)
     plant: MultibodyPlant
     plant, scene_graph = AddMultibodyPlant(config.plant_config, builder)
@@ -213,6 +226,7 @@ def _add_bodies(builder: DiagramBuilder, config: HeftingConfig, mass: float, wor
     X_WPalm = pose_at(control_plant, "flange", config.posture) @ X_FLANGE_PALM
     robot = _Robot(plant, scene_graph, arm, hand, palm, ball, X_WPalm, control_plant)
     _lay_ball(config, robot, mass, world)
+    conceal(plant, arm, concealed)
     plant.Finalize()
     plant.SetDefaultPositions(arm, as_array(config.posture))
     plant.SetDefaultPositions(hand, as_array(config.hand.posture))

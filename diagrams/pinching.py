@@ -1,11 +1,10 @@
 """Pinching: a parallel gripper squeezes a ball; stiffness and damping are unknown (paper, "Material Property ...")."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.geometry import Cylinder, Meshcat, MeshcatVisualizer, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
@@ -14,6 +13,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from drake_cafim.diagrams.arm import add_model
 from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.diagrams.concealing import Concealed, conceal
+from drake_cafim.diagrams.configured import load_section
 from drake_cafim.diagrams.control import JointGains, add_velocity_control
 from drake_cafim.diagrams.movers import JawMover
 from drake_cafim.diagrams.objects import Surface, add_fixture, add_shape
@@ -22,7 +23,14 @@ from drake_cafim.diagrams.sensing import ContactForce, ToolState
 from drake_cafim.diagrams.showing import View
 from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
-from drake_cafim.diagrams.world import WorldKind, check_kind, check_truth, export_force, export_tool_state
+from drake_cafim.diagrams.world import (
+    WorldKind,
+    check_kind,
+    check_truth,
+    export_force,
+    export_joints,
+    export_tool_state,
+)
 from drake_cafim.report.replay_data import Camera
 from drake_cafim.tasks.pinching import TRUE_DAMPING, TRUE_STIFFNESS, Pinching
 from drake_cafim.typing import Array
@@ -52,10 +60,8 @@ class PinchingConfig:
 
 
 def load_config(path: Path | None = None) -> PinchingConfig:
-    """The packaged `pinching.yaml`, or the YAML file at `path`; what it lacks keeps its default."""
-    path = Path(__file__).with_name("pinching.yaml") if path is None else path
-    config: PinchingConfig = yaml_load_typed(schema=PinchingConfig, filename=str(path), defaults=PinchingConfig())
-    return config
+    """From the section `diagram:` of the packaged `pinching.yaml`, or of the scenario file at `path`."""
+    return load_section(Path(__file__).with_name("pinching.yaml") if path is None else path, PinchingConfig())
 
 
 def ball_surface(config: PinchingConfig, stiffness: float, damping: float) -> Surface:
@@ -79,6 +85,7 @@ def build_world(
     world: WorldKind = "drake",
     seed: int = 0,
     meshcat: Meshcat | None = None,
+    concealed: Sequence[Concealed] = (),
 ) -> Diagram:
     """The Diagram of gripper and ball, its start state the default Context's (see `world.start_context`).
 
@@ -86,10 +93,12 @@ def build_world(
 
         name: pinching
         input_ports: [command]
-        output_ports: [measured_state, true_force, measured_force, plant_state, contact_results]
+        output_ports: [measured_state, true_force, measured_force, plant_state, contact_results, joint_state,
+            joint_effort]
 
     `command` (1,) m/s opens both jaws; `measured_state` (2,) is the left jaw's distance from the middle m and its
     velocity m/s; forces (1,) N push the left jaw outwards. `truth` may give `stiffness` N/m and `damping` N s/m.
+    `concealed` is in the plant and in no controller.
     """
     check_kind(world)
     model = Pinching()
@@ -100,6 +109,7 @@ def build_world(
     gripper = add_model(plant, "gripper")
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("gripper_base", gripper))
     _add_ball(plant, model.ball_radius, ball_surface(config, **theta) if world == "drake" else None)
+    conceal(plant, gripper, concealed)
     plant.Finalize()
     mover = JawMover(config.start)
     plant.SetDefaultPositions(gripper, mover.q_start)
@@ -122,6 +132,7 @@ def build_world(
     else:
         force = _add_planner_contact(builder, plant, model, model.parameters.vector(theta), jaws, face, state)
     export_force(builder, force, std=model.noise_std.tolist(), period=model.period, seed=seed)
+    export_joints(builder, plant, gripper)
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
     if meshcat is not None:

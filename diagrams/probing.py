@@ -1,6 +1,6 @@
 """An arm with a round-tipped rod that touches something fixed: what rubbing and contouring have in common."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,6 +13,7 @@ from pydrake.systems.primitives import MatrixGain
 
 from drake_cafim.diagrams.arm import TOOL, add_arm, make_control_plant, pose_at
 from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.diagrams.concealing import Concealed, conceal
 from drake_cafim.diagrams.control import JointGains, add_velocity_control
 from drake_cafim.diagrams.movers import ArmMover
 from drake_cafim.diagrams.objects import Surface, add_shape
@@ -20,7 +21,7 @@ from drake_cafim.diagrams.planner_contact import PlannerContact, TouchedPoint
 from drake_cafim.diagrams.sensing import ContactForce
 from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
-from drake_cafim.diagrams.world import WorldKind, export_force, export_tool_state
+from drake_cafim.diagrams.world import WorldKind, export_force, export_joints, export_tool_state
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.typing import Array
 
@@ -63,6 +64,7 @@ def build_probing_world(
     world: WorldKind,
     seed: int,
     meshcat: Meshcat | None,
+    concealed: Sequence[Concealed],
 ) -> Diagram:
     """The Diagram, its start state the default Context's (see `world.start_context`).
 
@@ -70,11 +72,12 @@ def build_probing_world(
 
         name: probing
         input_ports: [command]
-        output_ports: [measured_state, true_force, measured_force, plant_state, contact_results]
+        output_ports: [measured_state, true_force, measured_force, plant_state, contact_results, joint_state,
+            joint_effort]
 
     `command` (nu,) m/s; `measured_state` (2 nu,), position and velocity of the tip's centre; forces (ny,) N on the
     tip. `add_obstacle` adds what is touched, with contact if its second argument is true; in world `model` the
-    planner's `model` at the true `theta` pushes the tip instead.
+    planner's `model` at the true `theta` pushes the tip instead. `concealed` is in the plant and in no controller.
     """
     builder = DiagramBuilder()
     plant: MultibodyPlant
@@ -82,6 +85,7 @@ def build_probing_world(
     instance = add_arm(plant, floor_height=arm.floor_height)
     probe = _add_probe(plant, arm, touches=world == "drake")
     add_obstacle(plant, world == "drake")
+    conceal(plant, instance, concealed)
     plant.Finalize()
     plant.SetDefaultPositions(instance, as_array(arm.posture))
     control_plant = make_probing_control_plant(arm, plant_config.time_step)
@@ -122,6 +126,7 @@ def build_probing_world(
     builder.AddNamedSystem("sensor_axes", reading)
     builder.Connect(force, reading.get_input_port())
     export_force(builder, reading.get_output_port(), std=model.noise_std.tolist(), period=model.period, seed=seed)
+    export_joints(builder, plant, instance)
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
     if meshcat is not None:

@@ -1,16 +1,17 @@
 """Rubbing: an arm presses a round tip on a wall; friction is unknown (paper, "Friction Estimation Experiments")."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.geometry import Box, Meshcat
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import Diagram
 
 from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.diagrams.concealing import Concealed
+from drake_cafim.diagrams.configured import load_section
 from drake_cafim.diagrams.objects import Surface, add_fixture, add_shape
 from drake_cafim.diagrams.probing import Coordinates, ProbingArm, build_probing_world
 from drake_cafim.diagrams.showing import View
@@ -50,10 +51,8 @@ class RubbingConfig:
 
 
 def load_config(path: Path | None = None) -> RubbingConfig:
-    """The packaged `rubbing.yaml`, or the YAML file at `path`; what it lacks keeps its default."""
-    path = Path(__file__).with_name("rubbing.yaml") if path is None else path
-    config: RubbingConfig = yaml_load_typed(schema=RubbingConfig, filename=str(path), defaults=RubbingConfig())
-    return config
+    """From the section `diagram:` of the packaged `rubbing.yaml`, or of the scenario file at `path`."""
+    return load_section(Path(__file__).with_name("rubbing.yaml") if path is None else path, RubbingConfig())
 
 
 def build_world(
@@ -62,6 +61,7 @@ def build_world(
     world: WorldKind = "drake",
     seed: int = 0,
     meshcat: Meshcat | None = None,
+    concealed: Sequence[Concealed] = (),
 ) -> Diagram:
     """The Diagram of arm, rod and wall, as `build_probing_world`; `truth` may give `friction`.
 
@@ -94,6 +94,7 @@ def build_world(
         world=world,
         seed=seed,
         meshcat=meshcat,
+        concealed=concealed,
     )
 
 

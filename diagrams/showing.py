@@ -73,6 +73,20 @@ def execute(diagram: Diagram, context: Context, commands: Array, period: float) 
     return Execution(np.array(times), positions, tools, forces)
 
 
+def recorded_execution(experiment: ExperimentResult, positions: int, period: float) -> Execution:
+    """The same from what the run recorded of its plant, of `positions` generalized positions."""
+    recorded, nu = experiment.recorded, experiment.commands.shape[1]
+    parts = max(1, round(32.0 * period))
+    wanted: Array = period / parts * np.arange(parts * len(experiment.commands), dtype=float)
+    rows = np.searchsorted(recorded["time"], wanted - 1e-9)
+    return Execution(
+        wanted,
+        recorded["plant_state"][rows, :positions],
+        recorded["measured_state"][rows, :nu],
+        recorded["true_force"][rows],
+    )
+
+
 def make_replay(
     result: RunResult,
     diagram: Diagram,
@@ -84,13 +98,14 @@ def make_replay(
     """The replay of the given experiments of a run, one after the other (all of them, if none are named).
 
     `diagram` is a world like the one of the run, with the same truth and seed, but not part of another Diagram and,
-    for speed, without a Meshcat; the executed commands are given to it once more.
+    for speed, without a Meshcat; the executed commands are given to it once more, unless the run recorded its
+    plant.
     """
     period = result.task.model.period
     chosen = range(len(result.experiments)) if experiments is None else experiments
     offsets, runs, offset = [], [], 0.0
     for number in chosen:
-        run = execute(diagram, start_context(number), result.experiments[number].commands, period)
+        run = _execution(result.experiments[number], diagram, start_context, number, period)
         offsets.append(offset)
         runs.append(run)
         offset += float(run.time[-1]) + PAUSE
@@ -115,6 +130,20 @@ def make_replay(
         panel_width=view.panel_width,
         stroke=view.stroke,
     )
+
+
+def _execution(
+    experiment: ExperimentResult,
+    diagram: Diagram,
+    start_context: Callable[[int], Context],
+    number: int,
+    period: float,
+) -> Execution:
+    if "plant_state" not in experiment.recorded:
+        return execute(diagram, start_context(number), experiment.commands, period)
+    plant = diagram.GetSubsystemByName("plant")
+    assert isinstance(plant, MultibodyPlant)
+    return recorded_execution(experiment, plant.num_positions(), period)
 
 
 def _candidates(experiment: ExperimentResult, view: View, period: float) -> Candidates:

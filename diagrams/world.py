@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Literal, TypeAlias, get_args
 
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import RigidBody
+from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
 
 from drake_cafim.diagrams.sensing import SensorNoise, ToolState
@@ -62,6 +62,15 @@ def export_tool_state(
     builder.Connect(plant.get_body_spatial_velocities_output_port(), state.GetInputPort("body_spatial_velocities"))
     builder.ExportOutput(state.get_output_port(), "measured_state")
     return state
+
+
+def export_joints(builder: DiagramBuilder, plant: MultibodyPlant, robot: ModelInstanceIndex) -> None:
+    """Outputs `joint_state`, positions then velocities, and `joint_effort`, what acts at the joints, of the Diagram.
+
+    The effort is what the last step of the plant applied, within the limits: it belongs to the sample before.
+    """
+    builder.ExportOutput(plant.get_state_output_port(robot), "joint_state")
+    builder.ExportOutput(plant.get_net_actuation_output_port(robot), "joint_effort")
 
 
 def start_context(diagram: Diagram, experiment: int = 0) -> Context:

@@ -51,6 +51,49 @@ def common(function: Command) -> Command:
 
 @main.command()
 @click.argument("scenario")
+@click.option(
+    "--world", default="drake", show_default=True, help="Contact: drake (hydroelastic) or model (the planner's)."
+)
+@click.option("--experiments", type=int, help="How many; default the scenario's.")
+@click.option("--until-std", type=float, help="Stop when every std is below this fraction of its estimate.")
+@click.option(
+    "--policy", default="contact-aware", show_default=True, help="Or finite-difference, asid, random, scripted, hold."
+)
+@click.option("--planner", default="predictive-sampling", show_default=True, help="Or cem, mppi, gradient.")
+@click.option(
+    "--criterion", default="logdet", show_default=True, help="Or trace, scaled_trace, a_optimal, min_eigenvalue."
+)
+@click.option("--fisher", default="tangent", show_default=True, help="Or autodiff, finite-difference.")
+@click.option("--prior-scale", type=float, default=1.3, show_default=True, help="The prior's mean over the truth.")
+@click.option(
+    "--conceal", multiple=True, help="EFFECT@PLACE parameter=value ...: physics in the world alone; repeatable."
+)
+@common
+def run(
+    scenario: str,
+    world: Any,
+    prior_scale: float,
+    conceal: tuple[str, ...],
+    out: Path | None,
+    as_json: bool,
+    resume: bool,
+    overwrite: bool,
+    **chosen: Any,
+) -> None:
+    """Plan motions that touch, carry them out, and learn the scenario's unknowns."""
+    from drake_cafim.commands.run import RunRequest, parse_concealed, run_command, table
+    from drake_cafim.experiment import Options
+
+    options = Options(**{name: value for name, value in chosen.items() if name not in ("jobs", "scheduler")})
+    request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal))
+    folder = prepare_folder(out, "run", resume=resume, overwrite=overwrite)
+    with progress_line() as progress:
+        record = run_command(request, folder, progress, resume=resume)
+    _print(record, as_json, f"{table(record)}\n{folder / 'replay.html'}")
+
+
+@main.command()
+@click.argument("scenario")
 @click.option("--recording", "recordings", multiple=True, help="Recordings to diagnose; repeat, or list after one.")
 @click.option("--held-out", multiple=True, help="Recordings to test the explanation on; nothing is fitted to them.")
 @click.option("--fleet", type=click.Path(path_type=Path, exists=True, file_okay=False), help="One report a folder.")
@@ -162,7 +205,7 @@ def spread_values(arguments: list[str], options: tuple[str, ...]) -> list[str]:
     for argument in arguments:
         if argument in options:
             current = argument
-        elif argument.startswith("-"):
+        elif argument.startswith("-") or (current == "--conceal" and "=" not in argument and "@" not in argument):
             current = None
             result.append(argument)
         elif current is not None:
@@ -174,4 +217,4 @@ def spread_values(arguments: list[str], options: tuple[str, ...]) -> list[str]:
 
 def run_cli() -> None:
     """The console script."""
-    main(args=spread_values(sys.argv[1:], ("--recording", "--held-out", "--between")))
+    main(args=spread_values(sys.argv[1:], ("--recording", "--held-out", "--between", "--conceal")))

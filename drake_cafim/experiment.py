@@ -43,7 +43,8 @@ class ExperimentResult:
     """One executed experiment: what was known after it, and what happened. Times in s, forces in N.
 
     time (T+1,), commands (T, nu), robot states (T+1, 2 nu), measured and true forces (T, ny) after each command.
-    `history` is the belief after each renewal within the experiment: (time, mean, std).
+    `history` is the belief after each renewal within the experiment: (time, mean, std). `recorded` holds the
+    world's recorded outputs, (N, size) each, and their `time` (N,), from 0 on.
     """
 
     belief: Belief
@@ -61,6 +62,7 @@ class ExperimentResult:
     plans: Array
     candidates: Array
     history: tuple[tuple[float, Array, Array], ...]
+    recorded: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,10 @@ class _Loop:
             "belief": self.estimator.GetOutputPort("belief"),
             **{name: self.design.GetOutputPort(name) for name in ("command", "plan", "candidates", "planning_ms")},
         }
+        self.recorders = {
+            name: LogVectorOutput(self.plant.GetOutputPort(name), builder, world.recording_period)
+            for name in world.recorded
+        }
         self.sinks = {name: LogVectorOutput(port, builder, model.period) for name, port in sources.items()}
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
@@ -161,13 +167,17 @@ class _Loop:
         self.design.begin_experiment(self.design.GetMyMutableContextFromRoot(root), number)
         self.estimator.begin_experiment(self.estimator.GetMyMutableContextFromRoot(root), number)
         logs: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.sinks.items()}
-        for log in logs.values():
+        recorders: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.recorders.items()}
+        for log in (*logs.values(), *recorders.values()):
             log.Clear()
         self.simulator.Initialize()
         # a little past the end, so that the last measurement is taken and the belief renewed
         self.simulator.AdvanceTo((self.task.periods + 0.25) * self.task.model.period)
         rows = {name: self._rows(log) for name, log in logs.items()}
-        return self._result(root, rows)
+        recorded = {name: np.array(log.data().T) for name, log in recorders.items()}
+        if recorders:
+            recorded["time"] = np.array(next(iter(recorders.values())).sample_times())
+        return self._result(root, rows, recorded)
 
     def _rows(self, log: Any) -> Array:
         """The log's samples at the ends of the periods, (T+1, size), each taken before that moment's updates.
@@ -179,7 +189,7 @@ class _Loop:
         assert len(data) == expected, f"{len(data)} samples logged, expected {expected}"
         return data
 
-    def _result(self, root: Context, rows: Mapping[str, Array]) -> ExperimentResult:
+    def _result(self, root: Context, rows: Mapping[str, Array], recorded: Mapping[str, Array]) -> ExperimentResult:
         task, model = self.task, self.task.model
         context = self.estimator.GetMyContextFromRoot(root)
         belief = self.estimator.belief(context)
@@ -205,6 +215,7 @@ class _Loop:
             plans=rows["plan"][1:],
             candidates=rows["candidates"][1:],
             history=self._history(np.concatenate([rows["belief"][1:], [belief.vector()]])),
+            recorded=recorded,
         )
 
     def _history(self, beliefs: Array) -> tuple[tuple[float, Array, Array], ...]:

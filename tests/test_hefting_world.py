@@ -19,6 +19,7 @@ from drake_cafim.typing import Array
 GRAVITY = 9.81
 # heft: accelerations between -8 and +14 m/s², speeds up to the bound of 1 m/s
 COMMANDS = (0.0, 0.3, 0.7, 1.0, 0.7, 0.3, -0.1, -0.5, -0.9, -1.0, -0.3, 0.4, 0.2, -0.2, -0.5, -0.6, 0.0, 0.0, 0.0)
+JOINTS = ("joint_state", "joint_effort")
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ def test_ports(diagram: Diagram) -> None:
     inputs = [diagram.get_input_port(i).get_name() for i in range(diagram.num_input_ports())]
     outputs = [diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())]
     assert inputs == ["command"]
-    assert set(outputs) == {"measured_state", "true_force", "measured_force", "plant_state", "contact_results"}
+    assert set(outputs) == {"measured_state", "true_force", "measured_force", "plant_state", "contact_results", *JOINTS}
     assert diagram.GetInputPort("command").size() == 1
     assert diagram.GetOutputPort("measured_state").size() == 2
 
@@ -147,7 +148,7 @@ def test_errors(truth: dict[str, float], kind: str, message: str, config: heftin
 
 def test_packaged_file_equals_the_defaults(tmp_path: Path) -> None:
     empty = tmp_path / "mine.yaml"
-    empty.write_text("{}\n")
+    empty.write_text("model: arm.urdf\n")
     # Drake's own config structs compare by identity
     assert repr(hefting.load_config()) == repr(hefting.load_config(empty))
 

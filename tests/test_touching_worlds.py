@@ -30,6 +30,7 @@ MOTIONS: dict[str, Sequence[tuple[Sequence[float], int]]] = {
     "contouring": [((0.0, 0.3), 5), ((0.0, 0.0), 4), ((0.1, 0.0), 4), ((0.0, -0.3), 4), ((0.0, 0.0), 4)],
     "pinching": [((-0.2,), 2), ((-0.1,), 3), ((0.0,), 10), ((0.2,), 3), ((0.0,), 8)],
 }
+JOINTS = ("joint_state", "joint_effort")
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ def run(diagram: Diagram, scenario: Scenario) -> Run:
 def test_ports(diagram: Diagram, scenario: Scenario) -> None:
     axes = len(scenario.task.robot_start) // 2
     outputs = {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())}
-    assert outputs == {"measured_state", "true_force", "measured_force", "plant_state", "contact_results"}
+    assert outputs == {"measured_state", "true_force", "measured_force", "plant_state", "contact_results", *JOINTS}
     assert diagram.GetInputPort("command").size() == axes
     assert diagram.GetOutputPort("measured_state").size() == 2 * axes
     assert diagram.GetOutputPort("measured_force").size() == len(scenario.task.model.noise_std)

@@ -105,6 +105,8 @@ class Scenario:
     effects: list[EffectEntry] = dc.field(default_factory=list)
     servo: Servo | None = None
     topics: dict[str, Topic] = dc.field(default_factory=dict)  # names in bags, logs and foreign tables
+    diagram: dict[str, typing.Any] = dc.field(default_factory=dict)  # the world that `cafim run` builds, see diagrams/
+    task: dict[str, typing.Any] = dc.field(default_factory=dict)  # numbers of the planner's task, see tasks/
 
 
 LAWS = ("kelvin_voigt", "paper", "hunt_crossley")
@@ -132,13 +134,14 @@ def parse(raw: dict[str, Any], source: str) -> Scenario:
     """The scenario in the mapping `raw`; `source` names it in messages."""
     raw = {key: value for key, value in raw.items() if value is not None}
     _refuse_unknown_keys(raw, source)
-    directives = raw.pop("directives", [])
+    free: dict[str, Any] = {key: raw.pop(key) for key in ("directives", "diagram", "task") if key in raw}
     plain = _with_plain_std(_with_effect_parameters(raw))
     try:
         scenario: Scenario = yaml_load_typed(schema=Scenario, data=yaml.safe_dump(plain))
     except (RuntimeError, ValueError, TypeError) as error:
         raise InputError(f"{source}: {' '.join(str(error).split())}") from None
-    scenario.directives = directives
+    for key, value in free.items():  # YAML of any shape, which the schema cannot type
+        setattr(scenario, key, value)
     _check(scenario, source)
     return scenario
 
@@ -176,6 +179,9 @@ def _refuse_unknown_keys(raw: dict[str, Any], source: str) -> None:
                 raise InputError(f"{source}: unknown key {key!r} in {where}{hint}; valid keys: {', '.join(valid)}")
 
     check(raw, Scenario, "the scenario")
+    for key in ("diagram", "task"):
+        if not isinstance(raw.get(key, {}), dict):
+            raise InputError(f"{source}: {key} is {raw[key]!r}, expected a mapping")
     for name, channel in (raw.get("channels") or {}).items():
         check(channel or {}, Channel, f"channels.{name}")
     for key, kind in (("weld", Weld), ("unknown", Unknown), ("contact", ContactPair)):

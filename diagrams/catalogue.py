@@ -1,0 +1,103 @@
+"""The packaged worlds by name, each with the planner's task that is carried out in it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pydrake.geometry import Meshcat
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Diagram
+
+from drake_cafim.diagrams import contouring, hefting, pinching, rubbing
+from drake_cafim.diagrams.concealing import Concealed
+from drake_cafim.diagrams.configured import configured
+from drake_cafim.diagrams.showing import View
+from drake_cafim.diagrams.world import WorldKind, start_context
+from drake_cafim.errors import InputError
+from drake_cafim.scenario.schema import Scenario
+from drake_cafim.tasks.configure import configure
+from drake_cafim.tasks.contouring import contouring as contouring_task
+from drake_cafim.tasks.hefting import hefting as hefting_task
+from drake_cafim.tasks.pinching import pinching as pinching_task
+from drake_cafim.tasks.rubbing import rubbing as rubbing_task
+from drake_cafim.tasks.task import Task
+from drake_cafim.world import World
+
+
+@dataclass(frozen=True)
+class _Packaged:
+    config: Callable[[], Any]
+    build: Callable[..., Diagram]
+    view: Callable[[Any], View]
+    task: Callable[[], Task]
+
+
+_WORLDS: Mapping[str, _Packaged] = {
+    "hefting": _Packaged(hefting.HeftingConfig, hefting.build_world, hefting.view, hefting_task),
+    "rubbing": _Packaged(rubbing.RubbingConfig, rubbing.build_world, rubbing.view, rubbing_task),
+    "pinching": _Packaged(pinching.PinchingConfig, pinching.build_world, pinching.view, pinching_task),
+    "contouring": _Packaged(contouring.ContouringConfig, contouring.build_world, contouring.view, contouring_task),
+}
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What `cafim run` needs of a scenario: its task, its world's configuration, and how it is looked at."""
+
+    name: str
+    task: Task
+    config: Any
+    view: View
+
+    def diagram(
+        self,
+        kind: WorldKind,
+        seed: int,
+        *,
+        concealed: Sequence[Concealed] = (),
+        meshcat: Meshcat | None = None,
+    ) -> Diagram:
+        """A world of this kind, as the scenario's `build_world` documents it."""
+        build = _WORLDS[self.name].build
+        return build(self.config, self.task.truth, kind, seed=seed, concealed=concealed, meshcat=meshcat)
+
+    def world(self, kind: WorldKind, seed: int, concealed: Sequence[Concealed] = ()) -> World:
+        """The same as a world for `experiment.run`, its joints recorded at every step of the plant."""
+        diagram = self.diagram(kind, seed, concealed=concealed)
+        return World(
+            kind,
+            diagram,
+            lambda number: start_context(diagram, number),
+            recorded=("joint_state", "joint_effort", "plant_state", "measured_state", "true_force"),
+            recording_period=float(self.config.plant_config.time_step),
+        )
+
+
+def joint_names(diagram: Diagram) -> tuple[str, ...]:
+    """The joints of the world's robot, in the order of `joint_state`."""
+    plant = diagram.GetSubsystemByName("plant")
+    assert isinstance(plant, MultibodyPlant)
+    robot = plant.GetModelInstanceByName("arm7" if plant.HasModelInstanceNamed("arm7") else "gripper")
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(robot)]
+    moving = [joint for joint in joints if joint.num_velocities() == 1]
+    return tuple(joint.name() for joint in sorted(moving, key=lambda joint: int(joint.velocity_start())))
+
+
+def stage_of(scenario: Scenario, source: str) -> Stage:
+    """The stage that the sections `diagram:` and `task:` of `scenario` describe.
+
+    Raises `InputError` that names `source` where there is no such world, or a number has no place.
+    """
+    name = str(scenario.diagram.get("world", ""))
+    if name not in _WORLDS:
+        found = "no section diagram" if not scenario.diagram else f"diagram: world: {name}"
+        raise InputError(
+            f"{source}: found {found}, expected a world that can be run: diagram: {{world: {' | '.join(_WORLDS)}}}"
+        )
+    packaged = _WORLDS[name]
+    config = configured(scenario.diagram, packaged.config(), source)
+    task = packaged.task()
+    values = dict(scenario.task)
+    model = configure(task.model, values.pop("model", {}), f"{source}: task: model")
+    task = replace(configure(task, values, f"{source}: task"), model=model)
+    return Stage(name, task, config, packaged.view(config))

@@ -1,0 +1,189 @@
+"""`cafim run`: a scenario's experiments in its world, and what they leave: run.json, recordings, a replay, figures."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from pydrake.systems.framework import Diagram
+
+from drake_cafim import experiment
+from drake_cafim.design.planner import PLANNERS
+from drake_cafim.design.policies import POLICIES
+from drake_cafim.diagrams.catalogue import Stage, joint_names, stage_of
+from drake_cafim.diagrams.concealing import Concealed
+from drake_cafim.diagrams.showing import make_replay
+from drake_cafim.diagrams.world import WorldKind, check_kind, start_context
+from drake_cafim.errors import InputError
+from drake_cafim.experiment import ExperimentResult, Options, RunResult
+from drake_cafim.information import Criterion
+from drake_cafim.joint_recording import joint_recording
+from drake_cafim.output import replacing, write_text
+from drake_cafim.recordings import write
+from drake_cafim.report.replay import make_meshcat, write_replay
+from drake_cafim.report.run_figures import error_figure, information_figure
+from drake_cafim.run_record import run_record
+from drake_cafim.scenario.model_file import MODEL_SUFFIXES
+from drake_cafim.scenario.scene import Scene, resolve
+from drake_cafim.scenario.schema import load
+from drake_cafim.sensitivity.evaluator import Fisher
+from drake_cafim.world import World
+
+FILES = {"replay": "replay.html", "figures": ["error.svg", "information.svg"]}
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What `cafim run` was asked for."""
+
+    scenario: str
+    world: WorldKind = "drake"
+    options: Options = field(default_factory=Options)
+    prior_scale: float = 1.3  # the prior's mean as a multiple of the truth
+    concealed: tuple[Concealed, ...] = ()
+
+
+def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: bool = False) -> dict[str, Any]:
+    """The contents of run.json, written into `out` after all that it names.
+
+    Raises `InputError` for a scenario that has no world and for options that mean nothing.
+    """
+    finished = out / "run.json"
+    if resume and finished.is_file():
+        record: dict[str, Any] = json.loads(finished.read_text(encoding="utf-8"))
+        return record
+    _check(request)
+    _clear(out)
+    stage = load_stage(request.scenario)
+    task = stage.task.with_prior_mean(request.prior_scale)
+    progress("building the world")
+    world = stage.world(request.world, request.options.seed, request.concealed)
+    total = task.experiments if request.options.experiments is None else request.options.experiments
+    progress(f"experiment 1 of {total}")
+    result = experiment.run(task, request.options, world, lambda number, one: _tell(progress, number, total, one))
+    recordings = _write_recordings(request, result, world, out)
+    progress("drawing")
+    write_text(out / "error.svg", error_figure(result))
+    write_text(out / "information.svg", information_figure(result))
+    progress("writing the replay")
+    _write_replay(request, stage, result, out / "replay.html")
+    record = run_record(result, recordings, FILES)
+    record["concealed"] = [{"effect": one.effect, "at": one.at, **one.parameters} for one in request.concealed]
+    write_text(finished, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+    return record
+
+
+def load_stage(address: str) -> Stage:
+    """The stage of a packaged scenario's name or a scenario file; `InputError` for a bare model."""
+    path = resolve(address)
+    if str(path).endswith(MODEL_SUFFIXES):
+        raise InputError(f"{address}: found a model file, expected a scenario with the section diagram, as hefting has")
+    return stage_of(load(path), address)
+
+
+def parse_concealed(words: Sequence[str]) -> tuple[Concealed, ...]:
+    """`EFFECT@PLACE parameter=value ...`, any number of times, as effects.
+
+    Raises `InputError` for a word that is neither, or a value that is no number.
+    """
+    found: list[tuple[str, str, dict[str, float]]] = []
+    for word in words:
+        name, equals, number = word.partition("=")
+        effect, at, place = word.partition("@")
+        if not equals and at and effect and place:
+            found.append((effect, place, {}))
+        elif equals and found:
+            found[-1][2][name] = _number(name, number)
+        else:
+            raise InputError(f"--conceal {word}: expected EFFECT@PLACE followed by parameter=value")
+    return tuple(Concealed(effect, place, parameters) for effect, place, parameters in found)
+
+
+def table(record: dict[str, Any]) -> str:
+    """run.json for people, one line an experiment."""
+    truth = ", ".join(f"{name} {value:g}" for name, value in record["truth"].items())
+    lines = [
+        f"{record['scenario']}, world {record['world']}, {record['policy']}, seed {record['seed']}; truth: {truth}"
+    ]
+    for number, one in enumerate(record["experiments"], start=1):
+        known = ", ".join(
+            f"{name} {value:.4g} ± {one['std'][name]:.2g} ({one['error_percent'][name]:+.1f} %)"
+            for name, value in one["estimate"].items()
+        )
+        lines.append(
+            f"{number:2d}  {known};  contact {100 * one['contact_fraction']:.0f} %, reversals {one['reversals']}, "
+            f"largest force {one['max_force']:.1f} N, planning {one['planning_ms']['median']:.1f} ms"
+        )
+    return "\n".join(lines)
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"--conceal {name}={text}: expected a number") from None
+
+
+def _check(request: RunRequest) -> None:
+    options = request.options
+    check_kind(request.world)
+    choices: tuple[tuple[str, str, Sequence[str]], ...] = (
+        ("policy", options.policy, POLICIES),
+        ("planner", options.planner, PLANNERS),
+        ("criterion", options.criterion, _names(Criterion)),
+        ("fisher", options.fisher, _names(Fisher)),
+    )
+    for option, value, valid in choices:
+        if value not in valid:
+            raise InputError(f"--{option} {value}: expected one of {', '.join(valid)}")
+    if not request.prior_scale > 0:
+        raise InputError(f"--prior-scale {request.prior_scale}: expected a positive number")
+    if options.experiments is not None and options.experiments < 1:
+        raise InputError(f"--experiments {options.experiments}: expected at least 1")
+    if options.until_std is not None and not options.until_std > 0:
+        raise InputError(f"--until-std {options.until_std}: expected a positive fraction of the estimate")
+
+
+def _names(literal: Any) -> tuple[str, ...]:
+    return tuple(str(name) for name in get_args(literal))
+
+
+def _clear(out: Path) -> None:
+    """An older run's files: none may be taken for this one's."""
+    for path in (out / "run.json", out / "replay.html", *out.glob("experiment_*.parquet"), *out.glob("*.svg")):
+        path.unlink(missing_ok=True)
+
+
+def _tell(progress: Progress, number: int, total: int, one: ExperimentResult) -> None:
+    known = ", ".join(f"{name} {error:+.1f} %" for name, error in one.error_percent.items())
+    after = f"experiment {number + 2} of {total}" if number + 1 < total else "done"
+    progress(f"{after}; error after {number + 1}: {known}")
+
+
+def _write_recordings(request: RunRequest, result: RunResult, world: World, out: Path) -> list[str]:
+    scene = Scene.load(request.scenario)
+    assert isinstance(world.system, Diagram)
+    joints = joint_names(world.system)
+    columns = [f"{kind}.{joint}" for kind in "qvu" for joint in joints]
+    std = {column: scene.std(column) or 0.0 for column in columns}
+    names = []
+    for number, one in enumerate(result.experiments):
+        name = f"experiment_{number + 1}.parquet"
+        random = np.random.default_rng([request.options.seed, number, 1])
+        recording = joint_recording(one, name, joints, step=world.recording_period, std=std, random=random)
+        with replacing(out / name) as temporary:
+            write(recording, temporary)
+        names.append(name)
+    return names
+
+
+def _write_replay(request: RunRequest, stage: Stage, result: RunResult, path: Path) -> None:
+    """The first and the last experiment; all of them would be long to watch and heavy to load."""
+    meshcat = make_meshcat()
+    diagram = stage.diagram(request.world, request.options.seed, concealed=request.concealed, meshcat=meshcat)
+    shown = sorted({0, len(result.experiments) - 1})
+    replay = make_replay(result, diagram, lambda number: start_context(diagram, number), stage.view, experiments=shown)
+    write_replay(path, replay, diagram, meshcat)

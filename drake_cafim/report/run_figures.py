@@ -1,0 +1,93 @@
+"""What a run learned, drawn: error and information against the number of experiments."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from drake_cafim.experiment import RunResult
+from drake_cafim.report.colours import CORRECTED, MUTED, NOMINAL
+from drake_cafim.report.svg import as_svg, page_style
+from drake_cafim.typing import Array
+
+NINETY_FIVE = 1.96
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+
+
+def error_figure(result: RunResult) -> str:
+    """SVG: each estimate's error in percent with the belief's 95 % interval; row 0 is the prior."""
+    time, mean, std = _beliefs(result)
+    truth = result.task.theta
+    with page_style():
+        figure, row = _panels(result)
+        for index, (axes, parameter) in enumerate(zip(row, result.task.model.parameters.free, strict=True)):
+            error = 100.0 * (mean[:, index] - truth[index]) / truth[index]
+            spread = 100.0 * NINETY_FIVE * std[:, index] / truth[index]
+            axes.fill_between(time, error - spread, error + spread, color=CORRECTED, alpha=0.15, linewidth=0)
+            axes.plot(time, error, color=CORRECTED, marker="o", markersize=3.5)
+            axes.axhline(0.0, color=MUTED, linewidth=0.8)
+            largest = np.abs(error).max() + spread[1:].max(initial=1.0)
+            axes.set_ylim(-1.15 * largest, 1.15 * largest)
+            axes.set_title(f"error of {parameter.name}, %")
+            _count(axes, time)
+        return _standalone(as_svg(figure, f"Error of the estimate after each experiment, {result.task.name}"))
+
+
+def information_figure(result: RunResult) -> str:
+    """SVG: the standard deviation that is left of each parameter, and what each experiment alone would leave."""
+    time, _, std = _beliefs(result)
+    alone = np.array([_alone(experiment.fisher) for experiment in result.experiments])
+    with page_style():
+        figure, row = _panels(result)
+        for index, (axes, parameter) in enumerate(zip(row, result.task.model.parameters.free, strict=True)):
+            unit = "" if parameter.unit == "1" else f", {parameter.unit}"
+            axes.plot(
+                time, std[:, index], color=CORRECTED, marker="o", markersize=3.5, label="all so far, with the prior"
+            )
+            if result.task.estimate_every == 0:
+                axes.plot(time[1:], alone[:, index], color=NOMINAL, marker="s", markersize=3.5, label="this one alone")
+            axes.set_yscale("log")
+            axes.set_title(f"standard deviation of {parameter.name}{unit}")
+            axes.legend()
+            _count(axes, time)
+        return _standalone(as_svg(figure, f"Information after each experiment, {result.task.name}"))
+
+
+def _panels(result: RunResult) -> tuple[Figure, list[Axes]]:
+    count = len(result.task.model.parameters.free)
+    figure = Figure(figsize=(3.6 * count, 2.6), layout="constrained")
+    row = figure.subplots(1, count, squeeze=False)[0]
+    for axes in row:
+        axes.set_xlabel("experiments" if result.task.estimate_every == 0 else "time, s")
+    return figure, list(row)
+
+
+def _beliefs(result: RunResult) -> tuple[Array, Array, Array]:
+    """When, means and stds: the prior, then each experiment's; within it where estimation is online, in s."""
+    rows = [(0.0, result.prior.mean, result.prior.std)]
+    for number, experiment in enumerate(result.experiments):
+        if result.task.estimate_every:
+            start = number * float(experiment.time[-1])
+            rows += [(start + time, mean, std) for time, mean, std in experiment.history]
+        else:
+            rows.append((number + 1.0, experiment.belief.mean, experiment.belief.std))
+    return np.array([r[0] for r in rows]), np.array([r[1] for r in rows]), np.array([r[2] for r in rows])
+
+
+def _alone(fisher: Array) -> Array:
+    """Standard deviations (n,) that F alone leaves; infinite where it says nothing."""
+    values, vectors = np.linalg.eigh(fisher)
+    inverse = np.where(values > 1e-12 * max(float(values.max()), 1e-300), 1.0 / np.maximum(values, 1e-300), np.inf)
+    with np.errstate(invalid="ignore"):
+        variance = np.where(vectors**2 > 0, vectors**2 * inverse, 0.0).sum(axis=1)
+    return np.asarray(np.sqrt(variance))
+
+
+def _count(axes: Axes, time: Array) -> None:
+    if np.all(time == np.round(time)):
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def _standalone(svg: str) -> str:
+    """The element as a file of its own."""
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{svg.replace("<svg", SVG, 1)}\n'

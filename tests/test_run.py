@@ -1,0 +1,169 @@
+"""`cafim run`: what it writes, that a seed fixes it, and what it refuses."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from drake_cafim import experiment
+from drake_cafim.cli import main, spread_values
+from drake_cafim.commands.run import RunRequest, load_stage, parse_concealed, run_command
+from drake_cafim.diagrams.concealing import Concealed
+from drake_cafim.errors import InputError
+from drake_cafim.experiment import Options
+from drake_cafim.joint_recording import joint_recording
+from drake_cafim.recordings import read
+from drake_cafim.scenario.scene import DIAGRAMS, Scene
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The packaged hefting, cut to half a second."""
+    raw = yaml.safe_load((DIAGRAMS / "hefting.yaml").read_text())
+    raw["task"]["periods"] = 10
+    path = tmp_path_factory.mktemp("scenario") / "short.yaml"
+    path.write_text(yaml.safe_dump(raw))
+    return str(path)
+
+
+def go(scenario: str, out: Path, **chosen: Any) -> dict[str, Any]:
+    concealed = chosen.pop("concealed", ())
+    request = RunRequest(scenario, "model", Options(seed=1, **chosen), concealed=concealed)
+    out.mkdir(exist_ok=True)
+    return run_command(request, out, lambda text: None)
+
+
+@pytest.fixture(scope="module")
+def finished(short: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("first")
+    go(short, out, experiments=2)
+    return out
+
+
+def untimed(path: Path) -> dict[str, Any]:
+    record: dict[str, Any] = json.loads(path.read_text())
+    for one in record["experiments"]:
+        del one["planning_ms"]
+    return record
+
+
+def test_files_and_record(finished: Path) -> None:
+    record = json.loads((finished / "run.json").read_text())
+    assert record["schema"] == "drake_cafim.run/1"
+    assert record["world"] == "model" and record["truth"] == {"mass": 0.05}
+    assert record["prior"]["mass"]["mean"] == pytest.approx(0.065)
+    assert [one["recording"] for one in record["experiments"]] == ["experiment_1.parquet", "experiment_2.parquet"]
+    named = [record["files"]["replay"], *record["files"]["figures"], *(e["recording"] for e in record["experiments"])]
+    assert {path.name for path in finished.iterdir()} == {"run.json", *named}
+    assert (finished / "error.svg").read_text().startswith("<?xml")
+
+
+def test_the_same_seed_gives_the_same_bytes(finished: Path, short: str, tmp_path: Path) -> None:
+    go(short, tmp_path, experiments=2)
+    assert untimed(tmp_path / "run.json") == untimed(finished / "run.json")
+    for name in ("experiment_1.parquet", "experiment_2.parquet", "error.svg", "information.svg"):
+        assert (tmp_path / name).read_bytes() == (finished / name).read_bytes(), name
+
+
+def test_recording_is_one_continuous_motion(short: str) -> None:
+    stage = load_stage(short)
+    world = stage.world("model", 1)
+    (one,) = experiment.run(stage.task, Options(seed=1, experiments=1), world).experiments
+    names = Scene.load(short).tree.joint_names
+    recording = joint_recording(one, "x", names, step=0.002, std={}, random=np.random.default_rng(0))
+    q, v, u = (recording.matrix(kind, names) for kind in "qvu")
+    assert recording.time[1] == pytest.approx(0.002) and len(q) == pytest.approx(250, abs=8)
+    assert np.abs(v).max() > 0.3
+    np.testing.assert_allclose(np.diff(q, axis=0), 0.001 * (v[1:] + v[:-1]), atol=1e-12)
+    assert np.abs(u[:, 4:]).max() <= 12.0  # N m: what acts, after the limits
+    assert np.isfinite(recording["force.0"]).sum() == 10
+
+
+def test_encoders_have_the_stated_noise(finished: Path, short: str) -> None:
+    recording = read(finished / "experiment_1.parquet")
+    names = Scene.load(short).tree.joint_names
+    for kind, std in (("q", 3.0e-4), ("v", 8.0e-3)):
+        # third differences take the motion out; of white noise they have 20 times the variance
+        rough = np.diff(recording.matrix(kind, names), n=3, axis=0)
+        assert np.median(np.abs(rough)) / 0.6745 / np.sqrt(20.0) == pytest.approx(std, rel=0.1)
+
+
+def test_stops_when_sure_enough(short: str, tmp_path: Path) -> None:
+    record = go(short, tmp_path, experiments=4, until_std=10.0)
+    assert len(record["experiments"]) == 1
+
+
+def test_an_older_runs_files_go(finished: Path, short: str, tmp_path: Path) -> None:
+    (tmp_path / "experiment_9.parquet").write_text("old")
+    go(short, tmp_path, experiments=1)
+    assert {path.name for path in tmp_path.glob("experiment_*")} == {"experiment_1.parquet"}
+
+
+@pytest.mark.parametrize(
+    "concealed",
+    [
+        Concealed("joint_viscous_friction", "joint2", {"coefficient": 8.0}),
+        Concealed("joint_coulomb_friction", "joint4", {"torque": 3.0}),
+        Concealed("rotor_inertia", "joint2", {"inertia": 0.5}),
+        Concealed("payload", "flange", {"mass": 1.0, "z": 0.05}),
+    ],
+    ids=lambda one: one.effect,
+)
+def test_concealed_effect_is_in_the_world_and_in_no_model(
+    concealed: Concealed, finished: Path, short: str, tmp_path: Path
+) -> None:
+    record = go(short, tmp_path, experiments=1, concealed=(concealed,))
+    assert record["concealed"] == [{"effect": concealed.effect, "at": concealed.at, **concealed.parameters}]
+    first, other = (read(folder / "experiment_1.parquet") for folder in (finished, tmp_path))
+    names = Scene.load(short).tree.joint_names
+    # the controller pushes harder against what it does not know: well above any noise
+    assert np.abs(other.matrix("u", names) - first.matrix("u", names)).max() > 1.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["juggling"], "no packaged scenario of that name"),
+        (["hefting", "--policy", "bold"], "--policy bold: expected one of contact-aware"),
+        (["hefting", "--world", "mujoco"], "expected one of drake, model"),
+        (["hefting", "--experiments", "0"], "expected at least 1"),
+        (["hefting", "--conceal", "joint_backlash@joint2"], "expected one of joint_viscous_friction"),
+        (["hefting", "--conceal", "rotor_inertia@elbow", "inertia=1"], "the robot's joints are joint1"),
+        (["hefting", "--conceal", "rotor_inertia@joint1", "mass=1"], "found mass, expected inertia"),
+        (["hefting", "--conceal", "rotor_inertia@joint1", "inertia=much"], "inertia=much: expected a number"),
+    ],
+)
+def test_what_cannot_be_run(arguments: list[str], message: str, tmp_path: Path) -> None:
+    words = spread_values(["run", *arguments, "--out", str(tmp_path / "out")], ("--conceal",))
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 2
+    assert message in result.stderr and "Traceback" not in result.stderr
+
+
+def test_a_folder_that_holds_files_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("keep")
+    result = CliRunner().invoke(main, ["run", "hefting", "--out", str(tmp_path)])
+    assert result.exit_code == 2 and "not empty" in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_model_without_a_world(tmp_path: Path) -> None:
+    scenario = tmp_path / "arm.yaml"
+    scenario.write_text("model: arm.urdf\n")
+    with pytest.raises(InputError, match="no section diagram, expected a world that can be run"):
+        run_command(RunRequest(str(scenario)), tmp_path / "out", lambda text: None)
+
+
+def test_concealed_words() -> None:
+    words = spread_values(
+        ["run", "--conceal", "payload@flange", "mass=1", "z=0.1", "hefting", "--seed", "1"], ("--conceal",)
+    )
+    assert words[-3:] == ["hefting", "--seed", "1"]
+    given = parse_concealed([word for word in words[:-3] if word not in ("run", "--conceal")])
+    assert given == (Concealed("payload", "flange", {"mass": 1.0, "z": 0.1}),)
+    with pytest.raises(InputError, match="expected EFFECT@PLACE"):
+        parse_concealed(["mass=1"])
