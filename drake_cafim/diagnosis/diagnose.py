@@ -31,8 +31,8 @@ from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.units import unit_mistakes
 from drake_cafim.scenario.scene import Scene
 
-RIVAL = 0.01
-"""A rival of less probability than this is not worth a reader's time."""
+RIVAL = 9.0
+"""χ², in units of the noise that is left, by which a rival may fit worse: three standard deviations."""
 EXPLAINS = 0.8
 """Under `unexplained`, effects are named only where together they take away this share of the excess."""
 
@@ -169,17 +169,24 @@ def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Explanatio
 
 
 def _rivals(outcome: Outcome, best: Fit) -> tuple[Rival, ...]:
-    if not best.model.effects:
-        return ()
+    """Effects of the explanations that fit as well as the accepted one, which is preferred for its fewer effects."""
     present = key_of(best)
-    rivals = []
-    for key, probability in sorted(inclusion(outcome).items(), key=lambda item: -item[1]):
-        if key in present or probability < RIVAL:
+    probability = inclusion(outcome)
+    found: dict[tuple[str, str], float] = {}
+    for key, one in outcome.pool.fits.items():
+        as_good = one.chi_square - best.chi_square < RIVAL * outcome.scale
+        if not present or present <= key or not as_good or len(key) > len(present) + 1:
             continue
-        reasons = [effect.alike[key[0]] for effect in best.model.effects if key[0] in effect.alike]
-        why = reasons[0] if reasons else "over these motions the two move the measurements alike"
-        rivals.append(Rival(key[0], key[1], probability, why))
-    return tuple(rivals)
+        found |= {effect: probability[effect] for effect in key - present}
+    return tuple(
+        Rival(name, at, value, _why_alike(best, name))
+        for (name, at), value in sorted(found.items(), key=lambda item: (-item[1], item[0]))
+    )
+
+
+def _why_alike(best: Fit, name: str) -> str:
+    reasons = [effect.alike[name] for effect in best.model.effects if name in effect.alike]
+    return reasons[0] if reasons else "over these motions the two move the measurements alike"
 
 
 def _parameters(scene: Scene, best: Fit) -> tuple[NominalParameter, ...]:

@@ -149,6 +149,9 @@ def _step(
             toward = gradient[free] + damped[np.ix_(free, stopped)] @ taken[stopped]
             taken[free] = -np.linalg.solve(damped[np.ix_(free, free)], toward)
             trial = _kept_near(problem, model.at(model.vector + taken / scale))
+        if not all(effect.plausible() for effect in trial.effects):
+            damping = max(damping * 10.0, 1e-6)
+            continue
         trial_residual = problem.residual(trial)
         moved = float(offset @ (trial.vector - model.vector))
         if np.all(np.isfinite(trial_residual)) and 0.5 * float(trial_residual @ trial_residual) - moved < start:

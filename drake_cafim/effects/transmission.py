@@ -94,9 +94,10 @@ class JointHardStop(JointForce):
         )
 
     def plausible_over(self, joint: JointSamples) -> bool:
-        # what is touched most of the time stops nothing
-        beyond = self.values.get("side", 1.0) * (joint.q - self.values["position"]) > 0.0
-        return bool(np.mean(beyond) < 0.4)
+        # what is touched most of the time stops nothing, nor does what pushes back far less than the drive can
+        depth = self.values.get("side", 1.0) * (joint.q - self.values["position"])
+        firm = self.values["stiffness"] * np.max(depth) > 0.05 * np.max(np.abs(joint.u))
+        return bool(np.mean(depth > 0.0) < 0.4 and firm)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         for side in (1.0, -1.0):
