@@ -42,6 +42,8 @@ def test_generalized_force_is_the_power_of_the_force(scene: Scene) -> None:
         _, v_WP = moving.point(body.joint, body.p_JB + body.R_JB @ effect.point(body))
         force = effect.force(v_WP, time, "a.csv")
         assert np.allclose(np.sum(tau * v, axis=1), np.sum(force * v_WP, axis=1))
+        unit = moving.force_at(body.joint, body.p_JB + body.R_JB @ effect.point(body))
+        assert np.allclose(np.einsum("nja,na->nj", unit, force), tau)
 
 
 def test_drag_brakes_with_the_square_of_the_speed() -> None:

@@ -29,6 +29,10 @@ class Run:
     jacobian: sp.csr_matrix
     labels: tuple[tuple[str, slice], ...]
 
+    @property
+    def rows(self) -> int:
+        return len(self.weak.samples.windows) * self.weak.rows_per_window
+
     def whitened(self, rows: Array) -> Array:
         """Rows (M, r) or (M, r, k), flattened window after window and whitened."""
         return self.whiten(rows.reshape(-1, *rows.shape[2:]))

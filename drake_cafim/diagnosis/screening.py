@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from drake_cafim.diagnosis.fitting import Fit
-from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.problem import Problem, Run
 from drake_cafim.diagnosis.pulses import Push, strongest_pushes
 from drake_cafim.effects.actuator import (
     ActuatorDeadZone,
@@ -16,7 +16,7 @@ from drake_cafim.effects.actuator import (
     ActuatorLag,
     ActuatorSaturation,
 )
-from drake_cafim.effects.body import AerodynamicDrag, BodyForce, ExternalDisturbance
+from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance, pulse
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect, joined
@@ -114,7 +114,7 @@ def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Ca
         yield from _push_looks(problem, physics, effect, at)
     elif isinstance(effect, AerodynamicDrag):
         unit = effect.with_values({"coefficient": 1.0})
-        yield _body_columns(problem, physics, [unit]), effect.from_directions
+        yield _drag_columns(problem, physics, unit), effect.from_directions
     elif isinstance(effect, SensorEffect):
         yield problem.sensor_columns(effect), effect.from_directions
     elif isinstance(effect, TreeEffect):
@@ -200,19 +200,24 @@ def _scaled(effect: JointCoupling, values: Mapping[str, float], coefficients: Ar
     return effect.scaled(values, float(coefficients[0]))
 
 
-def _body_columns(problem: Problem, physics: Physics, forces: Sequence[BodyForce]) -> Array:
-    """Whitened rows (R, k) of forces on bodies."""
+def _drag_columns(problem: Problem, physics: Physics, unit: AerodynamicDrag) -> Array:
+    """Whitened rows (R, 1) of the drag."""
     parts = []
     for run in problem.runs:
         weak = run.weak
-        moving, samples = weak.motion(physics), weak.samples
-        rows = np.zeros((len(samples.windows), weak.rows_per_window, len(forces)))
-        for k, force in enumerate(forces):
-            alone = replace(physics, body_forces=(force,))
-            wrench = alone.body_wrenches(moving, samples.time, samples.recording.name)
-            rows[:, weak.dynamic, k] = -(samples.windows.value @ moving.project(wrench)) / physics.effort_gains
-        parts.append(run.whitened(rows))
+        moving = weak.motion(physics)
+        force = moving.project(replace(physics, body_forces=(unit,)).body_wrenches(moving))
+        parts.append(run.whitened(_pushed_rows(run, physics, force[..., None])))
     return np.concatenate(parts)
+
+
+def _pushed_rows(run: Run, physics: Physics, force: Array) -> Array:
+    """Rows (M, r, k) of generalized forces (N, n, k)."""
+    windows, weak = run.weak.samples.windows, run.weak
+    rows = np.zeros((len(windows), weak.rows_per_window, force.shape[2]))
+    weighed = (windows.value @ force.reshape(len(force), -1)).reshape(len(windows), *force.shape[1:])
+    rows[:, weak.dynamic] = -weighed / physics.effort_gains[:, None]
+    return rows
 
 
 def _pushes(problem: Problem, at: Fit) -> tuple[list[Push], int]:
@@ -227,16 +232,21 @@ def _push_looks(
     problem: Problem, physics: Physics, effect: ExternalDisturbance, at: Fit
 ) -> Iterator[tuple[Array, Callable[[Array], Effect | None]]]:
     """A pulse along each axis, at the strongest pushes and a little beside them."""
+    body = physics.tree.body(effect.at)
     for push in _pushes(problem, at)[0][:2]:
-        name = problem.runs[push.run].weak.samples.recording.name
+        run = problem.runs[push.run]
+        time, name, moving = run.weak.samples.time, run.weak.samples.recording.name, run.weak.motion(physics)
+        along = moving.force_at(body.joint, body.p_JB + body.R_JB @ effect.point(body))
+        start = sum(one.rows for one in problem.runs[: push.run])
         duration = push.stop - push.start
         for center in (-0.15, 0.0, 0.15):
             for width in (0.8, 1.0, 1.25):
                 middle = 0.5 * (push.start + push.stop) + center * duration
                 interval = {"start": middle - 0.5 * width * duration, "stop": middle + 0.5 * width * duration}
-                axes = [{a: float(a == axis) for a in "xyz"} | interval for axis in "xyz"]
-                forces = [ExternalDisturbance(effect.at, one, name) for one in axes]
-                yield _body_columns(problem, physics, forces), partial(_pushed, effect.at, interval, name)
+                force = along * pulse(time, interval["start"], interval["stop"])[:, None, None]
+                columns = np.zeros((problem.rows, 3))
+                columns[start : start + run.rows] = run.whitened(_pushed_rows(run, physics, force))
+                yield columns, partial(_pushed, effect.at, interval, name)
 
 
 def _pushed(at: str, interval: Mapping[str, float], recording: str, peak: Array) -> Effect:

@@ -81,6 +81,15 @@ class Motion:
         V = self.velocities[:, joint]
         return position, V[:, 3:] + np.cross(V[:, :3], position)
 
+    def force_at(self, joint: int, p_JP: Array) -> Array:
+        """Generalized forces (N, n, 3) of unit forces along the world's axes at a point fixed in frame J."""
+        p_WP, _ = self.point(joint, p_JP)
+        result = np.zeros((*self.q.shape, 3))
+        for k in np.flatnonzero(self.tree.supports()[joint]):
+            S = self.axes[:, k]
+            result[:, k] = S[:, 3:] + np.cross(S[:, :3], p_WP)
+        return result
+
 
 def motion(tree: Tree, q: Array, v: Array) -> Motion:
     """The motion of `tree` at positions `q` and velocities `v`, each (N, n)."""
