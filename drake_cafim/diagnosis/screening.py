@@ -78,18 +78,10 @@ def _best_look(problem: Problem, at: Fit, effect: Effect, basis: Array, residual
     trials = 0
     for columns, build in looks(problem, at, effect):
         trials += 1
-        padded = np.concatenate([columns, np.zeros((len(residual) - len(columns), columns.shape[1]))])
-        projected = padded - basis @ (basis.T @ padded)
-        scale = np.linalg.norm(projected, axis=0)
-        # a direction that the nuisance spans says nothing
-        seen = scale > 1e-6 * np.maximum(np.linalg.norm(padded, axis=0), 1e-300)
-        if not np.any(seen):
+        solved = _projected(columns, basis[: len(columns)], residual[: len(columns)])
+        if solved is None:
             continue
-        coefficients = np.zeros(columns.shape[1])
-        solution = np.linalg.lstsq(projected[:, seen] / scale[seen], -residual, rcond=1e-9)[0]
-        coefficients[seen] = solution / scale[seen]
-        left = residual + projected @ coefficients
-        gain = float(residual @ residual - left @ left)
+        coefficients, gain = solved
         if best is not None and gain <= best.gain:
             continue
         built = build(coefficients)
@@ -99,6 +91,29 @@ def _best_look(problem: Problem, at: Fit, effect: Effect, basis: Array, residual
     if isinstance(effect, ExternalDisturbance):
         trials += _pushes(problem, at)[1]
     return None if best is None else Candidate(best.effect, best.gain, best.strengths, trials)
+
+
+def _projected(columns: Array, basis: Array, residual: Array) -> tuple[Array, float] | None:
+    """Coefficients of `columns` that take most off the residual once the nuisance is projected out, and what they take.
+
+    `residual` is already orthogonal to the nuisance's orthonormal `basis`. None where the nuisance spans the columns.
+    """
+    full = np.linalg.norm(columns, axis=0)
+    unit = columns / np.maximum(full, 1e-300)
+    along = basis.T @ unit
+    gram = unit.T @ unit - along.T @ along
+    left = np.sqrt(np.clip(np.diag(gram), 0.0, None))
+    # a direction that the nuisance spans says nothing
+    seen = (left > 1e-4) & (full > 0.0)
+    if not np.any(seen):
+        return None
+    scale = left[seen]
+    inverse = np.linalg.pinv(gram[np.ix_(seen, seen)] / np.outer(scale, scale), rcond=1e-9, hermitian=True)
+    score = unit[:, seen].T @ residual / scale
+    solution = -inverse @ score
+    coefficients = np.zeros(len(full))
+    coefficients[seen] = solution / scale / full[seen]
+    return coefficients, float(-score @ solution)
 
 
 def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Callable[[Array], Effect | None]]]:
