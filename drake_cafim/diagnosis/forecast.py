@@ -99,21 +99,25 @@ def _gather(
     window = np.concatenate([np.full(stop - start + 1, w) for w, start, stop in pieces])
     q_flat = np.concatenate([q[: stop - start + 1, w] for w, start, stop in pieces])
     v_flat = np.concatenate([v[: stop - start + 1, w] for w, start, stop in pieces])
-    predicted = {f"q.{name}": q_flat[:, j] for j, name in enumerate(names)}
+    predicted = {f"q.{name}": q_flat[:, j].copy() for j, name in enumerate(names)}
     if samples.velocity_measured:
-        predicted |= {f"v.{name}": v_flat[:, j] for j, name in enumerate(names)}
+        predicted |= {f"v.{name}": v_flat[:, j].copy() for j, name in enumerate(names)}
     if weak.sensors:
         moving = motion(physics.tree, q_flat, v_flat)
         wrenches = physics.contact_wrenches(moving)
         for sensor in weak.sensors:
             reading = sensor.reading(moving, wrenches[:, sensor.joint])
             predicted |= {
-                f"wrench.{sensor.name}.{axis}": reading[:, k]
+                f"wrench.{sensor.name}.{axis}": reading[:, k].copy()
                 for k, axis in enumerate(("fx", "fy", "fz", "tx", "ty", "tz"))
             }
     time = samples.time[index]
     for effect in physics.sensors:
-        if effect.at in predicted:
-            predicted[effect.at] = effect.measured(time, predicted[effect.at])
+        on = [name for name in effect.channels(list(predicted)) if name in predicted]
+        for w in range(len(pieces) if on else 0):
+            rows = window == w
+            written = effect.measured(time[rows], np.stack([predicted[name][rows] for name in on], axis=1))
+            for k, name in enumerate(on):
+                predicted[name][rows] = written[:, k]
     columns = samples.recording.columns
     return Forecast(samples.recording.name, time, window, predicted, {name: columns[name][index] for name in predicted})

@@ -1,12 +1,13 @@
 """The search for the effects that explain a misfit: screen to first order, refit exactly, then admit another one."""
 
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.adequacy import adequacy
+from drake_cafim.diagnosis.adequacy import adequacy, by_run
 from drake_cafim.diagnosis.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
@@ -111,6 +112,7 @@ def search(problem: Problem, settings: Settings, progress: Callable[[str], None]
         best = _grown(state, nominal)
     if best.model.effects:
         _fit_rivals(state, best)
+        _fit_equivalents(state, best)
         alike = [one for one in state.pool.fits.values() if len(one.model.effects) <= len(best.model.effects)]
         best = min(alike, key=lambda one: criterion(one, scale_of(best), trials))
     return Outcome(state.problem, problem, nominal, best, state.pool, trials, tuple(screened), detection)
@@ -232,6 +234,26 @@ def _fit_rivals(state: _State, best: Fit) -> None:
                     state.pool.add(one)
 
 
+def _fit_equivalents(state: _State, best: Fit) -> None:
+    """Fit pairs of effects that may be an accepted one by another name: as many strengths, at the same place."""
+    for effect in best.model.effects:
+        rest = tuple(other for other in best.model.effects if other is not effect)
+        alike = [one for one in state.effects if one.name in effect.alike and one.at == effect.at]
+        for pair in itertools.combinations(alike, 2):
+            if sum(len(one.strengths) for one in pair) != len(effect.strengths):
+                continue
+            parent = Model(best.model.unknown, rest)
+            for one in pair:
+                found = screen(state.problem, fit(state.problem, parent), [one])
+                if not found:
+                    break
+                parent = parent.with_effects([found[0].effect])
+            else:
+                equivalent = _reshaped(state.problem, fit(state.problem, parent))
+                if state.problem.plausible(equivalent.model):
+                    state.pool.add(equivalent)
+
+
 def _reshaped(problem: Problem, one: Fit) -> Fit:
     """The fit with the best shape of each effect, one after the other."""
     for position, effect in enumerate(one.model.effects):
@@ -248,9 +270,12 @@ def _accepted(state: _State, before: Fit, after: Fit) -> bool:
     """Whether the larger explanation is more than the luck of the best of so many looks.
 
     Where even the larger one leaves far more than noise, small gains mean little: the wrong law of one effect is
-    patched by others that are not there. It must then take away a fair part of what was left.
+    patched by others that are not there. It must then take away a fair part of what was left, and do so again in each
+    recording.
     """
-    if scale_of(after) > MISFIT and after.chi_square > (1.0 - FAIR_PART) * before.chi_square:
+    if scale_of(after) > MISFIT and not (
+        after.chi_square < (1.0 - FAIR_PART) * before.chi_square and _in_each_recording(state.problem, before, after)
+    ):
         return False
     known = {effect.key for effect in before.model.effects}
     new = [effect for effect in after.model.effects if effect.key not in known]
@@ -261,6 +286,12 @@ def _accepted(state: _State, before: Fit, after: Fit) -> bool:
     if p > settings.false_alarm_rate or gain < strengths * np.log(max(after.data_rows, 2)):
         return False
     return all(wald_p_value(state.problem, after, effect.key) * trials <= settings.false_alarm_rate for effect in new)
+
+
+def _in_each_recording(problem: Problem, before: Fit, after: Fit) -> bool:
+    """Whether every recording is better explained by `after`."""
+    left, had = by_run(problem, after.residual[: problem.rows]), by_run(problem, before.residual[: problem.rows])
+    return all(np.sum(a**2) < np.sum(b**2) for (_, a), (_, b) in zip(left, had, strict=True))
 
 
 def inclusion(outcome: Outcome) -> dict[tuple[str, str], float]:
