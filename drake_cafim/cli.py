@@ -81,11 +81,12 @@ def run(
     **chosen: Any,
 ) -> None:
     """Plan motions that touch, carry them out, and learn the scenario's unknowns."""
-    from drake_cafim.commands.run import RunRequest, parse_concealed, run_command, table
+    from drake_cafim.commands.run import RunRequest, check_request, parse_concealed, run_command, table
     from drake_cafim.experiment import Options
 
     options = Options(**{name: value for name, value in chosen.items() if name not in ("jobs", "scheduler")})
     request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal))
+    check_request(request)
     folder = prepare_folder(out, "run", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
         record = run_command(request, folder, progress, resume=resume)
@@ -148,6 +149,30 @@ def estimate(
         f"{p['parameter']} of {p['at']}: {p['value']:.6g} ± {p['std']:.2g} {p['unit']}" for p in report["parameters"]
     ]
     _print(report, as_json, "\n".join([*lines, str(folder / "report.json")]))
+
+
+@main.command()
+@click.argument("name")
+@click.option("--short", is_flag=True, help="A few seeds, to see that it works.")
+@common
+def study(
+    name: str,
+    short: bool,
+    out: Path | None,
+    as_json: bool,
+    jobs: int,
+    resume: bool,
+    overwrite: bool,
+    **_: object,
+) -> None:
+    """Repeat a study of many runs: figures and tables beside the paper's claims."""
+    from drake_cafim.commands.study import find_study, study_command
+
+    find_study(name)
+    folder = prepare_folder(out, f"study-{name}", resume=resume, overwrite=overwrite)
+    with progress_line() as progress:
+        record, text = study_command(name, folder, jobs, progress, short=short)
+    _print(record, as_json, f"{text}\n\n{folder / 'study.html'}")
 
 
 @main.command(name="import")

@@ -55,7 +55,7 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     if resume and finished.is_file():
         record: dict[str, Any] = json.loads(finished.read_text(encoding="utf-8"))
         return record
-    _check(request)
+    check_request(request)
     _clear(out)
     stage = load_stage(request.scenario)
     task = stage.task.with_prior_mean(request.prior_scale)
@@ -127,7 +127,9 @@ def _number(name: str, text: str) -> float:
         raise InputError(f"--conceal {name}={text}: expected a number") from None
 
 
-def _check(request: RunRequest) -> None:
+def check_request(request: RunRequest) -> None:
+    """Raises `InputError` for a scenario that cannot be run and for options that mean nothing."""
+    load_stage(request.scenario)
     options = request.options
     check_kind(request.world)
     choices: tuple[tuple[str, str, Sequence[str]], ...] = (

@@ -1,0 +1,38 @@
+"""`cafim study`: many runs, resumable, and one page with what they say."""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from drake_cafim.errors import InputError
+from drake_cafim.output import write_text
+from drake_cafim.studies.catalogue import STUDIES, Study
+from drake_cafim.studies.page import as_text, render
+from drake_cafim.studies.sweep import sweep
+
+
+def find_study(name: str) -> Study:
+    """The study called `name`; `InputError` lists the valid ones."""
+    if name not in STUDIES:
+        raise InputError(f"{name}: there is no such study, expected one of {', '.join(STUDIES)}")
+    return STUDIES[name]
+
+
+def study_command(
+    name: str, out: Path, jobs: int, progress: Callable[[str], None], *, short: bool = False
+) -> tuple[dict[str, Any], str]:
+    """The findings as JSON and as text; `out` gets study.html, study.json and a file a run under runs/.
+
+    Runs whose file is there are not run again. Raises `InputError` for a study that there is not.
+    """
+    study = find_study(name)
+    results = sweep(study.cells(short), out / "runs", jobs, progress)
+    findings = study.conclude(results)
+    command = f"cafim study {name}{' --short' if short else ''}"
+    record = {"schema": "drake_cafim.study/1", "study": name, "short": short, **asdict(findings)}
+    del record["figures"]  # they are on the page
+    write_text(out / "study.html", render(findings, command))
+    write_text(out / "study.json", json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+    return record, as_text(findings)

@@ -1,0 +1,45 @@
+"""The studies by name."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from drake_cafim.studies.behaviour import behaviour, behaviour_cells
+from drake_cafim.studies.cell import Cell
+from drake_cafim.studies.comparisons import (
+    convergence,
+    convergence_cells,
+    criteria,
+    criteria_cells,
+    noise,
+    noise_cells,
+    planner_cells,
+    planners,
+)
+from drake_cafim.studies.findings import Findings
+from drake_cafim.studies.landscapes import landscape_cells, landscapes
+from drake_cafim.studies.priors import calibration, calibration_cells, robustness, robustness_cells
+from drake_cafim.studies.requirements import requirement_cells, requirements
+from drake_cafim.studies.worlds import hefting_table, hefting_table_cells
+
+
+@dataclass(frozen=True)
+class Study:
+    """Which runs it needs, in full or in short, and what they say."""
+
+    cells: Callable[[bool], list[Cell]]
+    conclude: Callable[[Mapping[Cell, Any]], Findings]
+
+
+STUDIES: Mapping[str, Study] = {
+    "requirements": Study(requirement_cells, requirements),
+    "convergence": Study(convergence_cells, convergence),
+    "robustness": Study(robustness_cells, robustness),
+    "calibration": Study(calibration_cells, calibration),
+    "behaviour": Study(behaviour_cells, behaviour),
+    "criteria": Study(criteria_cells, criteria),
+    "planners": Study(planner_cells, planners),
+    "noise": Study(noise_cells, noise),
+    "landscapes": Study(landscape_cells, landscapes),
+    "hefting-table": Study(hefting_table_cells, hefting_table),
+}

@@ -1,0 +1,101 @@
+"""One run of a study: what was varied, and the numbers that are kept of it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from drake_cafim.design.planner import PlannerName
+from drake_cafim.design.policies import PolicyName
+from drake_cafim.diagrams.catalogue import stage_of
+from drake_cafim.diagrams.world import WorldKind
+from drake_cafim.experiment import ExperimentResult, Options, RunResult, run
+from drake_cafim.information import Criterion
+from drake_cafim.kinematic_world import kinematic_world
+from drake_cafim.scenario.scene import resolve
+from drake_cafim.scenario.schema import load
+from drake_cafim.tasks.contouring import contouring
+from drake_cafim.tasks.hefting import hefting
+from drake_cafim.tasks.pinching import pinching
+from drake_cafim.tasks.rubbing import rubbing
+from drake_cafim.tasks.task import Task
+from drake_cafim.world import World
+
+TASKS: Mapping[str, Callable[[], Task]] = {
+    "hefting": hefting,
+    "rubbing": rubbing,
+    "pinching": pinching,
+    "contouring": contouring,
+}
+SCENARIOS = tuple(TASKS)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A run with everything that chooses it; the same cell gives the same numbers, planning times aside."""
+
+    scenario: str
+    seed: int
+    policy: PolicyName = "contact-aware"
+    planner: PlannerName = "predictive-sampling"
+    criterion: Criterion = "logdet"
+    prior_scale: float = 1.3  # the prior's mean over the truth
+    noise: float = 1.0  # times the task's force noise, in the world and in the model
+    world: WorldKind | None = None  # None: the kinematic world
+    experiments: int | None = None  # None: the task's own number
+
+    @property
+    def key(self) -> str:
+        """A file name that no other cell has."""
+        world = "kinematic" if self.world is None else self.world
+        parts = (self.scenario, world, self.policy, self.planner, self.criterion, f"prior{self.prior_scale:g}")
+        return "_".join((*parts, f"noise{self.noise:g}", f"of{self.experiments or 'all'}", f"seed{self.seed}"))
+
+
+def measure(cell: Cell) -> dict[str, Any]:
+    """The numbers of the run that `cell` describes, as they are kept in its file."""
+    task, world = _task_and_world(cell)
+    options = Options(
+        policy=cell.policy,
+        planner=cell.planner,
+        criterion=cell.criterion,
+        seed=cell.seed,
+        experiments=cell.experiments,
+    )
+    result = run(task, options, world)
+    return {
+        "parameters": list(task.model.parameters.names),
+        "prior_error": (100.0 * (result.prior.mean - task.theta) / task.theta).tolist(),
+        "period": task.model.period,
+        "experiments": [_kept(result, one) for one in result.experiments],
+    }
+
+
+def _task_and_world(cell: Cell) -> tuple[Task, World]:
+    stage = None if cell.world is None else stage_of(load(resolve(cell.scenario)), cell.scenario)
+    task = TASKS[cell.scenario]() if stage is None else stage.task
+    task = task.with_prior_mean(cell.prior_scale)
+    if cell.noise != 1.0:
+        # every packaged model has a field force_std
+        noisy: Any = task.model
+        task = replace(task, model=replace(noisy, force_std=cell.noise * noisy.force_std))
+    if stage is None or cell.world is None:
+        return task, kinematic_world(task, seed=cell.seed)
+    world = stage.world(cell.world, cell.seed)
+    return task, replace(world, recorded=())  # a study keeps no recordings
+
+
+def _kept(result: RunResult, one: ExperimentResult) -> dict[str, Any]:
+    theta = result.task.theta
+    eigenvalues = np.linalg.eigvalsh(one.fisher / np.outer(1.0 / theta, 1.0 / theta))
+    return {
+        "error": list(one.error_percent.values()),
+        "inside": (np.abs(one.belief.mean - theta) <= 1.96 * one.belief.std).tolist(),
+        "std": (100.0 * one.belief.std / theta).tolist(),
+        "information": one.scaled_trace,
+        "condition": float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 0 else None,
+        "behaviour": dict(one.behaviour),
+        "tracking_error": one.tracking_error,
+        "planning_ms": float(np.median(one.planning_ms)),
+    }

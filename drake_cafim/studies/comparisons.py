@@ -1,0 +1,174 @@
+"""One choice varied, all else alike: policies, planners, criteria, and the noise of the sensor."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, get_args
+
+import numpy as np
+
+from drake_cafim.design.planner import PlannerName
+from drake_cafim.design.policies import PolicyName
+from drake_cafim.information import Criterion
+from drake_cafim.studies.cell import SCENARIOS, Cell
+from drake_cafim.studies.curves import Curve, quartile_figure
+from drake_cafim.studies.findings import Claim, Findings, Table, behaviours, final_errors, information, ratio_of_medians
+
+POLICIES: tuple[PolicyName, ...] = get_args(PolicyName)
+PLANNERS: tuple[PlannerName, ...] = get_args(PlannerName)
+CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
+SIGMAS = (0.1, 0.3, 1.0, 3.0)
+
+
+def convergence_cells(short: bool) -> list[Cell]:
+    """Six policies, 20 seeds."""
+    return [Cell(name, seed, policy) for name in SCENARIOS for policy in POLICIES for seed in range(2 if short else 20)]
+
+
+def convergence(results: Mapping[Cell, Any]) -> Findings:
+    """Error and information by experiment for each policy, and what contact-awareness gains over each."""
+    about = (
+        "Six policies from the same prior, 30 % too high. Gains are ratios of median information, 95 % by bootstrap."
+    )
+    tables, claims, figures = [], [], []
+    for name in SCENARIOS:
+        by_policy = _groups(results, name, POLICIES, lambda cell: cell.policy)
+        tables.append(_table(name, by_policy, "contact-aware"))
+        claims += _policy_claims(name, by_policy)
+        figures.append(_curves(name, by_policy))
+    claims.append(Claim("The same on the paper's own robots", "no hardware", "cannot be repeated here"))
+    return Findings("Convergence", about, tuple(claims), tuple(tables), tuple(figures))
+
+
+def planner_cells(short: bool) -> list[Cell]:
+    """Four planners on the same budget of rollouts, 20 seeds."""
+    seeds = range(1 if short else 20)
+    return [Cell(name, seed, planner=planner) for name in SCENARIOS for planner in PLANNERS for seed in seeds]
+
+
+def planners(results: Mapping[Cell, Any]) -> Findings:
+    """What each planner finds with ten rollouts a step."""
+    groups = {name: _groups(results, name, PLANNERS, lambda cell: cell.planner) for name in SCENARIOS}
+    tables = tuple(_table(name, by, "predictive-sampling") for name, by in groups.items())
+    return Findings("Planners", "The same score and the same number of rollouts a planning step.", (), tables)
+
+
+def criteria_cells(short: bool) -> list[Cell]:
+    """Five criteria where there are two unknowns, 20 seeds."""
+    seeds = range(1 if short else 20)
+    names = ("pinching", "contouring")
+    return [Cell(name, seed, criterion=criterion) for name in names for criterion in CRITERIA for seed in seeds]
+
+
+def criteria(results: Mapping[Cell, Any]) -> Findings:
+    """What each scalar of the information leads to; condition numbers in units of the truth."""
+    tables, claims = [], []
+    for name in ("pinching", "contouring"):
+        by = _groups(results, name, CRITERIA, lambda cell: cell.criterion)
+        tables.append(_table(name, by, "logdet"))
+        condition = {key: _condition(runs) for key, runs in by.items()}
+        best = min(condition, key=lambda key: condition[key])
+        found = ", ".join(f"{key} {value:.3g}" for key, value in condition.items())
+        better = condition["trace"] <= 1.05 * condition[best]
+        claims.append(
+            Claim(
+                f"{name}: maximising the trace bounds the condition number",
+                found,
+                "holds" if better else "does not hold",
+            )
+        )
+    about = "In units of the truth: F is scaled by θ before its condition number is taken."
+    return Findings("Criteria", about, tuple(claims), tuple(tables))
+
+
+def noise_cells(short: bool) -> list[Cell]:
+    """The sensor's noise times 0.1 to 3, three policies, 20 seeds."""
+    policies: tuple[PolicyName, ...] = ("contact-aware", "finite-difference", "random")
+    seeds = range(1 if short else 20)
+    return [Cell(n, s, p, noise=sigma) for n in SCENARIOS for sigma in SIGMAS for p in policies for s in seeds]
+
+
+def noise(results: Mapping[Cell, Any]) -> Findings:
+    """Final error against the noise, and whether policies tie where it is small."""
+    tables, claims = [], []
+    for name in SCENARIOS:
+        rows = []
+        for sigma in SIGMAS:
+            part = {cell: kept for cell, kept in results.items() if cell.noise == sigma}
+            by = _groups(part, name, ("contact-aware", "finite-difference", "random"), lambda cell: cell.policy)
+            errors = [f"{np.median(final_errors(runs)):.2f}" for runs in by.values()]
+            gain = ratio_of_medians(information(by["contact-aware"]), information(by["random"]))
+            rows.append((f"{sigma:g}", *errors, str(gain)))
+            if name == "hefting" and sigma == min(SIGMAS):
+                text = f"gain over random {gain} at {sigma:g} of the noise"
+                standing = "holds" if gain.standing == "ties" else "does not hold"
+                claims.append(Claim("Hefting would tie with random if the sensor were less noisy", text, standing))  # type: ignore[arg-type]
+        header = ("noise", "contact-aware, %", "finite-difference, %", "random, %", "information over random")
+        tables.append(Table(f"{name}: median final error", header, tuple(rows)))
+    return Findings("Noise", "The sensor's noise scaled in the world and in the model.", tuple(claims), tuple(tables))
+
+
+def _groups(
+    results: Mapping[Cell, Any], scenario: str, names: Sequence[str], of: Callable[[Cell], str]
+) -> dict[str, list[dict[str, Any]]]:
+    return {
+        name: [kept for cell, kept in results.items() if cell.scenario == scenario and of(cell) == name]
+        for name in names
+    }
+
+
+def _table(scenario: str, groups: Mapping[str, Sequence[dict[str, Any]]], reference: str) -> Table:
+    """Final error, information and behaviour of each group, and the reference's gain over it."""
+    first = next(iter(groups.values()))[0]
+    header = ("", *(f"error of {name}, %" for name in first["parameters"]), "information", f"{reference} over it")
+    header = (*header, "condition", "contact", "airborne", "largest force, N", "planning, ms")
+    rows = []
+    for name, runs in groups.items():
+        medians = np.median(final_errors(runs), axis=0)
+        gain = "1" if name == reference else str(ratio_of_medians(information(groups[reference]), information(runs)))
+        rows.append(
+            (
+                name,
+                *(f"{value:.2f}" for value in medians),
+                f"{np.median(information(runs)):.4g}",
+                gain,
+                f"{_condition(runs):.3g}",
+                f"{np.mean(behaviours(runs, 'contact_fraction')):.2f}",
+                f"{np.mean(behaviours(runs, 'airborne_fraction')):.2f}",
+                f"{np.max(behaviours(runs, 'max_force')):.1f}",
+                f"{np.median([one['planning_ms'] for run in runs for one in run['experiments']]):.2f}",
+            )
+        )
+    return Table(f"{scenario}: {len(next(iter(groups.values())))} seeds", header, tuple(rows))
+
+
+def _condition(runs: Sequence[dict[str, Any]]) -> float:
+    """Median condition number of an experiment's information; infinite where it is singular."""
+    values = [one["condition"] for run in runs for one in run["experiments"]]
+    return float(np.median([np.inf if value is None else value for value in values]))
+
+
+def _policy_claims(scenario: str, groups: Mapping[str, Sequence[dict[str, Any]]]) -> list[Claim]:
+    claims = []
+    own = information(groups["contact-aware"])
+    for other in POLICIES[1:]:
+        gain = ratio_of_medians(own, information(groups[other]))
+        claims.append(
+            Claim(f"{scenario}: contact-aware brings more information than {other}", str(gain), gain.standing)
+        )
+    return claims
+
+
+def _curves(scenario: str, groups: Mapping[str, Sequence[dict[str, Any]]]) -> str:
+    curves = [
+        Curve(
+            name,
+            np.array(
+                [
+                    [np.abs(run["prior_error"]).mean(), *(np.abs(e["error"]).mean() for e in run["experiments"])]
+                    for run in runs
+                ]
+            ),
+            np.array([np.cumsum([e["information"] for e in run["experiments"]]) for run in runs]),
+        )
+        for name, runs in groups.items()
+    ]
+    return quartile_figure(scenario, curves)

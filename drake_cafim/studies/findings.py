@@ -1,0 +1,94 @@
+"""What a study found: tables, figures, and claims with a verdict."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+
+from drake_cafim.typing import Array
+
+Standing: TypeAlias = Literal["holds", "ties", "does not hold", "cannot be repeated here"]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Something that was claimed or required, what was found instead of it, and how it stands."""
+
+    claim: str
+    found: str
+    standing: Standing
+
+
+@dataclass(frozen=True)
+class Table:
+    """A titled table of words."""
+
+    title: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All that a study's page shows; figures are SVG elements."""
+
+    title: str
+    about: str
+    claims: tuple[Claim, ...] = ()
+    tables: tuple[Table, ...] = ()
+    figures: tuple[str, ...] = field(default=(), repr=False)
+
+
+def require(claim: str, value: float, bound: float, *, at_most: bool = False, digits: int = 2) -> Claim:
+    """A claim that a number is at least (at most) `bound`."""
+    holds = value <= bound if at_most else value >= bound
+    word = "at most" if at_most else "at least"
+    return Claim(f"{claim}: {word} {bound:g}", f"{value:.{digits}f}", "holds" if holds else "does not hold")
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """A ratio of medians with its 95 % bootstrap interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.3g} ({self.low:.3g}–{self.high:.3g})"
+
+    @property
+    def standing(self) -> Standing:
+        """`ties` within .8–1.25, `holds` where the first is more."""
+        if 0.8 <= self.value <= 1.25:
+            return "ties"
+        return "holds" if self.value > 1.25 and self.low > 1.0 else "does not hold"
+
+
+def ratio_of_medians(first: Sequence[float], second: Sequence[float], draws: int = 2000) -> Ratio:
+    """Median of `first` over that of `second`, each drawn again with replacement; the draws are always the same."""
+    a, b = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
+    random = np.random.default_rng(0)
+    above = np.median(random.choice(a, (draws, len(a))), axis=1)
+    below = np.median(random.choice(b, (draws, len(b))), axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = np.nan_to_num(above / below, nan=1.0, posinf=np.inf)
+        value = float(np.nan_to_num(np.median(a) / np.median(b), nan=1.0, posinf=np.inf))
+    low, high = np.quantile(ratios, [0.025, 0.975], method="nearest")
+    return Ratio(value, float(low), float(high))
+
+
+def final_errors(results: Sequence[dict[str, Any]]) -> Array:
+    """|error| in percent after the last experiment, (runs, n)."""
+    return np.asarray(np.abs(np.array([result["experiments"][-1]["error"] for result in results], dtype=float)))
+
+
+def information(results: Sequence[dict[str, Any]]) -> list[float]:
+    """Scaled trace of an experiment's Fisher information, its mean over each run's experiments."""
+    return [float(np.mean([one["information"] for one in result["experiments"]])) for result in results]
+
+
+def behaviours(results: Sequence[dict[str, Any]], name: str) -> list[Any]:
+    """One kind of behaviour of all experiments of all runs."""
+    return [one["behaviour"][name] for result in results for one in result["experiments"]]

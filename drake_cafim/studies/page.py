@@ -1,0 +1,42 @@
+"""A study's findings as one HTML page and as text."""
+
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from drake_cafim.report import colours
+from drake_cafim.studies.findings import Findings
+
+SHADE = {"holds": "holds", "ties": "other", "does not hold": "fails", "cannot be repeated here": "other"}
+
+
+def render(findings: Findings, command: str) -> str:
+    """The page, the same bytes for the same findings; `command` makes it again."""
+    folder = Path(__file__).parents[1] / "report"
+    environment = Environment(loader=FileSystemLoader(folder), autoescape=True, undefined=StrictUndefined)
+    return environment.get_template("study.html.j2").render(
+        findings=findings,
+        command=command,
+        shade=SHADE,
+        ink=colours.INK,
+        muted=colours.MUTED,
+        hair=colours.HAIR,
+        calm=colours.CALM,
+        alarm=colours.ALARM,
+    )
+
+
+def as_text(findings: Findings) -> str:
+    """Claims and tables in columns, for a terminal."""
+    blocks = [findings.title]
+    if findings.claims:
+        blocks.append(_columns([(one.standing, one.claim, one.found) for one in findings.claims]))
+    for table in findings.tables:
+        blocks.append(f"{table.title}\n{_columns([table.header, *table.rows])}")
+    return "\n\n".join(blocks)
+
+
+def _columns(rows: list[tuple[str, ...]]) -> str:
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    lines = ["  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return "\n".join(lines)

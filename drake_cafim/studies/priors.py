@@ -1,0 +1,58 @@
+"""Whether the answer depends on where one started, and whether the stated intervals are true."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from drake_cafim.studies.cell import SCENARIOS, Cell
+from drake_cafim.studies.findings import Claim, Findings, Table, final_errors, require
+
+SCALES = (0.5, 0.7, 0.9, 1.0, 1.1, 1.3, 1.5)
+COVERAGE = {"hefting": 0.90, "rubbing": 0.90, "pinching": 0.90, "contouring": 0.83}
+
+
+def robustness_cells(short: bool) -> list[Cell]:
+    """Seven priors, 40 seeds each."""
+    seeds = range(1 if short else 40)
+    return [Cell(name, seed, prior_scale=scale) for name in SCENARIOS for scale in SCALES for seed in seeds]
+
+
+def robustness(results: Mapping[Cell, Any]) -> Findings:
+    """Median final error by scenario, parameter and prior."""
+    rows, claims = [], []
+    for name in SCENARIOS:
+        by_scale = [
+            np.median(
+                final_errors([k for c, k in results.items() if c.scenario == name and c.prior_scale == scale]), axis=0
+            )
+            for scale in SCALES
+        ]
+        parameters = next(kept["parameters"] for cell, kept in results.items() if cell.scenario == name)
+        for index, parameter in enumerate(parameters):
+            column = [float(medians[index]) for medians in by_scale]
+            rows.append((f"{name}: {parameter}", *(f"{value:.2f}" for value in column)))
+            claims.append(require(f"{name}: {parameter}, largest of seven medians, %", max(column), 9.0, at_most=True))
+    header = ("median error, %", *(f"{100 * (scale - 1):+.0f} %" for scale in SCALES))
+    table = Table("By the prior's mean", header, tuple(rows))
+    return Findings("Robustness to the prior", "Contact-aware, from seven priors.", tuple(claims), (table,))
+
+
+def calibration_cells(short: bool) -> list[Cell]:
+    """200 seeds that no other study uses."""
+    return [Cell(name, 1000 + seed) for name in SCENARIOS for seed in range(3 if short else 200)]
+
+
+def calibration(results: Mapping[Cell, Any]) -> Findings:
+    """How often the 95 % interval after the last experiment holds the truth."""
+    claims: list[Claim] = []
+    rows = []
+    for name in SCENARIOS:
+        runs = [kept for cell, kept in results.items() if cell.scenario == name]
+        inside = np.array([kept["experiments"][-1]["inside"] for kept in runs])
+        for parameter, share in zip(runs[0]["parameters"], inside.mean(axis=0), strict=True):
+            half = 1.96 * float(np.sqrt(share * (1.0 - share) / len(runs)))
+            rows.append((f"{name}: {parameter}", f"{share:.3f}", f"± {half:.3f}", f"{len(runs)}"))
+            claims.append(require(f"{name}: coverage of {parameter}", float(share), COVERAGE[name], digits=3))
+    table = Table("The 95 % interval holds the truth", ("", "share", "95 %", "runs"), tuple(rows))
+    return Findings("Calibration", "Contact-aware, prior 30 % too high.", tuple(claims), (table,))

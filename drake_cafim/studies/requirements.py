@@ -1,0 +1,86 @@
+"""The figures that each scenario has to reach with the planner's own law, printed with pass and fail."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from drake_cafim.studies.cell import SCENARIOS, Cell
+from drake_cafim.studies.findings import (
+    Claim,
+    Findings,
+    Table,
+    behaviours,
+    final_errors,
+    information,
+    require,
+)
+
+MEDIAN = {"hefting": (4.5,), "rubbing": (3.0,), "pinching": (5.0, 11.0), "contouring": (3.5, 6.0)}  # %
+WORST = {"hefting": 14.0, "rubbing": 8.0}  # %, 95th percentile
+BASELINE = {"hefting": ("hold", 1.5), "pinching": ("scripted", 3.0), "contouring": ("scripted", 8.0)}
+
+
+def requirement_cells(short: bool) -> list[Cell]:
+    """40 seeds of contact-aware for each scenario, four of what its information is compared with."""
+    seeds = range(2 if short else 40)
+    cells = [Cell(name, seed) for name in SCENARIOS for seed in seeds]
+    return cells + [Cell(name, seed, policy) for name, (policy, _) in BASELINE.items() for seed in seeds[:4]]  # type: ignore[arg-type]
+
+
+def requirements(results: Mapping[Cell, Any]) -> Findings:
+    """One row for each figure that is required."""
+    claims: list[Claim] = []
+    rows = []
+    for name in SCENARIOS:
+        runs = [kept for cell, kept in results.items() if cell.scenario == name and cell.policy == "contact-aware"]
+        found = _claims(name, runs)
+        if name in BASELINE:
+            policy, least = BASELINE[name]
+            other = [kept for cell, kept in results.items() if cell.scenario == name and cell.policy == policy]
+            ratio = float(np.mean(information(runs)) / np.mean(information(other)))
+            found.append(require(f"{name}: information over {policy}", ratio, least))
+        claims += found
+        rows += [(one.claim, one.found, "pass" if one.standing == "holds" else "FAIL") for one in found]
+    table = Table("Required and reached", ("required", "reached", ""), tuple(rows))
+    about = "Contact-aware, prior 30 % too high, in the kinematic world, which tracks perfectly."
+    return Findings("Required figures", about, tuple(claims), (table,))
+
+
+def _claims(name: str, runs: Sequence[dict[str, Any]]) -> list[Claim]:
+    errors = final_errors(runs)
+    parameters = runs[0]["parameters"]
+    claims = [
+        require(f"{name}: median error of {parameter}, %", float(median), bound, at_most=True)
+        for parameter, median, bound in zip(parameters, np.median(errors, axis=0), MEDIAN[name], strict=True)
+    ]
+    if name in WORST:
+        worst = float(np.percentile(errors, 95))
+        claims.append(require(f"{name}: 95th percentile of the error, %", worst, WORST[name], at_most=True))
+    period = 1e3 * float(runs[0]["period"])
+    slowest = float(np.median([one["planning_ms"] for run in runs for one in run["experiments"]]))
+    claims.append(require(f"{name}: median planning step, ms", slowest, period, at_most=True))
+    return claims + _behaviour(name, runs)
+
+
+def _behaviour(name: str, runs: Sequence[dict[str, Any]]) -> list[Claim]:
+    def mean(kind: str) -> float:
+        return float(np.mean(behaviours(runs, kind)))
+
+    if name == "hefting":
+        return [
+            require("hefting: airborne fraction", mean("airborne_fraction"), 0.05, at_most=True, digits=3),
+            require("hefting: reversals", mean("reversals"), 6.0, digits=1),
+        ]
+    if name == "rubbing":
+        first = [np.inf if time is None else float(time) for time in behaviours(runs, "first_contact")]
+        return [
+            require("rubbing: contact fraction", mean("contact_fraction"), 0.85),
+            require("rubbing: sliding fraction", mean("sliding_fraction"), 0.70),
+            require("rubbing: median first contact, s", float(np.median(first)), 0.6, at_most=True),
+            require("rubbing: share of experiments that find contact", float(np.mean(np.isfinite(first))), 1.0),
+        ]
+    if name == "pinching":
+        return [require("pinching: makes and breaks", mean("make_breaks"), 6.0, digits=1)]
+    both = [{face[1] for face in faces} == {"x", "y"} for faces in behaviours(runs, "faces")]
+    return [require("contouring: both axes touched", float(np.mean(both)), 0.95)]

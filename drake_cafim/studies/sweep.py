@@ -1,0 +1,32 @@
+"""The runs of a study, spread over the cores and kept one by one, so that a killed study goes on where it was."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from joblib import Parallel, delayed
+
+from drake_cafim.output import write_text
+from drake_cafim.studies.cell import Cell, measure
+
+
+def sweep(cells: Sequence[Cell], folder: Path, jobs: int, progress: Callable[[str], None]) -> dict[Cell, Any]:
+    """What `measure` keeps of each cell; those whose file is in `folder` already are read and not run again."""
+    unique = list(dict.fromkeys(cells))
+    waiting = [cell for cell in unique if not _file(folder, cell).is_file()]
+    done = len(unique) - len(waiting)
+    progress(f"{done} of {len(unique)} runs")
+    work = Parallel(n_jobs=jobs, return_as="generator_unordered")(delayed(_keep)(cell, folder) for cell in waiting)
+    for _ in work:
+        done += 1
+        progress(f"{done} of {len(unique)} runs")
+    return {cell: json.loads(_file(folder, cell).read_text(encoding="utf-8")) for cell in unique}
+
+
+def _file(folder: Path, cell: Cell) -> Path:
+    return folder / f"{cell.key}.json"
+
+
+def _keep(cell: Cell, folder: Path) -> None:
+    write_text(_file(folder, cell), json.dumps(measure(cell), ensure_ascii=False))

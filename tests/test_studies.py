@@ -1,0 +1,120 @@
+"""Studies: they resume, they say what they found, and a claim fails where it should."""
+
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from drake_cafim.cli import main
+from drake_cafim.commands.study import study_command
+from drake_cafim.errors import InputError
+from drake_cafim.studies import sweep as sweeping
+from drake_cafim.studies.catalogue import STUDIES
+from drake_cafim.studies.cell import Cell, measure
+from drake_cafim.studies.findings import ratio_of_medians, require
+
+NAMES = {"hefting": ["mass"], "rubbing": ["friction"], "pinching": ["stiffness", "damping"], "contouring": ["l", "w"]}
+
+
+def made_up(cell: Cell, error: float = 1.0) -> dict[str, Any]:
+    """What `measure` keeps, of a run that went as required."""
+    names = NAMES[cell.scenario]
+    behaviour = {
+        "first_contact": 0.1,
+        "contact_fraction": 0.9,
+        "airborne_fraction": 0.0,
+        "sliding_fraction": 0.8,
+        "reversals": 9,
+        "make_breaks": 8,
+        "faces": ["+x", "-y"],
+        "max_force": 3.0,
+    }
+    one = {
+        "error": [error] * len(names),
+        "inside": [True] * len(names),
+        "std": [1.0] * len(names),
+        "information": 20.0 if cell.policy in ("contact-aware", "finite-difference") else 1.0,
+        "condition": None if cell.policy == "hold" else 5.0,
+        "behaviour": behaviour,
+        "tracking_error": 0.01,
+        "planning_ms": 1.0,
+    }
+    return {"parameters": names, "prior_error": [30.0] * len(names), "period": 0.02, "experiments": [one, one]}
+
+
+@pytest.mark.parametrize("name", sorted(STUDIES))
+def test_conclusion_and_page(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweeping, "measure", made_up)
+    record, text = study_command(name, tmp_path, 1, lambda line: None, short=True)
+    page = (tmp_path / "study.html").read_text()
+    assert record["study"] == name and record["title"] in text and record["title"] in page
+    assert all(one["claim"] in unescape(page) for one in record["claims"])
+    assert page.count("<svg") == {"convergence": 4, "landscapes": 3}.get(name, 0)
+
+
+def test_requirements_fail_where_they_should() -> None:
+    study = STUDIES["requirements"]
+    cells = study.cells(True)
+    good = study.conclude({cell: made_up(cell) for cell in cells})
+    assert {one.standing for one in good.claims} == {"holds"}
+    bad = study.conclude({cell: made_up(cell, error=5.2) for cell in cells})
+    failed = [one.claim for one in bad.claims if one.standing == "does not hold"]
+    assert len(failed) == 4  # pinching's damping may be 11 % off, contouring's width 6 %
+    assert any(row[-1] == "FAIL" for row in bad.tables[0].rows)
+
+
+def test_ties_and_gains() -> None:
+    random = np.random.default_rng(1)
+    sample = random.lognormal(0.0, 0.2, 40).tolist()
+    assert ratio_of_medians(sample, sample).standing == "ties"
+    more = ratio_of_medians([3.0 * value for value in sample], sample)
+    assert more.standing == "holds" and more.low < 3.0 < more.high
+    assert ratio_of_medians(sample, [3.0 * value for value in sample]).standing == "does not hold"
+    assert ratio_of_medians(sample, [0.0] * 40).value == np.inf
+    assert require("x", 1.0, 1.5).standing == "does not hold"
+    assert require("x", 1.0, 1.5, at_most=True).standing == "holds"
+
+
+def test_killed_study_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ran: list[Cell] = []
+
+    def stop_at_third(cell: Cell) -> dict[str, Any]:
+        if len(ran) == 2:
+            raise KeyboardInterrupt
+        ran.append(cell)
+        return made_up(cell)
+
+    monkeypatch.setattr(sweeping, "measure", stop_at_third)
+    with pytest.raises(KeyboardInterrupt):
+        study_command("criteria", tmp_path, 1, lambda line: None, short=True)
+    again: list[Cell] = []
+    monkeypatch.setattr(sweeping, "measure", lambda cell: again.append(cell) or made_up(cell))
+    study_command("criteria", tmp_path, 1, lambda line: None, short=True)
+    assert len(again) == 8 and not set(again) & set(ran)
+
+
+def test_a_cell_is_a_run() -> None:
+    cell = Cell("pinching", 3, experiments=1)
+    kept, again = measure(cell), measure(cell)
+    for one in (*kept["experiments"], *again["experiments"]):
+        del one["planning_ms"]
+    assert kept == again
+    assert kept["prior_error"] == pytest.approx([30.0, 30.0])
+    quiet = measure(Cell("pinching", 3, noise=0.1, experiments=1))
+    assert quiet["experiments"][0]["std"][0] < kept["experiments"][0]["std"][0]
+
+
+def test_keys_tell_cells_apart() -> None:
+    cells = [cell for study in STUDIES.values() for cell in study.cells(False)]
+    assert len({cell.key for cell in cells}) == len(set(cells))
+
+
+def test_unknown_study(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such study, expected one of requirements"):
+        study_command("everything", tmp_path, 1, lambda line: None)
+    result = CliRunner().invoke(main, ["study", "everything", "--out", str(tmp_path / "x")])
+    assert result.exit_code == 2
+    assert not (tmp_path / "x").exists()
