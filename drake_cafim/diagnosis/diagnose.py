@@ -33,7 +33,7 @@ from drake_cafim.scenario.scene import Scene
 
 RIVAL = 9.0
 """χ², in units of the noise that is left, by which a rival may fit worse: three standard deviations."""
-EXPLAINS = 0.8
+EXPLAINS = 0.7
 """Under `unexplained`, effects are named only where together they take away this share of the excess."""
 
 Progress = Callable[[str], None]

@@ -22,7 +22,7 @@ from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect, joined
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.link import TreeEffect
-from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.effects.sensor import SensorEffect, SensorGainError
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -38,6 +38,8 @@ class Candidate:
     """How many shapes were tried to find this one."""
 
 
+LEAST_SIGNAL = 10.0
+"""Standard deviations of a sample's noise that a channel's own must be for its gain to be looked for."""
 OF_COMMANDS = (ActuatorSaturation, ActuatorDeadZone, ActuatorDelay, ActuatorLag)
 
 
@@ -130,6 +132,8 @@ def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Ca
     elif isinstance(effect, AerodynamicDrag):
         unit = effect.with_values({"coefficient": 1.0})
         yield _drag_columns(problem, physics, unit), effect.from_directions
+    elif isinstance(effect, SensorGainError) and not _moves(problem, effect.at):
+        return
     elif isinstance(effect, SensorEffect):
         yield problem.sensor_columns(effect), effect.from_directions
     elif isinstance(effect, TreeEffect):
@@ -141,6 +145,13 @@ def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Ca
                 problem.data_rows(physics.with_effects([effect.with_values(direction.behind)]))
             columns.append((ahead - behind) / direction.size)
         yield np.stack(columns, axis=1), effect.from_directions
+
+
+def _moves(problem: Problem, column: str) -> bool:
+    """Whether a channel has far more signal than noise: else a larger gain would explain noise by shrinking it."""
+    pieces = [run.weak.samples.recording[column] for run in problem.runs]
+    spread = max(float(np.nanstd(piece)) for piece in pieces)
+    return spread > LEAST_SIGNAL * problem.runs[0].weak.samples.std[column]
 
 
 def _force_looks(

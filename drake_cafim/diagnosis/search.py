@@ -24,7 +24,7 @@ PROMISING = 0.1
 COMPETES = 100.0
 """Information criterion, in units of the noise that is left, beyond which an explanation has lost."""
 RIVALS = 3
-MISFIT, FAIR_PART = 1.5, 0.1
+MISFIT, FAIR_PART = 1.5, 0.05
 """χ² per degree of freedom that is no longer noise, and the share of it that an effect must then take away."""
 
 Key = frozenset[tuple[str, str]]
@@ -163,9 +163,12 @@ def _grown(state: _State, nominal: Fit) -> Fit:
         if not _worth_more(state, best):
             break
         _expand(state, depth)
-        if not state.frontier or not _accepted(state, best, state.frontier[0]):
+        if not state.frontier:
             break
-        best = state.rewhiten(state.frontier[0])
+        larger = unbiased_fit(state.problem, state.frontier[0].model)
+        if not _accepted(state, best, larger):
+            break
+        best = state.rewhiten(larger)
     return best
 
 

@@ -25,6 +25,7 @@ from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.local_polynomial import local_polynomial
+from drake_cafim.recordings.recording import WRENCH_COMPONENTS
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -94,7 +95,7 @@ class WeakForm:
         return self._held[key]
 
     def measurement(self, physics: Physics) -> Measurement:
-        """The channels, corrected for the sensor effects of `physics`."""
+        """The channels, those of motion and effort corrected for the sensor effects of `physics`."""
         return self._prepared(physics).measured
 
     def motion(self, physics: Physics) -> Motion:
@@ -107,9 +108,11 @@ class WeakForm:
         columns = {f"{kind}.{name}": values[:, j] for kind, values in (("q", s.q), ("v", s.v), ("u", s.u))
                    for j, name in enumerate(names)}
         columns |= {f"wrench.{sensor.name}.{axis}": s.wrenches[i][:, k] for i, sensor in enumerate(self.sensors)
-                    for k, axis in enumerate(("fx", "fy", "fz", "tx", "ty", "tz"))}
+                    for k, axis in enumerate(WRENCH_COMPONENTS)}
         for effect in physics.sensors:
-            on = effect.channels(tuple(columns))
+            on = tuple(name for name in effect.channels(tuple(columns)) if not name.startswith("wrench."))
+            if not on:
+                continue
             true = effect.true(s.time, np.stack([columns[name] for name in on], axis=1))
             columns |= {name: true[:, k] for k, name in enumerate(on)}
         q = np.stack([columns[f"q.{name}"] for name in names], axis=1)
@@ -117,7 +120,7 @@ class WeakForm:
         v = s.differentiate @ q if s.differentiate is not None else \
             np.stack([columns[f"v.{name}"] for name in names], axis=1)
         wrenches = tuple(
-            np.stack([columns[f"wrench.{sensor.name}.{a}"] for a in ("fx", "fy", "fz", "tx", "ty", "tz")], axis=1)
+            np.stack([columns[f"wrench.{sensor.name}.{a}"] for a in WRENCH_COMPONENTS], axis=1)
             for sensor in self.sensors
         )
         v_hat = np.stack(
@@ -218,12 +221,23 @@ class WeakForm:
         rows = [prepared.kinematic, dynamic / physics.effort_gains]
         for sensor, reading in zip(self.sensors, measured.wrenches, strict=True):
             predicted = sensor.reading(prepared.moving, self._on(sensor, prepared.moving, wrench))
-            rows.append(windows.value @ (reading - predicted))
+            rows.append(windows.value @ (reading - self._written(physics, sensor, predicted)))
         return np.concatenate(rows, axis=1)
+
+    def _written(self, physics: Physics, sensor: WrenchSensor, reading: Array) -> Array:
+        """What the sensor writes (N, 6) of a predicted reading; so its noise stays what it is."""
+        names = [f"wrench.{sensor.name}.{axis}" for axis in WRENCH_COMPONENTS]
+        for effect in physics.sensors:
+            on = [names.index(name) for name in effect.channels(names)]
+            if on:
+                reading = reading.copy()
+                reading[:, on] = effect.measured(self.samples.time, reading[:, on])
+        return reading
 
     def _prepared(self, physics: Physics) -> "_Prepared":
         """What depends on the sensor effects alone, kept for the last few of them."""
-        key = tuple((effect.key, *effect.values.values()) for effect in physics.sensors)
+        key = tuple((effect.key, *effect.values.values()) for effect in physics.sensors
+                    if not effect.at.startswith("wrench."))
         if key not in self._cache:
             while len(self._cache) >= 4:
                 self._cache.pop(next(iter(self._cache)))
@@ -277,7 +291,8 @@ class WeakForm:
         def add(name: str, block: sp.csr_matrix) -> None:
             # the last correction made is the first that the rows see
             for effect in reversed(physics.sensors):
-                correction = effect.correction(s.time) if effect.channels((name,)) else None
+                moved = effect.channels((name,)) and not name.startswith("wrench.")
+                correction = effect.correction(s.time) if moved else None
                 if correction is not None:
                     block = sp.csr_matrix(block @ correction)
             start = sum(b.shape[1] for b in blocks)
@@ -299,7 +314,7 @@ class WeakForm:
             if s.std[f"u.{name}"] > 0.0:
                 add(f"u.{name}", self._place(-self.held(s.time), self.kinematic_rows + j))
         for i, sensor in enumerate(self.sensors):
-            for k, axis in enumerate(("fx", "fy", "fz", "tx", "ty", "tz")):
+            for k, axis in enumerate(WRENCH_COMPONENTS):
                 row = self.kinematic_rows + n + 6 * i + k
                 add(f"wrench.{sensor.name}.{axis}", self._place(s.windows.value, row))
         scale = np.ones(self.rows_per_window)
