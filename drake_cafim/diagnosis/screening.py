@@ -105,8 +105,8 @@ def _projected(columns: Array, basis: Array, residual: Array) -> tuple[Array, fl
     along = basis.T @ unit
     gram = unit.T @ unit - along.T @ along
     left = np.sqrt(np.clip(np.diag(gram), 0.0, None))
-    # a direction that the nuisance spans says nothing
-    seen = (left > 1e-4) & (full > 0.0)
+    # a direction that the nuisance spans says nothing, nor one that all but rounding leaves alone
+    seen = (left > 1e-4) & (full > 1e-8 * np.max(full)) & (full > 0.0)
     if not np.any(seen):
         return None
     scale = left[seen]

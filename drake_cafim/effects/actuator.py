@@ -165,7 +165,7 @@ class ActuatorSaturation(ActuatorEffect):
 
     name: ClassVar[str] = "actuator_saturation"
     strengths: ClassVar[tuple[Strength, ...]] = (
-        Strength("limit", "N m", 10.0, lower=1e-9, inverse=True, linear_unit="N"),
+        Strength("limit", "N m", 10.0, lower=1e-6, upper=1e6, inverse=True, linear_unit="N"),
     )
     reference: ClassVar[str] = "Hu, Lin, Control Systems with Actuator Saturation, 2001, §1"
     alike: ClassVar[Mapping[str, str]] = {

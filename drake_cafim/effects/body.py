@@ -60,9 +60,9 @@ class ExternalDisturbance(BodyForce):
     name: ClassVar[str] = "external_disturbance"
     difference_step: ClassVar[float] = 1e-3
     strengths: ClassVar[tuple[Strength, ...]] = (
-        Strength("x", "N", 3.0),
-        Strength("y", "N", 3.0),
-        Strength("z", "N", 3.0),
+        Strength("x", "N", 3.0, lower=-1e4, upper=1e4),
+        Strength("y", "N", 3.0, lower=-1e4, upper=1e4),
+        Strength("z", "N", 3.0, lower=-1e4, upper=1e4),
         Strength("start", "s", 0.1, amplitude=False),
         Strength("stop", "s", 0.1, amplitude=False),
     )

@@ -67,7 +67,7 @@ class JointElasticity(JointCoupling):
 
     name: ClassVar[str] = "joint_elasticity"
     strengths: ClassVar[tuple[Strength, ...]] = (
-        Strength("stiffness", "N m/rad", 1000.0, lower=1e-3, inverse=True, linear_unit="N/m"),
+        Strength("stiffness", "N m/rad", 1000.0, lower=1e-3, upper=1e8, inverse=True, linear_unit="N/m"),
         Strength("damping", "N m s/rad", 1.0, lower=0.0, linear_unit="N s/m", amplitude=False),
     )
     reference: ClassVar[str] = "Spong, J. Dynamic Systems, Measurement, and Control 109(4), 1987"
@@ -131,7 +131,9 @@ class JointBacklash(JointCoupling):
     difference_step: ClassVar[float] = 1e-2
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("gap", "rad", 2e-3, lower=0.0, upper=0.5, linear_unit="m"),
-        Strength("stiffness", "N m/rad", 1000.0, lower=1e-3, inverse=True, linear_unit="N/m", amplitude=False),
+        Strength(
+            "stiffness", "N m/rad", 1000.0, lower=1e-3, upper=1e8, inverse=True, linear_unit="N/m", amplitude=False
+        ),
         Strength("damping", "N m s/rad", 1.0, lower=0.0, linear_unit="N s/m", amplitude=False),
     )
     reference: ClassVar[str] = "Nordin, Gutman, Automatica 38(10), 2002 (backlash with a dead zone and damped flanks)"

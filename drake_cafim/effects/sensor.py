@@ -87,7 +87,7 @@ class SensorGainError(SensorEffect):
     """gain times the truth is written."""
 
     name: ClassVar[str] = "sensor_gain_error"
-    strengths: ClassVar[tuple[Strength, ...]] = (Strength("gain", "1", 0.05, lower=0.2, upper=5.0, nominal=1.0),)
+    strengths: ClassVar[tuple[Strength, ...]] = (Strength("gain", "1", 0.05, lower=0.5, upper=2.0, nominal=1.0),)
     reference: ClassVar[str] = "ISO 5725-1:2023; Hollerbach, Wampler, Int. J. Robotics Research 15(6), 1996"
     alike: ClassVar[Mapping[str, str]] = {
         "sensor_bias": "where the channel hardly changes, a share of it is an offset",
