@@ -15,6 +15,7 @@ from drake_cafim.diagrams.showing import View
 from drake_cafim.diagrams.world import WorldKind, start_context
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.schema import Scenario
+from drake_cafim.tasks.compliant_hefting import CompliantHefting
 from drake_cafim.tasks.configure import configure
 from drake_cafim.tasks.contouring import contouring as contouring_task
 from drake_cafim.tasks.hefting import hefting as hefting_task
@@ -32,8 +33,13 @@ class _Packaged:
     task: Callable[[], Task]
 
 
+def _soft_hefting() -> Task:
+    """On a palm as soft as the worlds' are: a planner that takes the ball for rigid throws it an eighth of the time."""
+    return hefting_task(CompliantHefting())
+
+
 _WORLDS: Mapping[str, _Packaged] = {
-    "hefting": _Packaged(hefting.HeftingConfig, hefting.build_world, hefting.view, hefting_task),
+    "hefting": _Packaged(hefting.HeftingConfig, hefting.build_world, hefting.view, _soft_hefting),
     "rubbing": _Packaged(rubbing.RubbingConfig, rubbing.build_world, rubbing.view, rubbing_task),
     "pinching": _Packaged(pinching.PinchingConfig, pinching.build_world, pinching.view, pinching_task),
     "contouring": _Packaged(contouring.ContouringConfig, contouring.build_world, contouring.view, contouring_task),
