@@ -24,6 +24,24 @@ class Place(Enum):
     CHANNEL = "sensor"
 
 
+CHANNEL_UNIT = "unit of the channel"
+
+
+def channel_unit(column: str, tree: Tree) -> str:
+    """The SI unit of a recording's column, or what stands for it where a whole sensor is meant."""
+    kind, _, rest = column.partition(".")
+    if kind in ("q", "v", "u", "cmd") and rest in tree.joint_names:
+        joint = tree.joints[tree.joint_index(rest)]
+        units = {"q": joint.position_unit, "cmd": joint.position_unit, "v": f"{joint.position_unit}/s"}
+        return units.get(kind, joint.effort_unit)
+    last = column.rsplit(".", 1)[-1]
+    if kind == "wrench" and last in ("fx", "fy", "fz"):
+        return "N"
+    if kind == "wrench" and last in ("tx", "ty", "tz"):
+        return "N m"
+    return "m" if kind == "pose" and last in ("x", "y", "z") else CHANNEL_UNIT
+
+
 @dataclass(frozen=True)
 class Strength:
     """One parameter of an effect.
@@ -155,9 +173,10 @@ class Effect(ABC):
 
     def unit(self, strength: Strength, tree: Tree) -> str:
         """The strength's unit at this place."""
-        if strength.linear_unit is not None and self.place in (Place.JOINT, Place.ACTUATOR) \
-                and tree.joints[tree.joint_index(self.at)].prismatic:
-            return strength.linear_unit
+        if self.place is Place.CHANNEL:
+            return strength.unit.replace(CHANNEL_UNIT, channel_unit(self.at, tree))
+        if strength.linear_unit is not None and self.place in (Place.JOINT, Place.ACTUATOR):
+            return strength.linear_unit if tree.joints[tree.joint_index(self.at)].prismatic else strength.unit
         return strength.unit
 
     @classmethod
