@@ -294,11 +294,8 @@ def test_kill_in_the_middle_leaves_no_half_file(tmp_path: Path, suffix: str) -> 
     assert not absent.exists() and present.read_bytes() == before
 
 
-def test_the_real_sets_are_read() -> None:
-    data = os.environ.get("DRAKE_CAFIM_DATA")
-    if data is None:
-        pytest.skip("DRAKE_CAFIM_DATA is not set: the real sets are no part of the project")
-    files = sorted(Path(data).glob("*/runs/*.parquet"))
+def test_the_real_sets_are_read(data_folder: Path) -> None:
+    files = sorted((data_folder / "data").glob("*/runs/*.parquet"))
     assert files
     for path in files:
         read = recordings.read(path)

@@ -45,11 +45,8 @@ def placed(folder: Path, name: str, run: str) -> Path:
 
 
 @pytest.mark.parametrize("name", SETS)
-def test_hashes_are_those_of_the_sets(name: str) -> None:
-    data = os.environ.get("DRAKE_CAFIM_DATA")
-    if data is None:
-        pytest.skip("DRAKE_CAFIM_DATA is not set: the real sets are no part of the project")
-    files = {path.stem: path for path in (Path(data) / name / "runs").glob("*.parquet")}
+def test_hashes_are_those_of_the_sets(name: str, data_folder: Path) -> None:
+    files = {path.stem: path for path in (data_folder / "data" / name / "runs").glob("*.parquet")}
     assert sorted(files) == sorted(SETS[name].runs)
     for run, path in files.items():
         assert content_hash(recordings.read(path)) == SETS[name].runs[run].sha256, run
