@@ -1,0 +1,85 @@
+"""Each effect comes back from data that another simulator made: its name, its place, its strength."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from concealed.case import Case
+from concealed.make import make
+
+from drake_cafim import recordings
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.samples import samples_of
+from drake_cafim.diagnosis.search import Outcome, Settings, search
+from drake_cafim.diagnosis.stated_noise import noise_of
+from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.scenario.scene import Scene
+
+ARM_EFFECTS = [
+    "joint_stribeck_friction",
+    "joint_load_dependent_friction",
+    "torque_ripple",
+    "joint_hard_stop",
+    "joint_elasticity",
+    "joint_backlash",
+    "actuator_delay",
+    "actuator_lag",
+    "actuator_saturation",
+    "actuator_dead_zone",
+    "aerodynamic_drag",
+    "external_disturbance",
+    "sensor_gain_error",
+    "sensor_drift",
+    "sensor_delay",
+    "sensor_lag",
+    "clock_skew",
+]
+FIRST, LAST = 300, 360
+
+
+def _plain_and_clear(kind: str) -> Case:
+    """The first case of this kind whose noise is white and stated, and whose effect the data show clearly."""
+    for seed in range(FIRST, LAST):
+        case = make(kind, "arm2", seed)
+        settings: dict[str, Any] = case.truth["settings"]  # type: ignore[assignment]
+        [effect] = case.truth["effects"]  # type: ignore[misc]
+        [strength] = case.truth["strengths"]  # type: ignore[misc]
+        plain = settings["noise"] == "white" and settings["jitter"] == "none" and settings["states_std"]
+        exact = not effect.get("variant") and not settings["process"] and not settings["effort_std"]
+        if plain and exact and strength["clear"] and not case.truth.get("accept"):
+            return case
+    raise AssertionError(f"{kind}: no clear case among the seeds {FIRST}–{LAST}")
+
+
+def _searched(case: Case, folder: Path) -> Outcome:
+    case.write(folder)
+    scene = Scene.load(folder / "scenario.yaml")
+    read = [recordings.read(folder / f"train_{k}.parquet") for k in (1, 2, 3)]
+    std, _ = noise_of(scene, read)
+    weak = [WeakForm(samples_of(scene, one, std), scene.wrench_sensors) for one in read]
+    return search(Problem.of(scene, weak, Model(scene.priors.mean)), Settings())
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("effect", ARM_EFFECTS)
+def test_recovered(effect: str, tmp_path: Path) -> None:
+    case = _plain_and_clear(f"single:{effect}")
+    best = _searched(case, tmp_path).best
+    [truth] = case.truth["effects"]  # type: ignore[misc]
+    assert [one.key for one in best.model.effects] == [(truth["effect"], truth["at"])]
+    [found] = best.model.effects
+    std = dict(zip((s.name for s in found.strengths), best.std[len(best.model.unknown) :], strict=True))
+    if effect == "external_disturbance":
+        # of the push, a planar arm feels some directions only; when it came is seen
+        start, stop = truth["interval"]
+        middle = 0.5 * (found.values["start"] + found.values["stop"])
+        assert middle == pytest.approx(0.5 * (start + stop), abs=0.05)
+        return
+    for name, (value, _) in truth["parameters"].items():
+        tolerance = max(0.05 * abs(value), 5.0 * std.get(name, 0.0))
+        difference = found.values[name] - value
+        if name == "phase":
+            difference = float(np.angle(np.exp(1j * difference)))
+        assert abs(difference) <= tolerance, f"{name}: {found.values[name]} ± {std.get(name)}, concealed {value}"
