@@ -14,10 +14,15 @@ def _staircase_motion(time: np.ndarray, steps: np.ndarray, u: np.ndarray) -> np.
     return lengths @ u
 
 
+def _grid(samples: int, jitter: float) -> np.ndarray:
+    return 0.002 * (np.arange(samples) + jitter * np.random.default_rng(0).uniform(-0.5, 0.5, samples))
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.5])
 @pytest.mark.parametrize("delay", [0.0, 0.0007, 0.0064])
-def test_held_effort_balances_momentum(delay: float) -> None:
+def test_held_effort_balances_momentum(delay: float, jitter: float) -> None:
     rng = np.random.default_rng(1)
-    time = 0.002 * np.arange(500)
+    time = _grid(500, jitter)
     u = rng.normal(size=500)
     p = _staircase_motion(time, time + delay, u)
     windows = lay_windows(time, np.ones(500, dtype=bool), 0.06)
@@ -27,16 +32,26 @@ def test_held_effort_balances_momentum(delay: float) -> None:
     assert np.abs(residual[inside]).max() < 1e-3 * np.abs(plain[inside]).max()
 
 
-def test_velocity_rows_know_that_acceleration_steps() -> None:
+@pytest.mark.parametrize("jitter", [0.0, 0.5])
+def test_velocity_rows_know_that_acceleration_steps(jitter: float) -> None:
     rng = np.random.default_rng(2)
-    time = 0.002 * np.arange(400)
+    time = _grid(400, jitter)
+    h = np.diff(time, append=time[-1])
     a = rng.normal(size=400)
-    v = np.append(0.0, np.cumsum(0.002 * a))[:-1]
-    q = np.append(0.0, np.cumsum(0.002 * v + 0.5 * 0.002**2 * a))[:-1]
+    v = np.append(0.0, np.cumsum(h * a))[:-1]
+    q = np.append(0.0, np.cumsum(h * v + 0.5 * h**2 * a))[:-1]
     windows = lay_windows(time, np.ones(400, dtype=bool), 0.06)
     plain = windows.rate @ q + windows.value @ v
     residual = plain - windows.rate_steps @ a
     assert np.abs(residual).max() < 5e-2 * np.abs(plain).max()
+
+
+def test_a_smooth_motion_on_an_uneven_grid_is_consistent() -> None:
+    time = _grid(400, 0.5)
+    q, v = np.sin(9.0 * time), 9.0 * np.cos(9.0 * time)
+    windows = lay_windows(time, np.ones(400, dtype=bool), 0.06)
+    residual = windows.rate @ q + windows.value @ v
+    assert np.abs(residual).max() < 1e-4 * np.abs(windows.value @ v).max()
 
 
 def test_windows_avoid_gaps_and_missing_samples() -> None:

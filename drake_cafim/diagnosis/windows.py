@@ -1,21 +1,20 @@
 """Smooth test functions over a recording: the weak form's integrals as sparse matrices.
 
 A measurement is never differentiated: with w(t) = sin⁴(π (t − t₀)/T) on [t₀, t₀ + T], zero outside, the derivative
-of a momentum p moves onto w, ∫ w ṗ dt = −∫ ẇ p dt. w, ẇ and ẅ vanish at both ends, so the trapezoid rule is
-accurate far beyond its order for smooth integrands (Euler–Maclaurin); kinks at the steps of a held effort are
-corrected for exactly to fourth order in the sampling time.
+of a momentum p moves onto w, ∫ w ṗ dt = −∫ ẇ p dt. Between samples, on whatever grid, the integrand's other factor is
+taken as a cubic and w as it is; what that misses where a held effort steps is corrected for.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from drake_cafim.typing import Array
-
-Indices: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
+from drake_cafim.diagnosis.quadrature import NODES, gauss, lagrange, missed_kink
+from drake_cafim.typing import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -41,35 +40,31 @@ class Windows:
     @cached_property
     def value(self) -> sp.csr_matrix:
         """(M, N): `value @ f` is ∫ w f dt."""
-        phase, rows, columns = self._phases
-        return self._matrix(np.sin(phase) ** 4 * self._trapezoid[columns], rows, columns)
+        return self._product(self._weight)
 
     @cached_property
     def rate(self) -> sp.csr_matrix:
         """(M, N): `rate @ f` is ∫ ẇ f dt."""
-        phase, rows, columns = self._phases
-        slope = 4.0 * np.pi / self.width * np.sin(phase) ** 3 * np.cos(phase)
-        return self._matrix(slope * self._trapezoid[columns], rows, columns)
+        return self._product(self._slope)
 
     @cached_property
     def rate_steps(self) -> sp.csr_matrix:
-        """(M, N): the h²/12 correction to `value @ v` for accelerations (N,) held from sample to sample.
+        """(M, N): the correction to `rate @ q + value @ v` for accelerations (N,) held from sample to sample.
 
-        The trapezoid rule errs by h²/12 Σ (w_{i+1} − w_i) a_i where the slope of v jumps at the samples.
+        The cubics between the samples miss what a jump of the slope of v and of the curvature of q adds.
         """
-        steps = np.diff(self.time)
-        difference = sp.diags_array(
-            [-np.ones(len(steps)), np.ones(len(steps))], offsets=[0, 1], shape=(len(steps), len(self.time))
-        )
-        held = sp.csr_matrix(self._pointwise @ difference.T @ sp.diags_array(steps**2 / 12.0))
-        return sp.csr_matrix(sp.hstack([held, sp.csr_matrix((len(self), 1))]))
+        rows, columns = self._covered
+        since = self.time[columns] - self.starts[rows]
+        slope, curvature = missed_kink(self.time, self.time), missed_kink(self.time, self.time, order=2)
+        area, moment = slope[0, columns], slope[1, columns] + curvature[0, columns]
+        jumps = self._weight(since) * area + self._slope(since) * moment
+        step = sp.diags_array([np.ones(len(self.time)), -np.ones(len(self.time) - 1)], offsets=[0, -1])
+        return sp.csr_matrix(-self._matrix(jumps, rows, columns) @ step)
 
     def held(self, times: Array) -> sp.csr_matrix:
         """(M, K): `held @ u` is ∫ w u dt for u held from each of `times` (K,) to the next.
 
-        Contains what the trapezoid rule of `rate` misses because the momentum has a kink wherever u steps: a step
-        Δu at the fraction x of a sampling interval h adds (h²/2 B₂(x) ẇ − h³/3 B₃(x) ẅ) Δu, with the Bernoulli
-        polynomials B₂ = x² − x + 1/6 and B₃ = x³ − 3x²/2 + x/2 (Euler–Maclaurin with the jumps of (ẇ p)′, (ẇ p)″).
+        Contains what `rate` misses because the slope of the momentum jumps by Δu wherever u steps.
         """
         clipped = np.clip(times, self.time[0], self.time[-1])
         ends = np.append(clipped[1:], self.time[-1])
@@ -81,13 +76,10 @@ class Windows:
         columns = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(first, counts)
         origin = self.starts[rows]
         weights = self._antiderivative(ends[columns] - origin) - self._antiderivative(clipped[columns] - origin)
-        interval = np.clip(np.searchsorted(self.time, times, side="right") - 1, 0, len(self.time) - 2)
-        h = np.diff(self.time)[interval]
-        x = (times - self.time[interval]) / h
-        second = 0.5 * h**2 * (x**2 - x + 1.0 / 6.0)
-        third = h**3 / 3.0 * (x**3 - 1.5 * x**2 + 0.5 * x)
+        missed = missed_kink(self.time, clipped)[:, columns]
         since = clipped[columns] - origin
-        at_step = self._slope(since) * second[columns] - self._curvature(since) * third[columns]
+        weights_there = (self._slope(since), self._curvature(since), self._jerk(since))
+        at_step = sum(weight * moment for weight, moment in zip(weights_there, missed, strict=True))
         integral = self._matrix(weights, rows, columns, len(times))
         jumps = self._matrix(at_step, rows, columns, len(times))
         step = sp.diags_array([np.ones(len(times)), -np.ones(len(times) - 1)], offsets=[0, -1])
@@ -98,25 +90,35 @@ class Windows:
         return per_window.reshape(-1, *per_window.shape[2:])
 
     @cached_property
-    def _trapezoid(self) -> Array:
-        steps = np.diff(self.time)
-        return 0.5 * (np.append(steps, 0.0) + np.insert(steps, 0, 0.0))
-
-    @cached_property
-    def _phases(self) -> tuple[Array, Indices, Indices]:
+    def _covered(self) -> tuple[Indices, Indices]:
+        """Window and sample of every pair of them."""
         counts = self.stop - self.first
         rows = np.repeat(np.arange(len(self)), counts)
         offset = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        columns = offset + np.repeat(self.first, counts)
-        return np.pi * (self.time[columns] - self.starts[rows]) / self.width, rows, columns
+        return rows, offset + np.repeat(self.first, counts)
 
-    @cached_property
-    def _pointwise(self) -> sp.csr_matrix:
-        phase, rows, columns = self._phases
-        return self._matrix(np.sin(phase) ** 4, rows, columns)
+    def _product(self, weight: Callable[[Array], Array]) -> sp.csr_matrix:
+        """(M, N): ∫ weight(t − t₀) f dt with f cubic between the samples, of which only the window's own are used."""
+        counts = self.stop - self.first
+        rows = np.repeat(np.arange(len(self)), counts + 1)
+        place = np.arange(len(rows)) - np.repeat(np.cumsum(counts + 1) - counts - 1, counts + 1)
+        # a window starts a little before its first sample and ends a little after its last
+        right = self.first[rows] + place
+        lower = np.where(place == 0, self.starts[rows], self.time[np.maximum(right - 1, 0)])
+        last = np.minimum(right, len(self.time) - 1)
+        upper = np.where(place == counts[rows], self.starts[rows] + self.width, self.time[last])
+        nodes = np.clip(right - 2, self.first[rows], self.stop[rows] - NODES)[:, None] + np.arange(NODES)
+        t, measure = gauss(lower, upper)
+        weighed = measure * weight(t - self.starts[rows, None])
+        values = np.einsum("pg,pgn->pn", weighed, lagrange(self.time[nodes], t))
+        return self._matrix(values.ravel(), np.repeat(rows, NODES), nodes.ravel())
 
     def _matrix(self, values: Array, rows: Indices, columns: Indices, width: int | None = None) -> sp.csr_matrix:
         return sp.csr_matrix((values, (rows, columns)), shape=(len(self), width or len(self.time)))
+
+    def _weight(self, since: Array) -> Array:
+        phase = np.pi * np.clip(since, 0.0, self.width) / self.width
+        return np.asarray(np.sin(phase) ** 4, dtype=float)
 
     def _slope(self, since: Array) -> Array:
         phase = np.pi * np.clip(since, 0.0, self.width) / self.width
@@ -126,6 +128,12 @@ class Windows:
         phase = np.pi * np.clip(since, 0.0, self.width) / self.width
         sine, cosine = np.sin(phase), np.cos(phase)
         return np.asarray(4.0 * (np.pi / self.width) ** 2 * sine**2 * (3.0 * cosine**2 - sine**2), dtype=float)
+
+    def _jerk(self, since: Array) -> Array:
+        phase = np.pi * np.clip(since, 0.0, self.width) / self.width
+        sine, cosine = np.sin(phase), np.cos(phase)
+        third = 4.0 * (np.pi / self.width) ** 3 * sine * cosine * (6.0 * cosine**2 - 10.0 * sine**2)
+        return np.asarray(third, dtype=float)
 
     def _antiderivative(self, since: Array) -> Array:
         """∫₀ˢ sin⁴(π t/T) dt = T/π (3x/8 − sin 2x/4 + sin 4x/32), x = π s/T."""
