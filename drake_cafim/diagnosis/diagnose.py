@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.diagnosis.adequacy import adequacy
+from drake_cafim.diagnosis.coloured_noise import seen_correlation_times, stated_correlation_times
 from drake_cafim.diagnosis.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.forecast import forecast, root_mean_square
 from drake_cafim.diagnosis.innovations import innovations
@@ -64,14 +65,45 @@ def examine(
 ) -> tuple[Verdict, Outcome]:
     """`diagnose`, with the search's own account beside the verdict, for pictures."""
     settings = settings or Settings()
-    scene = _facing(scene, recordings)
     progress("reading noise and laying windows")
-    std, notes = noise_of(scene, recordings)
-    weak = [WeakForm(samples_of(scene, recording, std), scene.wrench_sensors) for recording in recordings]
+    prepared = prepare(scene, recordings, held_out)
+    scene, weak, held = prepared.scene, prepared.weak, prepared.held_out
     outcome = search(Problem.of(scene, weak, Model(scene.priors.mean)), settings, progress)
-    held = [WeakForm(samples_of(scene, recording, std), scene.wrench_sensors) for recording in held_out]
-    mistakes = _mistakes(scene, recordings)
-    return _verdict(scene, outcome, weak, held, settings, (*notes, *_notes(recordings)), mistakes, progress), outcome
+    return _verdict(scene, outcome, weak, held, settings, prepared.notes, prepared.mistakes, progress), outcome
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Recordings laid out as weak forms, with what was noticed while reading them."""
+
+    scene: Scene
+    weak: list[WeakForm]
+    held_out: list[WeakForm]
+    notes: tuple[str, ...]
+    mistakes: tuple[str, ...]
+
+
+def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Prepared:
+    """The recordings' weak forms under the noise that was stated or, where it was not, is seen.
+
+    Raises `InputError` for recordings that lack what the scene needs.
+    """
+    scene = _facing(scene, recordings)
+    std, notes = noise_of(scene, recordings)
+    stated = stated_correlation_times(scene, list(std))
+    seen, told = seen_correlation_times(recordings, std, stated)
+
+    def laid(recording: Recording) -> WeakForm:
+        samples = samples_of(scene, recording, std, correlation_times=stated | seen)
+        return WeakForm(samples, scene.wrench_sensors)
+
+    return Prepared(
+        scene,
+        [laid(recording) for recording in recordings],
+        [laid(recording) for recording in held_out],
+        (*notes, *_notes(recordings)),
+        (*_mistakes(scene, recordings), *told),
+    )
 
 
 @dataclass(frozen=True)
@@ -84,9 +116,8 @@ class Estimate:
 
 def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progress = lambda text: None) -> Estimate:
     """The scenario's unknown parameters from recordings; the model's own effects are in it, no others are sought."""
-    scene = _facing(scene, recordings)
-    std, _ = noise_of(scene, recordings)
-    weak = [WeakForm(samples_of(scene, recording, std), scene.wrench_sensors) for recording in recordings]
+    prepared = prepare(scene, recordings)
+    scene, weak = prepared.scene, prepared.weak
     problem = Problem.of(scene, weak, Model(scene.priors.mean))
     progress("fitting the unknown parameters")
     fitted = unbiased_fit(problem, problem.nominal())

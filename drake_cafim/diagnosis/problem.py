@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.samples import noisier
 from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.diagnosis.whitening import Whitening, whitening
+from drake_cafim.diagnosis.whitening import Whitening, row_covariance, whitening
 from drake_cafim.effects.effect import Effect, joined
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.sensor import SensorEffect
@@ -41,10 +41,9 @@ class Run:
     def covariance(self) -> Array:
         """(M, r, r): each window's own rows."""
         r = self.weak.rows_per_window
-        std = np.concatenate([np.full(p.stop - p.start, self.weak.samples.std[name]) for name, p in self.labels])
-        scaled = sp.csr_matrix(self.jacobian @ sp.diags_array(std))
-        blocks = [scaled[m * r : (m + 1) * r] for m in range(len(self.weak.samples.windows))]
-        return np.stack([(block @ block.T).toarray() for block in blocks])
+        spread = row_covariance(self.weak, self.jacobian, self.labels)
+        starts = r * np.arange(len(self.weak.samples.windows))
+        return np.stack([spread[start : start + r, start : start + r].toarray() for start in starts])
 
     def sensed(self, column: str, change: Array) -> Array:
         """Whitened rows' change (R, k) when the recording's `column` changes by `change` (N, k)."""

@@ -1,11 +1,13 @@
 """One recording as the weak form needs it: measured and locally smoothed motion, efforts, wrenches."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 
+from drake_cafim.diagnosis.coloured_noise import drawn
 from drake_cafim.diagnosis.windows import Windows, lay_windows
 from drake_cafim.errors import InputError
 from drake_cafim.local_polynomial import local_polynomial
@@ -48,6 +50,8 @@ class Samples:
     v_std: Array
     """(N, n) standard deviation of the smoothed v."""
     differentiate: sp.csr_matrix | None
+    correlation_times: Mapping[str, float] = field(default_factory=dict)
+    """Of the columns whose noise has a memory, s."""
 
     @property
     def velocity_measured(self) -> bool:
@@ -58,19 +62,22 @@ def noisier(samples: Samples, rng: np.random.Generator) -> Samples:
     """The samples with the stated noise added once more."""
     names = [name.removeprefix("q.") for name in samples.std if name.startswith("q.")]
 
-    def drawn(kind: str, values: Array) -> Array:
-        std = np.array([samples.std[f"{kind}.{name}"] for name in names])
-        return np.asarray(values + std * rng.standard_normal(values.shape), dtype=float)
+    def noise(columns: Sequence[str]) -> Array:
+        times = [samples.correlation_times.get(column, 0.0) for column in columns]
+        unit = [drawn(rng, samples.time, time) for time in times]
+        return np.stack([samples.std[column] * one for column, one in zip(columns, unit, strict=True)], axis=1)
 
-    q = drawn("q", samples.q)
-    v = drawn("v", samples.v) if samples.differentiate is None else samples.differentiate @ q
+    def again(kind: str, values: Array) -> Array:
+        return values + noise([f"{kind}.{name}" for name in names])
+
+    q = again("q", samples.q)
+    v = again("v", samples.v) if samples.differentiate is None else samples.differentiate @ q
     sensors = list(dict.fromkeys(name.rsplit(".", 1)[0] for name in samples.std if name.startswith("wrench.")))
     wrenches = tuple(
-        wrench
-        + np.array([samples.std[f"{sensor}.{axis}"] for axis in WRENCH_COMPONENTS]) * rng.standard_normal(wrench.shape)
+        wrench + noise([f"{sensor}.{axis}" for axis in WRENCH_COMPONENTS])
         for sensor, wrench in zip(sensors, samples.wrenches, strict=True)
     )
-    u = drawn("u", samples.u)
+    u = again("u", samples.u)
     columns = dict(samples.recording.columns)
     for kind, values in (("q", q), ("u", u), *([("v", v)] if samples.velocity_measured else [])):
         columns |= {f"{kind}.{name}": values[:, j] for j, name in enumerate(names)}
@@ -80,8 +87,14 @@ def noisier(samples: Samples, rng: np.random.Generator) -> Samples:
     return replace(samples, recording=recording, q=q, v=v, u=u, wrenches=wrenches)
 
 
-def samples_of(scene: Scene, recording: Recording, std: dict[str, float], width: float = WINDOW_WIDTH) -> Samples:
-    """The samples of `recording` for `scene`, `std` giving the noise by column.
+def samples_of(
+    scene: Scene,
+    recording: Recording,
+    std: dict[str, float],
+    width: float = WINDOW_WIDTH,
+    correlation_times: Mapping[str, float] | None = None,
+) -> Samples:
+    """The samples of `recording` for `scene`, `std` and `correlation_times` giving the noise by column.
 
     Raises `InputError` when a needed column is missing or the recording is shorter than three windows.
     """
@@ -109,7 +122,8 @@ def samples_of(scene: Scene, recording: Recording, std: dict[str, float], width:
         raise InputError(
             f"{recording.name}: only {len(windows)} windows of {width:.3g} s fit between its gaps, expected at least 3"
         )
-    return Samples(recording, time, q, v, u, wrenches, std, windows, smooth_q, pairs, v_std, differentiate)
+    times = dict(correlation_times or {})
+    return Samples(recording, time, q, v, u, wrenches, std, windows, smooth_q, pairs, v_std, differentiate, times)
 
 
 def _velocity_smoothers(

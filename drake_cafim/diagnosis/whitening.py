@@ -1,5 +1,6 @@
 """The covariance of the weak form's rows, and the transformation that makes them independent with unit variance."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.linalg import lapack
 
+from drake_cafim.diagnosis.coloured_noise import covariance
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -35,13 +37,25 @@ class Whitening:
 def whitening(weak: WeakForm, physics: Physics) -> tuple[Whitening, sp.csr_matrix, list[tuple[str, slice]]]:
     """The whitening of one recording's rows under `physics`, with the noise Jacobian it was made from."""
     jacobian, labels = weak.noise_jacobian(physics)
-    std = np.concatenate([np.full(part.stop - part.start, weak.samples.std[name]) for name, part in labels])
-    scaled = jacobian @ sp.diags_array(std)
-    covariance = sp.coo_matrix(scaled @ scaled.T)
-    lower = covariance.row >= covariance.col
-    row, column, value = covariance.row[lower], covariance.col[lower], covariance.data[lower]
-    band = np.zeros((int((row - column).max()) + 1, covariance.shape[0]))
+    spread = sp.coo_matrix(row_covariance(weak, jacobian, labels))
+    lower = spread.row >= spread.col
+    row, column, value = spread.row[lower], spread.col[lower], spread.data[lower]
+    band = np.zeros((int((row - column).max()) + 1, spread.shape[0]))
     band[row - column, column] = value
     # rounding must not make the factorisation fail where rows are nearly dependent
     band[0] *= 1.0 + 1e-10
     return Whitening(scipy.linalg.cholesky_banded(band, lower=True)), jacobian, labels
+
+
+def row_covariance(weak: WeakForm, jacobian: sp.csr_matrix, labels: Sequence[tuple[str, slice]]) -> sp.csr_matrix:
+    """The covariance (R, R) of rows whose slopes in the samples are `jacobian` (R, columns)."""
+    samples = weak.samples
+    std = np.concatenate([np.full(part.stop - part.start, samples.std[name]) for name, part in labels])
+    scaled = sp.csr_matrix(jacobian @ sp.diags_array(std))
+    if not samples.correlation_times:
+        return sp.csr_matrix(scaled @ scaled.T)
+    alike = {time: covariance(samples.time, time) for time in set(samples.correlation_times.values())}
+    white = sp.eye_array(len(samples.time))
+    times = [samples.correlation_times.get(name) for name, _ in labels]
+    together = sp.block_diag([white if time is None else alike[time] for time in times], format="csr")
+    return sp.csr_matrix(scaled @ together @ scaled.T)

@@ -7,12 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from drake_cafim.diagnosis.problem import Problem
-from drake_cafim.diagnosis.windows import Indices
 from drake_cafim.effects.effect import Effect
 from drake_cafim.report.colours import CORRECTED, INK
 from drake_cafim.report.missing import WindowMeans, missing, window_means
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 MOST_POINTS = 1400
 """In one picture; more would only weigh."""

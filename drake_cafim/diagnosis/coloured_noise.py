@@ -1,0 +1,107 @@
+"""Noise with a memory: as the scenario states it, or as the recordings show it where white noise was stated."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.optimize import minimize_scalar
+from scipy.signal import periodogram
+from scipy.stats import chi2
+
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.scenario.scene import Scene
+from drake_cafim.typing import Array
+
+QUIET = 60.0
+"""Hz, above which robots hardly move; there a channel holds its noise."""
+SEGMENT = 128
+SURE = 1e-6
+"""Probability at which noise stated white is said not to be, per channel."""
+MEMORY = 8.0
+"""Correlation times after which noise has forgotten: e⁻⁸ = 3·10⁻⁴."""
+
+
+def stated_correlation_times(scene: Scene, columns: Sequence[str]) -> dict[str, float]:
+    """`correlation_time` (s) of each column that has one in the scenario."""
+    times = {column: channel.correlation_time for column in columns if (channel := scene.channel(column)) is not None}
+    return {column: time for column, time in times.items() if time > 0.0}
+
+
+def seen_correlation_times(
+    recordings: Sequence[Recording], std: Mapping[str, float], stated: Mapping[str, float]
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Correlation times (s) of channels whose noise was not stated coloured but is, and a sentence for each.
+
+    Above `QUIET` the spectrum of an exponentially correlated noise falls as 1/(1 − 2ρ cos ωh + ρ²), ρ = exp(−h/τ).
+    """
+    found: dict[str, float] = {}
+    for column, deviation in std.items():
+        if deviation == 0.0 or column in stated or column.startswith("u."):
+            continue
+        step = float(np.median(np.concatenate([np.diff(one.time) for one in recordings])))
+        spectra = [_spectra(one.measured(column), step) for one in recordings]
+        phase, levels = spectra[0][0], np.concatenate([levels for _, levels in spectra])
+        if len(levels) < 8 or len(phase) < 8:
+            continue
+        memory, p_value = _memory(phase, levels)
+        if p_value < SURE and memory > 0.0:
+            found[column] = -step / float(np.log(memory))
+    told = tuple(
+        f"noise: that of {column} is not white as stated, it has a correlation time of {1e3 * time:.2g} ms"
+        for column, time in found.items()
+    )
+    return found, told
+
+
+def covariance(time: Array, correlation_time: float) -> sp.csr_matrix:
+    """(N, N) correlation exp(−|tᵢ − tⱼ|/τ) of unit noise at `time`."""
+    reach = MEMORY * correlation_time
+    diagonals, offsets = [np.ones(len(time))], [0]
+    for offset in range(1, len(time)):
+        apart = time[offset:] - time[:-offset]
+        if apart.min() > reach:
+            break
+        near = np.exp(-apart / correlation_time)
+        diagonals += [near, near]
+        offsets += [offset, -offset]
+    return sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets))
+
+
+def drawn(rng: np.random.Generator, time: Array, correlation_time: float) -> Array:
+    """(N,) unit noise at `time`; 0 s is white."""
+    noise = rng.standard_normal(len(time))
+    if correlation_time > 0.0:
+        kept = np.exp(-np.diff(time) / correlation_time)
+        for k, keep in enumerate(kept):
+            noise[k + 1] = keep * noise[k] + np.sqrt(1.0 - keep**2) * noise[k + 1]
+    return np.asarray(noise, dtype=float)
+
+
+def _spectra(values: Array, step: float) -> tuple[Array, Array]:
+    """Phases ωh (F,) above `QUIET`, and the periodogram (S, F) of each stretch without a gap."""
+    count = len(values) // SEGMENT
+    pieces = values[: count * SEGMENT].reshape(count, SEGMENT)
+    pieces = pieces[np.all(np.isfinite(pieces), axis=1)]
+    # fourth differences keep the motion at low frequencies from leaking
+    frequency, power = periodogram(np.diff(pieces, n=4, axis=1), window="hann", detrend=False)
+    phase = 2.0 * np.pi * frequency
+    lowest = min(2.0 * np.pi * QUIET * step, 0.4 * np.pi)
+    used = (phase > lowest) & (phase < 0.95 * np.pi)
+    gain = (2.0 - 2.0 * np.cos(phase[used])) ** 4
+    return phase[used], power[:, used] / gain
+
+
+def _memory(phase: Array, levels: Array) -> tuple[float, float]:
+    """ρ of the noise, and the p-value of its being zero."""
+    # the median over the stretches does not see the few in which something snapped
+    seen = np.log(np.median(levels, axis=0))
+    variance = 2.1 / len(levels)
+
+    def misfit(memory: float) -> float:
+        left = seen + np.log(1.0 - 2.0 * memory * np.cos(phase) + memory**2)
+        return float(np.sum((left - left.mean()) ** 2)) / variance
+
+    best = minimize_scalar(misfit, bounds=(0.0, 0.999), method="bounded")
+    # Hann's window makes neighbouring frequencies depend on each other: half as many count
+    gained = 0.5 * (misfit(0.0) - float(best.fun)) / max(1.0, 0.5 * float(best.fun) / (0.5 * len(phase)))
+    return float(best.x), float(chi2.sf(max(gained, 0.0), 1))
