@@ -73,8 +73,10 @@ class ContactLaw:
         if self.normal not in NORMAL_LAWS:
             raise InputError(f"contact law {self.normal!r}: expected one of {', '.join(NORMAL_LAWS)}")
 
-    def normal_force(self, penetration: Array, rate: Array, parameters: ContactParameters) -> Array:
-        """λ_n (...,) in N."""
+    def normal_force(
+        self, penetration: Array, rate: Array, parameters: ContactParameters, added: Scalars = 0.0
+    ) -> Array:
+        """λ_n (...,) in N; `added` N joins it before it is kept from pulling."""
         return normal_force(
             self.normal,
             penetration,
@@ -83,6 +85,7 @@ class ContactLaw:
             damping=parameters.damping,
             dissipation=parameters.dissipation,
             smoothing=self.smoothing,
+            added=added,
         )
 
     def tangential_force(self, normal: Array, tangential_velocity: Array, parameters: ContactParameters) -> Array:

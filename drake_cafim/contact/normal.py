@@ -43,16 +43,17 @@ def normal_force(
     damping: Scalars = 0.0,
     dissipation: Scalars = 0.0,
     smoothing: float = 0.0,
+    added: Scalars = 0.0,
 ) -> Array:
     """λ (...,) in N of `law` for penetration (...,) m and penetration rate (...,) m/s.
 
     `stiffness` in N/m, `damping` in N s/m (paper, kelvin_voigt), `dissipation` in s/m (hunt_crossley).
     With `smoothing` s > 0 (N), max(0, f) becomes (f + √(f² + s²))/2 and a gap is no cut: a law without kinks,
-    for programs that need derivatives everywhere.
+    for programs that need derivatives everywhere. `added` (...,) N joins the force before it is kept from pulling.
 
     Works on floats and on object arrays of AutoDiffXd. Raises `InputError` on an unknown law.
     """
-    force = _unclipped(law, penetration, rate, stiffness, damping, dissipation)
+    force = _unclipped(law, penetration, rate, stiffness, damping, dissipation) + added
     if smoothing > 0:
         return np.asarray(0.5 * (force + np.sqrt(force * force + smoothing**2)))
     return np.asarray(np.where((penetration > 0) & (force > 0), force, 0.0))

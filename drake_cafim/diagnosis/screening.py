@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from drake_cafim.diagnosis.contact_looks import contact_looks
 from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.problem import Problem, Run
 from drake_cafim.diagnosis.pulses import Push, strongest_pushes
@@ -18,11 +19,13 @@ from drake_cafim.effects.actuator import (
 )
 from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance, pulse
 from drake_cafim.effects.catalogue import EFFECTS
+from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect, joined
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.sensor import SensorEffect, SensorGainError
+from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -50,6 +53,9 @@ def hypotheses(problem: Problem) -> tuple[Effect, ...]:
     for effect in EFFECTS:
         if issubclass(effect, SensorEffect):
             found.extend(effect(place) for place in effect.sites(channels))
+        elif issubclass(effect, ContactEffect | SurfaceEffect):
+            contacts = problem.scene.physics.contacts
+            found.extend(effect(at) for at in dict.fromkeys(effect.site(contact) for contact in contacts))
         elif effect in OF_COMMANDS:
             # an effort that was measured behind the drive has been through its limits and its dead zone
             found.extend(effect(at) for at in effect.places(problem.scene.tree) if f"u.{at}" not in channels)
@@ -132,6 +138,8 @@ def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Ca
     elif isinstance(effect, AerodynamicDrag):
         unit = effect.with_values({"coefficient": 1.0})
         yield _drag_columns(problem, physics, unit), effect.from_directions
+    elif isinstance(effect, ContactEffect | SurfaceEffect):
+        yield from contact_looks(problem, physics, effect)
     elif isinstance(effect, SensorGainError) and not _moves(problem, effect.at):
         return
     elif isinstance(effect, SensorEffect):

@@ -9,7 +9,6 @@ For each window w and joint k, in exact arithmetic and with the true physics, al
 The noise of the samples reaches them to first order through the Jacobian that `noise_jacobian` returns.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -158,7 +157,7 @@ class WeakForm:
         key = (
             inertial_parameters(physics.tree).tobytes(), physics.gravity.tobytes(), physics.rotor_inertias.tobytes(),
             physics.dampings.tobytes(), *((effect.key, *effect.values.values()) for effect in effects),
-            *((contact.name, contact.radius, str(contact.parameters)) for contact in physics.contacts),
+            *((contact.name, str(contact)) for contact in physics.contacts),
         )
         if key not in self._drives:
             self._drives.clear()
@@ -209,9 +208,6 @@ class WeakForm:
         rotor = -(windows.rate @ measured.v) * physics.rotor_inertias
         dynamic = prepared.regressor.rows(inertial_parameters(physics.tree), physics.gravity) + rotor
         force = physics.applied_at_joints(self.joint_samples(measured))[0]
-        wrench = physics.contact_wrenches(prepared.moving) if physics.contacts else None
-        if wrench is not None:
-            force = force + prepared.moving.project(wrench)
         if physics.body_forces:
             force = force + self._pushed(physics, prepared.moving)
         dynamic = dynamic - windows.value @ force - self.effort_integral(physics, measured.u)
@@ -219,10 +215,26 @@ class WeakForm:
             dynamic[:, physics.tree.joint_index(coupling.at)] += self.coupling_rows(physics, coupling)
         # an effort of unknown gain is what is predicted: divided by it, so that no motion is not a perfect fit
         rows = [prepared.kinematic, dynamic / physics.effort_gains]
-        for sensor, reading in zip(self.sensors, measured.wrenches, strict=True):
-            predicted = sensor.reading(prepared.moving, self._on(sensor, prepared.moving, wrench))
-            rows.append(windows.value @ (reading - self._written(physics, sensor, predicted)))
-        return np.concatenate(rows, axis=1)
+        rows += [windows.value @ reading for reading in measured.wrenches]
+        return np.concatenate(rows, axis=1) + self.contact_rows(physics)
+
+    def contact_rows(self, physics: Physics) -> Array:
+        """What contacts contribute to the rows, (M, r): their push at the joints, and what each sensor is to write."""
+        moving, windows = self._prepared(physics).moving, self.samples.windows
+        rows = np.zeros((len(windows), self.rows_per_window))
+        wrench = None
+        if physics.contacts:
+            wrench = physics.contact_wrenches(moving, self.contact_memory(physics))
+            rows[:, self.dynamic] = -(windows.value @ moving.project(wrench)) / physics.effort_gains
+        for i, sensor in enumerate(self.sensors):
+            predicted = sensor.reading(moving, self._on(sensor, moving, wrench))
+            first = self.dynamic.stop + 6 * i
+            rows[:, first : first + 6] = -(windows.value @ self._written(physics, sensor, predicted))
+        return rows
+
+    def contact_memory(self, physics: Physics) -> Array:
+        """What the contacts remember at each sample, (N, m), of the smoothed motion."""
+        return physics.contact_memory(self.samples.time, self._prepared(physics).moving)
 
     def _written(self, physics: Physics, sensor: WrenchSensor, reading: Array) -> Array:
         """What the sensor writes (N, 6) of a predicted reading; so its noise stays what it is."""
@@ -262,11 +274,14 @@ class WeakForm:
         """Generalized forces (N, n) of what pushes the bodies."""
         return moving.project(physics.body_wrenches(moving, self.samples.time, self.samples.recording.name))
 
-    def _pointwise(self, physics: Physics, q: Array, v: Array, joints: Sequence[JointSamples]) -> tuple[Array, Array]:
-        """Momentum (N, n) and what the windows weigh, force then predicted wrenches (N, n + 6 s)."""
+    def _pointwise(self, physics: Physics, q: Array, v: Array, memory: Array) -> tuple[Array, Array]:
+        """Momentum (N, n) and what the windows weigh, force then predicted wrenches (N, n + 6 s).
+
+        `memory` (N, m) is what the contacts remember.
+        """
         moving = motion(physics.tree, q, v)
         momentum, force = physics.momentum_and_force(moving)
-        wrench = physics.contact_wrenches(moving) if physics.contacts else None
+        wrench = physics.contact_wrenches(moving, memory) if physics.contacts else None
         if wrench is not None:
             force = force + moving.project(wrench)
         if physics.body_forces:
@@ -284,6 +299,7 @@ class WeakForm:
         measured = self.measurement(physics)
         q, v = measured.q_hat, measured.v_hat
         joints = self.joint_samples(measured)
+        memory = self.contact_memory(physics)
         _, d_q_law, d_v_law = physics.applied_at_joints(joints)
         blocks: list[sp.csr_matrix] = []
         labels: list[tuple[str, slice]] = []
@@ -300,8 +316,8 @@ class WeakForm:
             labels.append((name, slice(start, start + block.shape[1])))
 
         for j, name in enumerate(physics.tree.joint_names):
-            by_q = self._difference(physics, q, v, joints, j, POSITION_STEP, position=True)
-            by_v = self._difference(physics, q, v, joints, j, VELOCITY_STEP, position=False)
+            by_q = self._difference(physics, q, v, memory, j, POSITION_STEP, position=True)
+            by_v = self._difference(physics, q, v, memory, j, VELOCITY_STEP, position=False)
             by_q[1][:, j] += d_q_law[:, j]
             by_v[1][:, j] += d_v_law[:, j]
             from_q = self._block(by_q[0], by_q[1], kinematic=j, rate=True)
@@ -323,12 +339,12 @@ class WeakForm:
         return sp.csr_matrix(scaling @ sp.hstack(blocks)), labels
 
     def _difference(
-        self, physics: Physics, q: Array, v: Array, joints: Sequence[JointSamples], j: int, step: float, position: bool
+        self, physics: Physics, q: Array, v: Array, memory: Array, j: int, step: float, position: bool
     ) -> tuple[Array, Array]:
         shift = np.zeros(self.joints)
         shift[j] = step
-        ahead = self._pointwise(physics, q + shift if position else q, v if position else v + shift, joints)
-        behind = self._pointwise(physics, q - shift if position else q, v if position else v - shift, joints)
+        ahead = self._pointwise(physics, q + shift if position else q, v if position else v + shift, memory)
+        behind = self._pointwise(physics, q - shift if position else q, v if position else v - shift, memory)
         return (ahead[0] - behind[0]) / (2.0 * step), (ahead[1] - behind[1]) / (2.0 * step)
 
     def _block(self, momentum: Array, force: Array, kinematic: int, rate: bool) -> sp.csr_matrix:

@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_cafim.contact.geometry import ContactPoints, sphere_on_plane
+from drake_cafim.contact.change import ContactChange, Touch, surface_axes
+from drake_cafim.contact.geometry import sphere_on_plane
 from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.dynamics.motion import Motion
 from drake_cafim.typing import Array
@@ -15,7 +16,7 @@ class SphereContact:
     """The nominal contact of a sphere that rides a joint with a plane fixed in the world.
 
     `p_JC` (3,) m is the sphere's centre in frame J of `joint`; the plane passes through `point` with unit `normal`
-    out of it, world frame.
+    out of it, world frame. `changes` are what it does beyond its law.
     """
 
     bodies: tuple[str, str]
@@ -26,6 +27,7 @@ class SphereContact:
     normal: Array
     law: ContactLaw
     parameters: ContactParameters
+    changes: tuple[ContactChange, ...] = ()
 
     @property
     def name(self) -> str:
@@ -37,24 +39,69 @@ class SphereContact:
             return replace(self, radius=value)
         return replace(self, parameters=replace(self.parameters, **{name: value}))
 
-    def points(self, moving: Motion) -> ContactPoints:
-        """Penetration, its rate and the slip at the sphere's deepest point, over samples (N, 1)."""
+    @property
+    def memory(self) -> int:
+        """How many numbers the changes remember."""
+        return sum(change.memory for change in self.changes)
+
+    def changed(self, change: ContactChange) -> "SphereContact":
+        """The contact with one change more."""
+        return replace(self, changes=(*self.changes, change))
+
+    def touch(self, moving: Motion) -> Touch:
+        """How the sphere's deepest point meets the plane, over samples (N,)."""
         p_WC, v_WC = moving.point(self.joint, self.p_JC)
         w_WJ = moving.velocities[:, self.joint, :3]
-        return sphere_on_plane(p_WC, v_WC, w_WJ, radius=self.radius, point=self.point, normal=self.normal)
+        points = sphere_on_plane(p_WC, v_WC, w_WJ, radius=self.radius, point=self.point, normal=self.normal)
+        return Touch(
+            penetration=points.penetration[:, 0],
+            rate=points.rate[:, 0],
+            slip=points.tangential_velocity[:, 0],
+            position=p_WC + points.p_BoC_W[:, 0],
+            spin=w_WJ - (w_WJ @ self.normal)[:, None] * self.normal,
+            axes=surface_axes(self.normal),
+        )
 
-    def force(self, points: ContactPoints) -> Array:
-        """The force (N, 3) on the sphere, N, world axes."""
-        normal = self.law.normal_force(points.penetration, points.rate, self.parameters)
-        tangential = self.law.tangential_force(normal, points.tangential_velocity, self.parameters)
-        return normal * self.normal + tangential[:, 0]
+    def recall(self, time: Array, touch: Touch) -> Array:
+        """What the changes remember, (N, m), at samples at `time` (N,) s."""
+        return np.concatenate([change.recall(time, touch) for change in self.changes], axis=1)
 
-    def wrench(self, moving: Motion) -> Array:
+    def ahead(self, memory: Array, touch: Touch, duration: Array) -> Array:
+        """The memory (B, m) after `duration` (B,) s of a touch that stays as it is."""
+        parts = [change.ahead(own, touch, duration) for change, own in self._shared(memory)]
+        return np.concatenate(parts, axis=1)
+
+    def force(self, touch: Touch, memory: Array | None = None) -> tuple[Array, Array]:
+        """The force (N, 3) N on the sphere at the deepest point, and a moment (N, 3) N m beside it; world axes.
+
+        Without `memory` (N, m) nothing is remembered.
+        """
+        if memory is None:
+            memory = np.zeros((len(touch.rate), self.memory))
+        shared = self._shared(memory)
+        added = sum(change.push(touch, self.parameters, own) for change, own in shared)
+        normal = self.law.normal_force(touch.penetration, touch.rate, self.parameters, added)
+        tangential, moment = None, np.zeros_like(touch.slip)
+        for change, own in shared:
+            found = change.traction(self.law, normal, touch, self.parameters, own)
+            tangential = found if found is not None else tangential
+            beside = change.moment(normal, touch)
+            moment = moment if beside is None else moment + beside
+        if tangential is None:
+            tangential = self.law.tangential_force(normal, touch.slip, self.parameters)
+        pulled = normal + sum(change.pull(touch) for change in self.changes)
+        return pulled[:, None] * self.normal + tangential, moment
+
+    def wrench(self, moving: Motion, memory: Array | None = None) -> Array:
         """The wrench (N, 6) on the joint's link about the world origin, moment first."""
-        points = self.points(moving)
-        force = self.force(points)
-        p_WC, _ = moving.point(self.joint, self.p_JC)
-        return np.concatenate([np.cross(p_WC + points.p_BoC_W[:, 0], force), force], axis=1)
+        touch = self.touch(moving)
+        force, moment = self.force(touch, memory)
+        return np.concatenate([np.cross(touch.position, force) + moment, force], axis=1)
+
+    def _shared(self, memory: Array) -> list[tuple[ContactChange, Array]]:
+        """Each change with its own part of the memory."""
+        ends = np.cumsum([change.memory for change in self.changes]).tolist()
+        return [(change, memory[:, end - change.memory : end]) for change, end in zip(self.changes, ends, strict=True)]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,12 @@ from drake_cafim.effects.actuator import (
     ActuatorSaturation,
 )
 from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance
+from drake_cafim.effects.contact_friction import (
+    ContactAnisotropicFriction,
+    ContactPresliding,
+    ContactRollingResistance,
+    ContactStribeckFriction,
+)
 from drake_cafim.effects.coupling import JointBacklash, JointElasticity
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.friction import JointLoadDependentFriction, JointStribeckFriction
@@ -19,7 +25,14 @@ from drake_cafim.effects.joint import (
     JointViscousFriction,
 )
 from drake_cafim.effects.link import GravityMisalignment, Payload, RotorInertia
+from drake_cafim.effects.normal_contact import (
+    ContactAdhesion,
+    ContactHuntCrossleyDissipation,
+    ContactNonlinearStiffness,
+    ContactViscoelasticRelaxation,
+)
 from drake_cafim.effects.sensor import SensorBias, SensorDrift, SensorGainError, SensorMisalignment
+from drake_cafim.effects.surface import SurfaceOffset, SurfaceTilt
 from drake_cafim.effects.timing import ClockSkew, SensorDelay, SensorLag
 from drake_cafim.effects.transmission import JointHardStop, TorqueRipple
 from drake_cafim.errors import InputError
@@ -46,6 +59,16 @@ EFFECTS: tuple[type[Effect], ...] = (
     GravityMisalignment,
     AerodynamicDrag,
     ExternalDisturbance,
+    ContactStribeckFriction,
+    ContactAdhesion,
+    ContactNonlinearStiffness,
+    ContactViscoelasticRelaxation,
+    ContactHuntCrossleyDissipation,
+    ContactRollingResistance,
+    ContactAnisotropicFriction,
+    ContactPresliding,
+    SurfaceOffset,
+    SurfaceTilt,
     SensorBias,
     SensorGainError,
     SensorDrift,

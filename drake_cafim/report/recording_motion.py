@@ -124,7 +124,7 @@ def contact_arrows(weak: WeakForm, physics: Physics, moving: Motion, frames: Arr
     v = np.stack([np.interp(frames, weak.samples.time, weak.samples.v[:, j]) for j in range(weak.joints)], axis=1)
     faster = motion(physics.tree, moving.q, v)
     for contact in physics.contacts:
-        force = contact.force(contact.points(faster))
+        force, _ = contact.force(contact.touch(faster))
         scale = LONGEST_ARROW * size / max(float(np.max(np.linalg.norm(force, axis=1))), 1e-9)
         arrows.append(Arrow(contact.name, faster.point(contact.joint, contact.p_JC)[0], scale * force))
     return arrows

@@ -10,11 +10,13 @@ from drake_cafim.dynamics.motion import Motion, bias_force, mass_matrix, momentu
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.body import BodyForce
+from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect, Force, JointSamples
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.typing import Array
 
 
@@ -74,12 +76,33 @@ class Physics:
         """One effect's law on the samples of its joint."""
         return effect.force(joints[self.tree.joint_index(effect.at)])
 
-    def contact_wrenches(self, moving: Motion) -> Array:
-        """(N, n, 6) wrenches that contacts exert on the links, about the world origin, moment first."""
+    def contact_memory(self, time: Array, moving: Motion) -> Array:
+        """(N, m) what the contacts remember at samples at `time` (N,) s, of all the samples before each."""
+        parts = [contact.recall(time, contact.touch(moving)) for contact in self.contacts if contact.memory]
+        return np.concatenate([np.zeros((len(time), 0)), *parts], axis=1)
+
+    def contact_wrenches(self, moving: Motion, memory: Array | None = None) -> Array:
+        """(N, n, 6) wrenches that contacts exert on the links, about the world origin, moment first.
+
+        `memory` (N, m) as `contact_memory` has it; without it the contacts remember nothing.
+        """
         total = np.zeros((*moving.q.shape, 6))
+        start = 0
         for contact in self.contacts:
-            total[:, contact.joint] += contact.wrench(moving)
+            own = None if memory is None else memory[:, start : start + contact.memory]
+            total[:, contact.joint] += contact.wrench(moving, own)
+            start += contact.memory
         return total
+
+    def remembered(self, memory: Array, moving: Motion, duration: Array) -> Array:
+        """The contacts' memory (B, m) after `duration` (B,) s of this motion."""
+        parts, start = [np.zeros((len(duration), 0))], 0
+        for contact in self.contacts:
+            if contact.memory:
+                own = memory[:, start : start + contact.memory]
+                parts.append(contact.ahead(own, contact.touch(moving), duration))
+            start += contact.memory
+        return np.concatenate(parts, axis=1)
 
     def body_wrenches(self, moving: Motion, time: Array | None = None, recording: str | None = None) -> Array:
         """(N, n, 6) wrenches of body forces on the links, about the world origin, moment first.
@@ -117,7 +140,7 @@ class Physics:
         M = mass_matrix(moving, inertias) + np.diag(self.rotor_inertias)
         force = self.applied_at_joints(joints)[0] - bias_force(moving, inertias, self.gravity)
         if self.contacts:
-            force = force + moving.project(self.contact_wrenches(moving))
+            force = force + moving.project(self.contact_wrenches(moving, self.contact_memory(time, moving)))
         if self.body_forces:
             force = force + moving.project(self.body_wrenches(moving))
         A: Array = np.asarray(np.linalg.inv(M), dtype=float)
@@ -152,6 +175,9 @@ class Physics:
                 physics = replace(physics, couplings=(*physics.couplings, effect))
             elif isinstance(effect, SensorEffect):
                 physics = replace(physics, sensors=(*physics.sensors, effect))
+            elif isinstance(effect, ContactEffect | SurfaceEffect):
+                contacts = (effect.on(one) if effect.meets(one) else one for one in physics.contacts)
+                physics = replace(physics, contacts=tuple(contacts))
             else:
                 raise TypeError(f"{effect.name} has no way into the physics")
         return physics

@@ -1,0 +1,76 @@
+"""What a contact does beyond its nominal law: changes of its forces, some of which remember what went before."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy.linalg import lapack
+
+from drake_cafim.contact.law import ContactLaw, ContactParameters
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class Touch:
+    """One contact point over samples: `penetration` (N,) m, `rate` (N,) m/s, and in world axes `slip` (N, 3) m/s,
+    `position` (N, 3) m of the point and `spin` (N, 3) rad/s, the body's angular velocity without its turn about the
+    normal.
+
+    `axes` (3, 3) are the surface's x, y and normal as columns, world frame.
+    """
+
+    penetration: Array
+    rate: Array
+    slip: Array
+    position: Array
+    spin: Array
+    axes: Array
+
+
+class ContactChange:
+    """A change of a contact's law; by default nothing changes. `memory` (N, m) is what it knows of the past."""
+
+    memory: ClassVar[int] = 0
+    """How many numbers it remembers."""
+
+    def recall(self, time: Array, touch: Touch) -> Array:
+        """The memory (N, m) at samples at `time` (N,) s, of all the samples before each."""
+        return np.zeros((len(time), self.memory))
+
+    def ahead(self, memory: Array, touch: Touch, duration: Array) -> Array:
+        """The memory (B, m) after `duration` (B,) s of a touch that stays as it is."""
+        return memory
+
+    def push(self, touch: Touch, parameters: ContactParameters, memory: Array) -> Array | float:
+        """Added (N,) N to the normal force before it is kept from pulling; only where the bodies touch."""
+        return 0.0
+
+    def pull(self, touch: Touch) -> Array | float:
+        """A normal force (N,) N, towards the surface where negative, that friction knows nothing of."""
+        return 0.0
+
+    def traction(
+        self, law: ContactLaw, normal: Array, touch: Touch, parameters: ContactParameters, memory: Array
+    ) -> Array | None:
+        """The tangential force (N, 3) N in place of the law's, given the pushing force (N,) N; None leaves it."""
+        return None
+
+    def moment(self, normal: Array, touch: Touch) -> Array | None:
+        """A moment (N, 3) N m on the body, given the pushing force (N,) N."""
+        return None
+
+
+def surface_axes(normal: Array) -> Array:
+    """(3, 3): the world's x (or y, where the normal is near x) laid into the plane, its left, and the normal."""
+    along = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    first = along - (along @ normal) * normal
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(normal, first), normal], axis=1)
+
+
+def recursion(kept: Array, added: Array) -> Array:
+    """x (N, k) with x₀ = added₀ and xᵢ = keptᵢ xᵢ₋₁ + addedᵢ, for `kept` (N,) and `added` (N, k)."""
+    band = np.ones((2, len(kept)))
+    band[1, :-1] = -kept[1:]
+    solved, _ = lapack.dtbtrs(band, added, uplo="L")
+    return np.asarray(solved, dtype=float)

@@ -1,0 +1,85 @@
+"""Surfaces that stand elsewhere than the model has them."""
+
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from drake_cafim.contact.change import Touch, surface_axes
+from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.effects.contact import ContactLook
+from drake_cafim.effects.effect import Effect, Place, Strength
+
+
+@dataclass(frozen=True)
+class SurfaceEffect(Effect):
+    """Another plane for every contact with one surface; `at` is the surface's body."""
+
+    place: ClassVar[Place] = Place.BODY
+    family: ClassVar[str] = "contact"
+
+    def meets(self, contact: SphereContact) -> bool:
+        """Whether this is a contact with the surface that is meant."""
+        return contact.bodies[1] == self.at
+
+    @classmethod
+    def site(cls, contact: SphereContact) -> str:
+        """What `at` is for this contact's surface."""
+        return contact.bodies[1]
+
+    @abstractmethod
+    def on(self, contact: SphereContact) -> SphereContact:
+        """The contact with its plane moved."""
+
+    def looks(self, contact: SphereContact, touch: Touch) -> Iterator[ContactLook]:
+        """Central steps of the strengths."""
+        yield ContactLook(self.directions(), self.from_directions)
+
+    def plausible_at(self, contact: SphereContact) -> bool:
+        """Whether the values still are what the name says, in this contact."""
+        return True
+
+
+@dataclass(frozen=True)
+class SurfaceOffset(SurfaceEffect):
+    """The plane raised along its normal."""
+
+    name: ClassVar[str] = "surface_offset"
+    strengths: ClassVar[tuple[Strength, ...]] = (Strength("offset", "m", 1e-4, lower=-0.2, upper=0.2),)
+    difference_step: ClassVar[float] = 1e-2
+    reference: ClassVar[str] = "De Schutter and others, Int. J. Robotics Research 18(12), 1999 (geometry from contact)"
+    alike: ClassVar[Mapping[str, str]] = {
+        "contact_adhesion": "during lasting contact a lower surface and a constant pull press alike",
+        "contact_nonlinear_stiffness": "pressed about one depth, a stiffer spring and a higher surface push alike",
+        "sensor_bias": "a position or force that is off by a constant looks like another height",
+        "surface_tilt": "where the motion stays on one side of the origin, a slope is a height",
+    }
+
+    def on(self, contact: SphereContact) -> SphereContact:
+        return replace(contact, point=contact.point + self.values["offset"] * contact.normal)
+
+
+@dataclass(frozen=True)
+class SurfaceTilt(SurfaceEffect):
+    """The plane turned about its nominal origin: normal ~ (−tan sx, −tan sy, 1) in the surface's axes."""
+
+    name: ClassVar[str] = "surface_tilt"
+    strengths: ClassVar[tuple[Strength, ...]] = (
+        Strength("y_slope_x", "rad", 0.01, lower=-1.4, upper=1.4),
+        Strength("y_slope_y", "rad", 0.01, lower=-1.4, upper=1.4),
+    )
+    difference_step: ClassVar[float] = 1e-2
+    reference: ClassVar[str] = "Karayiannidis, Doulgeri, Automatica 45(10), 2009 (unknown slope of a surface)"
+    alike: ClassVar[Mapping[str, str]] = {
+        "sensor_misalignment": "a turned sensor sees the push from where a turned surface would send it",
+        "surface_offset": "where the motion stays on one side of the origin, a slope is a height",
+        "contact_anisotropic_friction": "both put force across the sliding; a slope does so at rest too",
+    }
+
+    def on(self, contact: SphereContact) -> SphereContact:
+        normal = surface_axes(contact.normal) @ np.array(
+            [-np.tan(self.values["y_slope_x"]), -np.tan(self.values["y_slope_y"]), 1.0]
+        )
+        return replace(contact, normal=np.asarray(normal / np.linalg.norm(normal)))
