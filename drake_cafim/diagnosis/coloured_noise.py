@@ -1,6 +1,6 @@
 """Noise with a memory: as the scenario states it, or as the recordings show it where white noise was stated."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,6 +17,10 @@ QUIET = 60.0
 SEGMENT = 128
 SURE = 1e-6
 """Probability at which noise stated white is said not to be, per channel."""
+LEVEL, FREE = 0.2, 20.0
+"""Of the logarithm of the variance: as far as a stated one is trusted, and an estimated one."""
+LONGEST = 0.05
+"""s; of a longer memory the quiet frequencies show nothing but the slope."""
 MEMORY = 8.0
 """Correlation times after which noise has forgotten: e⁻⁸ = 3·10⁻⁴."""
 
@@ -28,29 +32,48 @@ def stated_correlation_times(scene: Scene, columns: Sequence[str]) -> dict[str, 
 
 
 def seen_correlation_times(
-    recordings: Sequence[Recording], std: Mapping[str, float], stated: Mapping[str, float]
+    recordings: Sequence[Recording], std: Mapping[str, float], stated: Mapping[str, float], estimated: Set[str]
 ) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Correlation times (s) of channels whose noise was not stated coloured but is, and a sentence for each.
+    """Correlation times (s) of channels whose noise was not stated coloured but is, and a sentence for each kind.
 
-    Above `QUIET` the spectrum of an exponentially correlated noise falls as 1/(1 − 2ρ cos ωh + ρ²), ρ = exp(−h/τ).
+    Above `QUIET` the spectrum of an exponentially correlated noise is σ² (1 − ρ²)/(1 − 2ρ cos ωh + ρ²),
+    ρ = exp(−h/τ). Channels of a kind share τ: they come from like sensors. σ is `std`, free for `estimated` columns.
     """
-    found: dict[str, float] = {}
+    step = step_of(recordings)
+    kinds: dict[str, list[str]] = {}
     for column, deviation in std.items():
-        if deviation == 0.0 or column in stated or column.startswith("u."):
-            continue
-        step = float(np.median(np.concatenate([np.diff(one.time) for one in recordings])))
-        spectra = [_spectra(one.measured(column), step) for one in recordings]
-        phase, levels = spectra[0][0], np.concatenate([levels for _, levels in spectra])
+        if deviation > 0.0 and column not in stated and not column.startswith("u."):
+            kinds.setdefault(column.partition(".")[0], []).append(column)
+    found: dict[str, float] = {}
+    told = []
+    for kind, columns in kinds.items():
+        pieces = [_spectra(one.measured(column) / std[column], step) for one in recordings for column in columns]
+        phase, levels = pieces[0][0], np.concatenate([levels for _, levels in pieces])
         if len(levels) < 8 or len(phase) < 8:
             continue
-        memory, p_value = _memory(phase, levels)
+        level = FREE if estimated & set(columns) else LEVEL
+        memory, p_value = _memory(phase, levels, level, float(np.exp(-step / LONGEST)))
         if p_value < SURE and memory > 0.0:
-            found[column] = -step / float(np.log(memory))
-    told = tuple(
-        f"noise: that of {column} is not white as stated, it has a correlation time of {1e3 * time:.2g} ms"
-        for column, time in found.items()
-    )
-    return found, told
+            time = -step / float(np.log(memory))
+            found |= dict.fromkeys(columns, time)
+            told.append(f"the noise of {kind} is not white as stated: it has a correlation time of {1e3 * time:.2g} ms")
+    return found, tuple(told)
+
+
+def step_of(recordings: Sequence[Recording]) -> float:
+    """The usual sampling time, s."""
+    return float(np.median(np.concatenate([np.diff(one.time) for one in recordings])))
+
+
+def widened(std: Mapping[str, float], times: Mapping[str, float], estimated: Set[str], step: float) -> dict[str, float]:
+    """`std` with the `estimated` ones what fourth differences mean for noise of these correlation `times`."""
+    differences = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+    apart = np.abs(np.subtract.outer(np.arange(5), np.arange(5)))
+    wide = dict(std)
+    for column in estimated & set(times):
+        seen = differences @ np.exp(-step * apart / times[column]) @ differences
+        wide[column] *= float(np.sqrt(differences @ differences / seen))
+    return wide
 
 
 def covariance(time: Array, correlation_time: float) -> sp.csr_matrix:
@@ -78,7 +101,7 @@ def drawn(rng: np.random.Generator, time: Array, correlation_time: float) -> Arr
 
 
 def _spectra(values: Array, step: float) -> tuple[Array, Array]:
-    """Phases ωh (F,) above `QUIET`, and the periodogram (S, F) of each stretch without a gap."""
+    """Phases ωh (F,) above `QUIET`, and the power (S, F) of each stretch without a gap; 1 is unit white noise."""
     count = len(values) // SEGMENT
     pieces = values[: count * SEGMENT].reshape(count, SEGMENT)
     pieces = pieces[np.all(np.isfinite(pieces), axis=1)]
@@ -88,20 +111,22 @@ def _spectra(values: Array, step: float) -> tuple[Array, Array]:
     lowest = min(2.0 * np.pi * QUIET * step, 0.4 * np.pi)
     used = (phase > lowest) & (phase < 0.95 * np.pi)
     gain = (2.0 - 2.0 * np.cos(phase[used])) ** 4
-    return phase[used], power[:, used] / gain
+    # one-sided and per hertz of a unit sampling rate: white noise of variance 1 has 2
+    return phase[used], 0.5 * power[:, used] / gain
 
 
-def _memory(phase: Array, levels: Array) -> tuple[float, float]:
-    """ρ of the noise, and the p-value of its being zero."""
+def _memory(phase: Array, levels: Array, level: float, longest: float) -> tuple[float, float]:
+    """ρ of the noise, and the p-value of its being zero; the variance's logarithm is known to `level`, ρ is at most `longest`."""
     # the median over the stretches does not see the few in which something snapped
-    seen = np.log(np.median(levels, axis=0))
+    seen = np.log(np.median(levels, axis=0) / np.log(2.0))
     variance = 2.1 / len(levels)
 
     def misfit(memory: float) -> float:
-        left = seen + np.log(1.0 - 2.0 * memory * np.cos(phase) + memory**2)
-        return float(np.sum((left - left.mean()) ** 2)) / variance
+        expected = np.log((1.0 - memory**2) / (1.0 - 2.0 * memory * np.cos(phase) + memory**2))
+        left = seen - expected
+        return float(np.sum((left - np.clip(left.mean(), -level, level)) ** 2)) / variance
 
-    best = minimize_scalar(misfit, bounds=(0.0, 0.999), method="bounded")
+    best = minimize_scalar(misfit, bounds=(0.0, longest), method="bounded")
     # Hann's window makes neighbouring frequencies depend on each other: half as many count
     gained = 0.5 * (misfit(0.0) - float(best.fun)) / max(1.0, 0.5 * float(best.fun) / (0.5 * len(phase)))
     return float(best.x), float(chi2.sf(max(gained, 0.0), 1))

@@ -6,7 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.diagnosis.adequacy import adequacy
-from drake_cafim.diagnosis.coloured_noise import seen_correlation_times, stated_correlation_times
+from drake_cafim.diagnosis.coloured_noise import (
+    seen_correlation_times,
+    stated_correlation_times,
+    step_of,
+    widened,
+)
 from drake_cafim.diagnosis.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.forecast import forecast, root_mean_square
 from drake_cafim.diagnosis.innovations import innovations
@@ -91,10 +96,13 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
     scene = _facing(scene, recordings)
     std, notes = noise_of(scene, recordings)
     stated = stated_correlation_times(scene, list(std))
-    seen, told = seen_correlation_times(recordings, std, stated)
+    estimated = {column for column in std if scene.std(column) is None}
+    seen, told = seen_correlation_times(recordings, std, stated, estimated)
+    times = stated | seen
+    std = widened(std, times, estimated, step_of(recordings))
 
     def laid(recording: Recording) -> WeakForm:
-        samples = samples_of(scene, recording, std, correlation_times=stated | seen)
+        samples = samples_of(scene, recording, std, correlation_times=times)
         return WeakForm(samples, scene.wrench_sensors)
 
     return Prepared(

@@ -15,6 +15,9 @@ ROUNDS, CORRECTED = 5, 0.1
 """Corrections for shared noise, at most, and the part of a standard deviation that ends them."""
 NOISE_ALONE = 0.2
 """A number whose regressor is noise to more than four fifths is taken to be unknown."""
+NOTHING_KNOWN = 1e12
+"""Variance of numbers that are an echo of noise."""
+LEAST_WORTH = 10.0
 LEAST_GAIN = 2.5e-4
 """Of ½ χ²; where a step promises less, the minimum is reached."""
 
@@ -65,19 +68,34 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
     With measurement noise e both the residual z and its Jacobian J are noisy, and E[Jᵀz] at the truth is not zero but
     b = E[ΔJᵀΔz] (errors in variables; Fuller, Measurement Error Models, 1987, §1). b is taken from the difference
     that one more dose of noise makes, and Jᵀz = b is solved instead; likewise E[ΔJᵀΔJ] is taken off the information.
+    A controller hands the noise on to the efforts, and so to what they drive (closed-loop identification; Ljung,
+    System Identification, 1999, §13.4).
     """
     n = len(model.vector)
     model, residual, jacobian = _minimised(problem, model, np.zeros(n), iterations)
     information = jacobian.T @ jacobian
+    worth = _worth(problem, model, residual)
+    first = model.vector
     for _ in range(ROUNDS if n else 0):
         before = model.vector
         offset, excess = _shared_noise(problem, model, residual, jacobian)
-        model, residual, jacobian = _minimised(problem, model, offset, 4)
+        corrected = _minimised(problem, model, offset, 4, worth)
+        if not float(offset @ (corrected[0].vector - first)) < worth:
+            return Fit(model, residual, jacobian, np.diag(np.full(n, NOTHING_KNOWN)), problem.rows)
+        model, residual, jacobian = corrected
         information = jacobian.T @ jacobian - excess
         # the noise that is shared grows with the numbers themselves, so a large correction is made again
         if np.all(np.abs(model.vector - before) * np.linalg.norm(jacobian, axis=0) < CORRECTED):
             break
     return Fit(model, residual, jacobian, _inverse(_without_noise_alone(information, jacobian)), problem.rows)
+
+
+def _worth(problem: Problem, model: Model, residual: Array) -> float:
+    """Half of what the effects take off χ²; a correction that would cost more finds them to be noise altogether."""
+    if not model.effects:
+        return np.inf
+    without = problem.residual(Model(model.unknown))
+    return 0.5 * float(without @ without - residual @ residual) + LEAST_WORTH
 
 
 def _without_noise_alone(information: Array, jacobian: Array) -> Array:
@@ -102,22 +120,25 @@ def _inverse(information: Array) -> Array:
 
 def _shared_noise(problem: Problem, model: Model, residual: Array, jacobian: Array) -> tuple[Array, Array]:
     """ΔJᵀΔz (n,) and ΔJᵀΔJ (n, n), Δ by one more dose of noise."""
-    shadow = problem.noisier
-    change = shadow.residual(model) - residual
-    slope_change = shadow.jacobian(model) - jacobian
+    change = problem.noisier.residual(model) - residual
+    slope_change = problem.noisier_in_loop.jacobian(model) - jacobian
     return slope_change.T @ change, slope_change.T @ slope_change
 
 
-def _minimised(problem: Problem, model: Model, offset: Array, iterations: int) -> tuple[Model, Array, Array]:
-    """Model, residual and Jacobian where ½ z·z − offset·numbers is smallest nearby."""
+def _minimised(
+    problem: Problem, model: Model, offset: Array, iterations: int, most: float = np.inf
+) -> tuple[Model, Array, Array]:
+    """Model, residual and Jacobian where ½ z·z − offset·numbers is smallest nearby, the second part at most `most`."""
     residual, jacobian = problem.residual(model), problem.jacobian(model)
-    damping = 1e-6
+    start, damping = model.vector, 1e-6
     for _ in range(iterations):
         if jacobian.shape[1] == 0:
             break
         trial, trial_residual, damping = _step(problem, model, residual, jacobian, offset, damping)
         if trial is None:
             break
+        if float(offset @ (trial.vector - start)) > most:
+            return trial, trial_residual, jacobian
         gained = residual @ residual - trial_residual @ trial_residual
         model, residual = trial, trial_residual
         jacobian = problem.jacobian(model)

@@ -83,11 +83,22 @@ class Problem:
     @cached_property
     def noisier(self) -> "Problem":
         """The same recordings with their noise once more on top, under the same whitening."""
-        runs = tuple(
-            replace(run, weak=WeakForm(noisier(run.weak.samples, np.random.default_rng(index)), run.weak.sensors))
-            for index, run in enumerate(self.runs)
-        )
-        return Problem(self.scene, runs)
+        return self._with_more_noise(fed_back=False)
+
+    @cached_property
+    def noisier_in_loop(self) -> "Problem":
+        """`noisier` with the efforts that the controller would have made of it.
+
+        The motion that those make obeys the equations, so residuals do not see them; regressors do.
+        """
+        return self._with_more_noise(fed_back=True)
+
+    def _with_more_noise(self, fed_back: bool) -> "Problem":
+        runs = []
+        for index, run in enumerate(self.runs):
+            samples = noisier(run.weak.samples, np.random.default_rng(index), fed_back)
+            runs.append(replace(run, weak=WeakForm(samples, run.weak.sensors)))
+        return Problem(self.scene, tuple(runs))
 
     @property
     def rows(self) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.coloured_noise import drawn
+from drake_cafim.diagnosis.feedback import Feedback
 from drake_cafim.diagnosis.windows import Windows, lay_windows
 from drake_cafim.errors import InputError
 from drake_cafim.local_polynomial import local_polynomial
@@ -58,8 +59,8 @@ class Samples:
         return self.differentiate is None
 
 
-def noisier(samples: Samples, rng: np.random.Generator) -> Samples:
-    """The samples with the stated noise added once more."""
+def noisier(samples: Samples, rng: np.random.Generator, fed_back: bool = False) -> Samples:
+    """The samples with the stated noise added once more; `fed_back`, the efforts are what a controller makes of it."""
     names = [name.removeprefix("q.") for name in samples.std if name.startswith("q.")]
 
     def noise(columns: Sequence[str]) -> Array:
@@ -78,6 +79,8 @@ def noisier(samples: Samples, rng: np.random.Generator) -> Samples:
         for sensor, wrench in zip(sensors, samples.wrenches, strict=True)
     )
     u = again("u", samples.u)
+    if fed_back:
+        u = u + Feedback.of(samples.q, samples.v, samples.u).passed_on(q - samples.q, v - samples.v)
     columns = dict(samples.recording.columns)
     for kind, values in (("q", q), ("u", u), *([("v", v)] if samples.velocity_measured else [])):
         columns |= {f"{kind}.{name}": values[:, j] for j, name in enumerate(names)}

@@ -183,7 +183,9 @@ def _detection(problem: Problem, nominal: Fit, screened: Sequence[Candidate], tr
         if p < SUSPICIOUS:
             # the linear look shares noise with the residual: only an unbiased fit may raise an alarm
             one = unbiased_fit(problem, nominal.model.with_effects([candidate.effect]))
-            p = wald_p_value(problem, one, candidate.effect.key) * trials
+            gained = max(nominal.chi_square - one.chi_square, 0.0)
+            p = max(wald_p_value(problem, one, candidate.effect.key), float(chi2.sf(gained, candidate.strengths)))
+            p *= trials
         score = min(score, p)
         if score < 1e-12:
             break
