@@ -116,7 +116,7 @@ def _spectra(values: Array, step: float) -> tuple[Array, Array]:
 
 
 def _memory(phase: Array, levels: Array, level: float, longest: float) -> tuple[float, float]:
-    """ρ of the noise, and the p-value of its being zero; the variance's logarithm is known to `level`, ρ is at most `longest`."""
+    """ρ of the noise, at most `longest`, and the p-value of zero; the variance's logarithm is known to `level`."""
     # the median over the stretches does not see the few in which something snapped
     seen = np.log(np.median(levels, axis=0) / np.log(2.0))
     variance = 2.1 / len(levels)
