@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from drake_cafim.cross import cross
 from drake_cafim.typing import Array
 
 
@@ -50,7 +51,7 @@ def _against_plane(
 ) -> ContactPoints:
     normal = np.asarray(normal, dtype=float)
     p_PC_W = p_WBo[..., np.newaxis, :] + p_BoC_W - np.asarray(point)
-    v_WC = v_WBo[..., np.newaxis, :] + np.cross(w_WB[..., np.newaxis, :], p_BoC_W)
+    v_WC = v_WBo[..., np.newaxis, :] + cross(w_WB[..., np.newaxis, :], p_BoC_W)
     approach = -(v_WC @ normal)
     return ContactPoints(
         penetration=-(p_PC_W @ normal),

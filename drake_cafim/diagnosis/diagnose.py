@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.coloured_noise import (
     widened,
 )
 from drake_cafim.diagnosis.fitting import Fit, unbiased_fit
-from drake_cafim.diagnosis.forecast import forecast, root_mean_square
+from drake_cafim.diagnosis.forecast import forecasts, root_mean_square
 from drake_cafim.diagnosis.innovations import innovations
 from drake_cafim.diagnosis.location import locate
 from drake_cafim.diagnosis.model import Model
@@ -241,8 +241,7 @@ def _comparison(weak: list[WeakForm], scene: Scene, models: list[Model]) -> Comp
 
 def _quality(weak: list[WeakForm], scene: Scene, model: Model) -> Quality:
     physics = model.physics(scene)
-    likelihoods = np.concatenate([innovations(form, physics).negative_log_likelihood for form in weak])
-    return Quality(float(np.mean(likelihoods)), root_mean_square([forecast(form, physics) for form in weak]))
+    return Quality(innovations(weak, physics).mean, root_mean_square(forecasts(weak, physics)))
 
 
 def _mistakes(scene: Scene, recordings: Sequence[Recording]) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ The filter is started anew every half second from the 50 ms before, so that a wr
 filter has learned; the model has no process noise but that of a measured effort.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,30 +32,32 @@ class Innovations:
         return float(np.mean(self.negative_log_likelihood))
 
 
-def innovations(weak: WeakForm, physics: Physics) -> Innovations:
-    """The innovations of one recording's q (and v, where measured), ln(2πσ²) included."""
-    samples, n = weak.samples, weak.joints
-    time = samples.time
-    measured = weak.measurement(physics)
-    knots, efforts = driven(physics, time, measured.u)
-    effort = efforts[np.clip(np.searchsorted(knots, time + 1e-12, side="right") - 1, 0, None)]
-    starts = _starts(time)
-    begun = [state_at(samples, measured, index) for index in starts]
+def innovations(forms: Sequence[WeakForm], physics: Physics) -> Innovations:
+    """The innovations of all recordings' q (and v, where measured), ln(2πσ²) included; recording after recording."""
+    tracks = [_track(weak, physics) for weak in forms]
+    time, y, effort, memory = (np.concatenate([track[k] for track in tracks]) for k in range(4))
+    firsts = np.cumsum([0, *(len(track[0]) for track in tracks)])
+    samples, n = forms[0].samples, forms[0].joints
+    begun, index, stops = [], [], []
+    for weak, first in zip(forms, firsts, strict=False):
+        starts = _starts(weak.samples.time)
+        begun += [state_at(weak.samples, weak.measurement(physics), start) for start in starts]
+        index += [first + start for start in starts]
+        stops += [first + stop for stop in (*starts[1:], len(weak.samples.time) - 1)]
     mean = np.concatenate([np.stack([b[0] for b in begun]), np.stack([b[1] for b in begun])], axis=1)
     covariance = np.stack([_joint_covariance(b[2]) for b in begun])
     names = physics.tree.joint_names
     kinds = ("q", "v") if samples.velocity_measured else ("q",)
     R = np.array([samples.std[f"{kind}.{name}"] ** 2 for kind in kinds for name in names])
-    y = np.concatenate([measured.q, measured.v], axis=1) if len(kinds) == 2 else measured.q
     effort_variance = np.array([samples.std[f"u.{name}"] ** 2 for name in names])
-    stops = np.array([*starts[1:], len(time) - 1])
-    index = np.array(starts)
-    times, values = [], []
-    for k in range(int(np.max(stops - index))):
-        alive = np.flatnonzero(index + k + 1 <= stops)
-        now, following = (index + k)[alive], (index + k + 1)[alive]
+    begin, end = np.array(index), np.array(stops)
+    values = np.full(len(time), np.nan)
+    for k in range(int(np.max(end - begin))):
+        alive = np.flatnonzero(begin + k + 1 <= end)
+        now, following = (begin + k)[alive], (begin + k + 1)[alive]
+        start = State(mean[alive, :n], mean[alive, n:], memory[now])
         predicted, transition, by_effort = _predict(
-            physics, mean[alive], effort[now], time[following] - time[now], n, bool(np.any(effort_variance))
+            physics, start, effort[now], time[following] - time[now], bool(np.any(effort_variance))
         )
         P = transition @ covariance[alive] @ np.swapaxes(transition, 1, 2)
         P = P + (by_effort * effort_variance) @ np.swapaxes(by_effort, 1, 2)
@@ -63,14 +66,24 @@ def innovations(weak: WeakForm, physics: Physics) -> Innovations:
         error = y[following] - predicted[:, :H]
         solved = np.linalg.solve(S, error[..., None])[..., 0]
         sign_log = np.linalg.slogdet(S)[1]
-        values.append(0.5 * (np.sum(error * solved, axis=1) + sign_log + H * np.log(2.0 * np.pi)))
-        times.append(time[following])
+        values[following] = 0.5 * (np.sum(error * solved, axis=1) + sign_log + H * np.log(2.0 * np.pi))
         gain = np.swapaxes(np.linalg.solve(S, P[:, :H, :]), 1, 2)
         mean[alive] = predicted + np.einsum("bij,bj->bi", gain, error)
         updated = P - gain @ P[:, :H, :]
         covariance[alive] = 0.5 * (updated + np.swapaxes(updated, 1, 2))
-    order = np.argsort(np.concatenate(times), kind="stable")
-    return Innovations(np.concatenate(times)[order], np.concatenate(values)[order])
+    filtered = np.isfinite(values)
+    return Innovations(time[filtered], values[filtered])
+
+
+def _track(weak: WeakForm, physics: Physics) -> tuple[Array, Array, Array, Array]:
+    """Of one recording: time (N,), what is measured (N, H), the effort from each sample on, the contacts' memory."""
+    samples = weak.samples
+    measured = weak.measurement(physics)
+    knots, efforts = driven(physics, samples.time, measured.u)
+    effort = efforts[np.clip(np.searchsorted(knots, samples.time + 1e-12, side="right") - 1, 0, None)]
+    y = np.concatenate([measured.q, measured.v], axis=1) if samples.velocity_measured else measured.q
+    # the contacts remember the recorded motion, not the filtered one: what it forgets is the same
+    return samples.time, y, effort, weak.contact_memory(physics)
 
 
 def _starts(time: Array) -> list[int]:
@@ -89,15 +102,18 @@ def _joint_covariance(blocks: Array) -> Array:
 
 
 def _predict(
-    physics: Physics, mean: Array, effort: Array, duration: Array, n: int, with_effort: bool
+    physics: Physics, start: State, effort: Array, duration: Array, with_effort: bool
 ) -> tuple[Array, Array, Array]:
     """The state one sample on, (B, 2n), its derivative by the state (B, 2n, 2n) and by the effort (B, 2n, n)."""
+    n = start.q.shape[1]
+    mean = np.concatenate([start.q, start.v], axis=1)
     shifts = np.concatenate([np.zeros((1, 2 * n)), DIFFERENCE * np.eye(2 * n), np.zeros((n * with_effort, 2 * n))])
     pushes = np.concatenate([np.zeros((1 + 2 * n, n)), 1e-3 * np.eye(n)[: n * with_effort]])
     copies = len(shifts)
     x = (mean[None] + shifts[:, None]).reshape(-1, 2 * n)
     u = (effort[None] + pushes[:, None]).reshape(-1, n)
-    end = advance(physics, State(x[:, :n], x[:, n:]), u, np.tile(duration, copies))
+    memory = None if start.memory is None else np.tile(start.memory, (copies, 1))
+    end = advance(physics, State(x[:, :n], x[:, n:], memory), u, np.tile(duration, copies))
     moved = np.concatenate([end.q, end.v], axis=1).reshape(copies, len(mean), 2 * n)
     transition = np.moveaxis(moved[1 : 1 + 2 * n] - moved[0], 0, -1) / DIFFERENCE
     by_effort = np.zeros((len(mean), 2 * n, n))

@@ -15,10 +15,11 @@ LONGEST_STEP, LONGEST_CONTACT_STEP = 2e-3, 5e-4
 
 @dataclass(frozen=True)
 class State:
-    """Positions and velocities (B, n) of B simulations."""
+    """Positions and velocities (B, n) of B simulations, and what their contacts remember, (B, m); None: nothing."""
 
     q: Array
     v: Array
+    memory: Array | None = None
 
 
 def step(physics: Physics, state: State, effort: Array, duration: Array) -> State:
@@ -36,13 +37,20 @@ def step(physics: Physics, state: State, effort: Array, duration: Array) -> Stat
     joints = [JointSamples(q_middle[:, j], state.v[:, j], effort[:, j]) for j in range(state.q.shape[1])]
     law, _, slope = physics.applied_at_joints(joints)
     force = effort + law - bias_force(moving, inertias, physics.gravity)
-    if physics.contacts:
+    memory = state.memory
+    if memory is not None and memory.shape[1]:
+        halfway = physics.remembered(memory, moving, 0.5 * duration)
+        force = force + moving.project(physics.contact_wrenches(moving, halfway))
+        memory = physics.remembered(memory, moving, duration)
+    elif physics.contacts:
         force = force + moving.project(physics.contact_wrenches(moving))
+    if physics.body_forces:
+        force = force + moving.project(physics.body_wrenches(moving))
     diagonal = np.arange(M.shape[1])
     implicit = M.copy()
     implicit[:, diagonal, diagonal] -= 0.5 * h * slope
     change = np.linalg.solve(implicit, (h * force)[..., None])[..., 0]
-    return State(state.q + h * (state.v + 0.5 * change), state.v + change)
+    return State(state.q + h * (state.v + 0.5 * change), state.v + change, memory)
 
 
 def advance(physics: Physics, state: State, effort: Array, duration: Array) -> State:

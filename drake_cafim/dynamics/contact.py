@@ -7,6 +7,7 @@ import numpy as np
 from drake_cafim.contact.change import ContactChange, Touch, surface_axes
 from drake_cafim.contact.geometry import sphere_on_plane
 from drake_cafim.contact.law import ContactLaw, ContactParameters
+from drake_cafim.cross import cross
 from drake_cafim.dynamics.motion import Motion
 from drake_cafim.typing import Array
 
@@ -96,7 +97,7 @@ class SphereContact:
         """The wrench (N, 6) on the joint's link about the world origin, moment first."""
         touch = self.touch(moving)
         force, moment = self.force(touch, memory)
-        return np.concatenate([np.cross(touch.position, force) + moment, force], axis=1)
+        return np.concatenate([cross(touch.position, force) + moment, force], axis=1)
 
     def _shared(self, memory: Array) -> list[tuple[ContactChange, Array]]:
         """Each change with its own part of the memory."""
@@ -118,5 +119,5 @@ class WrenchSensor:
         p_WS, _ = moving.point(self.joint, self.p_JS)
         R_WS = moving.R_WJ[:, self.joint] @ self.R_JS
         force = wrench_W[:, 3:]
-        moment = wrench_W[:, :3] - np.cross(p_WS, force)
+        moment = wrench_W[:, :3] - cross(p_WS, force)
         return np.concatenate([np.einsum("nji,nj->ni", R_WS, force), np.einsum("nji,nj->ni", R_WS, moment)], axis=1)

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from drake_cafim.cross import cross
 from drake_cafim.dynamics.tree import FIXED, Body, Tree
 from drake_cafim.typing import Array
 
@@ -24,8 +25,8 @@ def skew(a: Array) -> Array:
 
 def cross_motion(V: Array, S: Array) -> Array:
     """V × S for motion vectors (..., 6)."""
-    angular = np.cross(V[..., :3], S[..., :3])
-    linear = np.cross(V[..., :3], S[..., 3:]) + np.cross(V[..., 3:], S[..., :3])
+    angular = cross(V[..., :3], S[..., :3])
+    linear = cross(V[..., :3], S[..., 3:]) + cross(V[..., 3:], S[..., :3])
     return np.concatenate([angular, linear], axis=-1)
 
 
@@ -79,7 +80,7 @@ class Motion:
             else self.p_WJ[:, joint] + np.einsum("nij,nj->ni", self.R_WJ[:, joint], p_JP)
         )
         V = self.velocities[:, joint]
-        return position, V[:, 3:] + np.cross(V[:, :3], position)
+        return position, V[:, 3:] + cross(V[:, :3], position)
 
     def force_at(self, joint: int, p_JP: Array) -> Array:
         """Generalized forces (N, n, 3) of unit forces along the world's axes at a point fixed in frame J."""
@@ -87,7 +88,7 @@ class Motion:
         result = np.zeros((*self.q.shape, 3))
         for k in np.flatnonzero(self.tree.supports()[joint]):
             S = self.axes[:, k]
-            result[:, k] = S[:, 3:] + np.cross(S[:, :3], p_WP)
+            result[:, k] = S[:, 3:] + cross(S[:, :3], p_WP)
         return result
 
 
@@ -110,7 +111,7 @@ def motion(tree: Tree, q: Array, v: Array) -> Motion:
             axes[:, j, 3:] = axis_W
         else:
             R_WJ[:, j], p_WJ[:, j] = R_WF @ _rotation(joint.axis, q[:, j]), p_WF
-            axes[:, j, :3], axes[:, j, 3:] = axis_W, np.cross(p_WF, axis_W)
+            axes[:, j, :3], axes[:, j, 3:] = axis_W, cross(p_WF, axis_W)
         velocities[:, j] = V_parent + axes[:, j] * v[:, j, None]
     return Motion(tree, q, v, R_WJ, p_WJ, axes, velocities)
 
@@ -200,8 +201,8 @@ def bias_force(moving: Motion, inertias: Array, gravity: Array) -> Array:
     V = moving.velocities
     gyroscopic = np.concatenate(
         [
-            np.cross(V[..., :3], h[..., :3]) + np.cross(V[..., 3:], h[..., 3:]),
-            np.cross(V[..., :3], h[..., 3:]),
+            cross(V[..., :3], h[..., :3]) + cross(V[..., 3:], h[..., 3:]),
+            cross(V[..., :3], h[..., 3:]),
         ],
         axis=-1,
     )
