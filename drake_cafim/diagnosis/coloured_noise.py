@@ -128,5 +128,9 @@ def _memory(phase: Array, levels: Array, level: float, longest: float) -> tuple[
 
     best = minimize_scalar(misfit, bounds=(0.0, longest), method="bounded")
     # Hann's window makes neighbouring frequencies depend on each other: half as many count
-    gained = 0.5 * (misfit(0.0) - float(best.fun)) / max(1.0, 0.5 * float(best.fun) / (0.5 * len(phase)))
+    left, count = 0.5 * float(best.fun), 0.5 * len(phase)
+    if chi2.sf(left, count) < SURE:
+        # a spectrum of another shape, such as that of a filter, is not for this law to describe
+        return 0.0, 1.0
+    gained = (0.5 * misfit(0.0) - left) / max(1.0, left / count)
     return float(best.x), float(chi2.sf(max(gained, 0.0), 1))
