@@ -115,7 +115,11 @@ def _without_noise_alone(information: Array, jacobian: Array) -> Array:
 
 
 def _inverse(information: Array) -> Array:
-    return np.asarray(np.linalg.pinv(information, rcond=1e-18, hermitian=True), dtype=float)
+    # numbers in their own units differ by many powers of ten: a cubic stiffness beside a coefficient of friction
+    size = np.sqrt(np.abs(np.diag(information)))
+    size[size == 0.0] = 1.0
+    scaled = information / np.outer(size, size)
+    return np.asarray(np.linalg.pinv(scaled, rcond=1e-14, hermitian=True) / np.outer(size, size), dtype=float)
 
 
 def _shared_noise(problem: Problem, model: Model, residual: Array, jacobian: Array) -> tuple[Array, Array]:

@@ -67,10 +67,12 @@ def criterion(one: Fit, scale: float, trials: int) -> float:
     k strengths over R rows (Schwarz, Ann. Statist. 6(2), 1978), and m effects chosen from H looks: a larger catalogue
     offers more to find by chance (Chen, Chen, Biometrika 95(3), 2008).
     `scale` s² widens the noise where even the best explanation leaves more than noise, so that a small gain over a
-    large misfit does not count as evidence (McCullagh, Nelder, Generalized Linear Models, 1989, §9.2).
+    large misfit does not count as evidence (McCullagh, Nelder, Generalized Linear Models, 1989, §9.2). What is known
+    beforehand of an effect's odds, −2 ln of them, counts as well.
     """
+    surprise = sum(effect.surprise for effect in one.model.effects)
     cost = one.strengths * np.log(max(one.data_rows, 2)) + 2.0 * len(one.model.effects) * np.log(max(trials, 1))
-    return one.chi_square / scale + float(cost)
+    return one.chi_square / scale + float(cost) + surprise
 
 
 def scale_of(one: Fit) -> float:

@@ -47,10 +47,6 @@ class ContactEffect(Effect, ContactChange):
     def looks(self, contact: SphereContact, touch: Touch) -> Iterator[ContactLook]:
         """Linear looks at the effect in a contact whose touches, of all recordings, are `touch`."""
 
-    def plausible_at(self, contact: SphereContact) -> bool:
-        """Whether the values still are what the name says, in this contact."""
-        return True
-
     def single(self, strength: str, size: float, shape: Mapping[str, float]) -> ContactLook:
         """A look along one strength with the others held at `shape`."""
         step = Direction({**shape, strength: size}, None, size)

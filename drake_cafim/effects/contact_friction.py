@@ -43,19 +43,14 @@ class ContactStribeckFriction(ContactEffect):
         friction = parameters.friction + rise * np.exp(-((speed / self.values["velocity"]) ** 2))
         return law.tangential_force(normal, touch.slip, replace(parameters, friction=friction))
 
-    def plausible_at(self, contact: SphereContact) -> bool:
-        # friction that rises with speed is another law; here it would only widen the turn of the sign
-        return bool(self.values["static"] > contact.parameters.friction)
-
     def looks(self, contact: SphereContact, touch: Touch) -> Iterator[ContactLook]:
         present, speed = float(contact.parameters.friction), _typical_speed(touch)
         for share in (0.06, 0.12, 0.25, 0.5, 1.0):
             shape = {"velocity": share * speed}
             step = Direction({"static": present + 0.01, **shape}, None, 0.01)
 
-            def build(c: Array, shape: Mapping[str, float] = shape) -> ContactStribeckFriction | None:
-                rise = float(c[0])
-                return self.with_values({"static": present + rise, **shape}) if rise > 0.0 else None
+            def build(c: Array, shape: Mapping[str, float] = shape) -> ContactStribeckFriction:
+                return self.with_values({"static": present + float(c[0]), **shape})
 
             yield ContactLook((step,), build)
 

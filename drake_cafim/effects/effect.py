@@ -139,6 +139,8 @@ class Effect(ABC):
     """Step of finite differences by strengths, as a share of the typical size."""
     group: ClassVar[str | None] = None
     """Effects of one group are laws of the same thing: at one place at most one of them holds."""
+    surprise: ClassVar[float] = 0.0
+    """−2 ln of its odds before any recording, against those of the other effects."""
     reference: ClassVar[str]
     alike: ClassVar[Mapping[str, str]] = {}
     """Names of effects that look like this one, and why."""

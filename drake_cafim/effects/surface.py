@@ -19,6 +19,8 @@ class SurfaceEffect(Effect):
 
     place: ClassVar[Place] = Place.BODY
     family: ClassVar[str] = "contact"
+    surprise: ClassVar[float] = -2.0 * float(np.log(10.0))
+    """A surface is put there by hand, to a millimetre or a degree; encoders and links are made by machines."""
 
     def meets(self, contact: SphereContact) -> bool:
         """Whether this is a contact with the surface that is meant."""
@@ -36,10 +38,6 @@ class SurfaceEffect(Effect):
     def looks(self, contact: SphereContact, touch: Touch) -> Iterator[ContactLook]:
         """Central steps of the strengths."""
         yield ContactLook(self.directions(), self.from_directions)
-
-    def plausible_at(self, contact: SphereContact) -> bool:
-        """Whether the values still are what the name says, in this contact."""
-        return True
 
 
 @dataclass(frozen=True)
