@@ -6,6 +6,7 @@ from dataclasses import fields
 import numpy as np
 
 from drake_cafim.contact.change import Touch
+from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.problem import Problem, Run
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.effect import Effect
@@ -13,11 +14,15 @@ from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
+IMPROVEMENTS = 8
+"""Steps by which the best of a grid of surfaces is improved."""
+
 
 def contact_looks(
-    problem: Problem, physics: Physics, effect: ContactEffect | SurfaceEffect
+    problem: Problem, at: Fit, effect: ContactEffect | SurfaceEffect
 ) -> Iterator[tuple[Array, Callable[[Array], Effect | None]]]:
     """Whitened columns (R, c) of the effect's looks, and the effect that coefficients stand for."""
+    physics = at.model.physics(problem.scene)
     contact = next((one for one in physics.contacts if effect.meets(one)), None)
     if contact is None:
         return
@@ -40,6 +45,46 @@ def contact_looks(
         stop = first + len(look.steps)
         yield rows[:, first:stop], look.build
         first = stop
+    if isinstance(effect, SurfaceEffect):
+        found = _settled(problem, at, physics, effect)
+        whole = _change(problem, physics, found)[:, None]
+        yield whole, lambda c: found if 0.3 < c[0] < 3.0 else None
+
+
+def _settled(problem: Problem, at: Fit, physics: Physics, effect: SurfaceEffect) -> SurfaceEffect:
+    """The surface that fits best with the model's numbers free to first order: the best of a grid, then improved."""
+    basis = np.linalg.qr(at.jacobian)[0][: problem.rows]
+    here = at.residual[: problem.rows]
+
+    def remaining(one: SurfaceEffect) -> Array:
+        rows = here + _change(problem, physics, one)
+        return rows - basis @ (basis.T @ rows)
+
+    trials = [effect.with_values(values) for values in effect.grid()]
+    best = min(trials, key=lambda one: float(np.sum(remaining(one) ** 2)))
+    rows, damping = remaining(best), 1e-4
+    steps = np.array([effect.difference_step * strength.typical for strength in effect.strengths])
+    for _ in range(IMPROVEMENTS):
+        columns = [
+            (remaining(best.with_values(best.vector + change)) - rows) / np.sum(change) for change in np.diag(steps)
+        ]
+        J = np.stack(columns, axis=1)
+        normal = J.T @ J
+        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), J.T @ rows)
+        trial = best.with_values(best.vector + step)
+        trial_rows = remaining(trial) if trial.plausible() else rows
+        if trial_rows @ trial_rows < rows @ rows:
+            best, rows, damping = trial, trial_rows, 0.1 * damping
+        else:
+            damping *= 30.0
+    return best
+
+
+def _change(problem: Problem, physics: Physics, effect: SurfaceEffect) -> Array:
+    """By how much the effect moves the whitened rows, (R,)."""
+    changed = physics.with_effects([effect])
+    parts = [run.weak.contact_rows(changed) - run.weak.contact_rows(physics) for run in problem.runs]
+    return np.concatenate([run.whitened(part) for run, part in zip(problem.runs, parts, strict=True)])
 
 
 def _rows(run: Run, physics: Physics, effect: ContactEffect | SurfaceEffect, values: Mapping[str, float]) -> Array:

@@ -12,12 +12,16 @@ from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.samples import noisier
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening import Whitening, row_covariance, whitening
+from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.effect import Effect, joined
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
+
+OF_CONTACTS = (ContactEffect, SurfaceEffect)
 
 
 @dataclass(frozen=True)
@@ -186,6 +190,9 @@ class Problem:
         return np.concatenate([column, np.zeros(len(self.scene.unknown))])
 
     def _by_unknown(self, model: Model, i: int) -> Array:
+        if self.scene.unknown[i].kind == "contact" and any(isinstance(one, OF_CONTACTS) for one in model.effects):
+            # another surface is touched at other times, and another friction has other numbers
+            return self._contact_difference(model, i, 1e-2 * self.scene.priors.std[i])
         # rows are linear in masses and all but linear in the rest: one look a whitening serves every later step
         if i not in self._unknown_columns:
             self._unknown_columns[i] = self._difference(model, i, 1e-2 * self.scene.priors.std[i])
@@ -197,14 +204,27 @@ class Problem:
         strength, value = effect.strengths[k], float(effect.vector[k])
         # what is absent at infinity has no scale but its own
         size = abs(value) if strength.inverse else strength.typical
+        if isinstance(effect, OF_CONTACTS):
+            return self._contact_difference(model, index, effect.difference_step * size)
         return self._difference(model, index, effect.difference_step * size)
 
     def _difference(self, model: Model, index: int, step: float) -> Array:
-        vector = model.vector
-        ahead, behind = vector.copy(), vector.copy()
-        ahead[index] += step
-        behind[index] -= step
-        # bounds must not cut the step short: the quotient uses the steps that were really taken
-        up, down = model.at(ahead), model.at(behind)
-        taken = up.vector[index] - down.vector[index]
+        up, down, taken = _either_side(model, index, step)
         return np.asarray((self.residual(up) - self.residual(down)) / taken)
+
+    def _contact_difference(self, model: Model, index: int, step: float) -> Array:
+        """The same for a number that only contacts know of."""
+        up, down, taken = _either_side(model, index, step)
+        ahead, behind = up.physics(self.scene), down.physics(self.scene)
+        rows = [run.whitened(run.weak.contact_rows(ahead) - run.weak.contact_rows(behind)) for run in self.runs]
+        return np.concatenate([*rows, self._prior_rows(up) - self._prior_rows(down)]) / taken
+
+
+def _either_side(model: Model, index: int, step: float) -> tuple[Model, Model, float]:
+    """The model with one number a step ahead and behind, and the step between them that bounds have left."""
+    vector = model.vector
+    ahead, behind = vector.copy(), vector.copy()
+    ahead[index] += step
+    behind[index] -= step
+    up, down = model.at(ahead), model.at(behind)
+    return up, down, float(up.vector[index] - down.vector[index])

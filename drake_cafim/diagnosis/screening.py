@@ -139,7 +139,7 @@ def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Ca
         unit = effect.with_values({"coefficient": 1.0})
         yield _drag_columns(problem, physics, unit), effect.from_directions
     elif isinstance(effect, ContactEffect | SurfaceEffect):
-        yield from contact_looks(problem, physics, effect)
+        yield from contact_looks(problem, at, effect)
     elif isinstance(effect, SensorGainError) and not _moves(problem, effect.at):
         return
     elif isinstance(effect, SensorEffect):

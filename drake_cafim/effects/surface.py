@@ -39,6 +39,10 @@ class SurfaceEffect(Effect):
         """Central steps of the strengths."""
         yield ContactLook(self.directions(), self.from_directions)
 
+    @abstractmethod
+    def grid(self) -> Iterator[Mapping[str, float]]:
+        """Values far apart to begin with: how often the bodies touch is not linear in where the surface stands."""
+
 
 @dataclass(frozen=True)
 class SurfaceOffset(SurfaceEffect):
@@ -54,6 +58,11 @@ class SurfaceOffset(SurfaceEffect):
         "sensor_bias": "a position or force that is off by a constant looks like another height",
         "surface_tilt": "where the motion stays on one side of the origin, a slope is a height",
     }
+
+    def grid(self) -> Iterator[Mapping[str, float]]:
+        for size in (0.0, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2):
+            yield {"offset": size}
+            yield {"offset": -size}
 
     def on(self, contact: SphereContact) -> SphereContact:
         return replace(contact, point=contact.point + self.values["offset"] * contact.normal)
@@ -75,6 +84,12 @@ class SurfaceTilt(SurfaceEffect):
         "surface_offset": "where the motion stays on one side of the origin, a slope is a height",
         "contact_anisotropic_friction": "both put force across the sliding; a slope does so at rest too",
     }
+
+    def grid(self) -> Iterator[Mapping[str, float]]:
+        yield {"y_slope_x": 0.0, "y_slope_y": 0.0}
+        for size in (0.02, 0.1):
+            for angle in np.arange(8) * 0.25 * np.pi:
+                yield {"y_slope_x": size * float(np.cos(angle)), "y_slope_y": size * float(np.sin(angle))}
 
     def on(self, contact: SphereContact) -> SphereContact:
         normal = surface_axes(contact.normal) @ np.array(
