@@ -236,7 +236,12 @@ def _parameters(scene: Scene, best: Fit) -> tuple[NominalParameter, ...]:
 
 
 def _comparison(weak: list[WeakForm], scene: Scene, models: list[Model]) -> Comparison:
-    return Comparison(*(_quality(weak, scene, model) for model in models))
+    found: list[Quality] = []
+    for k, model in enumerate(models):
+        # where nothing is missing, two of the three are the same
+        same = [j for j in range(k) if models[j].effects == model.effects and np.all(models[j].vector == model.vector)]
+        found.append(found[same[0]] if same else _quality(weak, scene, model))
+    return Comparison(*found)
 
 
 def _quality(weak: list[WeakForm], scene: Scene, model: Model) -> Quality:
