@@ -39,8 +39,8 @@ def test_generalized_force_is_the_power_of_the_force(scene: Scene) -> None:
     ):
         physics = scene.physics.with_effects([effect])
         tau = moving.project(physics.body_wrenches(moving, time, "a.csv"))
-        _, v_WP = moving.point(body.joint, body.p_JB + body.R_JB @ effect.point(body))
-        force = effect.force(v_WP, time, "a.csv")
+        p_WP, v_WP = moving.point(body.joint, body.p_JB + body.R_JB @ effect.point(body))
+        force = effect.force(p_WP, v_WP, time, "a.csv")
         assert np.allclose(np.sum(tau * v, axis=1), np.sum(force * v_WP, axis=1))
         unit = moving.force_at(body.joint, body.p_JB + body.R_JB @ effect.point(body))
         assert np.allclose(np.einsum("nja,na->nj", unit, force), tau)
@@ -48,15 +48,15 @@ def test_generalized_force_is_the_power_of_the_force(scene: Scene) -> None:
 
 def test_drag_brakes_with_the_square_of_the_speed() -> None:
     v = np.array([[3.0, 0.0, 4.0]])
-    assert np.allclose(AerodynamicDrag("b", {"coefficient": 0.2}).force(v, None, None), -0.2 * 5.0 * v)
+    assert np.allclose(AerodynamicDrag("b", {"coefficient": 0.2}).force(v, v, None, None), -0.2 * 5.0 * v)
 
 
 def test_a_push_is_felt_in_its_own_recording_and_interval() -> None:
     push = ExternalDisturbance("b", {"x": 2.0, "y": 0.0, "z": 0.0, "start": 1.0, "stop": 1.5}, "a.csv")
     time = np.array([0.9, 1.0, 1.25, 1.5, 2.0])
     still = np.zeros((5, 3))
-    assert np.allclose(push.force(still, time, "a.csv")[:, 0], [0, 0, 2.0, 0, 0], atol=1e-12)
-    assert not push.force(still, time, "b.csv").any() and not push.force(still, None, None).any()
+    assert np.allclose(push.force(still, still, time, "a.csv")[:, 0], [0, 0, 2.0, 0, 0], atol=1e-12)
+    assert not push.force(still, still, time, "b.csv").any() and not push.force(still, still, None, None).any()
     assert push.with_values(np.array([1.0, 0, 0, 1, 2])).recording == "a.csv"
     assert not push.with_values({**push.values, "stop": 0.5}).plausible()
 

@@ -15,6 +15,7 @@ from drake_cafim.diagnosis.whitening import Whitening, row_covariance, whitening
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.effect import Effect, joined
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.scenario.physics import Physics
@@ -40,6 +41,14 @@ class Run:
     def whitened(self, rows: Array) -> Array:
         """Rows (M, r) or (M, r, k), flattened window after window and whitened."""
         return self.whiten(rows.reshape(-1, *rows.shape[2:]))
+
+    def pushed(self, force: Array, gains: Array) -> Array:
+        """Rows (M, r, k) of generalized forces (N, n, k), at joints whose efforts count `gains` (n,) times."""
+        windows = self.weak.samples.windows
+        rows = np.zeros((len(windows), self.weak.rows_per_window, force.shape[2]))
+        weighed = (windows.value @ force.reshape(len(force), -1)).reshape(len(windows), *force.shape[1:])
+        rows[:, self.weak.dynamic] = -weighed / gains[:, None]
+        return rows
 
     @cached_property
     def covariance(self) -> Array:
@@ -149,6 +158,9 @@ class Problem:
             elif isinstance(effect, SensorEffect):
                 sensed = self.sensor_columns(effect)
                 columns += [self._padded(sensed[:, k]) for k in range(sensed.shape[1])]
+            elif isinstance(effect, UnmodeledContact):
+                felt = self.plane_columns(effect, physics)
+                columns += [self._padded(felt[:, k]) for k in range(felt.shape[1])]
             else:
                 columns += [self._by_strength(model, position, k) for k in range(len(effect.strengths))]
         return np.stack(columns, axis=1) if columns else np.zeros((self.rows + len(model.unknown), 0))
@@ -173,6 +185,18 @@ class Problem:
                 result.append(-sum(run.sensed(name, change[:, k]) for k, name in enumerate(on)))
             self._sensor_columns[effect.key] = np.concatenate(result)
         return self._sensor_columns[effect.key]
+
+    def plane_columns(self, effect: UnmodeledContact, physics: Physics, slopes: bool = True) -> Array:
+        """Whitened rows (R, k) by the strengths of a plane in the way; without `slopes` of its force itself, (R, 1)."""
+        body = physics.tree.body(effect.at)
+        result = []
+        for run in self.runs:
+            moving = run.weak.motion(physics)
+            p_WP, v_WP = moving.point(body.joint, body.p_JB)
+            force = effect.slopes(p_WP, v_WP) if slopes else effect.force(p_WP, v_WP, None, None)[..., None]
+            felt = np.einsum("nja,nak->njk", moving.force_at(body.joint, body.p_JB), force)
+            result.append(run.whitened(run.pushed(felt, physics.effort_gains)))
+        return np.concatenate(result)
 
     def _force_columns(self, effect: JointForce, physics: Physics) -> Array:
         joint = self.scene.tree.joint_index(effect.at)

@@ -8,6 +8,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.contact_looks import contact_looks
 from drake_cafim.diagnosis.fitting import Fit
+from drake_cafim.diagnosis.plane_looks import plane_looks
 from drake_cafim.diagnosis.problem import Problem, Run
 from drake_cafim.diagnosis.pulses import Push, strongest_pushes
 from drake_cafim.effects.actuator import (
@@ -24,6 +25,7 @@ from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect, joined
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.link import TreeEffect
+from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect, SensorGainError
 from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.scenario.physics import Physics
@@ -135,6 +137,8 @@ def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Ca
         yield from _coupling_looks(problem, physics, effect)
     elif isinstance(effect, ExternalDisturbance):
         yield from _push_looks(problem, physics, effect, at)
+    elif isinstance(effect, UnmodeledContact):
+        yield from plane_looks(problem, at, effect)
     elif isinstance(effect, AerodynamicDrag):
         unit = effect.with_values({"coefficient": 1.0})
         yield _drag_columns(problem, physics, unit), effect.from_directions

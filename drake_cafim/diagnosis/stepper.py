@@ -7,6 +7,7 @@ import numpy as np
 from drake_cafim.dynamics.motion import bias_force, mass_matrix, motion
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -55,7 +56,8 @@ def step(physics: Physics, state: State, effort: Array, duration: Array) -> Stat
 
 def advance(physics: Physics, state: State, effort: Array, duration: Array) -> State:
     """As many steps as the model needs for `duration` (B,) s under a constant `effort` (B, n)."""
-    longest = LONGEST_CONTACT_STEP if physics.contacts else LONGEST_STEP
+    touching = physics.contacts or any(isinstance(one, UnmodeledContact) for one in physics.body_forces)
+    longest = LONGEST_CONTACT_STEP if touching else LONGEST_STEP
     count = max(1, int(np.ceil(float(np.max(duration)) / longest - 1e-6)))
     for _ in range(count):
         state = step(physics, state, effort, duration / count)

@@ -24,8 +24,11 @@ class BodyForce(Effect):
         """p_BP (3,) m, where the force acts."""
 
     @abstractmethod
-    def force(self, v_WP: Array, time: Array | None, recording: str | None) -> Array:
-        """f_P_W (N, 3) N at velocities (N, 3) m/s; `time` (N,) s and `recording` are None outside of recordings."""
+    def force(self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None) -> Array:
+        """f_P_W (N, 3) N at positions (N, 3) m and velocities (N, 3) m/s of the point.
+
+        `time` (N,) s and `recording` are None outside of recordings.
+        """
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class AerodynamicDrag(BodyForce):
     def point(self, body: Body) -> Array:
         return body.p_BBcm
 
-    def force(self, v_WP: Array, time: Array | None, recording: str | None) -> Array:
+    def force(self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None) -> Array:
         speed = np.linalg.norm(v_WP, axis=1, keepdims=True)
         return np.asarray(-self.values["coefficient"] * speed * v_WP)
 
@@ -75,7 +78,7 @@ class ExternalDisturbance(BodyForce):
     def point(self, body: Body) -> Array:
         return np.zeros(3)
 
-    def force(self, v_WP: Array, time: Array | None, recording: str | None) -> Array:
+    def force(self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None) -> Array:
         if time is None or (self.recording is not None and recording != self.recording):
             return np.zeros_like(v_WP)
         peak = np.array([self.values["x"], self.values["y"], self.values["z"]])

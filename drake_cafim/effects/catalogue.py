@@ -31,6 +31,7 @@ from drake_cafim.effects.normal_contact import (
     ContactNonlinearStiffness,
     ContactViscoelasticRelaxation,
 )
+from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorBias, SensorDrift, SensorGainError, SensorMisalignment
 from drake_cafim.effects.surface import SurfaceOffset, SurfaceTilt
 from drake_cafim.effects.timing import ClockSkew, SensorDelay, SensorLag
@@ -59,6 +60,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     GravityMisalignment,
     AerodynamicDrag,
     ExternalDisturbance,
+    UnmodeledContact,
     ContactStribeckFriction,
     ContactAdhesion,
     ContactNonlinearStiffness,

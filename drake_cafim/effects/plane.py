@@ -1,0 +1,71 @@
+"""Something in the way that the model does not have: a plane that a point of a body touches."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from drake_cafim.dynamics.tree import Body
+from drake_cafim.effects.body import BodyForce
+from drake_cafim.effects.effect import Strength
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class UnmodeledContact(BodyForce):
+    """max(0, k δ + d δ̇) n where δ = offset − n·p > 0, p the body's origin in the world; no friction.
+
+    Only the direction of (nx, ny, nz) counts.
+    """
+
+    name: ClassVar[str] = "unmodeled_contact"
+    strengths: ClassVar[tuple[Strength, ...]] = (
+        Strength("offset", "m", 0.1, lower=-100.0, upper=100.0, amplitude=False),
+        Strength("stiffness", "N/m", 1000.0, lower=0.0),
+        Strength("damping", "N s/m", 10.0, lower=0.0),
+        Strength("nx", "1", 1.0, lower=-2.0, upper=2.0, amplitude=False),
+        Strength("ny", "1", 1.0, lower=-2.0, upper=2.0, amplitude=False),
+        Strength("nz", "1", 1.0, lower=-2.0, upper=2.0, amplitude=False),
+    )
+    reference: ClassVar[str] = "Haddadin, De Luca, Albu-Schäffer, IEEE Trans. Robotics 33(6), 2017"
+    alike: ClassVar[Mapping[str, str]] = {
+        "external_disturbance": "a short touch is a push; only a second one at the same place tells them apart",
+        "joint_hard_stop": "both push back beyond a position, one of the joint and one of the body in the world",
+        "joint_spring": "a plane that is always touched is a spring",
+    }
+
+    @property
+    def normal(self) -> Array:
+        """The unit normal (3,), out of what is in the way."""
+        n = np.array([self.values["nx"], self.values["ny"], self.values["nz"]])
+        return np.asarray(n / max(float(np.linalg.norm(n)), 1e-12))
+
+    def point(self, body: Body) -> Array:
+        return np.zeros(3)
+
+    def force(self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None) -> Array:
+        depth, rate, touching = self._touch(p_WP, v_WP)
+        push = np.where(touching, self.values["stiffness"] * depth + self.values["damping"] * rate, 0.0)
+        return np.asarray(push[:, None] * self.normal)
+
+    def slopes(self, p_WP: Array, v_WP: Array) -> Array:
+        """∂force/∂strengths (N, 3, 6); the length of the normal is no strength, and they know nothing of it."""
+        depth, rate, touching = self._touch(p_WP, v_WP)
+        k, d, n = self.values["stiffness"], self.values["damping"], self.normal
+        push = k * depth + d * rate
+        across = np.eye(3) - np.outer(n, n)
+        along = np.stack([np.full_like(depth, k), depth, rate], axis=1)
+        turned = -(k * p_WP + d * v_WP) @ across
+        columns = np.concatenate([along, turned], axis=1)[:, None, :] * n[:, None]
+        columns[:, :, 3:] += push[:, None, None] * across
+        return np.asarray(np.where(touching[:, None, None], columns, 0.0))
+
+    def _touch(self, p_WP: Array, v_WP: Array) -> tuple[Array, Array, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+        depth, rate = self.values["offset"] - p_WP @ self.normal, -(v_WP @ self.normal)
+        pushing = self.values["stiffness"] * depth + self.values["damping"] * rate > 0.0
+        return depth, rate, np.logical_and(depth > 0.0, pushing)
+
+    def plausible(self) -> bool:
+        # a plane that is hardly felt at any depth is none
+        return super().plausible() and self.values["stiffness"] > 0.0
