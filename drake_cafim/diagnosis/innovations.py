@@ -18,6 +18,8 @@ from drake_cafim.typing import Array
 SEGMENT = 0.5
 """s from one start of the filter to the next."""
 DIFFERENCE = 1e-6
+RENEWED = 8
+"""Samples for which a derivative of the motion serves where nothing is touched: their noise moves it little."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +54,21 @@ def innovations(forms: Sequence[WeakForm], physics: Physics) -> Innovations:
     effort_variance = np.array([samples.std[f"u.{name}"] ** 2 for name in names])
     begin, end = np.array(index), np.array(stops)
     values = np.full(len(time), np.nan)
+    transitions, by_efforts = np.zeros((len(begin), 2 * n, 2 * n)), np.zeros((len(begin), 2 * n, n))
     for k in range(int(np.max(end - begin))):
         alive = np.flatnonzero(begin + k + 1 <= end)
         now, following = (begin + k)[alive], (begin + k + 1)[alive]
         start = State(mean[alive, :n], mean[alive, n:], memory[now])
-        predicted, transition, by_effort = _predict(
-            physics, start, effort[now], time[following] - time[now], bool(np.any(effort_variance))
-        )
+        duration = time[following] - time[now]
+        if physics.contacts or k % RENEWED == 0:
+            with_effort = bool(np.any(effort_variance))
+            predicted, transitions[alive], by_efforts[alive] = _predict(
+                physics, start, effort[now], duration, with_effort
+            )
+        else:
+            moved = advance(physics, start, effort[now], duration)
+            predicted = np.concatenate([moved.q, moved.v], axis=1)
+        transition, by_effort = transitions[alive], by_efforts[alive]
         P = transition @ covariance[alive] @ np.swapaxes(transition, 1, 2)
         P = P + (by_effort * effort_variance) @ np.swapaxes(by_effort, 1, 2)
         H = len(R)

@@ -45,6 +45,8 @@ class Candidate:
 
 LEAST_SIGNAL = 10.0
 """Standard deviations of a sample's noise that a channel's own must be for its gain to be looked for."""
+LEAST_ECHO = 8.0
+"""Gain of a coupling that is worth asking whether it is an echo of noise."""
 OF_COMMANDS = (ActuatorSaturation, ActuatorDeadZone, ActuatorDelay, ActuatorLag)
 
 
@@ -78,6 +80,8 @@ def screen(problem: Problem, at: Fit, effects: Sequence[Effect]) -> list[Candida
     found = []
     for effect in effects:
         candidate = _best_look(problem, at, effect, basis, residual)
+        if candidate is not None and isinstance(candidate.effect, JointCoupling) and candidate.gain > LEAST_ECHO:
+            candidate = replace(candidate, gain=_without_echo(problem, at, candidate.effect, basis, residual))
         if candidate is not None:
             found.append(candidate)
     return sorted(found, key=lambda candidate: -candidate.gain)
@@ -101,6 +105,35 @@ def _best_look(problem: Problem, at: Fit, effect: Effect, basis: Array, residual
     if isinstance(effect, ExternalDisturbance):
         trials += _pushes(problem, at)[1]
     return None if best is None else Candidate(best.effect, best.gain, best.strengths, trials)
+
+
+def _without_echo(problem: Problem, at: Fit, effect: JointCoupling, basis: Array, residual: Array) -> float:
+    """What the coupling gains beyond what its drive, an effort that a controller made of noise, shares with the noise.
+
+    As in `unbiased_fit`, the shared part is what one more dose of noise changes in both.
+    """
+    physics = at.model.physics(problem.scene)
+    column = _coupling_column(problem, physics, effect)
+    louder = _coupling_column(problem.noisier_in_loop, physics, effect)
+    noise = problem.noisier.residual(at.model) - at.residual
+    noise = noise - basis @ (basis.T @ noise)
+    rows = len(column)
+    along = basis[:rows].T @ column
+    left = float(column @ column - along @ along)
+    score = -float(column @ residual[:rows]) + float((louder - column) @ noise[:rows])
+    return score**2 / left if score > 0.0 and left > 0.0 else 0.0
+
+
+def _coupling_column(problem: Problem, physics: Physics, effect: JointCoupling) -> Array:
+    """Whitened rows (R,) of a coupling with its values."""
+    joint = problem.scene.tree.joint_index(effect.at)
+    gain = float(physics.effort_gains[joint])
+    parts = []
+    for run in problem.runs:
+        rows = np.zeros((len(run.weak.samples.windows), run.weak.rows_per_window))
+        rows[:, run.weak.dynamic.start + joint] = run.weak.coupling_rows(physics, effect) / gain
+        parts.append(run.whitened(rows))
+    return np.concatenate(parts)
 
 
 def _projected(columns: Array, basis: Array, residual: Array) -> tuple[Array, float] | None:

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from drake_cafim.cross import cross
-from drake_cafim.dynamics.tree import FIXED, Body, Tree
+from drake_cafim.dynamics.tree import FIXED, Tree
 from drake_cafim.typing import Array
 
 
@@ -54,7 +54,7 @@ class Motion:
     @cached_property
     def link_inertias(self) -> Array:
         """(N, n, 6, 6) spatial inertia of all that rides each joint itself."""
-        return link_inertias(self, self.tree.bodies)
+        return link_inertias(self)
 
     def carried(self, wrench: Array) -> Array:
         """Sums (N, n, ...) over each joint's subtree."""
@@ -123,33 +123,18 @@ def _rotation(axis: Array, angle: Array) -> Array:
     return np.eye(3) + sine * K + versine * (K @ K)
 
 
-def link_inertias(moving: Motion, bodies: tuple[Body, ...]) -> Array:
-    """(N, n, 6, 6) spatial inertias about the world origin, summed over the `bodies` that ride each joint."""
-    samples, n = moving.q.shape
-    result = np.zeros((samples, n, 6, 6))
-    for joint in range(n):
-        riding = [body for body in bodies if body.joint == joint]
-        if not riding:
-            continue
-        mass = sum(body.mass for body in riding)
-        first = np.sum([b.mass * (b.p_JB + b.R_JB @ b.p_BBcm) for b in riding], axis=0)
-        about_J = np.sum([_inertia_about_J(b) for b in riding], axis=0)
-        R, p = moving.R_WJ[:, joint], moving.p_WJ[:, joint]
-        first_W = R @ first
-        # parallel axis from Jo to Wo: I_Wo = R I_Jo Rᵀ − m p×p× − (p× f× + f× p×), f the first moment
-        P, F = skew(p), skew(first_W)
-        result[:, joint, :3, :3] = R @ about_J @ np.swapaxes(R, 1, 2) - mass * P @ P - P @ F - F @ P
-        moment = skew(mass * p + first_W)
-        result[:, joint, :3, 3:] = moment
-        result[:, joint, 3:, :3] = -moment
-        result[:, joint, 3:, 3:] = mass * np.eye(3)
+def link_inertias(moving: Motion) -> Array:
+    """(N, n, 6, 6) spatial inertias about the world origin of all that rides each joint itself."""
+    mass, p_JJcm, I_JJcm = moving.tree.lumps
+    p_WJcm = moving.p_WJ + np.einsum("njab,jb->nja", moving.R_WJ, p_JJcm)
+    C, identity, mass = skew(p_WJcm), np.eye(3), mass[:, None, None]
+    result = np.zeros((*moving.q.shape, 6, 6))
+    # parallel axis from the centre of mass to Wo: I_Wo = R I_cm Rᵀ − m c× c×
+    result[..., :3, :3] = moving.R_WJ @ I_JJcm @ np.swapaxes(moving.R_WJ, 2, 3) - mass * (C @ C)
+    result[..., :3, 3:] = mass * C
+    result[..., 3:, :3] = -result[..., :3, 3:]
+    result[..., 3:, 3:] = mass * identity
     return result
-
-
-def _inertia_about_J(body: Body) -> Array:
-    p_JBcm = body.p_JB + body.R_JB @ body.p_BBcm
-    C = skew(p_JBcm)
-    return np.asarray(body.R_JB @ body.I_BBcm_B @ body.R_JB.T - body.mass * C @ C, dtype=float)
 
 
 @dataclass(frozen=True)

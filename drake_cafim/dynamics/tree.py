@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -65,6 +66,23 @@ class Tree:
 
     joints: tuple[Joint, ...]
     bodies: tuple[Body, ...]
+
+    @cached_property
+    def lumps(self) -> tuple[Array, Array, Array]:
+        """What rides each joint itself: mass (n,) kg, centre of mass (n, 3) m, inertia about it (n, 3, 3), frame J."""
+        n = len(self.joints)
+        mass, center, inertia = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
+        for joint in range(n):
+            riding = [body for body in self.bodies if body.joint == joint]
+            centers = [body.p_JB + body.R_JB @ body.p_BBcm for body in riding]
+            mass[joint] = sum(body.mass for body in riding)
+            if mass[joint] != 0.0:
+                center[joint] = sum(b.mass * c for b, c in zip(riding, centers, strict=True)) / mass[joint]
+            for body, p in zip(riding, centers, strict=True):
+                apart = p - center[joint]
+                axes = body.R_JB @ body.I_BBcm_B @ body.R_JB.T
+                inertia[joint] += axes + body.mass * (apart @ apart * np.eye(3) - np.outer(apart, apart))
+        return mass, center, inertia
 
     @property
     def joint_names(self) -> tuple[str, ...]:
