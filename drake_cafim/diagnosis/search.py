@@ -24,6 +24,8 @@ PROMISING = 0.1
 COMPETES = 100.0
 """Information criterion, in units of the noise that is left, beyond which an explanation has lost."""
 RIVALS = 3
+MOVED = 0.3
+"""Prior standard deviations that an unknown may have moved before the noise is reckoned anew."""
 MISFIT, FAIR_PART, REPEATS = 1.5, 0.05, 0.75
 """χ² per degree of freedom that is no longer noise, the share of it that an effect must then take away,
 and the share of the recordings in which it must do so."""
@@ -102,6 +104,10 @@ def search(problem: Problem, settings: Settings, progress: Callable[[str], None]
     """The effects that the recordings ask for, beyond the scene's nominal physics."""
     progress("fitting the nominal model")
     nominal = unbiased_fit(problem, problem.nominal())
+    if np.any(np.abs(nominal.model.unknown - problem.scene.priors.mean) > MOVED * problem.scene.priors.std):
+        # other masses let other amounts of noise through
+        problem = problem.rewhitened(nominal.model)
+        nominal = unbiased_fit(problem, nominal.model)
     effects = hypotheses(problem)
     progress(f"screening {len(effects)} hypotheses")
     screened = screen(problem, nominal, effects)
