@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.typing import Array
 
@@ -16,15 +17,18 @@ CORRELATED = 0.95  # q and the integral of v must tell the same story before the
 def unit_mistakes(recording: Recording, limits: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
     """One sentence for each revolute joint whose q or v is in degrees; empty when none is.
 
-    `limits` maps each revolute joint to its (lower, upper) in rad; infinite ones are allowed. Two signs
-    count: q runs beyond the limits by more than their whole range while q·π/180 stays within them; or, where
-    v was measured, q and the integral of v differ by the factor 180/π. A small motion in degrees without v,
-    or with v in degrees too, stays within the limits and cannot be told.
+    `limits` maps each revolute joint to its (lower, upper) in rad; infinite ones are allowed. Where v was measured, q
+    and the integral of v then differ by the factor 180/π. A small motion in degrees without v, or with v in degrees
+    too, cannot be told. Raises `InputError` where q runs beyond the limits by more than their whole range while
+    q·π/180 stays within them: such a recording is of no use.
     """
     found = []
     for joint in recording.joints("q"):
         if joint in limits:
-            sentence = _by_velocity(recording, joint) or _by_limits(recording, joint, limits[joint])
+            unusable = _by_limits(recording, joint, limits[joint])
+            if unusable:
+                raise InputError(unusable)
+            sentence = _by_velocity(recording, joint)
             found += [sentence] if sentence else []
     return tuple(found)
 
