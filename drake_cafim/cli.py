@@ -98,12 +98,14 @@ def run(
 @click.option("--recording", "recordings", multiple=True, help="Recordings to diagnose; repeat, or list after one.")
 @click.option("--held-out", multiple=True, help="Recordings to test the explanation on; nothing is fitted to them.")
 @click.option("--fleet", type=click.Path(path_type=Path, exists=True, file_okay=False), help="One report a folder.")
+@click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
 @common
 def diagnose(
     scenario: str,
     recordings: tuple[str, ...],
     held_out: tuple[str, ...],
     fleet: Path | None,
+    replay: bool,
     out: Path | None,
     as_json: bool,
     jobs: int,
@@ -122,7 +124,7 @@ def diagnose(
         raise InputError("diagnose: no --recording was given, expected at least one file")
     folder = prepare_folder(out, "diagnose", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
-        report = diagnose_command(scenario, recordings, held_out, folder, progress)
+        report = diagnose_command(scenario, recordings, held_out, folder, progress, replay=replay)
     _print(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
 
 

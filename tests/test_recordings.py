@@ -245,7 +245,7 @@ def test_degrees_are_told_by_the_limits() -> None:
     radians = Recording(name="a", time=time, columns={"q.elbow": q})
     degrees = Recording(name="a", time=time, columns={"q.elbow": np.degrees(q)})
     assert recordings.unit_mistakes(radians, limits) == ()
-    with pytest.raises(InputError, match="column q.elbow runs from .* as degrees would; expected rad"):
+    with pytest.raises(InputError, match=r"column q.elbow runs from .* as degrees would; expected rad"):
         recordings.unit_mistakes(degrees, limits)
     assert recordings.unit_mistakes(degrees, {"elbow": (-np.inf, np.inf)}) == ()
     slightly_over = Recording(name="a", time=time, columns={"q.elbow": 2.0 * q})

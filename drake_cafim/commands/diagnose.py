@@ -8,6 +8,7 @@ from joblib import Parallel, delayed
 from tqdm import tqdm
 
 from drake_cafim.commands.inputs import in_folder, read_all
+from drake_cafim.commands.replay import replay_command
 from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.errors import InputError
 from drake_cafim.output import prepare_folder, write_text
@@ -17,6 +18,7 @@ from drake_cafim.scenario.scenario_yaml import as_yaml
 from drake_cafim.scenario.scene import Scene, resolve
 
 FILES = {"corrected_scenario": "scenario.corrected.yaml", "html": "report.html"}
+REPLAY = "replay.html"
 
 
 def diagnose_command(
@@ -25,8 +27,13 @@ def diagnose_command(
     held_out: Sequence[str],
     out: Path,
     progress: Callable[[str], None],
+    *,
+    replay: bool = True,
 ) -> dict[str, Any]:
-    """The report, written into `out` with its page and the corrected scenario."""
+    """The report, written into `out` with its page, the corrected scenario and, if wanted, the replay of a recording.
+
+    The replay shows the first held-out recording, or the first one where none was held out.
+    """
     scene = Scene.load(address)
     train, held = read_all(scene, recordings), read_all(scene, held_out)
     shared = sorted(set(recordings) & set(held_out))
@@ -34,13 +41,16 @@ def diagnose_command(
         raise InputError(f"{shared[0]}: given as --recording and as --held-out, expected one of them")
     verdict, outcome = examine(scene, train, held_out=held, progress=progress)
     corrected = as_yaml(verdict.corrected.scenario, resolve(address).parent, out)
-    report = report_of(verdict, (), None, FILES)
+    report = report_of(verdict, (), None, FILES | ({"replay": REPLAY} if replay else {}))
     progress("writing the report")
     write_text(out / FILES["corrected_scenario"], corrected)
     command = ["cafim", "diagnose", address, "--recording", *recordings]
     command += ["--held-out", *held_out] if held_out else []
     write_report_page(out / FILES["html"], verdict, outcome, held, command)
     write_text(out / "report.json", as_text(report))
+    if replay:
+        progress("drawing the replay")
+        replay_command(address, [*held_out, *recordings][0], out / "report.json", out / REPLAY)
     return report
 
 
@@ -60,4 +70,4 @@ def diagnose_fleet(
 
 def _one_of_fleet(address: str, folder: Path, out: Path) -> dict[str, Any]:
     out.mkdir(parents=True, exist_ok=True)
-    return diagnose_command(address, in_folder(folder), (), out, lambda text: None)
+    return diagnose_command(address, in_folder(folder), (), out, lambda text: None, replay=False)
