@@ -95,7 +95,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--limit", type=float, default=300.0, help="s that one diagnosis may take")
     parser.add_argument("--seed", help="for debugging only; the page says so")
     parser.add_argument("--only", type=int, nargs="*", help="these slots only")
-    parser.add_argument("--diagnose", nargs="+", default=[str(Path(sys.executable).parent / "cafim"), "diagnose"])
+    parser.add_argument("--diagnose", nargs="+", default=[str(Path(sys.executable).parent / "cafim"), "diagnose", "--no-replay"])
     options = parser.parse_args(arguments)
     started = time.perf_counter()
     prepare(options.out, options.resume, options.overwrite)
