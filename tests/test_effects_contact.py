@@ -36,7 +36,7 @@ def touch(depth: float = 0.002, rate: float = 0.01, slip: tuple[float, float] = 
 
 
 def many(depth: Array, rate: Array, slip: Array, position: Array) -> Touch:
-    return Touch(depth, rate, slip, position, np.zeros_like(slip), surface_axes(UP))
+    return Touch(depth, rate, slip, position, np.zeros_like(slip), np.zeros_like(slip), surface_axes(UP))
 
 
 def force(effect: ContactEffect, at: Touch) -> Array:
@@ -106,7 +106,7 @@ def test_relaxation_of_a_steady_press() -> None:
     rate = np.where(time < 0.4, speed, 0.0)
     pressed = many(depth, rate, np.zeros((300, 3)), np.zeros((300, 3)))
     effect = ContactViscoelasticRelaxation("tool/wall", {"stiffness": stiffness, "time_constant": tau})
-    added = effect.push(pressed, PARAMETERS, effect.recall(time, pressed))
+    added = effect.push(pressed, PARAMETERS, effect.recall(time, pressed, pressed))
     peak = stiffness * speed * tau * -np.expm1(-(0.4 - begins) / tau)
     ramp = stiffness * speed * tau * -np.expm1(-(time - begins) / tau)
     closed = np.where(time < begins, 0.0, np.where(time < 0.4, ramp, peak * np.exp(-(time - 0.4) / tau)))
@@ -121,7 +121,7 @@ def test_a_release_is_forgotten() -> None:
     depth = np.where((time > 0.1) & (time < 0.2) | (time > 0.3), 0.001, -0.001)
     pressed = many(depth, np.zeros(400), np.zeros((400, 3)), np.zeros((400, 3)))
     effect = ContactViscoelasticRelaxation("tool/wall", {"stiffness": 700.0, "time_constant": 0.2})
-    added = effect.push(pressed, PARAMETERS, effect.recall(time, pressed))
+    added = effect.push(pressed, PARAMETERS, effect.recall(time, pressed, pressed))
     np.testing.assert_allclose(added[301:], added[101:200], rtol=1e-9)
     assert not np.any(added[depth < 0.0])
 
@@ -137,7 +137,7 @@ def test_presliding_there_and_back() -> None:
     position = np.zeros((161, 3))
     position[:, 1] = x
     slid = many(np.full(161, 0.002), np.zeros(161), velocity, position)
-    friction = CONTACT.changed(effect).force(slid, effect.recall(time, slid))[0][:, 1]
+    friction = CONTACT.changed(effect).force(slid, effect.recall(time, slid, slid))[0][:, 1]
     normal = 4000.0 * 0.002
     there = distance * -np.expm1(-x / distance)
     back = -distance + (there[80] + distance) * np.exp(-(x[80] - x) / distance)
@@ -156,7 +156,7 @@ def test_memory_of_steps_is_that_of_samples() -> None:
     contact = CONTACT.changed(ContactPresliding("tool/wall", {"distance": 3e-4})).changed(
         ContactViscoelasticRelaxation("tool/wall", {"stiffness": 900.0, "time_constant": 0.02})
     )
-    recalled = contact.force(slid, contact.recall(time, slid))[0]
+    recalled = contact.force(slid, contact.recall(time, slid, slid))[0]
     memory = np.zeros((1, contact.memory))
     stepped = np.zeros((200, 3))
     for k in range(200):

@@ -14,7 +14,7 @@ from drake_cafim.typing import Array
 class Touch:
     """One contact point over samples: `penetration` (N,) m, `rate` (N,) m/s, and in world axes `slip` (N, 3) m/s,
     `position` (N, 3) m of the point and `spin` (N, 3) rad/s, the body's angular velocity without its turn about the
-    normal.
+    normal, and `spinning` (N, 3) m/s, the part of the slip that comes from turning.
 
     `axes` (3, 3) are the surface's x, y and normal as columns, world frame.
     """
@@ -24,6 +24,7 @@ class Touch:
     slip: Array
     position: Array
     spin: Array
+    spinning: Array
     axes: Array
 
 
@@ -33,8 +34,11 @@ class ContactChange:
     memory: ClassVar[int] = 0
     """How many numbers it remembers."""
 
-    def recall(self, time: Array, touch: Touch) -> Array:
-        """The memory (N, m) at samples at `time` (N,) s, of all the samples before each."""
+    def recall(self, time: Array, touch: Touch, at: Touch) -> Array:
+        """The memory (N, m) at samples at `time` (N,) s, of all the samples before each.
+
+        `touch` is as free of noise as can be, for a memory sums it up; the force is asked for `at` each sample's own.
+        """
         return np.zeros((len(time), self.memory))
 
     def ahead(self, memory: Array, touch: Touch, duration: Array) -> Array:

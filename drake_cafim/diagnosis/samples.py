@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -11,7 +12,7 @@ from drake_cafim.diagnosis.coloured_noise import drawn
 from drake_cafim.diagnosis.feedback import Feedback
 from drake_cafim.diagnosis.windows import Windows, lay_windows
 from drake_cafim.errors import InputError
-from drake_cafim.local_polynomial import local_polynomial
+from drake_cafim.local_polynomial import local_polynomial, track_polynomial
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
@@ -20,6 +21,8 @@ Flags: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
 
 SMOOTHING_REACH = 0.008
 """s on either side: the motion in products and kinked laws is smoothed over 16 ms."""
+TRACK_REACH, TRACK_DEGREE = 0.06, 7
+"""s on either side, and the degree: the motion that a contact remembers, whose noise would add up."""
 WINDOW_WIDTH = 0.06
 """s; test functions this wide resolve what happens at reversals and still average the noise."""
 
@@ -53,6 +56,15 @@ class Samples:
     differentiate: sp.csr_matrix | None
     correlation_times: Mapping[str, float] = field(default_factory=dict)
     """Of the columns whose noise has a memory, s."""
+
+    @cached_property
+    def smooth_track(self) -> tuple[tuple[sp.csr_matrix, sp.csr_matrix], ...]:
+        """One pair (N, N) a joint: its position smoothed over 120 ms is `from_q @ q_j + from_v @ v_j`."""
+        names = [name.removeprefix("q.") for name in self.std if name.startswith("q.")]
+        # without a velocity that was measured there is nothing but the position
+        ratios = [self.std[f"q.{n}"] / self.std[f"v.{n}"] if self.velocity_measured else 0.0 for n in names]
+        found = {ratio: track_polynomial(self.time, TRACK_REACH, TRACK_DEGREE, ratio) for ratio in set(ratios)}
+        return tuple(found[ratio] for ratio in ratios)
 
     @property
     def velocity_measured(self) -> bool:

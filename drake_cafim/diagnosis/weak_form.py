@@ -65,6 +65,7 @@ class WeakForm:
     _held: dict[bytes, sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
     _trials: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False, compare=False)
     _changes: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
+    _smooth: list[tuple[_Prepared, Motion]] = field(default_factory=list, repr=False, compare=False)
     _drives: dict[tuple[object, ...], tuple[RotorDrive, ...]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -233,8 +234,23 @@ class WeakForm:
         return rows
 
     def contact_memory(self, physics: Physics) -> Array:
-        """What the contacts remember at each sample, (N, m), of the smoothed motion."""
-        return physics.contact_memory(self.samples.time, self._prepared(physics).moving)
+        """What the contacts remember at each sample, (N, m), of the motion smoothed as far as it stays itself."""
+        if not any(contact.memory for contact in physics.contacts):
+            return np.zeros((len(self.samples.time), 0))
+        prepared = self._prepared(physics)
+        return physics.contact_memory(self.samples.time, self._smooth_motion(prepared), prepared.moving)
+
+    def _smooth_motion(self, prepared: "_Prepared") -> Motion:
+        """The motion for memories, from positions and velocities together; kept for the last measurement."""
+        if not self._smooth or self._smooth[0][0] is not prepared:
+            s, measured = self.samples, prepared.measured
+            columns = []
+            for j in range(self.joints):
+                from_q, from_v = s.smooth_track[j]
+                columns.append(from_q @ measured.q[:, j] + from_v @ measured.v[:, j])
+            smooth = motion(prepared.moving.tree, np.stack(columns, axis=1), measured.v_hat)
+            self._smooth[:] = [(prepared, smooth)]
+        return self._smooth[0][1]
 
     def _written(self, physics: Physics, sensor: WrenchSensor, reading: Array) -> Array:
         """What the sensor writes (N, 6) of a predicted reading; so its noise stays what it is."""

@@ -59,13 +59,14 @@ class SphereContact:
             rate=points.rate[:, 0],
             slip=points.tangential_velocity[:, 0],
             position=p_WC + points.p_BoC_W[:, 0],
+            spinning=cross(w_WJ, points.p_BoC_W[:, 0]),
             spin=w_WJ - (w_WJ @ self.normal)[:, None] * self.normal,
             axes=surface_axes(self.normal),
         )
 
-    def recall(self, time: Array, touch: Touch) -> Array:
-        """What the changes remember, (N, m), at samples at `time` (N,) s."""
-        return np.concatenate([change.recall(time, touch) for change in self.changes], axis=1)
+    def recall(self, time: Array, touch: Touch, at: Touch) -> Array:
+        """What the changes remember, (N, m), at samples at `time` (N,) s; see `ContactChange.recall`."""
+        return np.concatenate([change.recall(time, touch, at) for change in self.changes], axis=1)
 
     def ahead(self, memory: Array, touch: Touch, duration: Array) -> Array:
         """The memory (B, m) after `duration` (B,) s of a touch that stays as it is."""

@@ -137,19 +137,22 @@ class ContactPresliding(ContactEffect):
         "contact_anisotropic_friction": "where one direction reverses more often, it slides less freely",
     }
 
-    def recall(self, time: Array, touch: Touch) -> Array:
-        mean = 0.5 * (touch.slip[1:] + touch.slip[:-1])
-        moved = np.concatenate([np.zeros((1, 3)), mean * np.diff(time)[:, None]])
-        kept, added = self._slide(moved)
+    def recall(self, time: Array, touch: Touch, at: Touch) -> Array:
+        n = touch.axes[:, 2]
+        moved = np.diff(touch.position, axis=0, prepend=touch.position[:1])
+        moved = moved - (moved @ n)[:, None] * n
+        # a body that turns slides with its spin, which its point's position does not show
+        turned = touch.spinning * np.diff(time, prepend=time[0])[:, None]
+        kept, added = self._slide(moved + turned)
         inside = pressing(touch)
         z = recursion(np.where(inside, kept, 0.0), np.where(inside[:, None], added, 0.0))
         before = np.concatenate([np.zeros((1, 3)), z[:-1]])
-        return np.concatenate([before, touch.position - moved], axis=1)
+        return np.concatenate([before, at.position - moved - turned], axis=1)
 
     def ahead(self, memory: Array, touch: Touch, duration: Array) -> Array:
         kept, added = self._slide(touch.slip * duration[:, None])
-        z = kept[:, None] * memory[:, :3] + added
-        return np.concatenate([np.where(pressing(touch)[:, None], z, 0.0), touch.position], axis=1)
+        z = np.where(pressing(touch)[:, None], kept[:, None] * memory[:, :3] + added, 0.0)
+        return np.concatenate([z, touch.position], axis=1)
 
     def traction(
         self, law: ContactLaw, normal: Array, touch: Touch, parameters: ContactParameters, memory: Array

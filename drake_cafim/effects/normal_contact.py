@@ -105,7 +105,7 @@ class ContactViscoelasticRelaxation(ContactEffect):
         "sensor_drift": "one slow relaxation over a recording is a drift",
     }
 
-    def recall(self, time: Array, touch: Touch) -> Array:
+    def recall(self, time: Array, touch: Touch, at: Touch) -> Array:
         tau, d = self.values["time_constant"], touch.penetration
         steps = np.diff(time, prepend=time[0])
         before = np.concatenate([d[:1], d[:-1]])

@@ -76,9 +76,12 @@ class Physics:
         """One effect's law on the samples of its joint."""
         return effect.force(joints[self.tree.joint_index(effect.at)])
 
-    def contact_memory(self, time: Array, moving: Motion) -> Array:
-        """(N, m) what the contacts remember at samples at `time` (N,) s, of all the samples before each."""
-        parts = [contact.recall(time, contact.touch(moving)) for contact in self.contacts if contact.memory]
+    def contact_memory(self, time: Array, smooth: Motion, moving: Motion) -> Array:
+        """(N, m) what the contacts remember at samples at `time` (N,) s of all the samples before each.
+
+        The past is that of the `smooth` motion; what it is for is the force on `moving`.
+        """
+        parts = [one.recall(time, one.touch(smooth), one.touch(moving)) for one in self.contacts if one.memory]
         return np.concatenate([np.zeros((len(time), 0)), *parts], axis=1)
 
     def contact_wrenches(self, moving: Motion, memory: Array | None = None) -> Array:
@@ -140,7 +143,7 @@ class Physics:
         M = mass_matrix(moving, inertias) + np.diag(self.rotor_inertias)
         force = self.applied_at_joints(joints)[0] - bias_force(moving, inertias, self.gravity)
         if self.contacts:
-            force = force + moving.project(self.contact_wrenches(moving, self.contact_memory(time, moving)))
+            force = force + moving.project(self.contact_wrenches(moving, self.contact_memory(time, moving, moving)))
         if self.body_forces:
             force = force + moving.project(self.body_wrenches(moving))
         A: Array = np.asarray(np.linalg.inv(M), dtype=float)
