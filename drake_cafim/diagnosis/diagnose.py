@@ -1,7 +1,7 @@
 """The whole diagnosis: recordings and a scene in, a verdict out."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from drake_cafim.diagnosis.coloured_noise import (
     step_of,
     widened,
 )
+from drake_cafim.diagnosis.data_mistakes import data_mistakes
 from drake_cafim.diagnosis.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.forecast import forecasts, root_mean_square
 from drake_cafim.diagnosis.innovations import innovations
@@ -72,9 +73,12 @@ def examine(
     settings = settings or Settings()
     progress("reading noise and laying windows")
     prepared = prepare(scene, recordings, held_out)
-    scene, weak, held = prepared.scene, prepared.weak, prepared.held_out
+    scene, weak = prepared.scene, prepared.weak
+    if prepared.mistakes:
+        # physics that would make up for a mistake of the data is none
+        settings = replace(settings, most_effects=0)
     outcome = search(Problem.of(scene, weak, Model(scene.priors.mean)), settings, progress)
-    return _verdict(scene, outcome, weak, held, settings, prepared.notes, prepared.mistakes, progress), outcome
+    return _verdict(prepared, outcome, settings, progress), outcome
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,7 @@ class Prepared:
     held_out: list[WeakForm]
     notes: tuple[str, ...]
     mistakes: tuple[str, ...]
+    noise_remarks: tuple[str, ...]
 
 
 def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Prepared:
@@ -110,7 +115,8 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
         [laid(recording) for recording in recordings],
         [laid(recording) for recording in held_out],
         (*notes, *_notes(recordings)),
-        (*_mistakes(scene, recordings), *told),
+        _unit_mistakes(scene, recordings) or data_mistakes(scene, recordings, std),
+        told,
     )
 
 
@@ -140,16 +146,8 @@ def _facing(scene: Scene, recordings: Sequence[Recording]) -> Scene:
     return scene.facing(q[np.flatnonzero(np.all(np.isfinite(q), axis=1))[0]])
 
 
-def _verdict(
-    scene: Scene,
-    outcome: Outcome,
-    weak: list[WeakForm],
-    held: list[WeakForm],
-    settings: Settings,
-    notes: tuple[str, ...],
-    mistakes: tuple[str, ...],
-    progress: Progress,
-) -> Verdict:
+def _verdict(prepared: Prepared, outcome: Outcome, settings: Settings, progress: Progress) -> Verdict:
+    scene, weak, held = prepared.scene, prepared.weak, prepared.held_out
     best, kind = _decided(outcome, settings)
     # where the mismatch is: of the nominal physics at the numbers that the explanation found, or of what remains
     lacking = best.model if kind == "unexplained" else Model(best.model.unknown)
@@ -167,8 +165,9 @@ def _verdict(
         train=_comparison(weak, scene, models),
         held_out=held_out,
         corrected=corrected,
-        data_mistakes=mistakes,
-        notes=notes,
+        data_mistakes=prepared.mistakes,
+        noise_remarks=prepared.noise_remarks,
+        notes=prepared.notes,
         reduced_chi_square=(
             outcome.nominal.chi_square / outcome.nominal.degrees_of_freedom,
             best.chi_square / best.degrees_of_freedom,
@@ -249,7 +248,7 @@ def _quality(weak: list[WeakForm], scene: Scene, model: Model) -> Quality:
     return Quality(innovations(weak, physics).mean, root_mean_square(forecasts(weak, physics)))
 
 
-def _mistakes(scene: Scene, recordings: Sequence[Recording]) -> tuple[str, ...]:
+def _unit_mistakes(scene: Scene, recordings: Sequence[Recording]) -> tuple[str, ...]:
     limits = {
         j.name: j.position_limits for j in scene.tree.joints if not j.prismatic and np.isfinite(j.position_limits[0])
     }

@@ -108,6 +108,9 @@ class Verdict:
     corrected: Scene
     """The scene with its unknowns as fitted and the accepted effects in it."""
     data_mistakes: tuple[str, ...] = ()
+    """What is wrong with the recordings themselves, before any physics."""
+    noise_remarks: tuple[str, ...] = ()
+    """Where the noise is not as stated; it was reckoned with as it is."""
     notes: tuple[str, ...] = ()
     """What was read, and what was wrong with it."""
     reduced_chi_square: tuple[float, float] = (0.0, 0.0)
@@ -120,8 +123,13 @@ class Verdict:
 
 def sentence(verdict: Verdict) -> str:
     """The verdict in words."""
+    remarks = [f"{remark[0].upper()}{remark[1:]}." for remark in verdict.noise_remarks]
+    return " ".join([_finding(verdict), *remarks])
+
+
+def _finding(verdict: Verdict) -> str:
     if verdict.data_mistakes:
-        return "The recording itself looks wrong: " + " ".join(verdict.data_mistakes)
+        return f"The recordings themselves look wrong: {'; '.join(verdict.data_mistakes)}."
     if verdict.kind == "none":
         return (
             "Nothing is missing: the recordings are as the model and its noise predict "

@@ -48,7 +48,7 @@ def report_of(
                 for one in verdict.mismatch.locations
             ],
         },
-        "data_mistakes": list(verdict.data_mistakes),
+        "data_mistakes": [*verdict.data_mistakes, *verdict.noise_remarks],
         "explanation": [
             {
                 "effect": one.effect.name,
