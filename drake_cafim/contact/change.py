@@ -41,8 +41,8 @@ class ContactChange:
         """
         return np.zeros((len(time), self.memory))
 
-    def ahead(self, memory: Array, touch: Touch, duration: Array) -> Array:
-        """The memory (B, m) after `duration` (B,) s of a touch that stays as it is."""
+    def ahead(self, memory: Array, touch: Touch, elapsed: Array, left: Array) -> Array:
+        """The memory (B, m) `elapsed` (B,) s later, of which `left` (B,) s after a `touch` on the way."""
         return memory
 
     def push(self, touch: Touch, parameters: ContactParameters, memory: Array) -> Array | float:

@@ -40,9 +40,9 @@ def step(physics: Physics, state: State, effort: Array, duration: Array) -> Stat
     force = effort + law - bias_force(moving, inertias, physics.gravity)
     memory = state.memory
     if memory is not None and memory.shape[1]:
-        halfway = physics.remembered(memory, moving, 0.5 * duration)
+        halfway = physics.remembered(memory, moving, 0.5 * duration, 0.0 * duration)
         force = force + moving.project(physics.contact_wrenches(moving, halfway))
-        memory = physics.remembered(memory, moving, duration)
+        memory = physics.remembered(memory, moving, duration, 0.5 * duration)
     elif physics.contacts:
         force = force + moving.project(physics.contact_wrenches(moving))
     if physics.body_forces:

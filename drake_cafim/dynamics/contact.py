@@ -68,9 +68,9 @@ class SphereContact:
         """What the changes remember, (N, m), at samples at `time` (N,) s; see `ContactChange.recall`."""
         return np.concatenate([change.recall(time, touch, at) for change in self.changes], axis=1)
 
-    def ahead(self, memory: Array, touch: Touch, duration: Array) -> Array:
-        """The memory (B, m) after `duration` (B,) s of a touch that stays as it is."""
-        parts = [change.ahead(own, touch, duration) for change, own in self._shared(memory)]
+    def ahead(self, memory: Array, touch: Touch, elapsed: Array, left: Array) -> Array:
+        """The memory (B, m) `elapsed` (B,) s later, of which `left` (B,) s after a `touch` on the way."""
+        parts = [change.ahead(own, touch, elapsed, left) for change, own in self._shared(memory)]
         return np.concatenate(parts, axis=1)
 
     def force(self, touch: Touch, memory: Array | None = None) -> tuple[Array, Array]:

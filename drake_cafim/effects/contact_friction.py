@@ -149,10 +149,14 @@ class ContactPresliding(ContactEffect):
         before = np.concatenate([np.zeros((1, 3)), z[:-1]])
         return np.concatenate([before, at.position - moved - turned], axis=1)
 
-    def ahead(self, memory: Array, touch: Touch, duration: Array) -> Array:
-        kept, added = self._slide(touch.slip * duration[:, None])
+    def ahead(self, memory: Array, touch: Touch, elapsed: Array, left: Array) -> Array:
+        n = touch.axes[:, 2]
+        moved = touch.position - memory[:, 3:]
+        coming = (touch.slip - touch.spinning) * left[:, None]
+        moved = moved - (moved @ n)[:, None] * n + coming + touch.spinning * elapsed[:, None]
+        kept, added = self._slide(moved)
         z = np.where(pressing(touch)[:, None], kept[:, None] * memory[:, :3] + added, 0.0)
-        return np.concatenate([z, touch.position], axis=1)
+        return np.concatenate([z, touch.position + coming], axis=1)
 
     def traction(
         self, law: ContactLaw, normal: Array, touch: Touch, parameters: ContactParameters, memory: Array

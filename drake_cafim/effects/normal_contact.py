@@ -119,9 +119,9 @@ class ContactViscoelasticRelaxation(ContactEffect):
         added = np.where(inside, d - tau * slope - kept * (start - tau * slope), 0.0)
         return recursion(np.where(np.logical_and(inside, before > 0.0), kept, 0.0), added[:, None])
 
-    def ahead(self, memory: Array, touch: Touch, duration: Array) -> Array:
+    def ahead(self, memory: Array, touch: Touch, elapsed: Array, left: Array) -> Array:
         y, d = memory[:, 0], touch.penetration
-        moved = y + (d - y) * -np.expm1(-duration / self.values["time_constant"])
+        moved = y + (d - y) * -np.expm1(-elapsed / self.values["time_constant"])
         return np.where(pressing(touch), moved, 0.0)[:, None]
 
     def push(self, touch: Touch, parameters: ContactParameters, memory: Array) -> Array:

@@ -97,13 +97,13 @@ class Physics:
             start += contact.memory
         return total
 
-    def remembered(self, memory: Array, moving: Motion, duration: Array) -> Array:
-        """The contacts' memory (B, m) after `duration` (B,) s of this motion."""
-        parts, start = [np.zeros((len(duration), 0))], 0
+    def remembered(self, memory: Array, moving: Motion, elapsed: Array, left: Array) -> Array:
+        """The contacts' memory (B, m) `elapsed` (B,) s later, of which `left` (B,) s after a motion on the way."""
+        parts, start = [np.zeros((len(elapsed), 0))], 0
         for contact in self.contacts:
             if contact.memory:
                 own = memory[:, start : start + contact.memory]
-                parts.append(contact.ahead(own, contact.touch(moving), duration))
+                parts.append(contact.ahead(own, contact.touch(moving), elapsed, left))
             start += contact.memory
         return np.concatenate(parts, axis=1)
 
