@@ -137,7 +137,7 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
     fitted = unbiased_fit(problem, problem.nominal())
     progress("simulating")
     models = [Model(scene.priors.mean), fitted.model, fitted.model]
-    return Estimate(_parameters(scene, fitted), _comparison(weak, scene, models))
+    return Estimate(_parameters(scene, fitted), _comparisons([weak], scene, models)[0])
 
 
 def _facing(scene: Scene, recordings: Sequence[Recording]) -> Scene:
@@ -155,15 +155,15 @@ def _verdict(prepared: Prepared, outcome: Outcome, settings: Settings, progress:
     corrected = scene.corrected(best.model.unknown, best.model.effects)
     progress("simulating with and without the effects")
     models = [Model(scene.priors.mean), outcome.nominal.model, best.model]
-    held_out = _comparison(held, scene, models) if held else None
+    train, *held_out = _comparisons([weak, held] if held else [weak], scene, models)
     return Verdict(
         kind=kind,
         mismatch=Mismatch(kind != "none", outcome.detection_p_value, locations),
         explanation=_explanations(scene, outcome, best),
         rivals=_rivals(outcome, best),
         parameters=_parameters(scene, best),
-        train=_comparison(weak, scene, models),
-        held_out=held_out,
+        train=train,
+        held_out=held_out[0] if held_out else None,
         corrected=corrected,
         data_mistakes=prepared.mistakes,
         noise_remarks=prepared.noise_remarks,
@@ -234,18 +234,28 @@ def _parameters(scene: Scene, best: Fit) -> tuple[NominalParameter, ...]:
     )
 
 
-def _comparison(weak: list[WeakForm], scene: Scene, models: list[Model]) -> Comparison:
-    found: list[Quality] = []
+def _comparisons(groups: Sequence[list[WeakForm]], scene: Scene, models: list[Model]) -> list[Comparison]:
+    """Each group of recordings under the three models."""
+    found: list[list[Quality]] = []
     for k, model in enumerate(models):
         # where nothing is missing, two of the three are the same
         same = [j for j in range(k) if models[j].effects == model.effects and np.all(models[j].vector == model.vector)]
-        found.append(found[same[0]] if same else _quality(weak, scene, model))
-    return Comparison(*found)
+        found.append(found[same[0]] if same else _qualities(groups, scene, model))
+    return [Comparison(*(one[k] for one in found)) for k in range(len(groups))]
 
 
-def _quality(weak: list[WeakForm], scene: Scene, model: Model) -> Quality:
+def _qualities(groups: Sequence[list[WeakForm]], scene: Scene, model: Model) -> list[Quality]:
+    """Of each group; the recordings of all are simulated side by side."""
     physics = model.physics(scene)
-    return Quality(innovations(weak, physics).mean, root_mean_square(forecasts(weak, physics)))
+    forms = [form for group in groups for form in group]
+    likelihoods = [one.negative_log_likelihood for one in innovations(forms, physics)]
+    simulated = forecasts(forms, physics)
+    result, first = [], 0
+    for group in groups:
+        own = slice(first, first + len(group))
+        result.append(Quality(float(np.mean(np.concatenate(likelihoods[own]))), root_mean_square(simulated[own])))
+        first = own.stop
+    return result
 
 
 def _unit_mistakes(scene: Scene, recordings: Sequence[Recording]) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ The filter is started anew every half second from the 50 ms before, so that a wr
 filter has learned; the model has no process noise but that of a measured effort.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -34,8 +35,8 @@ class Innovations:
         return float(np.mean(self.negative_log_likelihood))
 
 
-def innovations(forms: Sequence[WeakForm], physics: Physics) -> Innovations:
-    """The innovations of all recordings' q (and v, where measured), ln(2πσ²) included; recording after recording."""
+def innovations(forms: Sequence[WeakForm], physics: Physics) -> list[Innovations]:
+    """The innovations of each recording's q (and v, where measured), ln(2πσ²) included; filtered side by side."""
     tracks = [_track(weak, physics) for weak in forms]
     time, y, effort, memory = (np.concatenate([track[k] for track in tracks]) for k in range(4))
     firsts = np.cumsum([0, *(len(track[0]) for track in tracks)])
@@ -81,8 +82,11 @@ def innovations(forms: Sequence[WeakForm], physics: Physics) -> Innovations:
         mean[alive] = predicted + np.einsum("bij,bj->bi", gain, error)
         updated = P - gain @ P[:, :H, :]
         covariance[alive] = 0.5 * (updated + np.swapaxes(updated, 1, 2))
-    filtered = np.isfinite(values)
-    return Innovations(time[filtered], values[filtered])
+    result = []
+    for first, last in itertools.pairwise(firsts):
+        filtered = first + np.flatnonzero(np.isfinite(values[first:last]))
+        result.append(Innovations(time[filtered], values[filtered]))
+    return result
 
 
 def _track(weak: WeakForm, physics: Physics) -> tuple[Array, Array, Array, Array]:
