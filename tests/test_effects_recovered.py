@@ -36,13 +36,24 @@ ARM_EFFECTS = [
     "sensor_lag",
     "clock_skew",
 ]
+CONTACT_EFFECTS = [
+    "contact_stribeck_friction",
+    "contact_adhesion",
+    "contact_nonlinear_stiffness",
+    "contact_viscoelastic_relaxation",
+    "contact_hunt_crossley_dissipation",
+    "contact_anisotropic_friction",
+    "contact_presliding",
+    "surface_offset",
+    "surface_tilt",
+]
 FIRST, LAST = 300, 360
 
 
-def _plain_and_clear(kind: str) -> Case:
+def _plain_and_clear(kind: str, rig: str) -> Case:
     """The first case of this kind whose noise is white and stated, and whose effect the data show clearly."""
     for seed in range(FIRST, LAST):
-        case = make(kind, "arm2", seed)
+        case = make(kind, rig, seed)
         settings: dict[str, Any] = case.truth["settings"]  # type: ignore[assignment]
         [effect] = case.truth["effects"]  # type: ignore[misc]
         [strength] = case.truth["strengths"]  # type: ignore[misc]
@@ -63,9 +74,12 @@ def _searched(case: Case, folder: Path) -> Outcome:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("effect", ARM_EFFECTS)
-def test_recovered(effect: str, tmp_path: Path) -> None:
-    case = _plain_and_clear(f"single:{effect}")
+@pytest.mark.parametrize(
+    ("effect", "rig"),
+    [*((effect, "arm2") for effect in ARM_EFFECTS), *((effect, "press") for effect in CONTACT_EFFECTS)],
+)
+def test_recovered(effect: str, rig: str, tmp_path: Path) -> None:
+    case = _plain_and_clear(f"single:{effect}", rig)
     best = _searched(case, tmp_path).best
     [truth] = case.truth["effects"]  # type: ignore[misc]
     assert [one.key for one in best.model.effects] == [(truth["effect"], truth["at"])]

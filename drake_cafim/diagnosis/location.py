@@ -4,6 +4,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from drake_cafim.diagnosis.adequacy import BLOCK
+from drake_cafim.diagnosis.felt import wrong_contact
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem, Run
 from drake_cafim.diagnosis.verdict import Location
@@ -16,10 +17,15 @@ SIGNIFICANT = 1e-3
 def locate(problem: Problem, model: Model) -> tuple[Location, ...]:
     """The places by their share of the excess χ² under `model`, strongest first, with the intervals where it shows.
 
-    Rows of the equation of motion stand for their joint, kinematic rows and wrench rows for their sensor.
+    Rows of the equation of motion stand for their joint, kinematic rows and wrench rows for their sensor; where sensor
+    and joints miss the same force, for the contact.
     """
     physics = model.physics(problem.scene)
     places = places_of(problem)
+    contact = wrong_contact(problem, physics)
+    if contact is not None:
+        felt = problem.runs[0].weak.kinematic_rows
+        places = [*places[:felt], *[("contact", contact)] * (len(places) - felt)]
     excess: dict[tuple[str, str], float] = dict.fromkeys(places, 0.0)
     found: dict[tuple[str, str, str], list[tuple[float, float]]] = {}
     blocks = sum(len(run.weak.samples.windows) // BLOCK for run in problem.runs) * len(places)
@@ -34,7 +40,7 @@ def locate(problem: Problem, model: Model) -> tuple[Location, ...]:
                 if chi2.sf(part, BLOCK) * blocks < SIGNIFICANT:
                     start = float(windows.starts[first])
                     stop = float(windows.starts[first + BLOCK - 1] + windows.width)
-                    _extend(found.setdefault((*place, recording), []), start, stop)
+                    found.setdefault((*place, recording), []).append((start, stop))
     total = sum(excess.values())
     locations = []
     for place in sorted(excess, key=lambda p: -excess[p]):
@@ -46,7 +52,7 @@ def locate(problem: Problem, model: Model) -> tuple[Location, ...]:
                 kind, label = place
                 # the share of a place is divided over the recordings in which it shows
                 shown = sum((*place, r.weak.samples.recording.name) in found for r in problem.runs)
-                locations.append(Location(kind, label, share / shown, tuple(intervals), name))
+                locations.append(Location(kind, label, share / shown, _united(intervals), name))
     return tuple(locations)
 
 
@@ -78,8 +84,12 @@ def places_of(problem: Problem) -> list[tuple[str, str]]:
     return places
 
 
-def _extend(intervals: list[tuple[float, float]], start: float, stop: float) -> None:
-    if intervals and start <= intervals[-1][1] + 1e-9:
-        intervals[-1] = (intervals[-1][0], stop)
-    else:
-        intervals.append((start, stop))
+def _united(intervals: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """The intervals in order, those that touch made one."""
+    united: list[tuple[float, float]] = []
+    for start, stop in sorted(intervals):
+        if united and start <= united[-1][1] + 1e-9:
+            united[-1] = (united[-1][0], max(stop, united[-1][1]))
+        else:
+            united.append((start, stop))
+    return tuple(united)

@@ -1,0 +1,90 @@
+"""Contacts in the diagnosis: where a wrong one shows, noise through what it remembers, names, and simulations."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from concealed.make import make
+
+from drake_cafim import recordings
+from drake_cafim.diagnosis.diagnose import Prepared, prepare
+from drake_cafim.diagnosis.fitting import unbiased_fit
+from drake_cafim.diagnosis.forecast import forecasts, root_mean_square
+from drake_cafim.diagnosis.innovations import innovations
+from drake_cafim.diagnosis.location import locate
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.search import Settings, search
+from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.scenario.scene import Scene
+
+
+@dataclass(frozen=True)
+class Known:
+    """A case of the press whose truth is known."""
+
+    prepared: Prepared
+    truth: dict[str, Any]
+
+    @property
+    def model(self) -> Model:
+        """The true model."""
+        [effect] = self.truth["effects"]
+        values = {name: value for name, (value, _) in effect["parameters"].items()}
+        numbers = self.truth["nominal_parameters_true"]
+        unknown = [numbers[one.parameter] for one in self.prepared.scene.unknown]
+        return Model(np.array(unknown), (effect_named(effect["effect"])(effect["at"], values),))
+
+
+def known(kind: str, seed: int, folder: Path, files: tuple[str, ...] = ("train_1", "train_2", "train_3")) -> Known:
+    case = make(kind, "press", seed)
+    case.write(folder)
+    scene = Scene.load(folder / "scenario.yaml")
+    return Known(prepare(scene, [recordings.read(folder / f"{name}.parquet") for name in files]), case.truth)
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "place"),
+    [
+        ("odd:odd_patchy_friction", 308, ("contact", "tool/wall")),
+        ("single:sensor_bias", 311, ("sensor", "wrench.wrist.fz")),
+    ],
+)
+def test_a_wrong_contact_is_told_from_a_wrong_sensor(
+    kind: str, seed: int, place: tuple[str, str], tmp_path: Path
+) -> None:
+    prepared = known(kind, seed, tmp_path, ("train_1",)).prepared
+    problem = Problem.of(prepared.scene, prepared.weak, Model(prepared.scene.priors.mean))
+    nominal = unbiased_fit(problem, problem.nominal()).model
+    first = locate(problem, nominal)[0]
+    assert (first.kind, first.name) == place
+
+
+@pytest.mark.parametrize("effect", ["contact_presliding", "contact_viscoelastic_relaxation"])
+def test_the_truth_leaves_noise_and_simulations_follow_it(effect: str, tmp_path: Path) -> None:
+    case = known(f"single:{effect}", 203, tmp_path, ("held_1",))
+    [weak] = case.prepared.weak
+    problem = Problem.of(case.prepared.scene, [weak], case.model)
+    rows = problem.residual(case.model)[: problem.rows]
+    assert float(np.mean(rows**2)) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / len(rows)))
+    physics = case.model.physics(case.prepared.scene)
+    std = weak.samples.std
+    error = root_mean_square(forecasts([weak], physics))
+    assert all(error[name] < 1.25 * std[name] for name in error if name.startswith("wrench."))
+    least = sum(0.5 * np.log(2.0 * np.pi * std[name] ** 2) + 0.5 for name in std if name[0] in "qv")
+    assert innovations([weak], physics)[0].mean < least + 0.5
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("effect", ["contact_adhesion", "contact_presliding", "surface_tilt"])
+def test_named_and_measured(effect: str, tmp_path: Path) -> None:
+    case = known(f"single:{effect}", 203, tmp_path)
+    scene = case.prepared.scene
+    best = search(Problem.of(scene, case.prepared.weak, Model(scene.priors.mean)), Settings()).best
+    [truth] = case.truth["effects"]
+    assert [one.key for one in best.model.effects] == [(truth["effect"], truth["at"])]
+    [found] = best.model.effects
+    first = next(iter(truth["parameters"]))
+    assert found.values[first] == pytest.approx(truth["parameters"][first][0], rel=0.05)
