@@ -15,6 +15,8 @@ ROUNDS, CORRECTED = 5, 0.1
 """Corrections for shared noise, at most, and the part of a standard deviation that ends them."""
 NOISE_ALONE = 0.2
 """A number whose regressor is noise to more than four fifths is taken to be unknown."""
+STRIDE = 3.0
+"""Times the size of a number, or its typical one, that a step changes it by at most."""
 NOTHING_KNOWN = 1e12
 """Variance of numbers that are an echo of noise."""
 LEAST_WORTH = 10.0
@@ -160,11 +162,13 @@ def _step(
     scaled = jacobian / scale
     normal, gradient = scaled.T @ scaled, scaled.T @ residual - offset / scale
     start = 0.5 * float(residual @ residual)
+    reach = _reach(model)
     for _ in range(8):
         damped = normal + damping * np.eye(len(scale))
         step = -np.linalg.solve(damped, gradient)
         if -0.5 * float(gradient @ step) < LEAST_GAIN:
             break
+        step = np.clip(step, -reach * scale, reach * scale)
         trial = _kept_near(problem, model.at(model.vector + step / scale))
         taken = (trial.vector - model.vector) * scale
         stopped = np.abs(taken - step) > 1e-9 * (1.0 + np.abs(step))
@@ -183,6 +187,12 @@ def _step(
             return trial, trial_residual, max(damping * 0.1, 1e-9)
         damping = max(damping * 10.0, 1e-6)
     return None, residual, damping
+
+
+def _reach(model: Model) -> Array:
+    """How far a step may take each number: where little is known of one, its slope says nothing from afar."""
+    sizes = [max(s.typical, abs(effect.values[s.name])) for effect in model.effects for s in effect.strengths]
+    return STRIDE * np.array([np.inf] * len(model.unknown) + sizes)
 
 
 def _kept_near(problem: Problem, model: Model) -> Model:

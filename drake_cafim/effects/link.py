@@ -40,6 +40,10 @@ class RotorInertia(TreeEffect):
         return tree.with_joints([changed]), gravity
 
 
+FARTHEST, USUAL = 0.5, 0.15
+"""m from a body's origin, beyond which a load is not believed to be, and where loads are."""
+
+
 @dataclass(frozen=True)
 class Payload(TreeEffect):
     """A point mass that rides on a body."""
@@ -81,8 +85,11 @@ class Payload(TreeEffect):
         return (Direction(origin, None, 1.0), *moments)
 
     def from_directions(self, coefficients: Array) -> "Payload":
-        mass = max(float(coefficients[0]), 1e-3)
-        x, y, z = np.clip(coefficients[1:] / mass, -0.5, 0.5)
+        mass, moment = float(coefficients[0]), float(np.linalg.norm(coefficients[1:]))
+        if moment > FARTHEST * mass:
+            # an unknown mass beside it takes the load's own over; its moment is what is left to go by
+            mass = max(moment / USUAL, 1e-3)
+        x, y, z = coefficients[1:] / mass
         return self.with_values({"mass": mass, "x": float(x), "y": float(y), "z": float(z)})
 
 
