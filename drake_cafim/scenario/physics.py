@@ -17,6 +17,7 @@ from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.surface import SurfaceEffect
+from drake_cafim.errors import InputError
 from drake_cafim.typing import Array
 
 
@@ -179,6 +180,11 @@ class Physics:
             elif isinstance(effect, SensorEffect):
                 physics = replace(physics, sensors=(*physics.sensors, effect))
             elif isinstance(effect, ContactEffect | SurfaceEffect):
+                if not any(effect.meets(one) for one in physics.contacts):
+                    known = ", ".join(one.name for one in physics.contacts) or "none"
+                    raise InputError(
+                        f"effect {effect.name} at {effect.at}: no contact is there; the scenario has: {known}"
+                    )
                 contacts = (effect.on(one) if effect.meets(one) else one for one in physics.contacts)
                 physics = replace(physics, contacts=tuple(contacts))
             else:
