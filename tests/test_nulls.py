@@ -1,0 +1,43 @@
+"""Where nothing is missing nothing is found: white, coloured and quantised noise, uneven clocks, noisy feedback."""
+
+from pathlib import Path
+
+import pytest
+from concealed.make import calm, simulate
+from scipy.stats import binom
+
+from drake_cafim import recordings
+from drake_cafim.diagnosis.diagnose import prepare
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.search import Settings, search
+from drake_cafim.scenario.scene import Scene
+
+FIRST, COUNT = 5000, {"arm2": 30, "arm3": 10, "press": 10}
+
+
+def _detected(rig: str, seed: int, folder: Path) -> float | None:
+    """The p-value of "nothing is missing" of a world in which nothing is; None for one that ran away."""
+    case = simulate("null", rig, seed)
+    if not calm(case):
+        return None
+    case.write(folder)
+    scene = Scene.load(folder / "scenario.yaml")
+    prepared = prepare(scene, [recordings.read(folder / f"train_{k}.parquet") for k in (1, 2, 3)])
+    problem = Problem.of(prepared.scene, prepared.weak, Model(scene.priors.mean))
+    return search(problem, Settings(most_effects=0)).detection_p_value
+
+
+@pytest.mark.long
+def test_alarms_are_as_rare_as_stated(tmp_path: Path) -> None:
+    found = {
+        (rig, seed): _detected(rig, seed, tmp_path / f"{rig}_{seed}")
+        for rig, count in COUNT.items()
+        for seed in range(FIRST, FIRST + count)
+    }
+    values = {key: value for key, value in found.items() if value is not None}
+    rate = Settings().false_alarm_rate
+    alarms = {key: value for key, value in values.items() if value <= rate}
+    print(f"{len(alarms)} alarms in {len(values)}: {alarms}")
+    # a count that the stated rate would exceed less than once in a hundred times
+    assert len(alarms) <= binom.ppf(0.99, len(values), rate), alarms
