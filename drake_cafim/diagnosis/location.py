@@ -4,12 +4,16 @@ import numpy as np
 from scipy.stats import chi2
 
 from drake_cafim.diagnosis.adequacy import BLOCK
+from drake_cafim.diagnosis.condition import condition, seen_at
 from drake_cafim.diagnosis.felt import wrong_contact
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem, Run
 from drake_cafim.diagnosis.verdict import Location
+from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
+LEAST = 0.01
+"""Share of the excess below which a place is not spoken of."""
 SIGNIFICANT = 1e-3
 """p-value, times the number of blocks, at which a stretch of time is called a mismatch."""
 
@@ -28,11 +32,14 @@ def locate(problem: Problem, model: Model) -> tuple[Location, ...]:
         places = [*places[:felt], *[("contact", contact)] * (len(places) - felt)]
     excess: dict[tuple[str, str], float] = dict.fromkeys(places, 0.0)
     found: dict[tuple[str, str, str], list[tuple[float, float]]] = {}
+    standard: dict[tuple[str, str], list[list[Array]]] = {place: [] for place in places}
     blocks = sum(len(run.weak.samples.windows) // BLOCK for run in problem.runs) * len(places)
     for index, run in enumerate(problem.runs):
         z = standardised(run, run.weak.residual(physics))
         windows = problem.runs[index].weak.samples.windows
         recording = problem.runs[index].weak.samples.recording.name
+        for place in standard:
+            standard[place].append([z[:, row] for row, other in enumerate(places) if other == place])
         for row, place in enumerate(places):
             excess[place] += max(float(np.sum(z[:, row] ** 2) - len(z)), 0.0)
             for first in range(0, len(z) - BLOCK + 1, BLOCK):
@@ -45,15 +52,25 @@ def locate(problem: Problem, model: Model) -> tuple[Location, ...]:
     locations = []
     for place in sorted(excess, key=lambda p: -excess[p]):
         share = excess[place] / total if total > 0.0 else 0.0
+        words = _condition(problem, physics, place, standard[place]) if share > LEAST else ""
         for run in problem.runs:
             name = run.weak.samples.recording.name
             intervals = found.get((*place, name))
-            if intervals and share > 0.01:
+            if intervals and share > LEAST:
                 kind, label = place
                 # the share of a place is divided over the recordings in which it shows
                 shown = sum((*place, r.weak.samples.recording.name) in found for r in problem.runs)
-                locations.append(Location(kind, label, share / shown, _united(intervals), name))
+                locations.append(Location(kind, label, share / shown, _united(intervals), name, words))
     return tuple(locations)
+
+
+def _condition(problem: Problem, physics: Physics, place: tuple[str, str], rows: list[list[Array]]) -> str:
+    """The condition of one place, by the strongest of its rows in each recording."""
+    names = problem.scene.tree.joint_names
+    label = place[1].removeprefix("v.").removeprefix("q.")
+    together = [np.stack(one)[np.argmax([np.sum(row**2) for row in one])] for one in rows]
+    joint = names.index(label) if label in names else None
+    return condition(seen_at(problem.runs, physics, together, joint))
 
 
 def standardised(run: Run, rows: Array) -> Array:
