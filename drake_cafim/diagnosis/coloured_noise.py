@@ -106,7 +106,13 @@ def _spectra(values: Array, step: float) -> tuple[Array, Array]:
     pieces = values[: count * SEGMENT].reshape(count, SEGMENT)
     pieces = pieces[np.all(np.isfinite(pieces), axis=1)]
     # fourth differences keep the motion at low frequencies from leaking
-    frequency, power = periodogram(np.diff(pieces, n=4, axis=1), window="hann", detrend=False)
+    differences = np.diff(pieces, n=4, axis=1)
+    if len(pieces):
+        frequency, power = periodogram(differences, window="hann", detrend=False)
+    else:
+        # a recording shorter than a stretch has none
+        frequency = np.fft.rfftfreq(differences.shape[1])
+        power = np.zeros((0, len(frequency)))
     phase = 2.0 * np.pi * frequency
     lowest = min(2.0 * np.pi * QUIET * step, 0.4 * np.pi)
     used = (phase > lowest) & (phase < 0.95 * np.pi)

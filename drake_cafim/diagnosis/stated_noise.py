@@ -18,6 +18,8 @@ def noise_of(scene: Scene, recordings: Sequence[Recording]) -> tuple[dict[str, f
     Raises `InputError` where a needed column is missing, or where an estimate is zero (the column does not change).
     """
     names = scene.tree.joint_names
+    for recording in recordings:
+        recording.matrix("u", names)  # a column that is not there is told of before one that holds nothing
     columns = [f"{kind}.{name}" for kind in ("q", "u") for name in names]
     columns += [f"v.{name}" for name in names if all(f"v.{name}" in r.columns for r in recordings)]
     columns += [f"wrench.{sensor.name}.{axis}" for sensor in scene.wrench_sensors for axis in WRENCH_COMPONENTS]
