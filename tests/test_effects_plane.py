@@ -69,3 +69,11 @@ def test_an_effect_of_a_contact_that_is_not_there_is_refused(tmp_path: Path) -> 
     (tmp_path / "scenario.yaml").write_text(text + "effects:\n- {effect: surface_offset, at: floor, offset: 0.001}\n")
     with pytest.raises(InputError, match=r"surface_offset at floor.*tool/wall"):
         Scene.load(tmp_path / "scenario.yaml")
+
+
+def test_a_plane_that_is_always_touched_is_none() -> None:
+    plane = UnmodeledContact("link", {"offset": 0.2, "stiffness": 1e3, "damping": 1.0, "nx": 0.0, "ny": 0.0, "nz": 1.0})
+    height = np.linspace(0.0, 0.4, 100)
+    path = np.stack([0.0 * height, 0.0 * height, height], axis=1)
+    assert plane.touched_and_left(path)
+    assert not plane.touched_and_left(0.4 * path)

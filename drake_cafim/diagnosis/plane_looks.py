@@ -34,6 +34,8 @@ def plane_looks(
     if start is None or gain < FAIR * (float(here @ here) - problem.rows):
         return
     found = _improved(problem, physics, start, here, basis)
+    if not problem.touched_and_left(found, physics):
+        return
     column = problem.plane_columns(found, physics, slopes=False)
     yield column, lambda c: found if 0.3 < c[0] < 3.0 else None
 

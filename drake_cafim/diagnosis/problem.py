@@ -15,7 +15,6 @@ from drake_cafim.diagnosis.whitening import Whitening, row_covariance, whitening
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.effect import Effect, joined
 from drake_cafim.effects.joint import JointForce
-from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.scenario.physics import Physics
@@ -133,7 +132,15 @@ class Problem:
                 samples = [run.weak.joint_samples(run.weak.measurement(physics))[joint] for run in self.runs]
                 if not effect.plausible_over(joined(samples)):
                     return False
+            if isinstance(effect, UnmodeledContact) and not self.touched_and_left(effect, physics):
+                return False
         return True
+
+    def touched_and_left(self, effect: UnmodeledContact, physics: Physics) -> bool:
+        """Whether a plane in the way is one over all recordings."""
+        body = physics.tree.body(effect.at)
+        paths = [run.weak.motion(physics).point(body.joint, body.p_JB)[0] for run in self.runs]
+        return effect.touched_and_left(np.concatenate(paths))
 
     def nominal(self) -> Model:
         """Unknowns at their prior means, no effects."""

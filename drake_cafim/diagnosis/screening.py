@@ -45,6 +45,8 @@ class Candidate:
 
 LEAST_SIGNAL = 10.0
 """Standard deviations of a sample's noise that a channel's own must be for its gain to be looked for."""
+RAN_AWAY = 1e100
+"""A hidden state that was simulated with a value it is not stable for."""
 LEAST_ECHO = 8.0
 """Gain of a coupling that is worth asking whether it is an echo of noise."""
 OF_COMMANDS = (ActuatorSaturation, ActuatorDeadZone, ActuatorDelay, ActuatorLag)
@@ -141,6 +143,8 @@ def _projected(columns: Array, basis: Array, residual: Array) -> tuple[Array, fl
 
     `residual` is already orthogonal to the nuisance's orthonormal `basis`. None where the nuisance spans the columns.
     """
+    if not np.all(np.abs(columns) < RAN_AWAY):
+        return None
     full = np.linalg.norm(columns, axis=0)
     unit = columns / np.maximum(full, 1e-300)
     along = basis.T @ unit
