@@ -15,6 +15,7 @@ from drake_cafim.diagnosis.whitening import Whitening, row_covariance, whitening
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.effect import Effect, joined
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.scenario.physics import Physics
