@@ -11,8 +11,8 @@ from drake_cafim.effects.body import BodyForce
 from drake_cafim.effects.effect import Strength
 from drake_cafim.typing import Array
 
-FREE = 0.1
-"""Share of the time in which a contact is not one."""
+FREE = 0.02
+"""Least share of the time in which a contact is not one."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class UnmodeledContact(BodyForce):
         return super().plausible() and self.values["stiffness"] > 0.0
 
     def touched_and_left(self, p_WP: Array) -> bool:
-        """Whether the body, at `p_WP` (N, 3), is free of the plane for a fair part of the time.
+        """Whether the body, at `p_WP` (N, 3), is free of the plane for some of the time.
 
         A plane that is always touched is a spring, a damper and a bias, and none of them is a contact.
         """
