@@ -99,6 +99,7 @@ def run(
 @click.option("--held-out", multiple=True, help="Recordings to test the explanation on; nothing is fitted to them.")
 @click.option("--fleet", type=click.Path(path_type=Path, exists=True, file_okay=False), help="One report a folder.")
 @click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
+@click.option("--mcap", is_flag=True, help="Each recording as MCAP too, its residuals as channels.")
 @common
 def diagnose(
     scenario: str,
@@ -106,6 +107,7 @@ def diagnose(
     held_out: tuple[str, ...],
     fleet: Path | None,
     replay: bool,
+    mcap: bool,
     out: Path | None,
     as_json: bool,
     jobs: int,
@@ -124,7 +126,7 @@ def diagnose(
         raise InputError("diagnose: no --recording was given, expected at least one file")
     folder = prepare_folder(out, "diagnose", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
-        report = diagnose_command(scenario, recordings, held_out, folder, progress, replay=replay)
+        report = diagnose_command(scenario, recordings, held_out, folder, progress, replay=replay, mcap=mcap)
     _print(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
 
 
@@ -199,7 +201,11 @@ def import_(
 def replay(
     scenario: str, recording: str, report: Path | None, out: Path | None, as_json: bool, overwrite: bool, **_: object
 ) -> None:
-    """Show a recording beside what the model, and the corrected one, make of it."""
+    """Show a recording beside what the model, and the corrected one, make of it.
+
+    --out names a page, .html, or an .mcap: the recording with what each model misses of it as channels, for
+    Foxglove or PlotJuggler.
+    """
     from drake_cafim.commands.replay import replay_command
 
     path = out or prepare_folder(None, "replay", resume=False, overwrite=False) / "replay.html"
