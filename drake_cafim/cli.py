@@ -130,6 +130,37 @@ def diagnose(
 
 @main.command()
 @click.argument("scenario")
+@click.argument("report", required=False, type=click.Path(path_type=Path, exists=True))
+@click.option("--between", multiple=True, help="EFFECT@PLACE EFFECT@PLACE: two explanations, instead of a report's.")
+@click.option("--duration", type=float, default=2.0, show_default=True, help="Of the motion, s.")
+@click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
+@common
+def discriminate(
+    scenario: str,
+    report: Path | None,
+    between: tuple[str, ...],
+    duration: float,
+    replay: bool,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+    resume: bool,
+    overwrite: bool,
+    **_: object,
+) -> None:
+    """Design the motion that tells rival explanations apart, and try it in simulation."""
+    from drake_cafim.commands.discriminate import DiscriminateRequest, discriminate_command, in_words
+
+    request = DiscriminateRequest(scenario, report, between, duration, seed, replay)
+    request.check()
+    folder = prepare_folder(out, "discriminate", resume=resume, overwrite=overwrite)
+    with progress_line() as progress:
+        result = discriminate_command(request, folder, progress, resume=resume)
+    _print(result, as_json, f"{in_words(result)}\n{folder / result['next_experiment']['file']}")
+
+
+@main.command()
+@click.argument("scenario")
 @click.argument("recordings", nargs=-1, required=True)
 @common
 def estimate(
