@@ -181,15 +181,27 @@ def study(
 
 @main.command(name="import")
 @click.argument("files", nargs=-1, required=True)
+@click.option("--scenario", help="A scenario file whose topics: says what foreign names mean.")
+@click.option("--period", type=float, help="Resample to this many seconds; left out, samples stay as they were taken.")
 @common
 def import_(
-    files: tuple[str, ...], out: Path | None, as_json: bool, resume: bool, overwrite: bool, **_: object
+    files: tuple[str, ...],
+    scenario: str | None,
+    period: float | None,
+    out: Path | None,
+    as_json: bool,
+    resume: bool,
+    overwrite: bool,
+    **_: object,
 ) -> None:
-    """Show what bags, logs and tables hold, and write them as Parquet."""
+    """Show what bags, logs and tables hold, and write them as Parquet.
+
+    The way out again: `cafim diagnose --mcap`, or `cafim replay --out NAME.mcap`.
+    """
     from drake_cafim.commands.importing import import_command
 
     folder = prepare_folder(out, "import", resume=resume, overwrite=overwrite)
-    found = import_command(files, folder)
+    found = import_command(files, folder, scenario=scenario, period=period)
     _print(found, as_json, "\n".join(one["text"] for one in found))
 
 
