@@ -99,6 +99,7 @@ def run(
 @click.option("--held-out", multiple=True, help="Recordings to test the explanation on; nothing is fitted to them.")
 @click.option("--fleet", type=click.Path(path_type=Path, exists=True, file_okay=False), help="One report a folder.")
 @click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
+@click.option("--mcap", is_flag=True, help="Each recording as MCAP too, its residuals as channels.")
 @common
 def diagnose(
     scenario: str,
@@ -106,6 +107,7 @@ def diagnose(
     held_out: tuple[str, ...],
     fleet: Path | None,
     replay: bool,
+    mcap: bool,
     out: Path | None,
     as_json: bool,
     jobs: int,
@@ -124,7 +126,7 @@ def diagnose(
         raise InputError("diagnose: no --recording was given, expected at least one file")
     folder = prepare_folder(out, "diagnose", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
-        report = diagnose_command(scenario, recordings, held_out, folder, progress, replay=replay)
+        report = diagnose_command(scenario, recordings, held_out, folder, progress, replay=replay, mcap=mcap)
     _print(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
 
 
@@ -210,15 +212,27 @@ def study(
 
 @main.command(name="import")
 @click.argument("files", nargs=-1, required=True)
+@click.option("--scenario", help="A scenario file whose topics: says what foreign names mean.")
+@click.option("--period", type=float, help="Resample to this many seconds; left out, samples stay as they were taken.")
 @common
 def import_(
-    files: tuple[str, ...], out: Path | None, as_json: bool, resume: bool, overwrite: bool, **_: object
+    files: tuple[str, ...],
+    scenario: str | None,
+    period: float | None,
+    out: Path | None,
+    as_json: bool,
+    resume: bool,
+    overwrite: bool,
+    **_: object,
 ) -> None:
-    """Show what bags, logs and tables hold, and write them as Parquet."""
+    """Show what bags, logs and tables hold, and write them as Parquet.
+
+    The way out again: `cafim diagnose --mcap`, or `cafim replay --out NAME.mcap`.
+    """
     from drake_cafim.commands.importing import import_command
 
     folder = prepare_folder(out, "import", resume=resume, overwrite=overwrite)
-    found = import_command(files, folder)
+    found = import_command(files, folder, scenario=scenario, period=period)
     _print(found, as_json, "\n".join(one["text"] for one in found))
 
 
@@ -230,7 +244,11 @@ def import_(
 def replay(
     scenario: str, recording: str, report: Path | None, out: Path | None, as_json: bool, overwrite: bool, **_: object
 ) -> None:
-    """Show a recording beside what the model, and the corrected one, make of it."""
+    """Show a recording beside what the model, and the corrected one, make of it.
+
+    --out names a page, .html, or an .mcap: the recording with what each model misses of it as channels, for
+    Foxglove or PlotJuggler.
+    """
     from drake_cafim.commands.replay import replay_command
 
     path = out or prepare_folder(None, "replay", resume=False, overwrite=False) / "replay.html"

@@ -179,7 +179,7 @@ def test_command_refuses_what_is_no_report(tmp_path: Path, folder: Path) -> None
     other.write_text('{"schema": "something/1"}')
     with pytest.raises(InputError, match="expected a report"):
         replay_command(scenario, recording, other, tmp_path / "replay.html")
-    with pytest.raises(InputError, match=r"ends in \.html"):
+    with pytest.raises(InputError, match=r"expected a page, \.html"):
         replay_command(scenario, recording, None, tmp_path / "replay")
     assert not (tmp_path / "replay.html").exists()
 

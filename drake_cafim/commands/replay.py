@@ -11,18 +11,22 @@ from drake_cafim.diagnosis.stated_noise import noise_of
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
+from drake_cafim.report.recording_mcap import write_recording_mcap
 from drake_cafim.report.recording_replay import RecordingReplay, write_recording_replay
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
+WRITERS = {".html": write_recording_replay, ".mcap": write_recording_mcap}
+
 
 def replay_command(address: str, recording: str, report: Path | None, out: Path) -> dict[str, Any]:
-    """Write the page to `out`, an .html; `report` is a report.json or the folder it is in.
+    """Write the page to `out`, an .html, or the recording and its residuals, an .mcap.
 
-    Raises `InputError` for a report that is none, or that lacks its corrected scenario.
+    `report` is a report.json or the folder it is in. Raises `InputError` for a report that is none, or that lacks
+    its corrected scenario.
     """
-    if out.suffix != ".html":
-        raise InputError(f"--out {out}: the replay is one page, expected a name that ends in .html")
+    if out.suffix not in WRITERS:
+        raise InputError(f"--out {out}: expected a page, .html, or a recording with its residuals, .mcap")
     scene = Scene.load(address)
     (read,) = read_all(scene, [recording])
     scene = _facing(scene, read)
@@ -31,7 +35,7 @@ def replay_command(address: str, recording: str, report: Path | None, out: Path)
     found = RecordingReplay(scene, weak, scene.physics)
     if report is not None:
         found = _corrected(found, report, read)
-    write_recording_replay(out, found)
+    WRITERS[out.suffix](out, found)
     return {
         "replay": str(out),
         "recording": recording,

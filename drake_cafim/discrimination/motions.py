@@ -98,12 +98,12 @@ class Shape:
     @cached_property
     def time(self) -> Array:
         """(T,) s"""
-        return np.asarray(self.step * np.arange(round(self.duration / self.step) + 1))
+        return np.asarray(self.step * np.arange(round(self.duration / self.step) + 1), dtype=float)
 
     def matrix(self, at: Array, derivative: int) -> Array:
         """(T, points + 6): value, first or second derivative at `at` (T,) s of a spline by its control points."""
         count = self.points + 2 * AT_REST
-        knots: Array = self.spacing * (np.arange(count + 4) - 3.0)
+        knots = np.asarray(self.spacing * (np.arange(count + 4) - 3), dtype=float)
         spline = BSpline(knots, np.eye(count), 3)
         inside = np.clip(at, 0.0, self.duration - 1e-12)
         return np.asarray(spline(inside, nu=derivative), dtype=float)

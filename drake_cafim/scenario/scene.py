@@ -1,7 +1,7 @@
 """A Scene: a scenario's Drake plant, the same physics as arrays, its channels and its unknowns."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.tree import Tree, tree_of
 from drake_cafim.effects.body import ExternalDisturbance
-from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.catalogue import EFFECTS, effect_named, vocabulary_with
 from drake_cafim.effects.effect import Effect
 from drake_cafim.errors import InputError
 from drake_cafim.parameters import Parameters
@@ -29,7 +29,11 @@ _FORCE = ("fx", "fy", "fz")
 
 @dataclass(frozen=True)
 class Scene:
-    """What a diagnosis knows before it sees a recording."""
+    """What a diagnosis knows before it sees a recording: a robot as its model has it, its sensors and its unknowns.
+
+    `Scene.load("scenario.yaml")` reads a scenario, a model file or a packaged name; `Scene.from_model("arm.urdf",
+    channels={"q": 2e-4})` needs no scenario. `plant` and `diagram` are Drake's own, finalized and built.
+    """
 
     name: str
     scenario: Scenario
@@ -41,23 +45,31 @@ class Scene:
     """The nominal physics, unknowns at their prior means, `effects:` of the scenario included."""
     unknown: tuple[UnknownParameter, ...]
     wrench_sensors: tuple[WrenchSensor, ...]
+    folder: Path = field(default_factory=Path)
+    """Where the scenario's relative paths start."""
+    vocabulary: tuple[type[Effect], ...] = EFFECTS
+    """The effects that are looked for and that `effects:` may name."""
 
     @classmethod
-    def load(cls, address: str | Path) -> "Scene":
+    def load(cls, address: str | Path, *, effects: Sequence[type[Effect]] = ()) -> "Scene":
         """The scene of a packaged scenario's name, a scenario file or a model file.
 
+        `effects` are effect classes of one's own, beside the catalogue's: `effects:` in the file may name them.
         Raises `InputError` for anything in it that cannot be used.
         """
         path = resolve(str(address))
-        if str(path).endswith(MODEL_SUFFIXES):
-            return cls.build(Scenario(model=path.name), path.parent, str(address))
-        return cls.build(load(path), path.parent, str(address))
+        scenario = Scenario(model=path.name) if str(path).endswith(MODEL_SUFFIXES) else load(path)
+        return cls.build(scenario, path.parent, str(address), effects=effects)
 
     @classmethod
     def from_model(
         cls, model: str | Path, *, channels: Mapping[str, float] | None = None, weld: Sequence[str] = ()
     ) -> "Scene":
-        """The scene of a model file; `channels` are stds of one sample, `weld` names bodies fixed to the world."""
+        """The scene of a model file (.urdf, .sdf, .xml, .dmd.yaml).
+
+        `channels` are stds of one sample, SI, by kind ("q") or column ("q.elbow"); `weld` names bodies fixed to the
+        world. Raises `InputError` for a model that cannot be read.
+        """
         from drake_cafim.scenario.schema import Weld
 
         path = Path(model)
@@ -69,14 +81,15 @@ class Scene:
         return cls.build(scenario, path.parent, str(model))
 
     @classmethod
-    def build(cls, scenario: Scenario, folder: Path, name: str) -> "Scene":
+    def build(cls, scenario: Scenario, folder: Path, name: str, *, effects: Sequence[type[Effect]] = ()) -> "Scene":
         """The scene of a scenario whose relative paths start at `folder`; `name` stands in messages."""
         builder = DiagramBuilder()
         plant, scene_graph = add_plant(scenario, folder, builder, time_step=0.0)
         diagram = builder.Build()
         tree = tree_of(plant, scenario.lock)
         physics = Physics(tree, np.array(scenario.gravity, dtype=float))
-        scene = cls(name, scenario, diagram, plant, scene_graph, tree, physics, (), ())
+        vocabulary = vocabulary_with(effects)
+        scene = cls(name, scenario, diagram, plant, scene_graph, tree, physics, (), (), folder, vocabulary)
         return scene.facing(np.zeros(len(tree.joints)))
 
     def facing(self, q: Array) -> "Scene":
@@ -90,6 +103,10 @@ class Scene:
         physics = applied(unknown, physics, priors(unknown).mean)
         physics = physics.with_effects(self._known_effects())
         return replace(self, physics=physics, unknown=unknown, wrench_sensors=self._sensors())
+
+    def knowing(self, effects: Sequence[type[Effect]]) -> "Scene":
+        """The scene whose vocabulary has these effect classes too. Raises `InputError` for a name that is taken."""
+        return replace(self, vocabulary=vocabulary_with(effects, self.vocabulary))
 
     @property
     def priors(self) -> Parameters:
@@ -137,7 +154,7 @@ class Scene:
     def _known_effects(self) -> list[Effect]:
         effects: list[Effect] = []
         for entry in self.scenario.effects:
-            kind = effect_named(entry.effect)
+            kind = effect_named(entry.effect, self.vocabulary)
             if issubclass(kind, ExternalDisturbance):
                 if len(entry.interval) != 2:
                     raise InputError(f"{self.name}: {entry.effect} at {entry.at} has no `interval: [start, stop]`")
