@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from drake_cafim.effects.effect import Effect
+from drake_cafim.rounding import rounded
 from drake_cafim.scenario.scene import Scene
 
 Kind = Literal["none", "explained", "unexplained"]
@@ -133,7 +134,7 @@ def _finding(verdict: Verdict) -> str:
     if verdict.kind == "none":
         return (
             "Nothing is missing: the recordings are as the model and its noise predict "
-            f"(p = {verdict.mismatch.p_value:.2g})."
+            f"(p = {rounded(verdict.mismatch.p_value, 2)})."
         )
     named = "; ".join(explanation.sentence for explanation in verdict.explanation)
     if verdict.kind == "explained":
@@ -147,10 +148,10 @@ def _finding(verdict: Verdict) -> str:
     before, after = verdict.reduced_chi_square
     if named:
         return (
-            f"The model lacks {named}. That takes the misfit from {before:.3g} to {after:.3g} times the noise "
-            f"variance. {remains}"
+            f"The model lacks {named}. That takes the misfit from {rounded(before)} to {rounded(after)} times the "
+            f"noise variance. {remains}"
         )
     return (
-        f"The recordings differ from the model by {before:.3g} times the noise variance, and no known effect "
+        f"The recordings differ from the model by {rounded(before)} times the noise variance, and no known effect "
         f"explains it. {remains}"
     )
