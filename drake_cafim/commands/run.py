@@ -11,7 +11,7 @@ from pydrake.systems.framework import Diagram
 
 from drake_cafim import experiment
 from drake_cafim.design.planner import PLANNERS
-from drake_cafim.design.policies import POLICIES
+from drake_cafim.design.policies import POLICIES, make_policy
 from drake_cafim.diagrams.catalogue import Stage, joint_names, stage_of
 from drake_cafim.diagrams.concealing import Concealed
 from drake_cafim.diagrams.showing import make_replay
@@ -141,6 +141,9 @@ def check_request(request: RunRequest) -> None:
     for option, value, valid in choices:
         if value not in valid:
             raise InputError(f"--{option} {value}: expected one of {', '.join(valid)}")
+    if options.belief_samples != 1:
+        model = load_stage(request.scenario).task.model
+        make_policy(options.policy, model, belief_samples=options.belief_samples)
     if not request.prior_scale > 0:
         raise InputError(f"--prior-scale {request.prior_scale}: expected a positive number")
     if options.experiments is not None and options.experiments < 1:

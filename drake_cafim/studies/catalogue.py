@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from drake_cafim.studies.averaging import averaging, averaging_cells
 from drake_cafim.studies.behaviour import behaviour, behaviour_cells
 from drake_cafim.studies.cell import Cell
 from drake_cafim.studies.comparisons import (
@@ -40,6 +41,7 @@ STUDIES: Mapping[str, Study] = {
     "criteria": Study(criteria_cells, criteria),
     "planners": Study(planner_cells, planners),
     "noise": Study(noise_cells, noise),
+    "belief-averaging": Study(averaging_cells, averaging),
     "landscapes": Study(landscape_cells, landscapes),
     "hefting-table": Study(hefting_table_cells, hefting_table),
 }

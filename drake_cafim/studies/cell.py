@@ -44,12 +44,15 @@ class Cell:
     noise: float = 1.0  # times the task's force noise, in the world and in the model
     world: WorldKind | None = None  # None: the kinematic world
     experiments: int | None = None  # None: the task's own number
+    belief_samples: int = 1  # points of the belief over which plans are scored
 
     @property
     def key(self) -> str:
         """A file name that no other cell has."""
         world = "kinematic" if self.world is None else self.world
-        parts = (self.scenario, world, self.policy, self.planner, self.criterion, f"prior{self.prior_scale:g}")
+        parts = [self.scenario, world, self.policy, self.planner, self.criterion, f"prior{self.prior_scale:g}"]
+        if self.belief_samples != 1:
+            parts.append(f"belief{self.belief_samples}")
         return "_".join((*parts, f"noise{self.noise:g}", f"of{self.experiments or 'all'}", f"seed{self.seed}"))
 
 
@@ -62,6 +65,7 @@ def measure(cell: Cell) -> dict[str, Any]:
         criterion=cell.criterion,
         seed=cell.seed,
         experiments=cell.experiments,
+        belief_samples=cell.belief_samples,
     )
     result = run(task, options, world)
     return {
