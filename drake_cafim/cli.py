@@ -135,6 +135,37 @@ def diagnose(
 
 @main.command()
 @click.argument("scenario")
+@click.argument("report", required=False, type=click.Path(path_type=Path, exists=True))
+@click.option("--between", multiple=True, help="EFFECT@PLACE EFFECT@PLACE: two explanations, instead of a report's.")
+@click.option("--duration", type=float, default=2.0, show_default=True, help="Of the motion, s.")
+@click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
+@common
+def discriminate(
+    scenario: str,
+    report: Path | None,
+    between: tuple[str, ...],
+    duration: float,
+    replay: bool,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+    resume: bool,
+    overwrite: bool,
+    **_: object,
+) -> None:
+    """Design the motion that tells rival explanations apart, and try it in simulation."""
+    from drake_cafim.commands.discriminate import DiscriminateRequest, discriminate_command, in_words
+
+    request = DiscriminateRequest(scenario, report, between, duration, seed, replay)
+    request.check()
+    folder = prepare_folder(out, "discriminate", resume=resume, overwrite=overwrite)
+    with progress_line() as progress:
+        result = discriminate_command(request, folder, progress, resume=resume)
+    _print(result, as_json, f"{in_words(result)}\n{folder / result['next_experiment']['file']}")
+
+
+@main.command()
+@click.argument("scenario")
 @click.argument("recordings", nargs=-1, required=True)
 @common
 def estimate(
@@ -184,15 +215,27 @@ def study(
 
 @main.command(name="import")
 @click.argument("files", nargs=-1, required=True)
+@click.option("--scenario", help="A scenario file whose topics: says what foreign names mean.")
+@click.option("--period", type=float, help="Resample to this many seconds; left out, samples stay as they were taken.")
 @common
 def import_(
-    files: tuple[str, ...], out: Path | None, as_json: bool, resume: bool, overwrite: bool, **_: object
+    files: tuple[str, ...],
+    scenario: str | None,
+    period: float | None,
+    out: Path | None,
+    as_json: bool,
+    resume: bool,
+    overwrite: bool,
+    **_: object,
 ) -> None:
-    """Show what bags, logs and tables hold, and write them as Parquet."""
+    """Show what bags, logs and tables hold, and write them as Parquet.
+
+    The way out again: `cafim diagnose --mcap`, or `cafim replay --out NAME.mcap`.
+    """
     from drake_cafim.commands.importing import import_command
 
     folder = prepare_folder(out, "import", resume=resume, overwrite=overwrite)
-    found = import_command(files, folder)
+    found = import_command(files, folder, scenario=scenario, period=period)
     _print(found, as_json, "\n".join(one["text"] for one in found))
 
 

@@ -206,7 +206,7 @@ class _Loop:
             fisher=fisher,
             scaled_trace=float(np.trace(np.diag(model.parameters.std**2) @ fisher)),
             error_percent=dict(zip(belief.names, (100.0 * (belief.mean - truth) / truth).tolist(), strict=True)),
-            behaviour=model.behaviour(motion, rows["true"][1:]),
+            behaviour={**model.behaviour(motion, rows["true"][1:]), **_largest(recorded)},
             tracking_error=float(np.abs(states[1:, axes : 2 * axes] - commands).max()),
             planning_ms=rows["planning_ms"][1:, 0],
             time=np.asarray(np.arange(task.periods + 1) * model.period, dtype=float),
@@ -231,3 +231,9 @@ class _Loop:
                 belief = Belief.from_vector(names, beliefs[step])
                 result.append((step * task.model.period, belief.mean, belief.std))
         return tuple(result)
+
+
+def _largest(recorded: Mapping[str, Array]) -> dict[str, float]:
+    """The largest force N of all steps of the world, where it records them: it may fall between two samples."""
+    forces = recorded.get("true_force")
+    return {} if forces is None else {"max_force": float(np.sqrt((forces**2).sum(axis=1)).max())}

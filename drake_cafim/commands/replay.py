@@ -1,12 +1,11 @@
 """`cafim replay`: a recording, its model and its corrected model in step, as one page."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from drake_cafim.commands.inputs import read_all
+from drake_cafim.commands.inputs import read_all, read_report, report_file
 from drake_cafim.diagnosis.samples import samples_of
 from drake_cafim.diagnosis.stated_noise import noise_of
 from drake_cafim.diagnosis.weak_form import WeakForm
@@ -47,8 +46,8 @@ def replay_command(address: str, recording: str, report: Path | None, out: Path)
 
 def _corrected(bare: RecordingReplay, report: Path, recording: Recording) -> RecordingReplay:
     """The replay with what a report found: its corrected scenario, its parameters and where the misfit is."""
-    path = report / "report.json" if report.is_dir() else report
-    content = _read(path)
+    path = report_file(report)
+    content = read_report(path, f"--report {path}")
     scene, weak = bare.scene, bare.weak
     nominal = scene.physics_at(_parameters(scene, content, path))
     corrected = None
@@ -59,18 +58,6 @@ def _corrected(bare: RecordingReplay, report: Path, recording: Recording) -> Rec
     for location in (content.get("mismatch") or {}).get("locations", []):
         shares[location["name"]] = shares.get(location["name"], 0.0) + float(location["share"])
     return RecordingReplay(scene, weak, nominal, corrected, shares, str(content.get("sentence", "")))
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"--report {path}: it cannot be read ({error.strerror}), expected a report.json") from None
-    except ValueError as error:
-        raise InputError(f"--report {path}: it is no JSON ({error}), expected a report.json") from None
-    if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("drake_cafim.report/"):
-        raise InputError(f"--report {path}: its schema is not drake_cafim.report/1, expected a report.json")
-    return content
 
 
 def _parameters(scene: Scene, content: dict[str, Any], path: Path) -> Array:
