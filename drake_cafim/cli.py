@@ -64,6 +64,9 @@ def common(function: Command) -> Command:
 @click.option(
     "--criterion", default="logdet", show_default=True, help="Or trace, scaled_trace, a_optimal, min_eigenvalue."
 )
+@click.option(
+    "--belief-samples", type=int, default=1, show_default=True, help="Score plans over so many points of the belief."
+)
 @click.option("--fisher", default="tangent", show_default=True, help="Or autodiff, finite-difference.")
 @click.option("--prior-scale", type=float, default=1.3, show_default=True, help="The prior's mean over the truth.")
 @click.option(

@@ -110,6 +110,7 @@ class CaOed(LeafSystem):
             time=step * self._model.period,
             robot_state=robot,
             theta=belief.mean,
+            covariance=belief.covariance,
             information=belief.information + gained,
             touched=touched,
             knots=knots,
