@@ -36,7 +36,15 @@ class Scene:
     """What a diagnosis knows before it sees a recording: a robot as its model has it, its sensors and its unknowns.
 
     `Scene.load("scenario.yaml")` reads a scenario, a model file or a packaged name; `Scene.from_model("arm.urdf",
-    channels={"q": 2e-4})` needs no scenario. `plant` and `diagram` are Drake's own, finalized and built.
+    channels={"q": 2e-4})` needs no scenario. A scene is never changed: what seems to, gives another.
+
+    - `name` stands in messages; `scenario` is what the file says, its relative paths starting at `folder`.
+    - `diagram`, `plant` and `scene_graph` are Drake's own, built and finalized, of the model without any effect.
+    - `tree` is the same robot as arrays; `physics` all that acts in it: unknowns at their prior means, and `effects:`
+      of the scenario.
+    - `unknown`: the parameters that may simply be wrong, and their `priors`.
+    - `wrench_sensors`: where wrenches are measured.
+    - `vocabulary`: the effects that are looked for and that `effects:` may name.
     """
 
     name: str
@@ -46,13 +54,10 @@ class Scene:
     scene_graph: SceneGraph
     tree: Tree
     physics: Physics
-    """The nominal physics, unknowns at their prior means, `effects:` of the scenario included."""
     unknown: tuple[UnknownParameter, ...]
     wrench_sensors: tuple[WrenchSensor, ...]
     folder: Path = field(default_factory=Path)
-    """Where the scenario's relative paths start."""
     vocabulary: tuple[type[Effect], ...] = EFFECTS
-    """The effects that are looked for and that `effects:` may name."""
 
     @classmethod
     def load(cls, address: str | Path, *, effects: Sequence[type[Effect]] = ()) -> "Scene":
