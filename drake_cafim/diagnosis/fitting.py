@@ -20,8 +20,6 @@ STRIDE = 3.0
 NOTHING_KNOWN = 1e12
 """Variance of numbers that are an echo of noise."""
 LEAST_WORTH = 10.0
-LEAST_GAIN = 2.5e-4
-"""Of ½ χ²; where a step promises less, the minimum is reached."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +71,8 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
     A controller hands the noise on to the efforts, and so to what they drive (closed-loop identification; Ljung,
     System Identification, 1999, §13.4).
     """
+    if not problem.regressors_noisy:
+        return fit(problem, model, iterations)
     n = len(model.vector)
     model, residual, jacobian = _minimised(problem, model, np.zeros(n), iterations)
     information = jacobian.T @ jacobian
@@ -148,7 +148,7 @@ def _minimised(
         gained = residual @ residual - trial_residual @ trial_residual
         model, residual = trial, trial_residual
         jacobian = problem.jacobian(model)
-        if abs(gained) < 1e-3 + 1e-5 * (residual @ residual) / len(residual):
+        if abs(gained) < 2.0 * problem.least_gain + 1e-5 * (residual @ residual) / len(residual):
             break
     return model, residual, jacobian
 
@@ -166,7 +166,7 @@ def _step(
     for _ in range(8):
         damped = normal + damping * np.eye(len(scale))
         step = -np.linalg.solve(damped, gradient)
-        if -0.5 * float(gradient @ step) < LEAST_GAIN:
+        if -float(gradient @ step) < problem.least_gain:
             break
         step = np.clip(step, -reach * scale, reach * scale)
         trial = _kept_near(problem, model.at(model.vector + step / scale))

@@ -43,7 +43,7 @@ def product(a: Array, b: Array) -> Array:
 
 def inverse(quaternion: Array) -> Array:
     """The opposite rotation, (..., 4)."""
-    return quaternion * np.array([1.0, -1.0, -1.0, -1.0])
+    return np.asarray(quaternion * np.array([1.0, -1.0, -1.0, -1.0]), dtype=float)
 
 
 def exponential(turn: Array) -> Array:

@@ -63,9 +63,7 @@ def contact_of(
     )
 
 
-def _box(
-    name: str, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree
-) -> tuple[Array, Array, Array] | None:
+def _box(name: str, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree) -> tuple[Array, Array, Array] | None:
     """p_JG, R_JG and extents of the one collision box of a floating body."""
     if not tree.floating or not plant.HasBodyNamed(name) or name == "world" or tree.body(name).joint != FREE:
         return None

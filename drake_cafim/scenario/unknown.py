@@ -33,9 +33,9 @@ class UnknownParameter:
     def apply(self, physics: Physics, value: float) -> Physics:
         """The physics with this number set."""
         if self.kind == "body" and self.parameter in SIZES:
-            contacts = (one.with_parameter(self.parameter, value) if one.bodies[0] == self.at else one
-                        for one in physics.contacts)  # fmt: skip
-            return replace(physics, contacts=tuple(contacts))
+            sized = (one.with_parameter(self.parameter, value) if one.bodies[0] == self.at else one
+                     for one in physics.contacts)  # fmt: skip
+            return replace(physics, contacts=tuple(sized))
         if self.kind == "body":
             body = physics.tree.body(self.at)
             return replace(physics, tree=physics.tree.with_bodies([_changed(body, self.parameter, value)]))

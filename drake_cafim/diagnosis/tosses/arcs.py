@@ -3,6 +3,7 @@
 A whole toss is too sensitive to how it begins, after the first impact, for a fit to find its way; an arc is not.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +23,9 @@ AROUND = 0.012
 """s on either side of an arc's first sample over which its state is guessed."""
 LATE = 2.5
 """Median sampling times: a longer pause ends an arc."""
+
+Piece = tuple[int, int, int]
+"""Which track, its first sample, and its last + 1."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +56,17 @@ class Arcs:
 
 def arcs_of(tracks: Sequence[PoseTrack], noise: PoseNoise, duration: float = DURATION) -> Arcs:
     """The tracks cut into arcs of about `duration` s, where the motion is smooth."""
-    pieces: list[tuple[int, int, int]] = []
-    starts: list[State] = []
+    pieces: list[Piece] = []
     for index, track in enumerate(tracks):
-        state, misfit = _local_states(track, noise)
-        for first, stop in _cuts(track.time, misfit, duration):
-            pieces.append((index, first, stop))
-            starts.append(state[[first]])
+        misfit = _local_states(track, noise)[1]
+        pieces += [(index, first, stop) for first, stop in _cuts(track.time, misfit, duration)]
+    return joined_arcs(tracks, noise, pieces)
+
+
+def joined_arcs(tracks: Sequence[PoseTrack], noise: PoseNoise, pieces: Sequence[Piece]) -> Arcs:
+    """The arcs of these pieces of the tracks."""
+    local = [_local_states(track, noise)[0] for track in tracks]
+    starts = [local[index][[first]] for index, first, _ in pieces]
     counts = np.array([stop - first for _, first, stop in pieces])
     columns = np.minimum(np.arange(int(counts.max())), counts[:, None] - 1)
     sample = np.array([first for _, first, _ in pieces])[:, None] + columns
@@ -77,7 +85,7 @@ def _cuts(time: Array, misfit: Array, duration: float) -> list[tuple[int, int]]:
     breaks = np.flatnonzero(steps > LATE * np.median(steps))
     edges = [0, *(breaks + 1).tolist(), len(time)]
     found = []
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in itertools.pairwise(edges):
         first = begin
         while end - first >= FEWEST:
             low = max(int(np.searchsorted(time, time[first] + 0.6 * duration)), first + FEWEST)

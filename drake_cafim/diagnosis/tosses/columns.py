@@ -13,7 +13,7 @@ from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.timing import ClockSkew, SensorLag
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.scene import Scene
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 
 def number_columns(scene: Scene, shot: Shot, model: Model) -> Array:
@@ -68,7 +68,7 @@ def _sensor_positions(model: Model) -> dict[int, tuple[SensorEffect, int]]:
 
 
 def difference(shot: Shot, up: Physics, down: Physics) -> tuple[Array, Array]:
-    """By how much two physics accelerate the body differently on the way, (F, 6), and land its points deeper, (E,) m."""
+    """By how much two physics accelerate the body differently, (F, 6), and land its points deeper, (E,) m."""
     ahead, behind = FreeBody(up), FreeBody(down)
     tangent = shot.tangent
     remembers = ahead.memory > 0 or behind.memory > 0
@@ -78,11 +78,11 @@ def difference(shot: Shot, up: Physics, down: Physics) -> tuple[Array, Array]:
     deeper = np.zeros(len(landed.row))
     if len(landed.row):
         state = shot.flights.fine.state[landed.row]
-        deeper = _depth(ahead, state, landed.point) - _depth(behind, state, landed.point)
+        deeper = np.asarray(_depth(ahead, state, landed.point) - _depth(behind, state, landed.point))
     return change, deeper
 
 
-def _depth(body: FreeBody, state: State, point: Array) -> Array:
+def _depth(body: FreeBody, state: State, point: Indices) -> Array:
     contact = body.contact
     assert contact is not None
     lever = body.levers(rotation_matrices(state.quaternion))[np.arange(len(point)), :, point]

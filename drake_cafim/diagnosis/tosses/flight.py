@@ -99,7 +99,9 @@ def fly(
         good = (error < 1.0) & ~past | (step <= SHORTEST)
         grown = np.clip(0.9 * np.maximum(error, 1e-8) ** (-1.0 / 3.0), 0.2, 4.0)
         # a step cut short by a sample or a landing says little of the next one
-        wanted = np.where(good, np.maximum(step * grown, np.where(step < usual[alive], usual[alive], 0.0)), step * grown)
+        wanted = np.where(
+            good, np.maximum(step * grown, np.where(step < usual[alive], usual[alive], 0.0)), step * grown
+        )
         wanted = np.where(past & (error < 1.0), 0.5 * step, wanted)
         usual[alive] = np.clip(wanted, SHORTEST, LONGEST)
         rows = alive[good]
@@ -121,7 +123,9 @@ def fly(
         _store(out, arrived, following[arrived], now[arrived])
         following[arrived] += 1
         alive = alive[following[alive] < counts[alive]]
-    return Flights(State(*(x.reshape(B * S, -1) for x in (out.p, out.quaternion, out.v, out.w))), (B, S), _fine(trail, body))
+    return Flights(
+        State(*(x.reshape(B * S, -1) for x in (out.p, out.quaternion, out.v, out.w))), (B, S), _fine(trail, body)
+    )
 
 
 def _store(into: State, rows: Any, columns: Any, state: State) -> None:

@@ -25,8 +25,6 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 Flags: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
-REACH = 12.0
-"""Ranges of a pull beyond which it is not felt."""
 
 
 @dataclass(frozen=True)
@@ -74,11 +72,11 @@ class FreeBody:
         masses, centers, inertias = self.physics.tree.lumps
         m, c = float(masses[FREE]), centers[FREE]
         C = skew(c)
-        about_origin = inertias[FREE] - m * C @ C
+        about_origin: Array = inertias[FREE] - m * C @ C
         spatial = np.zeros((6, 6))
         spatial[:3, :3], spatial[:3, 3:] = m * np.eye(3), -m * C
         spatial[3:, :3], spatial[3:, 3:] = m * C, about_origin
-        return m, c, about_origin, np.linalg.inv(spatial)
+        return m, c, about_origin, np.asarray(np.linalg.inv(spatial), dtype=float)
 
     @cached_property
     def contact(self) -> SphereContact | None:
@@ -102,7 +100,7 @@ class FreeBody:
     @property
     def points(self) -> int:
         """How many points may touch."""
-        return self._points.shape[1]
+        return int(self._points.shape[1])
 
     @property
     def memory(self) -> int:
@@ -116,8 +114,7 @@ class FreeBody:
 
     @cached_property
     def _reach(self) -> float:
-        changes = self.contact.changes if self.contact is not None else ()
-        return REACH * max((c.values["range"] for c in changes if "range" in getattr(c, "values", {})), default=0.0)
+        return max((change.reach for change in self.contact.changes), default=0.0) if self.contact else 0.0
 
     def centers(self, R: Array) -> Array:
         """(B, 3, K) m, from the origin to the spheres' centres, or to the points, that turn with the body."""

@@ -88,7 +88,9 @@ def noise_of_poses(scene: Scene, body: str, tracks: Sequence[PoseTrack]) -> tupl
         std = scene.std(column)
         if std is None:
             std = float(np.sqrt(np.mean(_estimated(tracks, part) ** 2)))
-            notes.append(f"channels: no std for the {part} of pose.{body}, {std:.3g} was estimated from fourth differences")
+            notes.append(
+                f"channels: no std for the {part} of pose.{body}, {std:.3g} was estimated from fourth differences"
+            )
         if not std > 0.0:
             raise InputError(f"{scene.name}: the noise of the {part} of pose.{body} is 0, expected a positive std")
         found.append(std)

@@ -4,7 +4,6 @@ Each arc is simulated from a state of its own, which is fitted with whatever a m
 samples say beyond that state. Regressors come from simulations and hold no noise of the measurement.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -19,6 +18,7 @@ from drake_cafim.diagnosis.tosses.innovation import Innovation
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
 from drake_cafim.diagnosis.tosses.shots import Shot, chosen
 from drake_cafim.diagnosis.tosses.tangent import moved
+from drake_cafim.dynamics.tree import FREE
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
@@ -85,9 +85,11 @@ class TossProblem(Problem):
     least_gain: ClassVar[float] = 0.05
 
     @classmethod
-    def settled(cls, scene: Scene, arcs: Arcs, noise: PoseNoise, model: Model, start: State | None = None) -> "TossProblem":
+    def settled(
+        cls, scene: Scene, arcs: Arcs, noise: PoseNoise, model: Model, start: State | None = None
+    ) -> "TossProblem":
         """The problem whose rows are white under `model`."""
-        base = _settled(arcs, noise, model.physics(scene), start or arcs.start)
+        base = settled_base(arcs, noise, model.physics(scene), start or arcs.start)
         return cls(scene, _runs(arcs), arcs=arcs, noise=noise, base=base)
 
     def rewhitened(self, model: Model) -> "TossProblem":
@@ -115,9 +117,18 @@ class TossProblem(Problem):
         priors[:, : len(model.unknown)] = np.diag(1.0 / self.scene.priors.std)
         return np.concatenate([columns, priors])
 
+    @property
+    def body(self) -> str:
+        """The tracked body."""
+        return next(body.name for body in self.scene.tree.bodies if body.joint == FREE)
+
+    def innovations(self, rows: Array) -> Array:
+        """Columns (R, k) of whitened rows (B, S, 6, k)."""
+        return self.ordered(self.base.innovation(rows)[0])
+
     def ordered(self, innovations: Array) -> Array:
         """(R, k) of innovations (B, S, 6, k): recording after recording, arc after arc, sample after sample."""
-        return innovations[counted(self.arcs)].reshape(-1, innovations.shape[3])
+        return np.asarray(innovations[counted(self.arcs)].reshape(-1, innovations.shape[3]), dtype=float)
 
     def shot(self, model: Model) -> Shot:
         """The arcs under `model`, from states that fit it; the last few are kept."""
@@ -153,7 +164,7 @@ def _runs(arcs: Arcs) -> tuple[TossRun, ...]:
     return tuple(runs)
 
 
-def _settled(arcs: Arcs, noise: PoseNoise, physics: Physics, start: State) -> Base:
+def settled_base(arcs: Arcs, noise: PoseNoise, physics: Physics, start: State) -> Base:
     """The arcs from the states that fit `physics` best, by slopes that are taken anew each time."""
     shot = Shot.of(arcs, noise, physics, start)
     body = FreeBody(physics)

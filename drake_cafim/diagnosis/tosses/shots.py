@@ -42,14 +42,18 @@ class Shot:
     @cached_property
     def rows(self) -> Array:
         """(B, S, 6) predicted less measured, white and of unit variance; zero where there is no sample."""
+        return self.whitened(self.errors[..., None])[..., 0]
+
+    @cached_property
+    def errors(self) -> Array:
+        """(B, S, 6) predicted less measured, m and rad."""
         B, S = self.flights.shape
         p, quaternion = written(self.physics, self.arcs, self.flights.at_samples)
         turned = logarithm(product(quaternion, inverse(self.arcs.quaternion.reshape(B * S, 4))))
-        error = np.concatenate([p - self.arcs.p.reshape(B * S, 3), turned], axis=1).reshape(B, S, 6)
-        return self.whitened(error[..., None])[..., 0]
+        return np.concatenate([p - self.arcs.p.reshape(B * S, 3), turned], axis=1).reshape(B, S, 6)
 
     def whitened(self, errors: Array) -> Array:
-        """Errors (B, S, 6, k) of positions (m) and rotations (rad) in units of what the noise adds from sample to sample."""
+        """Errors (B, S, 6, k), m and rad, in units of what the noise adds from sample to sample."""
         z = errors / self.noise.std[:, None] * self.arcs.held[:, :, None, None]
         times = self.noise.times
         if not np.any(times > 0.0):
@@ -57,7 +61,7 @@ class Shot:
         steps = np.diff(self.arcs.times, axis=1)
         kept = np.zeros((*steps.shape, 6))
         for k in np.flatnonzero(times > 0.0):
-            kept[..., k] = np.exp(-steps / times[k])
+            kept[..., k] = np.where(self.arcs.held[:, 1:], np.exp(-steps / times[k]), 0.0)
         white = z.copy()
         white[:, 1:] = (z[:, 1:] - kept[..., None] * z[:, :-1]) / np.sqrt(1.0 - kept[..., None] ** 2)
         return white * self.arcs.held[:, :, None, None]
