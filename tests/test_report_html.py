@@ -12,7 +12,7 @@ from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.search import Outcome
 from drake_cafim.diagnosis.stepper import State, advance
-from drake_cafim.diagnosis.verdict import Verdict
+from drake_cafim.diagnosis.verdict import Rival, Verdict
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointSpring, JointViscousFriction
@@ -110,6 +110,27 @@ def test_page_of_an_explained_verdict(tmp_path: Path, friction: tuple[Verdict, O
     assert "b.parquet, held out" in seen
     assert "folder/a.parquet: 600 samples over 2.40 s, every 4.00 ms" in seen
     assert "b.parquet: 600 samples over 2.40 s, every 4.00 ms; held out Nothing was wrong with them" in seen
+
+
+def test_rivals_come_with_the_command_that_tells_them_apart(
+    tmp_path: Path, friction: tuple[Verdict, Outcome, list[Recording]]
+) -> None:
+    verdict, outcome, held = friction
+    rival = Rival("joint_coulomb_friction", "hinge", 0.2, "both oppose the motion")
+    seen = words(page(tmp_path, replace(verdict, rivals=(rival,)), outcome, held))
+    assert "both oppose the motion A motion that tells them apart" in seen
+    assert f"cafim discriminate {outcome.problem.scene.name} report.json" in seen
+    next_ = {"separates": [["a", "b"]], "expected_log_odds": 3.0, "file": "trajectory.parquet"}
+    seen = words(page(tmp_path, replace(verdict, rivals=(rival,), next_experiment=next_), outcome, held))
+    assert "cafim discriminate" not in seen and "trajectory.parquet" in seen
+
+
+def test_an_effect_that_shows_nowhere_by_itself(
+    tmp_path: Path, friction: tuple[Verdict, Outcome, list[Recording]]
+) -> None:
+    verdict, outcome, held = friction
+    spread = replace(verdict, mismatch=replace(verdict.mismatch, locations=()))
+    assert "No place and no moment stands out by itself" in words(page(tmp_path, spread, outcome, held))
 
 
 def test_page_stands_alone_and_is_small(tmp_path: Path, friction: tuple[Verdict, Outcome, list[Recording]]) -> None:

@@ -29,7 +29,7 @@ from drake_cafim.report.remains_figure import remains_figure
 from drake_cafim.report.residual_figure import residual_figure, worst_first
 from drake_cafim.scenario.physics import Physics
 
-TEMPLATE = "report.html.j2"
+TEMPLATE, REPORT = "report.html.j2", "report.json"
 SUSPECT = 3.0
 """Prior standard deviations beyond which an unknown is itself a mismatch."""
 BADGES = {"none": "nothing missing", "explained": "explained", "unexplained": "not all explained"}
@@ -80,6 +80,7 @@ def render(verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], co
         parameters=[_parameter(one) for one in verdict.parameters],
         files=_files(outcome, held_out),
         command=shlex.join(command),
+        discriminate=shlex.join(["cafim", "discriminate", verdict.corrected.name, REPORT]),
         versions=f"drake_cafim {version('drake_cafim')}, Drake {version('drake')}",
     )
 
