@@ -177,12 +177,13 @@ class Controller(Held):
 class Replay(Held):
     """A recording's efforts."""
 
-    def __init__(self, efforts: Array, period: float) -> None:
-        super().__init__(efforts.shape[1], period, True)
-        self.efforts = efforts
+    def __init__(self, recording: Recording, joints: Sequence[str]) -> None:
+        super().__init__(len(joints), PERIOD, True)
+        self.start, self.efforts = recording.time[0], recording.matrix("u", joints)
 
     def sampled(self, context: Context) -> Array:
-        return np.array(self.efforts[min(round(context.get_time() / self.period), len(self.efforts) - 1)])
+        k = round((context.get_time() - self.start) / self.period)
+        return np.array(self.efforts[min(k, len(self.efforts) - 1)])
 
 
 def inverse_dynamics(tree: Tree, gravity: Array, q: Array, v: Array, a: Array) -> Array:
@@ -256,7 +257,7 @@ def followed(scene: Scene, recording: Recording, integrator_step: float = 5e-4) 
     q, v, *_ = state_at(weak.samples, weak.measurement(scene.physics), start)
     builder = DiagramBuilder()
     corrected = scene.add_to(builder, CONTINUOUS)
-    replay = builder.AddSystem(Replay(recording.matrix("u", corrected.joints), PERIOD))
+    replay = builder.AddSystem(Replay(recording, corrected.joints))
     builder.Connect(replay.get_output_port(), corrected.effort)
     sink = LogVectorOutput(corrected.measured["channels"], builder, publish_period=PERIOD)
     simulator = Simulator(builder.Build())
@@ -265,6 +266,7 @@ def followed(scene: Scene, recording: Recording, integrator_step: float = 5e-4) 
     )
     ApplySimulatorConfig(settings, simulator)
     measured = weak.measurement(scene.physics)
+    simulator.get_mutable_context().SetTime(float(recording.time[0]))
     place(corrected, simulator, measured.q[0], measured.v[0])
     simulator.AdvanceTo(float(recording.time[start]))
     place(corrected, simulator, q, v)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from corrected_rig import ARM, PRESS, ROLLER, STAGE, Desired, followed, recorded, scene_of, waves
 
@@ -36,6 +37,7 @@ class Case:
     size: tuple[float, ...] = (0.5, 0.4, 0.5)
     step: float = 1e-3  # s of the integrator
     rate: float = 20.0  # 1/s of the controller
+    settling: float = 0.0  # s before the recording, in which what the effect remembers comes to be that of the motion
     more: dict[str, Any] = field(default_factory=dict)
 
     def desired(self, seed: int) -> Desired:
@@ -48,11 +50,16 @@ class Case:
 
     def recording(self, scene: Scene, seed: int) -> Recording:
         options = {"integrator_step": self.step, "rate": self.rate}
-        return recorded(scene, self.desired(seed), 3.0, seed, **options)
+        found = recorded(scene, self.desired(seed), 3.0 + self.settling, seed, **options)
+        return found.window(self.settling, np.inf)
 
 
 def joint(name: str, at: str, step: float = 1e-3, **values: float) -> Case:
     return Case(name, at, values, step=step)
+
+
+def coupled(name: str, at: str, rate: float, **values: float) -> Case:
+    return Case(name, at, values, step=2.5e-4, rate=rate, settling=0.3)
 
 
 def press(name: str, at: str, step: float = 5e-4, **values: float) -> Case:
@@ -61,14 +68,16 @@ def press(name: str, at: str, step: float = 5e-4, **values: float) -> Case:
 
 CASES = [
     joint("joint_viscous_friction", "turn", coefficient=0.5),
-    joint("joint_coulomb_friction", "lift", 2.5e-4, torque=0.5),
-    joint("joint_asymmetric_coulomb_friction", "elbow", 2.5e-4, torque_positive=0.6, torque_negative=0.3),
-    joint("joint_stribeck_friction", "elbow", 2.5e-4, coulomb=0.3, static=0.7, velocity=0.3),
-    joint("joint_load_dependent_friction", "lift", 2.5e-4, torque=0.3, coefficient=0.06),
+    joint("joint_coulomb_friction", "lift", 1e-4, torque=0.5),
+    joint("joint_asymmetric_coulomb_friction", "elbow", 1e-4, torque_positive=0.6, torque_negative=0.3),
+    joint("joint_stribeck_friction", "elbow", 1e-4, coulomb=0.3, static=0.7, velocity=0.3),
+    joint("joint_load_dependent_friction", "lift", 1e-4, torque=0.3, coefficient=0.06),
     joint("joint_spring", "turn", stiffness=3.0, rest=0.3),
-    joint("joint_backlash", "turn", 2.5e-4, gap=0.01, stiffness=400.0, damping=1.0),
+    Case(
+        "joint_backlash", "turn", {"gap": 0.01, "stiffness": 400.0, "damping": 4.0}, step=2.5e-4, rate=6.0, settling=0.3
+    ),
     joint("joint_hard_stop", "turn", 5e-4, position=0.3, stiffness=60.0, damping=0.5, side=1.0),
-    joint("joint_elasticity", "elbow", 2.5e-4, stiffness=300.0, damping=1.0),
+    coupled("joint_elasticity", "elbow", 8.0, stiffness=300.0, damping=3.0),
     joint("rotor_inertia", "lift", inertia=0.05),
     joint("torque_ripple", "turn", amplitude=0.4, cycles=21.0, phase=0.7),
     joint("actuator_delay", "lift", delay=0.0063),
