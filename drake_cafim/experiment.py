@@ -33,6 +33,7 @@ class Options:
     criterion: Criterion = "logdet"
     fisher: Fisher = "tangent"
     planner_config: PlannerConfig = field(default_factory=PlannerConfig)
+    belief_samples: int = 1  # points of the belief over which a plan's score is averaged; 1: its mode
     experiments: int | None = None  # None: the task's own number
     until_std: float | None = None  # stop when every std is below this fraction of its estimate
     seed: int = 0
@@ -124,6 +125,7 @@ class _Loop:
             criterion=options.criterion,
             fisher=options.fisher,
             config=options.planner_config,
+            belief_samples=options.belief_samples,
         )
         builder = DiagramBuilder()
         self.plant: System = builder.AddNamedSystem("world", world.system)

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Diagram
 
 from drake_cafim import experiment
 from drake_cafim.design.planner import PLANNERS
-from drake_cafim.design.policies import POLICIES
+from drake_cafim.design.policies import POLICIES, make_policy
 from drake_cafim.diagrams.catalogue import Stage, joint_names, stage_of
 from drake_cafim.diagrams.concealing import Concealed
 from drake_cafim.diagrams.showing import make_replay
@@ -116,7 +116,17 @@ def table(record: dict[str, Any]) -> str:
             f"{number:2d}  {known};  contact {100 * one['contact_fraction']:.0f} %, reversals {one['reversals']}, "
             f"largest force {one['max_force']:.1f} N, planning {one['planning_ms']['median']:.1f} ms"
         )
-    return "\n".join(lines)
+    return "\n".join([*lines, *_unidentified(record["experiments"][-1])])
+
+
+def _unidentified(one: dict[str, Any]) -> list[str]:
+    """Where the measurements cannot tell all unknowns apart, the sentence that says what they do tell."""
+    known = [c for c in one.get("combinations", []) if c["identified"]]
+    if len(known) == len(one["estimate"]) or "combinations" not in one:
+        return []
+    told = " and ".join(f"{c['text']}, to {c['std_percent']:.2g} %" for c in known) or "nothing"
+    unknowns = ", ".join(one["estimate"])
+    return [f"    only this is known: {told}; these measurements cannot tell {unknowns} apart, the rest is the prior"]
 
 
 def _number(name: str, text: str) -> float:
@@ -140,6 +150,9 @@ def check_request(request: RunRequest) -> None:
     for option, value, valid in choices:
         if value not in valid:
             raise InputError(f"--{option} {value}: expected one of {', '.join(valid)}")
+    if options.belief_samples != 1:
+        model = load_stage(request.scenario).task.model
+        make_policy(options.policy, model, belief_samples=options.belief_samples)
     if not request.prior_scale > 0:
         raise InputError(f"--prior-scale {request.prior_scale}: expected a positive number")
     if options.experiments is not None and options.experiments < 1:

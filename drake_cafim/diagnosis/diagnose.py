@@ -59,7 +59,8 @@ def diagnose(
     """What the recordings say is missing in the scene's model.
 
     `held_out` chooses and fits nothing: it is only simulated with and without what was found. `effects` are effect
-    classes of one's own that are looked for beside the catalogue's. `progress` is told what is being done.
+    classes of one's own that are looked for beside the catalogue's. `settings` say how hard to search and how sure to
+    be. `progress` is told, in a few words each time, what is being done.
 
         verdict = drake_cafim.diagnose(scene, [drake_cafim.read("run_1.parquet")])
         print(verdict)                # the sentence
@@ -140,7 +141,15 @@ class Estimate:
 
 
 def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progress = lambda text: None) -> Estimate:
-    """The scenario's unknown parameters from recordings; the model's own effects are in it, no others are sought."""
+    """The scenario's `unknown` parameters from recordings; the model's own effects are in it, no others are sought.
+
+        found = drake_cafim.estimate(scene, [drake_cafim.read("run_1.parquet")])
+        for one in found.parameters:
+            print(one.parameter, one.at, one.value, one.std, one.unit)
+
+    `found.train` compares the model as given with the fitted one. `progress` is told what is being done. Raises
+    `InputError` for recordings that lack what the scene needs.
+    """
     prepared = prepare(scene, recordings)
     scene, weak = prepared.scene, prepared.weak
     problem = Problem.of(scene, weak, Model(scene.priors.mean))

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from drake_cafim.studies.averaging import averaging, averaging_cells
 from drake_cafim.studies.behaviour import behaviour, behaviour_cells
 from drake_cafim.studies.cell import Cell
 from drake_cafim.studies.claims import claim_cells, claims
@@ -19,6 +20,7 @@ from drake_cafim.studies.comparisons import (
 )
 from drake_cafim.studies.disturbances import disturbance_cells, disturbances
 from drake_cafim.studies.findings import Findings
+from drake_cafim.studies.identifiability import identifiability, identifiability_cells
 from drake_cafim.studies.landscapes import landscape_cells, landscapes
 from drake_cafim.studies.one_rub import one_rub, one_rub_cells
 from drake_cafim.studies.point_contact import point_contact, point_contact_cells
@@ -46,6 +48,8 @@ STUDIES: Mapping[str, Study] = {
     "criteria": Study(criteria_cells, criteria),
     "planners": Study(planner_cells, planners),
     "noise": Study(noise_cells, noise),
+    "belief-averaging": Study(averaging_cells, averaging),
+    "identifiability": Study(identifiability_cells, identifiability),
     "landscapes": Study(landscape_cells, landscapes),
     "one-rub": Study(one_rub_cells, one_rub),
     "disturbances": Study(disturbance_cells, disturbances),

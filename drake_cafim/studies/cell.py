@@ -13,6 +13,7 @@ from drake_cafim.diagrams.world import WorldKind
 from drake_cafim.experiment import ExperimentResult, Options, RunResult, run
 from drake_cafim.information import Criterion
 from drake_cafim.kinematic_world import kinematic_world
+from drake_cafim.run_record import identified
 from drake_cafim.scenario.scene import resolve
 from drake_cafim.scenario.schema import load
 from drake_cafim.studies.diagnosed import diagnosed
@@ -50,18 +51,20 @@ class Cell:
     experiments: int | None = None  # None: the task's own number
     process_noise: float = 0.0  # m/s, added to each command in the kinematic world
     outside: float = 0.0  # m, by which the kinematic world's contact is before the frame that is planned with
+    belief_samples: int = 1  # points of the belief over which plans are scored
     diagnosed: bool = False  # the joints are recorded as well, and a diagnosis looks for what its scenario lacks
 
     @property
     def key(self) -> str:
         """A file name that no other cell has."""
         world = "kinematic" if self.world is None else self.world
-        parts = (self.scenario, world, self.policy, self.planner, self.criterion, f"prior{self.prior_scale:g}")
-        last = [f"seed{self.seed}"]
-        last += [f"process{self.process_noise:g}"] if self.process_noise else []
-        last += [f"outside{self.outside:g}"] if self.outside else []
-        last += ["diagnosed"] if self.diagnosed else []
-        return "_".join((*parts, f"noise{self.noise:g}", f"of{self.experiments or 'all'}", *last))
+        parts = [self.scenario, world, self.policy, self.planner, self.criterion, f"prior{self.prior_scale:g}"]
+        parts += [f"noise{self.noise:g}", f"of{self.experiments or 'all'}", f"seed{self.seed}"]
+        parts += [f"belief{self.belief_samples}"] if self.belief_samples != 1 else []
+        parts += [f"process{self.process_noise:g}"] if self.process_noise else []
+        parts += [f"outside{self.outside:g}"] if self.outside else []
+        parts += ["diagnosed"] if self.diagnosed else []
+        return "_".join(parts)
 
 
 def varying(results: Mapping[Cell, Any], *names: str) -> dict[Cell, Any]:
@@ -82,6 +85,7 @@ def measure(cell: Cell) -> dict[str, Any]:
         criterion=cell.criterion,
         seed=cell.seed,
         experiments=cell.experiments,
+        belief_samples=cell.belief_samples,
     )
     result = run(task, options, world)
     kept = {} if cell.scenario != POINT else {"laws": other_laws(result)}
@@ -97,7 +101,8 @@ def measure(cell: Cell) -> dict[str, Any]:
 
 
 def _task_and_world(cell: Cell) -> tuple[Task, World]:
-    stage = None if cell.world is None else stage_of(load(resolve(cell.scenario)), cell.scenario)
+    kinematic = cell.world is None and cell.scenario in TASKS
+    stage = None if kinematic else stage_of(load(resolve(cell.scenario)), cell.scenario)
     task = TASKS[cell.scenario]() if stage is None else stage.task
     task = task.with_prior_mean(cell.prior_scale)
     if cell.noise != 1.0:
@@ -130,6 +135,7 @@ def _kept(result: RunResult, one: ExperimentResult) -> dict[str, Any]:
         "inside": (np.abs(one.belief.mean - theta) <= 1.96 * one.belief.std).tolist(),
         "std": (100.0 * one.belief.std / theta).tolist(),
         "information": one.scaled_trace,
+        **identified(result.prior, one.belief),
         "condition": float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 0 else None,
         "behaviour": dict(one.behaviour),
         "tracking_error": one.tracking_error,
