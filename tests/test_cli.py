@@ -69,11 +69,13 @@ def test_diagnose_names_the_friction_and_the_gain_is_held_out(folder: Path) -> N
         "damped_1.parquet",
         "--held-out",
         "damped_2.parquet",
+        "--mcap",
         "--out",
         "out",
         folder=folder,
     )
     assert done.returncode == 0, done.stderr
+    assert "residual_corrected_q.pivot" in recordings.read(folder / "out" / "1_damped_1.residuals.mcap").columns
     report = json.loads((folder / "out" / "report.json").read_text())
     assert report["verdict"] == "explained"
     (explanation,) = report["explanation"]
