@@ -22,6 +22,7 @@ from drake_cafim.report.evidence import evidence_of
 from drake_cafim.report.law_figures import law_picture
 from drake_cafim.report.laws import LAWS, law_of
 from drake_cafim.report.missing import missing, row_labels, window_means
+from drake_cafim.report.next_experiment import with_next_experiment
 from drake_cafim.report.report_html import write_report_page
 from drake_cafim.report.wording import probability, rounded, with_interval
 from drake_cafim.rounding import short
@@ -120,9 +121,15 @@ def test_rivals_come_with_the_command_that_tells_them_apart(
     seen = words(page(tmp_path, replace(verdict, rivals=(rival,)), outcome, held))
     assert "both oppose the motion A motion that tells them apart" in seen
     assert f"cafim discriminate {outcome.problem.scene.name} report.json" in seen
-    next_ = {"separates": [["a", "b"]], "expected_log_odds": 3.0, "file": "trajectory.parquet"}
-    seen = words(page(tmp_path, replace(verdict, rivals=(rival,), next_experiment=next_), outcome, held))
-    assert "cafim discriminate" not in seen and "trajectory.parquet" in seen
+    pair = ["joint_viscous_friction@hinge", "joint_coulomb_friction@hinge"]
+    runs = [{"truth": pair[0], "odds": [[1.0, 5.0]], "settled_after": 0.62}]
+    runs.append({"truth": pair[1], "odds": [[1.0, -2.0]], "settled_after": None})
+    found = {"separates": [pair], "duration": 2.0, "file": "trajectory.parquet", "simulated": [runs]}
+    carried = with_next_experiment(page(tmp_path, verdict, outcome, held), found)
+    assert words(carried) == words(page(tmp_path, replace(verdict, next_experiment=found), outcome, held))
+    assert f"A motion of 2.00 s, within the robot's limits, that tells {pair[0]} from {pair[1]}" in words(carried)
+    assert f"{pair[0]} 150:1 0.620 s {pair[1]} 1:7.4 not yet" in words(carried)
+    assert "cafim discriminate" not in words(carried)
 
 
 def test_an_effect_that_shows_nowhere_by_itself(
