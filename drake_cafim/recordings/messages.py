@@ -64,7 +64,7 @@ def pose_stamped(message: Any, topic: str, how: Topic) -> Sample:
 
 
 def float64_multi_array(message: Any, topic: str, how: Topic) -> Sample:
-    """std_msgs/Float64MultiArray or Float32MultiArray: a column an element, as `columns:` says; stamped by the recorder."""
+    """std_msgs/Float64MultiArray and Float32MultiArray: columns as `columns:` says, stamped by the recorder."""
     return _elements(message.data, None, how)
 
 
