@@ -23,7 +23,7 @@ TIGHT = np.array([1e-5] * 3 + [1e-4] * 3)
 
 def _states(seed: int, count: int) -> State:
     rng = np.random.default_rng(seed)
-    p = rng.normal(0.0, 0.1, (count, 3)) + [0.0, 0.0, 1.0]
+    p = rng.normal(0.0, 0.1, (count, 3)) + np.array([0.0, 0.0, 1.0])
     return State(p, exponential(rng.normal(size=(count, 3))), rng.normal(size=(count, 3)), rng.normal(0, 5, (count, 3)))
 
 
@@ -99,7 +99,7 @@ def test_slopes_are_those_of_finite_steps_through_a_bounce(tmp_path: Path, shape
         finite = _differences(_flown(body, moved(start, step), times), _flown(body, moved(start, -step), times))
         finite /= 2.0 * size
         assert np.max(np.abs(by_start[..., :6, k] - finite)) < 0.05 * np.max(np.abs(finite))
-    stiffer = [FreeBody(scene.physics_at(scene.priors.mean + [one, 0.0])) for one in (30.0, -30.0)]
+    stiffer = [FreeBody(scene.physics_at(scene.priors.mean + np.array([one, 0.0]))) for one in (30.0, -30.0)]
     finite = _differences(*(_flown(one, start, times) for one in stiffer)) / 60.0
     change = (tangent.acceleration(stiffer[0]) - tangent.acceleration(stiffer[1])) / 60.0
     by_stiffness = tangent.propagated(np.zeros((1, 12, 1)), change[..., None])[..., :6, 0]

@@ -43,9 +43,9 @@ def thrown(physics: Physics, seed: int, count: int = 3, noise: tuple[float, floa
     time = np.arange(0.0, DURATION, STEP)
     times = np.tile(time, (count, 1))
     start = State(
-        np.stack([rng.uniform(-0.1, 0.1, 3) + [0.0, 0.0, 0.3] for _ in range(count)]),
+        np.stack([rng.uniform(-0.1, 0.1, 3) + np.array([0.0, 0.0, 0.3]) for _ in range(count)]),
         exponential(rng.normal(0.0, 1.0, (count, 3))),
-        np.stack([rng.uniform(-1.0, 1.0, 3) * [1.0, 1.0, 0.3] for _ in range(count)]),
+        np.stack([rng.uniform(-1.0, 1.0, 3) * np.array([1.0, 1.0, 0.3]) for _ in range(count)]),
         rng.normal(0.0, 5.0, (count, 3)),
     )
     names = tuple(f"toss_{k}" for k in range(count))
