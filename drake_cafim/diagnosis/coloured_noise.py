@@ -1,6 +1,7 @@
 """Noise with a memory: as the scenario states it, or as the recordings show it where white noise was stated."""
 
 from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -23,6 +24,15 @@ LONGEST = 0.05
 """s; of a longer memory the quiet frequencies show nothing but the slope."""
 MEMORY = 8.0
 """Correlation times after which noise has forgotten: e⁻⁸ = 3·10⁻⁴."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Noise of which a `share` of the variance is exponentially correlated over `time` (s), and `white` is not."""
+
+    time: float
+    share: float = 1.0
+    white: float = 0.0
 
 
 def stated_correlation_times(scene: Scene, columns: Sequence[str]) -> dict[str, float]:
@@ -76,28 +86,30 @@ def widened(std: Mapping[str, float], times: Mapping[str, float], estimated: Set
     return wide
 
 
-def covariance(time: Array, correlation_time: float) -> sp.csr_matrix:
-    """(N, N) correlation exp(−|tᵢ − tⱼ|/τ) of unit noise at `time`."""
-    reach = MEMORY * correlation_time
-    diagonals, offsets = [np.ones(len(time))], [0]
+def covariance(time: Array, memory: Memory) -> sp.csr_matrix:
+    """(N, N) covariance of unit noise at `time`: share · exp(−|tᵢ − tⱼ|/τ), and the white part on the diagonal."""
+    reach = MEMORY * memory.time
+    diagonals, offsets = [np.full(len(time), memory.share + memory.white)], [0]
     for offset in range(1, len(time)):
         apart = time[offset:] - time[:-offset]
         if apart.min() > reach:
             break
-        near = np.exp(-apart / correlation_time)
+        near = memory.share * np.exp(-apart / memory.time)
         diagonals += [near, near]
         offsets += [offset, -offset]
     return sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets))
 
 
-def drawn(rng: np.random.Generator, time: Array, correlation_time: float) -> Array:
-    """(N,) unit noise at `time`; 0 s is white."""
+def drawn(rng: np.random.Generator, time: Array, memory: Memory | None) -> Array:
+    """(N,) unit noise at `time`; without a memory it is white."""
     noise = rng.standard_normal(len(time))
-    if correlation_time > 0.0:
-        kept = np.exp(-np.diff(time) / correlation_time)
-        for k, keep in enumerate(kept):
-            noise[k + 1] = keep * noise[k] + np.sqrt(1.0 - keep**2) * noise[k + 1]
-    return np.asarray(noise, dtype=float)
+    if memory is None:
+        return noise
+    white = rng.standard_normal(len(time)) if memory.white > 0.0 else np.zeros(len(time))
+    kept = np.exp(-np.diff(time) / memory.time)
+    for k, keep in enumerate(kept):
+        noise[k + 1] = keep * noise[k] + np.sqrt(1.0 - keep**2) * noise[k + 1]
+    return np.asarray(np.sqrt(memory.share) * noise + np.sqrt(memory.white) * white, dtype=float)
 
 
 def _spectra(values: Array, step: float) -> tuple[Array, Array]:

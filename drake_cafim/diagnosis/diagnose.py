@@ -7,6 +7,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.adequacy import adequacy
 from drake_cafim.diagnosis.coloured_noise import (
+    Memory,
     seen_correlation_times,
     stated_correlation_times,
     step_of,
@@ -19,6 +20,7 @@ from drake_cafim.diagnosis.innovations import innovations
 from drake_cafim.diagnosis.location import locate
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.quantisation import quantised_memories
 from drake_cafim.diagnosis.samples import samples_of
 from drake_cafim.diagnosis.search import Outcome, Settings, inclusion, key_of, search
 from drake_cafim.diagnosis.stated_noise import noise_of
@@ -107,7 +109,8 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
     std = widened(std, times, estimated, step_of(recordings))
 
     def laid(recording: Recording) -> WeakForm:
-        samples = samples_of(scene, recording, std, correlation_times=times)
+        coloured = {column: Memory(time) for column, time in times.items()}
+        samples = samples_of(scene, recording, std, memories=quantised_memories(recording, std) | coloured)
         return WeakForm(samples, scene.wrench_sensors)
 
     return Prepared(

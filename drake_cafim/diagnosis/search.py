@@ -123,7 +123,7 @@ def search(problem: Problem, settings: Settings, progress: Callable[[str], None]
         _fit_rivals(state, best)
         _fit_equivalents(state, best)
         alike = [one for one in state.pool.fits.values() if len(one.model.effects) <= len(best.model.effects)]
-        best = min(alike, key=lambda one: criterion(one, scale_of(best), trials))
+        best = _pruned(state, min(alike, key=lambda one: criterion(one, scale_of(best), trials)))
     return Outcome(state.problem, problem, nominal, best, state.pool, trials, tuple(screened), detection)
 
 
@@ -247,6 +247,23 @@ def _fit_rivals(state: _State, best: Fit) -> None:
                 one = _reshaped(state.problem, fit(state.problem, model))
                 if state.problem.plausible(one.model):
                     state.pool.add(one)
+
+
+def _pruned(state: _State, best: Fit) -> Fit:
+    """The explanation without what it does not need.
+
+    Strengths that were fitted beside an effect may do without it: a tilt across a plane shows in second order alone,
+    and starts to be fitted only where something else, such as a gain, has stood in for it.
+    """
+    for effect in best.model.effects if len(best.model.effects) > 1 else ():
+        rest = Model(best.model.unknown, tuple(e for e in best.model.effects if e is not effect))
+        without = unbiased_fit(state.problem, rest)
+        known = state.pool.fits.get(key_of(without))
+        if known is None or without.chi_square < known.chi_square:
+            state.pool.add(without)
+            if criterion(without, scale_of(best), state.trials) < criterion(best, scale_of(best), state.trials):
+                return _pruned(state, without)
+    return best
 
 
 def _fit_equivalents(state: _State, best: Fit) -> None:
