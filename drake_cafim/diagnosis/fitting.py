@@ -19,6 +19,8 @@ STRIDE = 3.0
 """Times the size of a number, or its typical one, that a step changes it by at most."""
 NOTHING_KNOWN = 1e12
 """Variance of numbers that are an echo of noise."""
+UNSEEN = 0.01
+"""Of a whitened row: what a number's usual size must move the rows by, all together, to be fitted."""
 LEAST_WORTH = 10.0
 LEAST_GAIN = 2.5e-4
 """Of ½ χ²; where a step promises less, the minimum is reached."""
@@ -158,9 +160,11 @@ def _step(
 ) -> tuple[Model | None, Array, float]:
     """A model with a smaller objective, or None where no damping finds one."""
     scale = np.linalg.norm(jacobian, axis=0)
-    scale[scale == 0.0] = 1.0
-    scaled = jacobian / scale
-    normal, gradient = scaled.T @ scaled, scaled.T @ residual - offset / scale
+    # what the rows do not see stays where it is: its slope is rounding
+    unseen = scale * _sizes(model) < UNSEEN
+    scale[unseen] = 1.0
+    scaled = np.where(unseen, 0.0, jacobian / scale)
+    normal, gradient = scaled.T @ scaled, np.where(unseen, 0.0, scaled.T @ residual - offset / scale)
     start = 0.5 * float(residual @ residual)
     reach = _reach(model)
     for _ in range(8):
@@ -191,8 +195,13 @@ def _step(
 
 def _reach(model: Model) -> Array:
     """How far a step may take each number: where little is known of one, its slope says nothing from afar."""
+    return STRIDE * _sizes(model)
+
+
+def _sizes(model: Model) -> Array:
+    """The typical size of each number, or its own if that is larger; infinite for unknowns, which have priors."""
     sizes = [max(s.typical, abs(effect.values[s.name])) for effect in model.effects for s in effect.strengths]
-    return STRIDE * np.array([np.inf] * len(model.unknown) + sizes)
+    return np.array([np.inf] * len(model.unknown) + sizes)
 
 
 def _kept_near(problem: Problem, model: Model) -> Model:

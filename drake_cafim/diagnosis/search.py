@@ -191,13 +191,29 @@ def _detection(problem: Problem, nominal: Fit, screened: Sequence[Candidate], tr
         if p < SUSPICIOUS:
             # the linear look shares noise with the residual: only an unbiased fit may raise an alarm
             one = unbiased_fit(problem, nominal.model.with_effects([candidate.effect]))
-            gained = max(nominal.chi_square - one.chi_square, 0.0)
-            p = max(wald_p_value(problem, one, candidate.effect.key), float(chi2.sf(gained, candidate.strengths)))
-            p *= trials
+            gained = nominal.chi_square - one.chi_square
+            p = trials * max(wald_p_value(problem, one, candidate.effect.key), _luck(gained, candidate.strengths))
+            if p < SUSPICIOUS:
+                p = max(p, trials * _luck(_gain_under_its_noise(problem, nominal, one), candidate.strengths))
         score = min(score, p)
         if score < 1e-12:
             break
     return float(min(1.0, 2.0 * min(fit_quality, score)))
+
+
+def _luck(gain: float, strengths: int) -> float:
+    """Probability that this many strengths take so much off χ² where they stand for nothing."""
+    return float(chi2.sf(max(gain, 0.0), max(strengths, 1)))
+
+
+def _gain_under_its_noise(problem: Problem, before: Fit, after: Fit) -> float:
+    """What `after` takes off χ² when the rows are whitened under it.
+
+    An effect that moves the inertia also moves how much noise reaches the rows; under the whitening of `before` it may
+    gain by that alone.
+    """
+    own = problem.rewhitened(after.model)
+    return unbiased_fit(own, before.model).chi_square - unbiased_fit(own, after.model).chi_square
 
 
 def _worth_more(state: _State, best: Fit) -> bool:
@@ -313,10 +329,13 @@ def _accepted(state: _State, before: Fit, after: Fit) -> bool:
     trials, settings = state.trials, state.settings
     strengths = len(after.model.vector) - len(before.model.vector)
     gain = (before.chi_square - after.chi_square) / scale_of(after)
-    p = float(chi2.sf(max(gain, 0.0), max(strengths, 1))) * trials
-    if p > settings.false_alarm_rate or gain < strengths * np.log(max(after.data_rows, 2)):
+    least = strengths * np.log(max(after.data_rows, 2))
+    if _luck(gain, strengths) * trials > settings.false_alarm_rate or gain < least:
         return False
-    return all(wald_p_value(state.problem, after, effect.key) * trials <= settings.false_alarm_rate for effect in new)
+    if any(wald_p_value(state.problem, after, effect.key) * trials > settings.false_alarm_rate for effect in new):
+        return False
+    gain = _gain_under_its_noise(state.problem, before, after) / scale_of(after)
+    return _luck(gain, strengths) * trials <= settings.false_alarm_rate
 
 
 def _repeated(problem: Problem, before: Fit, after: Fit) -> bool:

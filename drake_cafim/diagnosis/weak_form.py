@@ -132,11 +132,13 @@ class WeakForm:
         """What the laws of joint effects are evaluated on.
 
         A held effort has two values at a sample; with their mean the trapezoid rule integrates it as a staircase.
+        A sample stands for the time around it, and v passes through D on the way: the mean of a sign over D has the
+        slope 2/D where it changes, as if v were known to D/√(2π).
         """
         u = 0.5 * (measured.u + np.concatenate([measured.u[:1], measured.u[:-1]]))
+        v_std = np.sqrt(self.samples.v_std**2 + np.gradient(measured.v_hat, axis=0) ** 2 / (2.0 * np.pi))
         return [
-            JointSamples(measured.q_hat[:, j], measured.v_hat[:, j], u[:, j], self.samples.v_std[:, j])
-            for j in range(self.joints)
+            JointSamples(measured.q_hat[:, j], measured.v_hat[:, j], u[:, j], v_std[:, j]) for j in range(self.joints)
         ]
 
     def effort(self, physics: Physics, joint: int, u: Array) -> Effort:

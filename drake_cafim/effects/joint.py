@@ -151,7 +151,7 @@ class JointSpring(JointForce):
     name: ClassVar[str] = "joint_spring"
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("stiffness", "N m/rad", 1.0, lower=0.0, linear_unit="N/m"),
-        Strength("rest", "rad", 0.5, linear_unit="m"),
+        Strength("rest", "rad", 0.5, linear_unit="m", through="stiffness"),
     )
     reference: ClassVar[str] = "Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, 2006, §7"
     alike: ClassVar[Mapping[str, str]] = {

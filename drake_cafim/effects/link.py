@@ -53,9 +53,9 @@ class Payload(TreeEffect):
     name: ClassVar[str] = "payload"
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("mass", "kg", 0.3, lower=0.0),
-        Strength("x", "m", 0.1, lower=-2.0, upper=2.0),
-        Strength("y", "m", 0.1, lower=-2.0, upper=2.0),
-        Strength("z", "m", 0.1, lower=-2.0, upper=2.0),
+        Strength("x", "m", 0.1, lower=-2.0, upper=2.0, through="mass"),
+        Strength("y", "m", 0.1, lower=-2.0, upper=2.0, through="mass"),
+        Strength("z", "m", 0.1, lower=-2.0, upper=2.0, through="mass"),
     )
     reference: ClassVar[str] = "Atkeson, An, Hollerbach, Int. J. Robotics Research 5(3), 1986"
     alike: ClassVar[Mapping[str, str]] = {
