@@ -24,6 +24,7 @@ from drake_cafim.diagnosis.quantisation import quantised_memories
 from drake_cafim.diagnosis.samples import samples_of
 from drake_cafim.diagnosis.search import Outcome, Settings, inclusion, key_of, search
 from drake_cafim.diagnosis.stated_noise import noise_of
+from drake_cafim.diagnosis.slow_channels import bridged
 from drake_cafim.diagnosis.verdict import (
     Comparison,
     Explanation,
@@ -109,16 +110,18 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
     std = widened(std, times, estimated, step_of(recordings))
 
     def laid(recording: Recording) -> WeakForm:
-        coloured = {column: Memory(time) for column, time in times.items()}
-        samples = samples_of(scene, recording, std, memories=quantised_memories(recording, std) | coloured)
+        memories = quantised_memories(recording, std) | {column: Memory(time) for column, time in times.items()}
+        recording, bridges = bridged(recording)
+        samples = samples_of(scene, recording, std, memories=memories, bridges=bridges)
         return WeakForm(samples, scene.wrench_sensors)
 
+    even = [bridged(recording)[0] for recording in recordings]
     return Prepared(
         scene,
         [laid(recording) for recording in recordings],
         [laid(recording) for recording in held_out],
-        (*notes, *_notes(recordings)),
-        _unit_mistakes(scene, recordings) or data_mistakes(scene, recordings, std),
+        (*notes, *_notes(even)),
+        _unit_mistakes(scene, recordings) or data_mistakes(scene, even, std),
         told,
     )
 

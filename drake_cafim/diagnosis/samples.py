@@ -10,6 +10,7 @@ import scipy.sparse as sp
 
 from drake_cafim.diagnosis.coloured_noise import Memory, drawn
 from drake_cafim.diagnosis.feedback import Feedback
+from drake_cafim.diagnosis.slow_channels import Bridges
 from drake_cafim.diagnosis.windows import Windows, lay_windows
 from drake_cafim.errors import InputError
 from drake_cafim.local_polynomial import local_polynomial, track_polynomial
@@ -56,6 +57,8 @@ class Samples:
     differentiate: sp.csr_matrix | None
     memories: Mapping[str, Memory] = field(default_factory=dict)
     """Of the columns whose noise has one."""
+    bridges: Bridges = field(default_factory=dict)
+    """Of the columns that are written less often than the others: values and noise at every row from those written."""
 
     @cached_property
     def smooth_track(self) -> tuple[tuple[sp.csr_matrix, sp.csr_matrix], ...]:
@@ -77,6 +80,7 @@ def noisier(samples: Samples, rng: np.random.Generator, fed_back: bool = False) 
 
     def noise(columns: Sequence[str]) -> Array:
         unit = [drawn(rng, samples.time, samples.memories.get(column)) for column in columns]
+        unit = [samples.bridges[c] @ one if c in samples.bridges else one for c, one in zip(columns, unit, strict=True)]
         return np.stack([samples.std[column] * one for column, one in zip(columns, unit, strict=True)], axis=1)
 
     def again(kind: str, values: Array) -> Array:
@@ -107,8 +111,11 @@ def samples_of(
     std: dict[str, float],
     width: float = WINDOW_WIDTH,
     memories: Mapping[str, Memory] | None = None,
+    bridges: Bridges | None = None,
 ) -> Samples:
     """The samples of `recording` for `scene`, `std` and `memories` giving the noise by column.
+
+    `bridges` tell how slow channels were laid between their own samples.
 
     Raises `InputError` when a needed column is missing or the recording is shorter than three windows.
     """
@@ -136,8 +143,22 @@ def samples_of(
         raise InputError(
             f"{recording.name}: only {len(windows)} windows of {width:.3g} s fit between its gaps, expected at least 3"
         )
-    kept = dict(memories or {})
-    return Samples(recording, time, q, v, u, wrenches, std, windows, smooth_q, pairs, v_std, differentiate, kept)
+    return Samples(
+        recording,
+        time,
+        q,
+        v,
+        u,
+        wrenches,
+        std,
+        windows,
+        smooth_q,
+        pairs,
+        v_std,
+        differentiate,
+        dict(memories or {}),
+        dict(bridges or {}),
+    )
 
 
 def _velocity_smoothers(

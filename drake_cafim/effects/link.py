@@ -20,6 +20,7 @@ class TreeEffect(Effect):
     def change(self, tree: Tree, gravity: Array) -> tuple[Tree, Array]:
         """The tree and the gravity (3,) m/s², world, with the effect in them."""
 
+
 @dataclass(frozen=True)
 class RotorInertia(TreeEffect):
     """Reflected rotor inertia that the model lacks: it adds to M(q) on the joint's diagonal."""
@@ -114,7 +115,5 @@ class GravityMisalignment(TreeEffect):
     def change(self, tree: Tree, gravity: Array) -> tuple[Tree, Array]:
         roll, pitch = self.values["roll"], self.values["pitch"]
         magnitude = np.linalg.norm(gravity)
-        tilted = np.array(
-            [-np.sin(pitch), np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)], dtype=float
-        )
+        tilted = np.array([-np.sin(pitch), np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)], dtype=float)
         return tree, magnitude * tilted
