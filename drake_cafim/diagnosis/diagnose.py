@@ -23,8 +23,8 @@ from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.quantisation import quantised_memories
 from drake_cafim.diagnosis.samples import samples_of
 from drake_cafim.diagnosis.search import Outcome, Settings, inclusion, key_of, search
-from drake_cafim.diagnosis.stated_noise import noise_of
 from drake_cafim.diagnosis.slow_channels import bridged
+from drake_cafim.diagnosis.stated_noise import noise_of
 from drake_cafim.diagnosis.verdict import (
     Comparison,
     Explanation,
