@@ -1,4 +1,4 @@
-"""What cannot matter does not: the recordings' order, the joints' names, where they were cut, how often was measured."""
+"""What cannot matter does not: the order of recordings, the names of joints, where was cut, how often was measured."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -207,7 +207,7 @@ def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Explanatio
             unit = effect.unit(strength, scene.tree)
             # of what the recordings do not see, no more is known than its bounds
             widest = (strength.upper - strength.lower) / np.sqrt(12.0)
-            values[strength.name] = Value(effect.values[strength.name], min(float(std[position]), widest), unit)
+            values[strength.name] = Value(effect.values[strength.name], float(min(std[position], widest)), unit)
             position += 1
         sentence = effect.sentence(scene.tree)
         found.append(Explanation(effect, probability.get(effect.key, 1.0), values, sentence))

@@ -36,6 +36,13 @@ class Fit:
     covariance: Array
     """(n + k, n + k) of unknowns and strengths, under the stated noise."""
     data_rows: int
+    unbiased: bool = False
+    """Whether the noise that regressors share with the residual was reckoned with."""
+
+    @property
+    def echo(self) -> bool:
+        """Whether what was fitted is an echo of noise, of which nothing is known."""
+        return self.unbiased and bool(np.any(np.diag(self.covariance) >= NOTHING_KNOWN))
 
     @property
     def chi_square(self) -> float:
@@ -85,13 +92,14 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
         offset, excess = _shared_noise(problem, model, residual, jacobian)
         corrected = _minimised(problem, model, offset, 4, worth)
         if not float(offset @ (corrected[0].vector - first)) < worth:
-            return Fit(model, residual, jacobian, np.diag(np.full(n, NOTHING_KNOWN)), problem.rows)
+            return Fit(model, residual, jacobian, np.diag(np.full(n, NOTHING_KNOWN)), problem.rows, unbiased=True)
         model, residual, jacobian = corrected
         information = jacobian.T @ jacobian - excess
         # the noise that is shared grows with the numbers themselves, so a large correction is made again
         if np.all(np.abs(model.vector - before) * np.linalg.norm(jacobian, axis=0) < CORRECTED):
             break
-    return Fit(model, residual, jacobian, _inverse(_without_noise_alone(information, jacobian)), problem.rows)
+    covariance = _inverse(_without_noise_alone(information, jacobian))
+    return Fit(model, residual, jacobian, covariance, problem.rows, unbiased=True)
 
 
 def _worth(problem: Problem, model: Model, residual: Array) -> float:

@@ -24,6 +24,8 @@ PROMISING = 0.1
 COMPETES = 100.0
 """Information criterion, in units of the noise that is left, beyond which an explanation has lost."""
 RIVALS = 3
+CONTENDERS, NEAR = 12, 10.0
+"""Explanations that are fitted without bias before one is chosen, and by how much of the criterion they may look worse."""
 MOVED = 0.3
 """Prior standard deviations that an unknown may have moved before the noise is reckoned anew."""
 MISFIT, FAIR_PART, REPEATS = 1.5, 0.05, 0.75
@@ -122,8 +124,7 @@ def search(problem: Problem, settings: Settings, progress: Callable[[str], None]
     if best.model.effects:
         _fit_rivals(state, best)
         _fit_equivalents(state, best)
-        alike = [one for one in state.pool.fits.values() if len(one.model.effects) <= len(best.model.effects)]
-        best = _pruned(state, min(alike, key=lambda one: criterion(one, scale_of(best), trials)))
+        best = _pruned(state, _best_of(state, best))
     return Outcome(state.problem, problem, nominal, best, state.pool, trials, tuple(screened), detection)
 
 
@@ -159,7 +160,8 @@ class _State:
         competing = [one for one in self.frontier if criterion(one, 1.0, self.trials) < reach]
         self.pool, self.screens = Pool(), {}
         for one in (best, *(one for one in competing if key_of(one) != key_of(best))):
-            self.pool.add(unbiased_fit(self.problem, one.model))
+            # the width of a sign change is chosen anew as well
+            self.pool.add(unbiased_fit(self.problem, _reshaped(self.problem, fit(self.problem, one.model)).model))
         self.frontier = self.ranked(self.pool.fits.values())
         return self.pool.fits[key_of(best)]
 
@@ -265,6 +267,33 @@ def _fit_rivals(state: _State, best: Fit) -> None:
                     state.pool.add(one)
 
 
+def _best_of(state: _State, best: Fit) -> Fit:
+    """The best explanation of at most as many effects, once all that come near it were fitted without bias.
+
+    A law that bends where a channel is noisy gains by the noise that its regressors share with the residual.
+    """
+    scale = scale_of(best)
+
+    def cost(one: Fit) -> float:
+        return criterion(one, scale, state.trials)
+
+    for _ in range(CONTENDERS):
+        alike = [one for one in state.pool.fits.values() if len(one.model.effects) <= len(best.model.effects)]
+        least = min(map(cost, alike))
+        near = sorted((one for one in alike if not one.unbiased and cost(one) < least + NEAR), key=cost)
+        if not near:
+            break
+        exact = unbiased_fit(state.problem, near[0].model)
+        if exact.echo:
+            del state.pool.fits[key_of(exact)]
+        else:
+            state.pool.add(exact)
+    known = [
+        one for one in state.pool.fits.values() if one.unbiased and len(one.model.effects) <= len(best.model.effects)
+    ]
+    return min(known, key=cost)
+
+
 def _pruned(state: _State, best: Fit) -> Fit:
     """The explanation without what it does not need.
 
@@ -283,9 +312,18 @@ def _pruned(state: _State, best: Fit) -> Fit:
 
 
 def _fit_equivalents(state: _State, best: Fit) -> None:
-    """Fit pairs of effects that may be an accepted one by another name: as many strengths, at the same place."""
+    """Fit what may be an accepted effect by another name at the same place.
+
+    The simpler laws of its group, and pairs of effects that have as many strengths.
+    """
     for effect in best.model.effects:
         rest = tuple(other for other in best.model.effects if other is not effect)
+        for one in state.effects:
+            simpler = effect.excludes(one) and len(one.strengths) < len(effect.strengths)
+            found = screen(state.problem, fit(state.problem, Model(best.model.unknown, rest)), [one]) if simpler else []
+            if found:
+                model = Model(best.model.unknown, (*rest, found[0].effect))
+                state.pool.add(_reshaped(state.problem, fit(state.problem, model)))
         alike = [one for one in state.effects if one.name in effect.alike and one.at == effect.at]
         for pair in itertools.combinations(alike, 2):
             if sum(len(one.strengths) for one in pair) != len(effect.strengths):
@@ -304,8 +342,8 @@ def _fit_equivalents(state: _State, best: Fit) -> None:
 
 def _reshaped(problem: Problem, one: Fit) -> Fit:
     """The fit with the best shape of each effect, one after the other."""
-    for position, effect in enumerate(one.model.effects):
-        for other in effect.reshaped():
+    for position in range(len(one.model.effects)):
+        for other in one.model.effects[position].reshaped():
             effects = list(one.model.effects)
             effects[position] = other
             trial = fit(problem, Model(one.model.unknown, tuple(effects)))
