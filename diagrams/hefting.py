@@ -145,13 +145,14 @@ def build_world(
         name: hefting
         input_ports: [command]
         output_ports: [measured_state, true_force, measured_force, plant_state, contact_results, joint_state,
-            joint_effort]
+            joint_effort, contacts]
 
     `command` (1,) m/s is the palm's vertical velocity, reached over `tracking.ramp`; `measured_state` (2,) the
     height m and velocity m/s of the palm's face under the ball, read from the plant; the forces (1,) N are the
     vertical force of the hand on the ball. `truth` may give `mass` (kg). In world `model` the ball moves up and
     down over the palm, pushed by the planner's own law (stiffness, damping) alone.
     `concealed` is in the plant and in no controller.
+    `contacts` (2,), only in world `drake`, counts hydroelastic and point contacts.
     """
     check_kind(world)
     mass = check_truth("hefting", {"mass": config.mass}, truth or {})["mass"]
@@ -287,7 +288,8 @@ def _add_contact_sensor(builder: DiagramBuilder, robot: _Robot) -> OutputPort:
         "force_sensor", ContactForce(plant=robot.plant, body=robot.ball.index(), directions=UP)
     )
     builder.Connect(robot.plant.get_contact_results_output_port(), sensor.get_input_port())
-    return sensor.get_output_port()
+    builder.ExportOutput(sensor.GetOutputPort("contacts"), "contacts")
+    return sensor.GetOutputPort("force")
 
 
 def _add_planner_contact(builder: DiagramBuilder, config: HeftingConfig, robot: _Robot) -> OutputPort:

@@ -73,11 +73,12 @@ def build_probing_world(
         name: probing
         input_ports: [command]
         output_ports: [measured_state, true_force, measured_force, plant_state, contact_results, joint_state,
-            joint_effort]
+            joint_effort, contacts]
 
     `command` (nu,) m/s; `measured_state` (2 nu,), position and velocity of the tip's centre; forces (ny,) N on the
     tip. `add_obstacle` adds what is touched, with contact if its second argument is true; in world `model` the
     planner's `model` at the true `theta` pushes the tip instead. `concealed` is in the plant and in no controller.
+    `contacts` (2,), only in world `drake`, counts hydroelastic and point contacts.
     """
     builder = DiagramBuilder()
     plant: MultibodyPlant
@@ -114,7 +115,8 @@ def build_probing_world(
         sensor = ContactForce(plant=plant, body=probe.index(), directions=coordinates.directions)
         builder.AddNamedSystem("force_sensor", sensor)
         builder.Connect(plant.get_contact_results_output_port(), sensor.get_input_port())
-        force = sensor.get_output_port()
+        builder.ExportOutput(sensor.GetOutputPort("contacts"), "contacts")
+        force = sensor.GetOutputPort("force")
     else:
         touched = TouchedPoint(probe.index(), tip, coordinates.directions)
         law = PlannerContact(model, theta, coordinates=len(coordinates.axes), points=[touched])

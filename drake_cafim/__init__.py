@@ -6,6 +6,7 @@ The public names, loaded when they are first used (pydrake takes half a second):
 - `read`, `write`, `Recording`: what a robot leaves behind.
 - `diagnose`, `Verdict`, `Settings`: where recordings and model differ, which physics is missing, how sure that is.
 - `estimate`: the scene's unknown parameters alone.
+- `drake_cafim.testing.assert_explained`: for one's own tests; fails when robot and model have drifted apart.
 - `InputError`: what cannot be used, in one sentence.
 """
 

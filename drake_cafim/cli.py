@@ -2,8 +2,9 @@
 
 import json
 import sys
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -63,6 +64,9 @@ def common(function: Command) -> Command:
 @click.option(
     "--criterion", default="logdet", show_default=True, help="Or trace, scaled_trace, a_optimal, min_eigenvalue."
 )
+@click.option(
+    "--belief-samples", type=int, default=1, show_default=True, help="Score plans over so many points of the belief."
+)
 @click.option("--fisher", default="tangent", show_default=True, help="Or autodiff, finite-difference.")
 @click.option("--prior-scale", type=float, default=1.3, show_default=True, help="The prior's mean over the truth.")
 @click.option(
@@ -99,6 +103,7 @@ def run(
 @click.option("--held-out", multiple=True, help="Recordings to test the explanation on; nothing is fitted to them.")
 @click.option("--fleet", type=click.Path(path_type=Path, exists=True, file_okay=False), help="One report a folder.")
 @click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
+@click.option("--mcap", is_flag=True, help="Each recording as MCAP too, its residuals as channels.")
 @common
 def diagnose(
     scenario: str,
@@ -106,6 +111,7 @@ def diagnose(
     held_out: tuple[str, ...],
     fleet: Path | None,
     replay: bool,
+    mcap: bool,
     out: Path | None,
     as_json: bool,
     jobs: int,
@@ -124,8 +130,39 @@ def diagnose(
         raise InputError("diagnose: no --recording was given, expected at least one file")
     folder = prepare_folder(out, "diagnose", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
-        report = diagnose_command(scenario, recordings, held_out, folder, progress, replay=replay)
+        report = diagnose_command(scenario, recordings, held_out, folder, progress, replay=replay, mcap=mcap)
     _print(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
+
+
+@main.command()
+@click.argument("scenario")
+@click.argument("report", required=False, type=click.Path(path_type=Path, exists=True))
+@click.option("--between", multiple=True, help="EFFECT@PLACE EFFECT@PLACE: two explanations, instead of a report's.")
+@click.option("--duration", type=float, default=2.0, show_default=True, help="Of the motion, s.")
+@click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
+@common
+def discriminate(
+    scenario: str,
+    report: Path | None,
+    between: tuple[str, ...],
+    duration: float,
+    replay: bool,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+    resume: bool,
+    overwrite: bool,
+    **_: object,
+) -> None:
+    """Design the motion that tells rival explanations apart, and try it in simulation."""
+    from drake_cafim.commands.discriminate import DiscriminateRequest, discriminate_command, in_words
+
+    request = DiscriminateRequest(scenario, report, between, duration, seed, replay)
+    request.check()
+    folder = prepare_folder(out, "discriminate", resume=resume, overwrite=overwrite)
+    with progress_line() as progress:
+        result = discriminate_command(request, folder, progress, resume=resume)
+    _print(result, as_json, f"{in_words(result)}\n{folder / result['next_experiment']['file']}")
 
 
 @main.command()
@@ -179,15 +216,27 @@ def study(
 
 @main.command(name="import")
 @click.argument("files", nargs=-1, required=True)
+@click.option("--scenario", help="A scenario file whose topics: says what foreign names mean.")
+@click.option("--period", type=float, help="Resample to this many seconds; left out, samples stay as they were taken.")
 @common
 def import_(
-    files: tuple[str, ...], out: Path | None, as_json: bool, resume: bool, overwrite: bool, **_: object
+    files: tuple[str, ...],
+    scenario: str | None,
+    period: float | None,
+    out: Path | None,
+    as_json: bool,
+    resume: bool,
+    overwrite: bool,
+    **_: object,
 ) -> None:
-    """Show what bags, logs and tables hold, and write them as Parquet."""
+    """Show what bags, logs and tables hold, and write them as Parquet.
+
+    The way out again: `cafim diagnose --mcap`, or `cafim replay --out NAME.mcap`.
+    """
     from drake_cafim.commands.importing import import_command
 
     folder = prepare_folder(out, "import", resume=resume, overwrite=overwrite)
-    found = import_command(files, folder)
+    found = import_command(files, folder, scenario=scenario, period=period)
     _print(found, as_json, "\n".join(one["text"] for one in found))
 
 
@@ -195,20 +244,38 @@ def import_(
 @click.argument("scenario")
 @click.argument("recording")
 @click.option("--report", type=click.Path(path_type=Path, exists=True), help="A report.json, or the folder it is in.")
+@click.option("--live", is_flag=True, help="Show it in Meshcat at localhost too, until Ctrl-C.")
 @common
 def replay(
-    scenario: str, recording: str, report: Path | None, out: Path | None, as_json: bool, overwrite: bool, **_: object
+    scenario: str,
+    recording: str,
+    report: Path | None,
+    live: bool,
+    out: Path | None,
+    as_json: bool,
+    overwrite: bool,
+    **_: object,
 ) -> None:
-    """Show a recording beside what the model, and the corrected one, make of it."""
+    """Show a recording beside what the model, and the corrected one, make of it.
+
+    --out names a page, .html, or an .mcap: the recording with what each model misses of it as channels, for
+    Foxglove or PlotJuggler.
+    """
     from drake_cafim.commands.replay import replay_command
+    from drake_cafim.report.replay import make_meshcat
 
     path = out or prepare_folder(None, "replay", resume=False, overwrite=False) / "replay.html"
     if path.exists() and not overwrite:
         raise InputError(f"--out {path}: the file is there already; give --overwrite or another name")
+    meshcat = make_meshcat() if live else None
     with progress_line() as progress:
         progress("simulating and drawing")
-        result = replay_command(scenario, recording, report, path)
+        result = replay_command(scenario, recording, report, path, meshcat)
     _print(result, as_json, str(path))
+    if meshcat is not None:
+        click.echo(f"{meshcat.web_url()}  pause and speed: Open Controls, Animations; Ctrl-C ends it", err=True)
+        with suppress(KeyboardInterrupt):
+            threading.Event().wait()
 
 
 @contextmanager

@@ -33,6 +33,7 @@ class Options:
     criterion: Criterion = "logdet"
     fisher: Fisher = "tangent"
     planner_config: PlannerConfig = field(default_factory=PlannerConfig)
+    belief_samples: int = 1  # points of the belief over which a plan's score is averaged; 1: its mode
     experiments: int | None = None  # None: the task's own number
     until_std: float | None = None  # stop when every std is below this fraction of its estimate
     seed: int = 0
@@ -124,6 +125,7 @@ class _Loop:
             criterion=options.criterion,
             fisher=options.fisher,
             config=options.planner_config,
+            belief_samples=options.belief_samples,
         )
         builder = DiagramBuilder()
         self.plant: System = builder.AddNamedSystem("world", world.system)
@@ -204,7 +206,7 @@ class _Loop:
             fisher=fisher,
             scaled_trace=float(np.trace(np.diag(model.parameters.std**2) @ fisher)),
             error_percent=dict(zip(belief.names, (100.0 * (belief.mean - truth) / truth).tolist(), strict=True)),
-            behaviour=model.behaviour(motion, rows["true"][1:]),
+            behaviour={**model.behaviour(motion, rows["true"][1:]), **_largest(recorded)},
             tracking_error=float(np.abs(states[1:, axes : 2 * axes] - commands).max()),
             planning_ms=rows["planning_ms"][1:, 0],
             time=np.asarray(np.arange(task.periods + 1) * model.period, dtype=float),
@@ -229,3 +231,9 @@ class _Loop:
                 belief = Belief.from_vector(names, beliefs[step])
                 result.append((step * task.model.period, belief.mean, belief.std))
         return tuple(result)
+
+
+def _largest(recorded: Mapping[str, Array]) -> dict[str, float]:
+    """The largest force N of all steps of the world, where it records them: it may fall between two samples."""
+    forces = recorded.get("true_force")
+    return {} if forces is None else {"max_force": float(np.sqrt((forces**2).sum(axis=1)).max())}

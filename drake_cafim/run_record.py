@@ -21,6 +21,7 @@ def run_record(result: RunResult, recordings: list[str], files: dict[str, Any]) 
         "planner": result.options.planner,
         "criterion": result.options.criterion,
         "fisher": result.options.fisher,
+        "belief_samples": result.options.belief_samples,
         "seed": result.options.seed,
         "truth": {name: float(value) for name, value in task.truth.items()},
         "prior": {

@@ -64,6 +64,7 @@ def test_gap_against_an_adaptive_integrator() -> None:
 
     state, rates = np.array([0.0, 0.0]), [0.0]
     for g in push[:-1]:
+
         def rate(t: float, x: Array, g: float = g) -> list[float]:
             return [x[1], g - MOBILITY * torque(x[0], x[1])]
 

@@ -24,6 +24,7 @@ from drake_cafim.report.laws import LAWS, law_of
 from drake_cafim.report.missing import missing, row_labels, window_means
 from drake_cafim.report.report_html import write_report_page
 from drake_cafim.report.wording import probability, rounded, with_interval
+from drake_cafim.rounding import short
 from drake_cafim.scenario.scene import Scene
 
 PENDULUM = """<robot name="pendulum">
@@ -107,7 +108,8 @@ def test_page_of_an_explained_verdict(tmp_path: Path, friction: tuple[Verdict, O
     assert "joint_viscous_friction" in seen
     assert "cafim diagnose 'my robot.yaml' --recording a.parquet --held-out b.parquet" in seen
     assert "b.parquet, held out" in seen
-    assert "Nothing was wrong with the 1 recording" in seen
+    assert "folder/a.parquet: 600 samples over 2.40 s, every 4.00 ms" in seen
+    assert "b.parquet: 600 samples over 2.40 s, every 4.00 ms; held out Nothing was wrong with them" in seen
 
 
 def test_page_stands_alone_and_is_small(tmp_path: Path, friction: tuple[Verdict, Outcome, list[Recording]]) -> None:
@@ -175,5 +177,11 @@ def test_numbers_read_well() -> None:
     assert with_interval(203.4567, 0.51) == "203.5 ± 1.0"
     assert with_interval(-0.02513, 0.0004) == "−0.02513 ± 0.00078"
     assert rounded(0.0123456) == "0.0123"
-    assert rounded(123456.0) == "123456"
+    assert (rounded(123456.0), rounded(1234.5), rounded(99.96)) == ("123\u202f000", "1230", "100")
+    assert (rounded(1.23456e7), rounded(2.5e-9, 2), short(0.25), short(4.1e4)) == (
+        "1.23 × 10⁷",
+        "2.5 × 10⁻⁹",
+        "0.25",
+        "41\u202f000",
+    )
     assert (probability(0.99999), probability(0.25)) == ("> 99.9 %", "25.0 %")

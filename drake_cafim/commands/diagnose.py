@@ -1,4 +1,4 @@
-"""`cafim diagnose`: report.json, report.html and the corrected scenario."""
+"""`cafim diagnose`: report.json, report.html, the corrected scenario and the replay."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -8,17 +8,11 @@ from joblib import Parallel, delayed
 from tqdm import tqdm
 
 from drake_cafim.commands.inputs import in_folder, read_all
-from drake_cafim.commands.replay import replay_command
 from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.errors import InputError
-from drake_cafim.output import prepare_folder, write_text
-from drake_cafim.report.report_html import write_report_page
-from drake_cafim.report.report_json import as_text, report_of
-from drake_cafim.scenario.scenario_yaml import as_yaml
-from drake_cafim.scenario.scene import Scene, resolve
-
-FILES = {"corrected_scenario": "scenario.corrected.yaml", "html": "report.html"}
-REPLAY = "replay.html"
+from drake_cafim.output import prepare_folder
+from drake_cafim.report.artifacts import write_artifacts
+from drake_cafim.scenario.scene import Scene
 
 
 def diagnose_command(
@@ -29,29 +23,18 @@ def diagnose_command(
     progress: Callable[[str], None],
     *,
     replay: bool = True,
+    mcap: bool = False,
 ) -> dict[str, Any]:
-    """The report, written into `out` with its page, the corrected scenario and, if wanted, the replay of a recording.
-
-    The replay shows the first held-out recording, or the first one where none was held out.
-    """
+    """The report, written into `out` with its page, the corrected scenario and what else is wanted."""
     scene = Scene.load(address)
     train, held = read_all(scene, recordings), read_all(scene, held_out)
     shared = sorted(set(recordings) & set(held_out))
     if shared:
         raise InputError(f"{shared[0]}: given as --recording and as --held-out, expected one of them")
     verdict, outcome = examine(scene, train, held_out=held, progress=progress)
-    corrected = as_yaml(verdict.corrected.scenario, resolve(address).parent, out)
-    report = report_of(verdict, (), None, FILES | ({"replay": REPLAY} if replay else {}))
-    progress("writing the report")
-    write_text(out / FILES["corrected_scenario"], corrected)
     command = ["cafim", "diagnose", address, "--recording", *recordings]
     command += ["--held-out", *held_out] if held_out else []
-    write_report_page(out / FILES["html"], verdict, outcome, held, command)
-    write_text(out / "report.json", as_text(report))
-    if replay:
-        progress("drawing the replay")
-        replay_command(address, [*held_out, *recordings][0], out / "report.json", out / REPLAY)
-    return report
+    return write_artifacts(out, verdict, outcome, train, held, command, replay=replay, mcap=mcap, progress=progress)
 
 
 def diagnose_fleet(

@@ -4,13 +4,26 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from drake_cafim.errors import InputError
 from drake_cafim.recordings import convert
+from drake_cafim.scenario.scene import resolve
+from drake_cafim.scenario.schema import load
 
 
-def import_command(files: Sequence[str], out: Path) -> list[dict[str, Any]]:
-    """Describe each file and write it to `out` as Parquet."""
+def import_command(
+    files: Sequence[str], out: Path, *, scenario: str | None = None, period: float | None = None
+) -> list[dict[str, Any]]:
+    """Describe each file and write it to `out` as Parquet.
+
+    Names are mapped by `topics:` of the scenario file; samples stay where they are unless a `period` (s) is asked for.
+    """
+    topics = load(resolve(scenario)).topics if scenario else {}
+    targets = [out / f"{Path(name).stem}.parquet" for name in files]
+    for name, target in zip(files, targets, strict=True):
+        if targets.count(target) > 1:
+            raise InputError(f"{name}: another file would be written as {target.name} too; import them one by one")
     found = []
-    for name in files:
-        description = convert(Path(name), out / f"{Path(name).stem}.parquet")
+    for name, target in zip(files, targets, strict=True):
+        description = convert(Path(name), target, topics, period=period)
         found.append({"text": str(description), **description.as_dict()})
     return found

@@ -1,7 +1,9 @@
 """Recordings from the command line."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from drake_cafim.errors import InputError
 from drake_cafim.recordings import read
@@ -22,3 +24,21 @@ def read_all(scene: Scene, paths: Sequence[str]) -> list[Recording]:
 def in_folder(folder: Path) -> list[str]:
     """The recordings in a folder by name; hidden files are left out."""
     return sorted(str(p) for p in folder.iterdir() if p.suffix in SUFFIXES and not p.name.startswith("."))
+
+
+def report_file(path: Path) -> Path:
+    """The report.json that `path` is, or that is in the folder `path`."""
+    return path / "report.json" if path.is_dir() else path
+
+
+def read_report(path: Path, source: str) -> dict[str, Any]:
+    """The report in the file `path`; `source` stands in messages. Raises `InputError` for a file that is none."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{source}: it cannot be read ({error.strerror}), expected a report.json") from None
+    except ValueError as error:
+        raise InputError(f"{source}: it is no JSON ({error}), expected a report.json") from None
+    if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("drake_cafim.report/"):
+        raise InputError(f"{source}: its schema is not drake_cafim.report/1, expected a report.json")
+    return content

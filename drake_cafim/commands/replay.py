@@ -1,29 +1,34 @@
 """`cafim replay`: a recording, its model and its corrected model in step, as one page."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydrake.geometry import Meshcat
 
-from drake_cafim.commands.inputs import read_all
+from drake_cafim.commands.inputs import read_all, read_report, report_file
 from drake_cafim.diagnosis.samples import samples_of
 from drake_cafim.diagnosis.stated_noise import noise_of
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
+from drake_cafim.report.recording_mcap import write_recording_mcap
 from drake_cafim.report.recording_replay import RecordingReplay, write_recording_replay
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
 
-def replay_command(address: str, recording: str, report: Path | None, out: Path) -> dict[str, Any]:
-    """Write the page to `out`, an .html; `report` is a report.json or the folder it is in.
+def replay_command(
+    address: str, recording: str, report: Path | None, out: Path, meshcat: Meshcat | None = None
+) -> dict[str, Any]:
+    """Write the page to `out`, an .html, or the recording and its residuals, an .mcap.
 
-    Raises `InputError` for a report that is none, or that lacks its corrected scenario.
+    `report` is a report.json or the folder it is in. A page is drawn in `meshcat` where one is given, which then
+    shows it live. Raises `InputError` for a report that is none, or that lacks
+    its corrected scenario.
     """
-    if out.suffix != ".html":
-        raise InputError(f"--out {out}: the replay is one page, expected a name that ends in .html")
+    if out.suffix not in (".html", ".mcap"):
+        raise InputError(f"--out {out}: expected a page, .html, or a recording with its residuals, .mcap")
     scene = Scene.load(address)
     (read,) = read_all(scene, [recording])
     scene = _facing(scene, read)
@@ -32,7 +37,10 @@ def replay_command(address: str, recording: str, report: Path | None, out: Path)
     found = RecordingReplay(scene, weak, scene.physics)
     if report is not None:
         found = _corrected(found, report, read)
-    write_recording_replay(out, found)
+    if out.suffix == ".mcap":
+        write_recording_mcap(out, found)
+    else:
+        write_recording_replay(out, found, meshcat)
     return {
         "replay": str(out),
         "recording": recording,
@@ -43,8 +51,8 @@ def replay_command(address: str, recording: str, report: Path | None, out: Path)
 
 def _corrected(bare: RecordingReplay, report: Path, recording: Recording) -> RecordingReplay:
     """The replay with what a report found: its corrected scenario, its parameters and where the misfit is."""
-    path = report / "report.json" if report.is_dir() else report
-    content = _read(path)
+    path = report_file(report)
+    content = read_report(path, f"--report {path}")
     scene, weak = bare.scene, bare.weak
     nominal = scene.physics_at(_parameters(scene, content, path))
     corrected = None
@@ -55,18 +63,6 @@ def _corrected(bare: RecordingReplay, report: Path, recording: Recording) -> Rec
     for location in (content.get("mismatch") or {}).get("locations", []):
         shares[location["name"]] = shares.get(location["name"], 0.0) + float(location["share"])
     return RecordingReplay(scene, weak, nominal, corrected, shares, str(content.get("sentence", "")))
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"--report {path}: it cannot be read ({error.strerror}), expected a report.json") from None
-    except ValueError as error:
-        raise InputError(f"--report {path}: it is no JSON ({error}), expected a report.json") from None
-    if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("drake_cafim.report/"):
-        raise InputError(f"--report {path}: its schema is not drake_cafim.report/1, expected a report.json")
-    return content
 
 
 def _parameters(scene: Scene, content: dict[str, Any], path: Path) -> Array:

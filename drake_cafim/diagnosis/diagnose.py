@@ -37,6 +37,7 @@ from drake_cafim.diagnosis.verdict import (
     Verdict,
 )
 from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.effects.effect import Effect
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.units import unit_mistakes
 from drake_cafim.scenario.scene import Scene
@@ -54,14 +55,24 @@ def diagnose(
     recordings: Sequence[Recording],
     *,
     held_out: Sequence[Recording] = (),
+    effects: Sequence[type[Effect]] = (),
     settings: Settings | None = None,
     progress: Progress = lambda text: None,
 ) -> Verdict:
-    """What the recordings say is missing in the scene's model. `held_out` chooses and fits nothing.
+    """What the recordings say is missing in the scene's model.
+
+    `held_out` chooses and fits nothing: it is only simulated with and without what was found. `effects` are effect
+    classes of one's own that are looked for beside the catalogue's. `settings` say how hard to search and how sure to
+    be. `progress` is told, in a few words each time, what is being done.
+
+        verdict = drake_cafim.diagnose(scene, [drake_cafim.read("run_1.parquet")])
+        print(verdict)                # the sentence
+        verdict.explanation           # effect, place, strengths with their stds, probability
+        verdict.corrected             # the scene with the missing physics in it
 
     Raises `InputError` for recordings that lack what the scene needs.
     """
-    return examine(scene, recordings, held_out=held_out, settings=settings, progress=progress)[0]
+    return examine(scene, recordings, held_out=held_out, effects=effects, settings=settings, progress=progress)[0]
 
 
 def examine(
@@ -69,13 +80,14 @@ def examine(
     recordings: Sequence[Recording],
     *,
     held_out: Sequence[Recording] = (),
+    effects: Sequence[type[Effect]] = (),
     settings: Settings | None = None,
     progress: Progress = lambda text: None,
 ) -> tuple[Verdict, Outcome]:
     """`diagnose`, with the search's own account beside the verdict, for pictures."""
     settings = settings or Settings()
     progress("reading noise and laying windows")
-    prepared = prepare(scene, recordings, held_out)
+    prepared = prepare(scene.knowing(effects), recordings, held_out)
     scene, weak = prepared.scene, prepared.weak
     if prepared.mistakes:
         # physics that would make up for a mistake of the data is none
@@ -135,7 +147,15 @@ class Estimate:
 
 
 def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progress = lambda text: None) -> Estimate:
-    """The scenario's unknown parameters from recordings; the model's own effects are in it, no others are sought."""
+    """The scenario's `unknown` parameters from recordings; the model's own effects are in it, no others are sought.
+
+        found = drake_cafim.estimate(scene, [drake_cafim.read("run_1.parquet")])
+        for one in found.parameters:
+            print(one.parameter, one.at, one.value, one.std, one.unit)
+
+    `found.train` compares the model as given with the fitted one. `progress` is told what is being done. Raises
+    `InputError` for recordings that lack what the scene needs.
+    """
     prepared = prepare(scene, recordings)
     scene, weak = prepared.scene, prepared.weak
     problem = Problem.of(scene, weak, Model(scene.priors.mean))

@@ -140,6 +140,7 @@ def samples_of(
     usable &= (time >= time[0] + END_MARGIN) & (time <= time[-1] - END_MARGIN)
     windows = lay_windows(time, _away_from(~usable, smooth_q), width)
     if len(windows) < 3:
+        _refuse_other_stamps(recording, scene)
         raise InputError(
             f"{recording.name}: only {len(windows)} windows of {width:.3g} s fit between its gaps, expected at least 3"
         )
@@ -159,6 +160,23 @@ def samples_of(
         dict(memories or {}),
         dict(bridges or {}),
     )
+
+
+def _refuse_other_stamps(recording: Recording, scene: Scene) -> None:
+    """Raises `InputError` where columns hardly share a row, as those of topics with stamps of their own."""
+    first = f"q.{scene.tree.joint_names[0]}"
+    there = np.isfinite(recording[first])
+    needed = [f"{kind}.{name}" for kind in "qvu" for name in scene.tree.joint_names]
+    needed += [f"wrench.{sensor.name}.{axis}" for sensor in scene.wrench_sensors for axis in WRENCH_COMPONENTS]
+    for column in needed:
+        if column in recording.columns:
+            own = np.isfinite(recording[column])
+            shared, fewer = int(np.sum(own & there)), int(min(np.sum(own), np.sum(there)))
+            if shared < 0.5 * fewer:
+                raise InputError(
+                    f"{recording.name}: {column} was sampled at other times than {first}, {shared} of {fewer} samples "
+                    "share a row; say `join:` for its topic in `topics:`, or resample by `cafim import --period`"
+                )
 
 
 def _velocity_smoothers(

@@ -19,7 +19,6 @@ from drake_cafim.effects.actuator import (
     ActuatorSaturation,
 )
 from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance, pulse
-from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect, joined
@@ -53,10 +52,10 @@ OF_COMMANDS = (ActuatorSaturation, ActuatorDeadZone, ActuatorDelay, ActuatorLag)
 
 
 def hypotheses(problem: Problem) -> tuple[Effect, ...]:
-    """Every effect of the catalogue at every place of the scene where it can be."""
+    """Every effect of the vocabulary at every place of the scene where it can be."""
     found: list[Effect] = []
     channels = _channels(problem)
-    for effect in EFFECTS:
+    for effect in problem.scene.vocabulary:
         if issubclass(effect, SensorEffect):
             found.extend(effect(place) for place in effect.sites(channels))
         elif issubclass(effect, ContactEffect | SurfaceEffect):

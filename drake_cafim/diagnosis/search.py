@@ -37,15 +37,17 @@ Key = frozenset[tuple[str, str]]
 
 @dataclass(frozen=True)
 class Settings:
-    """How hard to search and how sure to be; nothing here depends on the case."""
+    """How hard to search and how sure to be; nothing here depends on the case.
+
+    - `false_alarm_rate`: probability that anything is named where nothing is missing.
+    - `most_effects`: how many an explanation may have.
+    - `beam`: explanations of each size that are carried on; `refined`: candidates each of them is refitted with.
+    """
 
     false_alarm_rate: float = 0.01
-    """Probability that anything is named where nothing is missing."""
     most_effects: int = 3
     beam: int = 3
-    """Explanations of each size that are carried on."""
     refined: int = 4
-    """Candidates that each of them is refitted with."""
 
 
 @dataclass

@@ -1,5 +1,7 @@
 """The vocabulary: every effect class by its name."""
 
+from collections.abc import Sequence
+
 from drake_cafim.effects.actuator import (
     ActuatorBias,
     ActuatorDeadZone,
@@ -81,9 +83,22 @@ EFFECTS: tuple[type[Effect], ...] = (
 )
 
 
-def effect_named(name: str) -> type[Effect]:
-    """The effect class of that name; `InputError` lists the valid ones."""
-    for effect in EFFECTS:
+def effect_named(name: str, vocabulary: Sequence[type[Effect]] = EFFECTS) -> type[Effect]:
+    """The effect class of that name in `vocabulary`; `InputError` lists the valid ones."""
+    for effect in vocabulary:
         if effect.name == name:
             return effect
-    raise InputError(f"there is no effect named {name!r}; valid: {', '.join(e.name for e in EFFECTS)}")
+    raise InputError(f"there is no effect named {name!r}; valid: {', '.join(e.name for e in vocabulary)}")
+
+
+def vocabulary_with(
+    effects: Sequence[type[Effect]], vocabulary: tuple[type[Effect], ...] = EFFECTS
+) -> tuple[type[Effect], ...]:
+    """`vocabulary` with `effects` that are not in it; `InputError` where two classes would share a name."""
+    new = [effect for effect in effects if effect not in vocabulary]
+    taken = {effect.name for effect in vocabulary}
+    for effect in new:
+        if effect.name in taken:
+            raise InputError(f"effect class {effect.__name__}: the name {effect.name!r} is taken, expected another")
+        taken.add(effect.name)
+    return (*vocabulary, *new)

@@ -10,6 +10,7 @@ import numpy as np
 
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.errors import InputError
+from drake_cafim.rounding import short
 from drake_cafim.typing import Array
 
 
@@ -242,7 +243,7 @@ class Effect(ABC):
     def sentence(self, tree: Tree) -> str:
         """What a report says of the effect and its strength."""
         strengths = ", ".join(
-            f"{s.name.replace('_', ' ')} {value:.4g} {self.unit(s, tree)}".removesuffix(" 1")
+            f"{s.name.replace('_', ' ')} {short(value)} {self.unit(s, tree)}".removesuffix(" 1")
             for s, value in zip(self.strengths, self.vector, strict=True)
         )
         return f"{self.name.replace('_', ' ')} at {self.at} ({strengths})"

@@ -4,6 +4,7 @@ Their inverse reads the recorded channel between its samples by local polynomial
 wider than a sample this only moves the noise, it does not smooth it.
 """
 
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -58,7 +59,19 @@ class TimingEffect(SensorEffect):
 
 
 @dataclass(frozen=True)
-class SensorDelay(TimingEffect):
+class ShiftedSensor(TimingEffect):
+    """A sensor that writes at t the value of another time."""
+
+    @abstractmethod
+    def shown(self, time: Array) -> Array:
+        """The times s whose values are written at `time` s."""
+
+    def measured(self, time: Array, true: Array) -> Array:
+        return np.asarray(interpolation(time, self.shown(time)) @ true)
+
+
+@dataclass(frozen=True)
+class SensorDelay(ShiftedSensor):
     """The value of t − delay is written at t."""
 
     name: ClassVar[str] = "sensor_delay"
@@ -70,8 +83,8 @@ class SensorDelay(TimingEffect):
         "clock_skew": "over a short recording a growing delay is one of its mean",
     }
 
-    def measured(self, time: Array, true: Array) -> Array:
-        return np.asarray(interpolation(time, time - self.values["delay"]) @ true)
+    def shown(self, time: Array) -> Array:
+        return np.asarray(time - self.values["delay"])
 
     def true(self, time: Array, measured: Array) -> Array:
         return np.asarray(self.correction(time) @ measured)
@@ -121,7 +134,7 @@ class SensorLag(TimingEffect):
 
 
 @dataclass(frozen=True)
-class ClockSkew(TimingEffect):
+class ClockSkew(ShiftedSensor):
     """The value of t·(1 + skew) is written at t."""
 
     name: ClassVar[str] = "clock_skew"
@@ -132,8 +145,8 @@ class ClockSkew(TimingEffect):
         "sensor_drift": "in a steady motion a growing delay is a drift",
     }
 
-    def measured(self, time: Array, true: Array) -> Array:
-        return np.asarray(interpolation(time, time * (1.0 + self.values["skew"])) @ true)
+    def shown(self, time: Array) -> Array:
+        return np.asarray(time * (1.0 + self.values["skew"]))
 
     def true(self, time: Array, measured: Array) -> Array:
         return np.asarray(self.correction(time) @ measured)

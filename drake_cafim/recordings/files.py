@@ -12,6 +12,7 @@ from drake_cafim.recordings.mcap_out import write_mcap
 from drake_cafim.recordings.npz import read_npz
 from drake_cafim.recordings.parquet import read_parquet, write_parquet
 from drake_cafim.recordings.recording import Recording
+from drake_cafim.recordings.timing import timings
 from drake_cafim.recordings.topics import Topics, check_topics, renamed
 
 TABLES = (".parquet", ".csv", ".npz")
@@ -19,11 +20,16 @@ WRITERS = {".parquet": write_parquet, ".csv": write_csv, ".mcap": write_mcap}
 
 
 def read(path: str | Path, topics: Topics | None = None) -> Recording:
-    """The recording in the file, by its suffix.
+    """The recording in the file at `path`, by its suffix.
 
     Tables: .parquet, .csv, .npz. Bags and logs: .mcap, a ROS 2 bag's folder or .db3, a ROS 1 .bag, an LCM log
     .lcm or .lcmlog. `topics` maps foreign names, as the scenario's section of that name (see
-    `drake_cafim.recordings.topics`). The whole table is held in memory: 8 bytes a number.
+    `drake_cafim.recordings.topics`). How the stamps of several topics lie to each other stands in the notes. The
+    whole table is held in memory: 8 bytes a number.
+
+        recording = drake_cafim.read("run_3.mcap")
+        recording["q.elbow"]          # (N,) rad, NaN where nothing was measured
+        recording.notes               # what was found, what was wrong and left out
 
     Raises `InputError`, one sentence naming file, column, what was found and what was expected.
     """
@@ -31,15 +37,17 @@ def read(path: str | Path, topics: Topics | None = None) -> Recording:
     check_path(file)
     if reader_of(file) is not None:
         gathered = gather(file, topics)
-        return cleaned(str(path), gathered.table.table(), gathered.notes)
+        table = gathered.table
+        stamps = [str(one) for one in timings(table)] if len(table.series) > 1 else []
+        return cleaned(str(path), table.table(), [*gathered.notes, *stamps])
     check_topics(topics, str(path))
     suffix = file.suffix.lower()
     if suffix == ".npz":
-        table, notes = read_npz(file, topics)
+        columns, notes = read_npz(file, topics)
     else:
-        table, notes = read_parquet(file) if suffix == ".parquet" else read_csv(file)
-        table = renamed(str(path), table, topics)
-    return cleaned(str(path), table, notes)
+        columns, notes = read_parquet(file) if suffix == ".parquet" else read_csv(file)
+        columns = renamed(str(path), columns, topics)
+    return cleaned(str(path), columns, notes)
 
 
 def write(recording: Recording, path: str | Path) -> Path:

@@ -13,6 +13,7 @@ from drake_cafim.recordings.files import check_path, check_writable, read, write
 from drake_cafim.recordings.gathering import Gathered, LeftAlone, gather, reader_of
 from drake_cafim.recordings.parquet import write_blocks
 from drake_cafim.recordings.recording import is_signal
+from drake_cafim.recordings.resampling import resampled
 from drake_cafim.recordings.timing import TopicTiming, timings
 from drake_cafim.recordings.topics import Topics
 from drake_cafim.typing import Array
@@ -55,21 +56,26 @@ def describe(path: str | Path, topics: Topics | None = None) -> Description:
     return _imported(path, None, topics or {})
 
 
-def convert(path: str | Path, out: str | Path, topics: Topics | None = None) -> Description:
+def convert(
+    path: str | Path, out: str | Path, topics: Topics | None = None, *, period: float | None = None
+) -> Description:
     """Write the recording in `path` to `out` (.parquet, .csv, .mcap), whole or not at all.
 
     A bag or log to Parquet is written row group by row group: memory holds its stamps and one row group,
-    whatever its length. The bytes are those of `write(read(path, topics), out)`. Raises `InputError`.
+    whatever its length. The bytes are those of `write(read(path, topics), out)`. With a `period` (s) it is
+    `resampled` first, in memory. Raises `InputError`.
     """
     check_writable(Path(out))
-    return _imported(path, Path(out), topics or {})
+    return _imported(path, Path(out), topics or {}, period)
 
 
-def _imported(path: str | Path, out: Path | None, topics: Topics) -> Description:
+def _imported(path: str | Path, out: Path | None, topics: Topics, period: float | None = None) -> Description:
     file = Path(path)
     check_path(file)
-    if reader_of(file) is None or (out is not None and out.suffix.lower() != ".parquet"):
+    if period is not None or reader_of(file) is None or (out is not None and out.suffix.lower() != ".parquet"):
         recording = read(path, topics)
+        if period is not None:
+            recording = resampled(recording, period)
         if out is not None:
             write(recording, out)
         return _described(str(path), recording.time, tuple(recording.columns), recording.notes)

@@ -14,13 +14,6 @@ from drake_cafim.report.svg import as_svg, page_style
 from drake_cafim.report.time_picture import over_time
 from drake_cafim.typing import Array
 
-BY_VELOCITY = (
-    "joint_viscous_friction",
-    "joint_coulomb_friction",
-    "joint_asymmetric_coulomb_friction",
-    "joint_stribeck_friction",
-)
-BY_POSITION = ("joint_spring", "joint_hard_stop", "torque_ripple")
 BY_EFFORT = ("actuator_gain_error", "actuator_bias", "actuator_saturation", "actuator_dead_zone")
 
 
@@ -28,17 +21,27 @@ def law_picture(evidence: Evidence) -> Picture:
     """The law over what it depends on where that is one number, else over time."""
     effect = evidence.effect
     with page_style():
-        if isinstance(effect, JointForce) and effect.name in BY_VELOCITY:
-            return _over_velocity(evidence, effect)
-        if isinstance(effect, JointForce) and effect.name in BY_POSITION:
-            return _over_position(evidence, effect)
-        if isinstance(effect, JointForce) and effect.name == "joint_load_dependent_friction":
-            return _over_load(evidence, effect)
+        if isinstance(effect, JointForce):
+            return _over_its_variable(evidence, effect)
         if effect.name == "rotor_inertia":
             return _over_acceleration(evidence, effect)
         if isinstance(effect, ActuatorEffect) and effect.name in BY_EFFORT:
             return _over_effort(evidence, effect)
         return over_time(evidence)
+
+
+def _over_its_variable(evidence: Evidence, effect: JointForce) -> Picture:
+    """Over the one of position, velocity and effort that moves the law."""
+    if effect.name == "joint_load_dependent_friction":
+        return _over_load(evidence, effect)
+    q, v, u = (_joint_data(evidence, variable)[1] for variable in "qvu")
+    law = effect.force(JointSamples(q, v, u))
+    moved = [bool(np.any(slope)) for slope in (law.d_q, law.d_v, law.d_u)]
+    if moved == [False, True, False]:
+        return _over_velocity(evidence, effect)
+    if moved == [True, False, False] or effect.name == "joint_hard_stop":
+        return _over_position(evidence, effect)
+    return over_time(evidence)
 
 
 def _over_velocity(evidence: Evidence, effect: JointForce) -> Picture:

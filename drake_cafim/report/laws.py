@@ -1,6 +1,7 @@
 """The vocabulary in words and formulas, for readers who have not met it."""
 
 from dataclasses import dataclass
+from html import escape
 
 from drake_cafim.effects.effect import Effect
 
@@ -19,7 +20,7 @@ def law_of(effect: Effect) -> Law:
     if found is not None:
         return Law(*found)
     first = (type(effect).__doc__ or "").strip().split("\n")[0]
-    return Law(first, "")
+    return Law(escape(first), "")
 
 
 _DRY = "tanh(<i>v</i>/<i>w</i>)"

@@ -78,6 +78,7 @@ def render(verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], co
         held_out=held_out,
         tables=_tables(verdict),
         parameters=[_parameter(one) for one in verdict.parameters],
+        files=_files(outcome, held_out),
         command=shlex.join(command),
         versions=f"drake_cafim {version('drake_cafim')}, Drake {version('drake')}",
     )
@@ -248,6 +249,16 @@ def _factor(nominal: float, corrected: float) -> str:
     if 0.95 < ratio < 1.05:
         return "the same"
     return f"{wording.rounded(ratio, 2)} × smaller" if ratio > 1.0 else f"{wording.rounded(1.0 / ratio, 2)} × larger"
+
+
+def _files(outcome: Outcome, held_out: Sequence[Recording]) -> list[str]:
+    """What each recording is, in words."""
+    fitted = [run.weak.samples.recording for run in outcome.problem.runs]
+    told = []
+    for one, use in [*((one, "") for one in fitted), *((one, "; held out") for one in held_out)]:
+        step = f", every {wording.rounded(1e3 * float(np.median(np.diff(one.time))))} ms" if len(one) > 1 else ""
+        told.append(f"{one.name}: {len(one)} samples over {wording.rounded(one.duration)} s{step}{use}")
+    return told
 
 
 def _parameter(one: NominalParameter) -> dict[str, Any]:

@@ -1,18 +1,19 @@
 """A Scene: a scenario's Drake plant, the same physics as arrays, its channels and its unknowns."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydrake.geometry import SceneGraph
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.tree import Tree, tree_of
 from drake_cafim.effects.body import ExternalDisturbance
-from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.catalogue import EFFECTS, effect_named, vocabulary_with
 from drake_cafim.effects.effect import Effect
 from drake_cafim.errors import InputError
 from drake_cafim.parameters import Parameters
@@ -23,13 +24,28 @@ from drake_cafim.scenario.surfaces import contact_of
 from drake_cafim.scenario.unknown import UnknownParameter, applied, priors, unknown_parameters
 from drake_cafim.typing import Array
 
+if TYPE_CHECKING:
+    from drake_cafim.corrected.corrected_plant import CorrectedPlant
+
 DIAGRAMS = Path(__file__).parents[1] / "diagrams"
 _FORCE = ("fx", "fy", "fz")
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What a diagnosis knows before it sees a recording."""
+    """What a diagnosis knows before it sees a recording: a robot as its model has it, its sensors and its unknowns.
+
+    `Scene.load("scenario.yaml")` reads a scenario, a model file or a packaged name; `Scene.from_model("arm.urdf",
+    channels={"q": 2e-4})` needs no scenario. A scene is never changed: what seems to, gives another.
+
+    - `name` stands in messages; `scenario` is what the file says, its relative paths starting at `folder`.
+    - `diagram`, `plant` and `scene_graph` are Drake's own, built and finalized, of the model without any effect.
+    - `tree` is the same robot as arrays; `physics` all that acts in it: unknowns at their prior means, and `effects:`
+      of the scenario.
+    - `unknown`: the parameters that may simply be wrong, and their `priors`.
+    - `wrench_sensors`: where wrenches are measured.
+    - `vocabulary`: the effects that are looked for and that `effects:` may name.
+    """
 
     name: str
     scenario: Scenario
@@ -38,26 +54,31 @@ class Scene:
     scene_graph: SceneGraph
     tree: Tree
     physics: Physics
-    """The nominal physics, unknowns at their prior means, `effects:` of the scenario included."""
     unknown: tuple[UnknownParameter, ...]
     wrench_sensors: tuple[WrenchSensor, ...]
+    folder: Path = field(default_factory=Path)
+    vocabulary: tuple[type[Effect], ...] = EFFECTS
 
     @classmethod
-    def load(cls, address: str | Path) -> "Scene":
+    def load(cls, address: str | Path, *, effects: Sequence[type[Effect]] = ()) -> "Scene":
         """The scene of a packaged scenario's name, a scenario file or a model file.
 
+        `effects` are effect classes of one's own, beside the catalogue's: `effects:` in the file may name them.
         Raises `InputError` for anything in it that cannot be used.
         """
         path = resolve(str(address))
-        if str(path).endswith(MODEL_SUFFIXES):
-            return cls.build(Scenario(model=path.name), path.parent, str(address))
-        return cls.build(load(path), path.parent, str(address))
+        scenario = Scenario(model=path.name) if str(path).endswith(MODEL_SUFFIXES) else load(path)
+        return cls.build(scenario, path.parent, str(address), effects=effects)
 
     @classmethod
     def from_model(
         cls, model: str | Path, *, channels: Mapping[str, float] | None = None, weld: Sequence[str] = ()
     ) -> "Scene":
-        """The scene of a model file; `channels` are stds of one sample, `weld` names bodies fixed to the world."""
+        """The scene of a model file (.urdf, .sdf, .xml, .dmd.yaml).
+
+        `channels` are stds of one sample, SI, by kind ("q") or column ("q.elbow"); `weld` names bodies fixed to the
+        world. Raises `InputError` for a model that cannot be read.
+        """
         from drake_cafim.scenario.schema import Weld
 
         path = Path(model)
@@ -69,14 +90,15 @@ class Scene:
         return cls.build(scenario, path.parent, str(model))
 
     @classmethod
-    def build(cls, scenario: Scenario, folder: Path, name: str) -> "Scene":
+    def build(cls, scenario: Scenario, folder: Path, name: str, *, effects: Sequence[type[Effect]] = ()) -> "Scene":
         """The scene of a scenario whose relative paths start at `folder`; `name` stands in messages."""
         builder = DiagramBuilder()
         plant, scene_graph = add_plant(scenario, folder, builder, time_step=0.0)
         diagram = builder.Build()
         tree = tree_of(plant, scenario.lock)
         physics = Physics(tree, np.array(scenario.gravity, dtype=float))
-        scene = cls(name, scenario, diagram, plant, scene_graph, tree, physics, (), ())
+        vocabulary = vocabulary_with(effects)
+        scene = cls(name, scenario, diagram, plant, scene_graph, tree, physics, (), (), folder, vocabulary)
         return scene.facing(np.zeros(len(tree.joints)))
 
     def facing(self, q: Array) -> "Scene":
@@ -91,6 +113,10 @@ class Scene:
         physics = physics.with_effects(self._known_effects())
         return replace(self, physics=physics, unknown=unknown, wrench_sensors=self._sensors())
 
+    def knowing(self, effects: Sequence[type[Effect]]) -> "Scene":
+        """The scene whose vocabulary has these effect classes too. Raises `InputError` for a name that is taken."""
+        return replace(self, vocabulary=vocabulary_with(effects, self.vocabulary))
+
     @property
     def priors(self) -> Parameters:
         """Priors of the unknowns."""
@@ -100,19 +126,36 @@ class Scene:
         """The physics with the unknowns at `vector` (n,)."""
         return applied(self.unknown, self.physics, vector)
 
+    def add_to(
+        self,
+        builder: DiagramBuilder,
+        plant_config: MultibodyPlantConfig | None = None,
+        *,
+        contact: Literal["scenario", "drake"] = "scenario",
+        period: float = 1e-3,
+    ) -> "CorrectedPlant":
+        """The scene's plant with its effects around it, added to `builder`, and the ports for a controller.
+
+        `plant_config` is Drake's own and defaults to Drake's own: a discrete plant of 1 ms; `time_step` 0 makes it
+        continuous, and `period` s is then between updates of what delays and contacts remember. `contact` "scenario"
+        has the contacts under `contact:`, by their own laws, and no other; "drake" has all of Drake's, point and
+        hydroelastic, and of the scenario's only what effects add to them. The plant is finalized. Raises `InputError`
+        for what the plant's solver or time step cannot simulate.
+        """
+        # the room that simulates scenes is beyond this one
+        from drake_cafim.corrected.scene import add_scene
+
+        return add_scene(self, builder, plant_config, contact, period)
+
     def corrected(self, unknown: Array, effects: Sequence[Effect]) -> "Scene":
         """The scene with its unknowns at `unknown` (n,) and `effects` added to the scenario's own."""
         physics = self.physics_at(unknown).with_effects(effects)
-        entries = [
-            EffectEntry(effect.name, effect.at, {name: float(value) for name, value in effect.values.items()})
-            for effect in effects
-        ]
         scenario = replace(
             self.scenario,
             unknown=[
                 replace(entry, mean=float(value)) for entry, value in zip(self.scenario.unknown, unknown, strict=True)
             ],
-            effects=[*self.scenario.effects, *entries],
+            effects=[*self.scenario.effects, *(_entry(effect) for effect in effects)],
         )
         return replace(self, scenario=scenario, physics=physics)
 
@@ -137,7 +180,7 @@ class Scene:
     def _known_effects(self) -> list[Effect]:
         effects: list[Effect] = []
         for entry in self.scenario.effects:
-            kind = effect_named(entry.effect)
+            kind = effect_named(entry.effect, self.vocabulary)
             if issubclass(kind, ExternalDisturbance):
                 if len(entry.interval) != 2:
                     raise InputError(f"{self.name}: {entry.effect} at {entry.at} has no `interval: [start, stop]`")
@@ -164,6 +207,15 @@ class Scene:
             R_JS, p_JS = body.R_JB @ X_BF[:3, :3], body.p_JB + body.R_JB @ X_BF[:3, 3]
             sensors.append(WrenchSensor(key.removeprefix("wrench."), body.joint, R_JS, p_JS))
         return tuple(sensors)
+
+
+def _entry(effect: Effect) -> EffectEntry:
+    """The effect as an entry of `effects:`."""
+    values = {name: float(value) for name, value in effect.values.items()}
+    if isinstance(effect, ExternalDisturbance):
+        interval = [values.pop("start"), values.pop("stop")]
+        return EffectEntry(effect.name, effect.at, values, interval, effect.recording)
+    return EffectEntry(effect.name, effect.at, values)
 
 
 def resolve(address: str) -> Path:

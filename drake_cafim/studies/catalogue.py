@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from drake_cafim.studies.averaging import averaging, averaging_cells
 from drake_cafim.studies.behaviour import behaviour, behaviour_cells
 from drake_cafim.studies.cell import Cell
 from drake_cafim.studies.comparisons import (
@@ -18,8 +19,10 @@ from drake_cafim.studies.comparisons import (
 )
 from drake_cafim.studies.findings import Findings
 from drake_cafim.studies.landscapes import landscape_cells, landscapes
+from drake_cafim.studies.point_contact import point_contact, point_contact_cells
 from drake_cafim.studies.priors import calibration, calibration_cells, robustness, robustness_cells
 from drake_cafim.studies.requirements import requirement_cells, requirements
+from drake_cafim.studies.robots import world_cells, worlds
 from drake_cafim.studies.worlds import hefting_table, hefting_table_cells
 
 
@@ -40,6 +43,9 @@ STUDIES: Mapping[str, Study] = {
     "criteria": Study(criteria_cells, criteria),
     "planners": Study(planner_cells, planners),
     "noise": Study(noise_cells, noise),
+    "belief-averaging": Study(averaging_cells, averaging),
     "landscapes": Study(landscape_cells, landscapes),
+    "point-contact": Study(point_contact_cells, point_contact),
+    "worlds": Study(world_cells, worlds),
     "hefting-table": Study(hefting_table_cells, hefting_table),
 }

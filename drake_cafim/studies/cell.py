@@ -15,6 +15,8 @@ from drake_cafim.information import Criterion
 from drake_cafim.kinematic_world import kinematic_world
 from drake_cafim.scenario.scene import resolve
 from drake_cafim.scenario.schema import load
+from drake_cafim.studies.diagnosed import diagnosed
+from drake_cafim.studies.other_laws import other_laws
 from drake_cafim.tasks.contouring import contouring
 from drake_cafim.tasks.hefting import hefting
 from drake_cafim.tasks.pinching import pinching
@@ -29,6 +31,8 @@ TASKS: Mapping[str, Callable[[], Task]] = {
     "contouring": contouring,
 }
 SCENARIOS = tuple(TASKS)
+POINT = "pinching_point"
+"""The scenario whose contact parameters have true values in Drake's world."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +48,20 @@ class Cell:
     noise: float = 1.0  # times the task's force noise, in the world and in the model
     world: WorldKind | None = None  # None: the kinematic world
     experiments: int | None = None  # None: the task's own number
+    belief_samples: int = 1  # points of the belief over which plans are scored
+    diagnosed: bool = False  # the joints are recorded as well, and a diagnosis looks for what its scenario lacks
 
     @property
     def key(self) -> str:
         """A file name that no other cell has."""
         world = "kinematic" if self.world is None else self.world
-        parts = (self.scenario, world, self.policy, self.planner, self.criterion, f"prior{self.prior_scale:g}")
-        return "_".join((*parts, f"noise{self.noise:g}", f"of{self.experiments or 'all'}", f"seed{self.seed}"))
+        parts = [self.scenario, world, self.policy, self.planner, self.criterion, f"prior{self.prior_scale:g}"]
+        parts += [f"noise{self.noise:g}", f"of{self.experiments or 'all'}", f"seed{self.seed}"]
+        if self.belief_samples != 1:
+            parts.append(f"belief{self.belief_samples}")
+        if self.diagnosed:
+            parts.append("diagnosed")
+        return "_".join(parts)
 
 
 def measure(cell: Cell) -> dict[str, Any]:
@@ -62,9 +73,14 @@ def measure(cell: Cell) -> dict[str, Any]:
         criterion=cell.criterion,
         seed=cell.seed,
         experiments=cell.experiments,
+        belief_samples=cell.belief_samples,
     )
     result = run(task, options, world)
+    kept = {} if cell.scenario != POINT else {"laws": other_laws(result)}
+    if cell.diagnosed:
+        kept["diagnosis"] = diagnosed(result, cell.scenario, world)
     return {
+        **kept,
         "parameters": list(task.model.parameters.names),
         "prior_error": (100.0 * (result.prior.mean - task.theta) / task.theta).tolist(),
         "period": task.model.period,
@@ -83,7 +99,10 @@ def _task_and_world(cell: Cell) -> tuple[Task, World]:
     if stage is None or cell.world is None:
         return task, kinematic_world(task, seed=cell.seed)
     world = stage.world(cell.world, cell.seed)
-    return task, replace(world, recorded=())  # a study keeps no recordings
+    if cell.diagnosed:
+        return task, world
+    # what happens between two samples of the planner counts as well: contacts, and the largest force
+    return task, replace(world, recorded=("true_force",) if cell.world == "model" else ("true_force", "contacts"))
 
 
 def _kept(result: RunResult, one: ExperimentResult) -> dict[str, Any]:
@@ -98,4 +117,12 @@ def _kept(result: RunResult, one: ExperimentResult) -> dict[str, Any]:
         "behaviour": dict(one.behaviour),
         "tracking_error": one.tracking_error,
         "planning_ms": float(np.median(one.planning_ms)),
+        "hydroelastic": _hydroelastic(one),
     }
+
+
+def _hydroelastic(one: ExperimentResult) -> float | None:
+    """The share of the plant's steps in contact at which the contact is hydroelastic; None without a contact."""
+    contacts = one.recorded.get("contacts", np.zeros((0, 2)))
+    touching = contacts[contacts.sum(axis=1) > 0]
+    return float((touching[:, 0] > 0).mean()) if len(touching) else None

@@ -1,0 +1,6 @@
+"""Tutorials, each a short script: `python -m drake_cafim.diagrams.tutorials.<name>`.
+
+- `own_robot`: from one's own URDF and bags to a simulation with the physics that the URDF lacks.
+- `own_effect`: an effect that the catalogue does not have.
+- `own_diagram`: one's own plant in a Diagram with the CA-OED and CA-MAP systems.
+"""

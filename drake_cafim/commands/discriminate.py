@@ -1,0 +1,176 @@
+"""`cafim discriminate`: the motion that tells rivals apart, and what a run of it in simulation says."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drake_cafim.commands.inputs import read_report, report_file
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.discrimination.closed_loop import measured, simulated
+from drake_cafim.discrimination.design import Designer
+from drake_cafim.discrimination.hypotheses import Pair, named_pair, reported_pairs
+from drake_cafim.discrimination.motions import Motion, Shape
+from drake_cafim.discrimination.outcome import course, settled_after
+from drake_cafim.discrimination.planned import noise_of, problem_of
+from drake_cafim.discrimination.scores import Odds
+from drake_cafim.errors import InputError
+from drake_cafim.output import replacing, write_text
+from drake_cafim.recordings import write
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.report.recording_replay import RecordingReplay, write_recording_replay
+from drake_cafim.report.report_json import as_text, report_of
+from drake_cafim.scenario.scene import Scene
+
+TRAJECTORY, REPORT, REPLAY = "trajectory.parquet", "report.json", "replay.html"
+SHORTEST, LONGEST = 0.5, 30.0
+"""s of a motion."""
+MOMENTS = 6
+"""How often along a run its odds are told."""
+
+
+@dataclass(frozen=True)
+class DiscriminateRequest:
+    """What `cafim discriminate` was asked for."""
+
+    scenario: str
+    report: Path | None = None
+    between: tuple[str, ...] = ()
+    duration: float = 2.0  # s
+    seed: int = 0
+    replay: bool = True
+
+    def check(self) -> None:
+        """Raises `InputError` unless there is either a report or two explanations, and time to move."""
+        if self.between and self.report is not None:
+            raise InputError("discriminate: found a report and --between, expected one of them")
+        if not self.between and self.report is None:
+            raise InputError("discriminate: expected a report.json, or --between EFFECT@PLACE EFFECT@PLACE")
+        if self.between and len(self.between) != 2:
+            raise InputError(f"--between {' '.join(self.between)}: expected two of EFFECT@PLACE")
+        if not SHORTEST <= self.duration <= LONGEST:
+            raise InputError(f"--duration {self.duration}: expected from {SHORTEST} to {LONGEST} s")
+
+
+def discriminate_command(
+    request: DiscriminateRequest, out: Path, progress: Callable[[str], None], *, resume: bool = False
+) -> dict[str, Any]:
+    """The report with its `next_experiment`, written into `out` after the trajectory and the replay that it names.
+
+    Raises `InputError` for a report without rivals, and for effects or places that the scenario cannot have.
+    """
+    finished = out / REPORT
+    if resume and finished.is_file():
+        record: dict[str, Any] = json.loads(finished.read_text(encoding="utf-8"))
+        return record
+    request.check()
+    scene = Scene.load(request.scenario)
+    report, pairs = _asked(request, scene)
+    finished.unlink(missing_ok=True)
+    random = np.random.default_rng(request.seed)
+    designer = Designer.of(scene, Shape.lasting(request.duration))
+    pairs = [designer.matched(pair, random) for pair in pairs]
+    value = Odds(tuple(pairs))
+    planned = designer.design(value, random, progress).planned
+    with replacing(out / TRAJECTORY) as temporary:
+        write(_trajectory(scene, planned), temporary)
+    progress("trying it in simulation")
+    runs = _Runs(scene, designer, planned, request.seed)
+    tried = [_tried(runs, pair) for pair in pairs]
+    result = dict(report)
+    result["next_experiment"] = {
+        "separates": [list(pair.names) for pair in pairs],
+        "expected_log_odds": value(designer.problem(planned)),
+        "file": TRAJECTORY,
+        "duration": designer.shape.duration,
+        "start": dict(zip(scene.tree.joint_names, planned.q[0].tolist(), strict=True)),
+        "simulated": tried,
+    }
+    result["files"] = {**result.get("files", {}), "next_experiment": TRAJECTORY}
+    if request.replay:
+        progress("drawing the replay")
+        _write_replay(out / REPLAY, scene, runs, pairs[0])
+        result["files"]["next_experiment_replay"] = REPLAY
+    write_text(finished, as_text(result))
+    return result
+
+
+def in_words(result: dict[str, Any]) -> str:
+    """What is expected of the motion, and how its simulated runs went."""
+    found = result["next_experiment"]
+    lines = [f"{first} or {second}" for first, second in found["separates"]]
+    lines.append(f"expected odds for the true one after {found['duration']:.2f} s: {_odds(found['expected_log_odds'])}")
+    for pair in found["simulated"]:
+        for one in pair:
+            when = one["settled_after"]
+            settled = "20:1 is not reached" if when is None else f"20:1 after {when:.2f} s"
+            steps = ", ".join(f"{_odds(log_odds)} at {time:.2f} s" for time, log_odds in one["odds"])
+            lines.append(f"where {one['truth']} holds, the odds for it are {steps}; {settled}")
+    return "\n".join(lines)
+
+
+def _odds(log_odds: float) -> str:
+    """e^`log_odds` as odds."""
+    ratio = 10.0 ** (abs(log_odds) / np.log(10.0)) if abs(log_odds) < 13.8 else None
+    shown = f"{ratio:.3g}" if ratio is not None else f"10^{abs(log_odds) / np.log(10.0):.0f}"
+    return f"{shown}:1" if log_odds >= 0.0 else f"1:{shown}"
+
+
+def _asked(request: DiscriminateRequest, scene: Scene) -> tuple[dict[str, Any], list[Pair]]:
+    """The report to go on with, and the pairs to tell apart."""
+    if request.report is None:
+        return report_of(None, (), None, {}), [named_pair(scene, *request.between)]
+    path = report_file(request.report)
+    report = read_report(path, str(path))
+    return report, reported_pairs(scene, report, str(path))
+
+
+def _trajectory(scene: Scene, planned: Motion) -> Recording:
+    """q, v and u of every joint against time."""
+    names = scene.tree.joint_names
+    matrices = (("q", planned.q), ("v", planned.v), ("u", planned.u))
+    columns = {f"{kind}.{joint}": values[:, j] for kind, values in matrices for j, joint in enumerate(names)}
+    return Recording(TRAJECTORY, planned.time, columns)
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """Simulated runs of one motion."""
+
+    scene: Scene
+    designer: Designer
+    planned: Motion
+    seed: int
+
+    def recording(self, truth: Model, name: str, number: int) -> Recording:
+        physics = truth.physics(self.scene)
+        run = simulated(physics, self.scene.physics, self.designer.limits, self.planned)
+        return measured(
+            self.scene, physics, run, noise_of(self.scene), np.random.default_rng([self.seed, number]), name
+        )
+
+
+def _tried(runs: _Runs, pair: Pair) -> list[dict[str, Any]]:
+    """For each of the two, were it true: the odds for it along the run, and when they are settled."""
+    found = []
+    moments = np.linspace(0.0, runs.planned.time[-1], MOMENTS + 1)[1:].tolist()
+    for number, (truth, name, sign) in enumerate(zip((pair.first, pair.second), pair.names, (1.0, -1.0), strict=True)):
+        problem = problem_of(runs.scene, [runs.recording(truth, name, number)])
+        along = course(problem, pair, moments)
+        when = settled_after(problem, pair, sign)
+        odds = [[float(t), float(sign * x)] for t, x in zip(along.time, along.log_odds, strict=True)]
+        found.append({"truth": name, "odds": odds, "settled_after": when if np.isfinite(when) else None})
+    return found
+
+
+def _write_replay(path: Path, scene: Scene, runs: _Runs, pair: Pair) -> None:
+    """The motion as it goes where the first explanation holds, beside what the model alone makes of it."""
+    problem = problem_of(scene, [runs.recording(pair.first, TRAJECTORY, 0)])
+    first, second = pair.names
+    sentence = f"The motion that tells {first} from {second}, run in simulation where the former holds."
+    weak = problem.runs[0].weak
+    replay = RecordingReplay(scene, weak, scene.physics_at(pair.first.unknown), pair.first.physics(scene), {}, sentence)
+    write_recording_replay(path, replay)

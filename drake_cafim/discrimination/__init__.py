@@ -1,0 +1,1 @@
+"""The next experiment: motions that tell two explanations apart, and what a run of them says."""

@@ -1,0 +1,149 @@
+"""Evidence for one explanation against another, along a motion that is planned or was made.
+
+Every number of a model is measured in units of what is known of it beforehand: unknowns from their priors, strengths
+from no effect in units of the size at which engineers meet them. In these coordinates x the prior is a unit normal, and
+with whitened rows z(x), Jacobian J and F = JᵀJ, Laplace's approximation of the evidence is
+
+    ln p(y | model) = −½ (|z(x̂)|² + |x̂|²) − ½ ln det(I + F) + a constant that all models share,
+
+exact where the rows are linear (MacKay, Information Theory, 2003, ch. 28).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.effects.effect import Strength
+from drake_cafim.typing import Array
+
+Rows: TypeAlias = Callable[[Array], Array]
+SMALLEST = 1e-4
+"""Of a coordinate that is the inverse of a strength: no effect at all would be a strength without end."""
+STEPS, DAMPINGS = 25, 6
+CONVERGED = 1e-3
+
+
+def coordinate(strength: Strength, value: float) -> float:
+    """The strength in units of its typical size, zero where it is absent."""
+    return strength.typical / value if strength.inverse else (value - strength.nominal) / strength.typical
+
+
+def strength_at(strength: Strength, x: float) -> float:
+    """The strength at the coordinate `x`, within its bounds."""
+    value = strength.typical / max(x, SMALLEST) if strength.inverse else strength.nominal + strength.typical * x
+    return float(np.clip(value, strength.lower, strength.upper))
+
+
+def coordinates(problem: Problem, model: Model) -> Array:
+    """(k,) of unknowns, then strengths."""
+    priors = problem.scene.priors
+    unknown = (model.unknown - priors.mean) / priors.std
+    strengths = [coordinate(s, v) for e in model.effects for s, v in zip(e.strengths, e.vector.tolist(), strict=True)]
+    return np.concatenate([unknown, np.array(strengths, dtype=float)])
+
+
+def model_at(problem: Problem, model: Model, x: Array) -> Model:
+    """The model with its numbers at the coordinates `x` (k,), within their bounds."""
+    priors, n = problem.scene.priors, len(model.unknown)
+    unknown = priors.clip(priors.mean + priors.std * x[:n])
+    effects, start = [], n
+    for effect in model.effects:
+        own = x[start : start + len(effect.strengths)].tolist()
+        effects.append(
+            effect.with_values({s.name: strength_at(s, c) for s, c in zip(effect.strengths, own, strict=True)})
+        )
+        start += len(effect.strengths)
+    return Model(unknown, tuple(effects))
+
+
+def slopes(problem: Problem, model: Model) -> Array:
+    """Whitened data rows (R, k) by the coordinates."""
+    per_number = [np.asarray(problem.scene.priors.std, dtype=float)]
+    for effect in model.effects:
+        values = zip(effect.strengths, effect.vector.tolist(), strict=True)
+        per_number.append(np.array([-(v**2) / s.typical if s.inverse else s.typical for s, v in values]))
+    return np.asarray(problem.jacobian(model)[: problem.rows] * np.concatenate(per_number), dtype=float)
+
+
+@dataclass(frozen=True)
+class Explained:
+    """A model at its most probable numbers: `misfit` is |z|² + |x|², `information` F (k, k) in coordinates."""
+
+    model: Model
+    misfit: float
+    information: Array
+
+    @property
+    def log_evidence(self) -> float:
+        """Up to the constant that models of the same rows share."""
+        return -0.5 * (self.misfit + self.log_volume)
+
+    @property
+    def log_volume(self) -> float:
+        """ln det(I + F): how much narrower the numbers are known after than before."""
+        return float(np.linalg.slogdet(np.eye(len(self.information)) + self.information)[1])
+
+    @property
+    def fitted(self) -> float:
+        """tr F (I + F)⁻¹: how many numbers the rows determine, each of which takes one from |noise|²."""
+        return float(len(self.information) - np.trace(np.linalg.inv(np.eye(len(self.information)) + self.information)))
+
+
+def explain(
+    problem: Problem,
+    model: Model,
+    instead: Array | float = 0.0,
+    *,
+    rows: int | None = None,
+    steps: int = STEPS,
+    weight: float = 1.0,
+) -> Explained:
+    """The most probable numbers of `model` near those that it has, by damped Gauss–Newton.
+
+    `instead` (R,) is taken off the rows: the data are then those of which a model with these rows would be true. Only
+    the first `rows` count, where given, and all of them `weight` times.
+    """
+    count = problem.rows if rows is None else rows
+
+    def residual(one: Model, x: Array) -> Array:
+        return np.concatenate([weight * (problem.residual(one)[: problem.rows] - instead)[:count], x])
+
+    x = coordinates(problem, model)
+    z = residual(model, x)
+    damping = 1e-6
+    for _ in range(steps):
+        J = np.concatenate([weight * slopes(problem, model)[:count], np.eye(len(x))])
+        information, gradient = J.T @ J, J.T @ z
+        gained = 0.0
+        for _ in range(DAMPINGS):
+            step = -np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
+            trial = model_at(problem, model, x + step)
+            reached = coordinates(problem, trial)
+            z_trial = residual(trial, reached)
+            gained = float(z @ z - z_trial @ z_trial)
+            if np.isfinite(gained) and gained >= 0.0:
+                model, x, z, damping = trial, reached, z_trial, max(0.1 * damping, 1e-9)
+                break
+            damping = max(10.0 * damping, 1e-3)
+        if not gained > CONVERGED:
+            break
+    J = weight * slopes(problem, model)[:count]
+    return Explained(model, float(z @ z), J.T @ J)
+
+
+def expected_log_odds(problem: Problem, truth: Model, rival: Model, *, steps: int = 3) -> float:
+    """E ln p(y | truth's model)/p(y | rival's model) along a planned motion, over the noise of data that `truth` makes.
+
+    Half the non-centrality of the best-fitting rival (Atkinson, Fedorov, Biometrika 62(1), 1975), with unknowns and the
+    rival's own strengths fitted, and what each model pays for numbers that it must determine. `problem` holds the
+    motion as the nominal model makes it: a model's rows on the data of `truth` are, to first order in the data, its
+    rows there less those of `truth`.
+    """
+    instead = problem.residual(truth)[: problem.rows]
+    own = explain(problem, truth, instead, steps=1)
+    other = explain(problem, rival, instead, steps=steps)
+    return own.log_evidence - other.log_evidence + 0.5 * (own.fitted - other.fitted)

@@ -1,0 +1,68 @@
+"""What a run of a motion says: the odds of the two explanations as the recording grows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.discrimination.evidence import explain
+from drake_cafim.discrimination.hypotheses import Pair
+from drake_cafim.typing import Array
+
+TWENTY_TO_ONE = float(np.log(20.0))
+
+
+@dataclass(frozen=True)
+class Course:
+    """ln odds (K,) of the first explanation against the second after `time` (K,) s of robot time."""
+
+    time: Array
+    log_odds: Array
+
+
+def log_odds(problem: Problem, pair: Pair, rows: int | None = None) -> float:
+    """ln p(y | first)/p(y | second) of the recordings, both refitted, from their first `rows` whitened rows."""
+    first = explain(problem, pair.first, rows=rows)
+    second = explain(problem, pair.second, rows=rows)
+    return first.log_evidence - second.log_evidence
+
+
+def ends(problem: Problem) -> tuple[Array, Array]:
+    """The robot time (W,) s at which each window is over, and how many whitened rows there are by then."""
+    times, rows, begun, counted = [], [], 0.0, 0
+    for run in problem.runs:
+        windows = run.weak.samples.windows
+        times.append(begun + windows.starts + windows.width - windows.time[0])
+        rows.append(counted + run.weak.rows_per_window * (1 + np.arange(len(windows))))
+        begun += float(windows.time[-1] - windows.time[0])
+        counted += run.rows
+    return np.concatenate(times), np.concatenate(rows)
+
+
+def course(problem: Problem, pair: Pair, moments: Sequence[float]) -> Course:
+    """The odds at `moments` s of robot time."""
+    time, rows = ends(problem)
+    found = []
+    for moment in moments:
+        known = int(np.searchsorted(time, moment + 1e-9, side="right"))
+        found.append(log_odds(problem, pair, int(rows[known - 1])) if known else 0.0)
+    return Course(np.array(moments, dtype=float), np.array(found))
+
+
+def settled_after(problem: Problem, pair: Pair, sign: float, threshold: float = TWENTY_TO_ONE) -> float:
+    """The robot time s after which `sign` × ln odds first are over `threshold`; infinite where they never are.
+
+    By bisection over the windows, since odds rise with the data but for noise.
+    """
+    time, rows = ends(problem)
+    low, high = -1, len(rows) - 1
+    if sign * log_odds(problem, pair, int(rows[high])) < threshold:
+        return float("inf")
+    while high - low > 1:
+        middle = (low + high) // 2
+        if sign * log_odds(problem, pair, int(rows[middle])) < threshold:
+            low = middle
+        else:
+            high = middle
+    return float(time[high])

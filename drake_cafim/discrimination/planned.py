@@ -1,0 +1,98 @@
+"""A planned motion as the recording that the nominal model would make of it, ready for every sensitivity."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drake_cafim.diagnosis.coloured_noise import stated_correlation_times
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.samples import Samples, samples_of
+from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.discrimination.motions import Motion
+from drake_cafim.dynamics.motion import motion
+from drake_cafim.errors import InputError
+from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
+from drake_cafim.scenario.scene import Scene
+
+
+def noise_of(scene: Scene) -> dict[str, float]:
+    """The standard deviation of each channel that a run would have, SI.
+
+    Raises `InputError` where the scenario does not state it: without noise there is nothing to design against.
+    """
+    names = scene.tree.joint_names
+    columns = [f"q.{name}" for name in names]
+    if all(scene.std(f"v.{name}") is not None for name in names):
+        columns += [f"v.{name}" for name in names]
+    columns += [f"wrench.{sensor.name}.{axis}" for sensor in scene.wrench_sensors for axis in WRENCH_COMPONENTS]
+    found: dict[str, float] = {}
+    for column in columns:
+        std = scene.std(column)
+        if std is None or not std > 0.0:
+            raise InputError(f"{scene.name}: channel {column} has no std; a motion is designed against the noise")
+        found[column] = std
+    return found | {f"u.{name}": scene.std(f"u.{name}") or 0.0 for name in names}
+
+
+def recording_of(scene: Scene, planned: Motion, std: Mapping[str, float], name: str) -> Recording:
+    """What the nominal model and noiseless sensors make of the motion."""
+    names = scene.tree.joint_names
+    columns = {f"q.{joint}": planned.q[:, j] for j, joint in enumerate(names)}
+    if f"v.{names[0]}" in std:
+        columns |= {f"v.{joint}": planned.v[:, j] for j, joint in enumerate(names)}
+    columns |= {f"u.{joint}": planned.u[:, j] for j, joint in enumerate(names)}
+    if scene.wrench_sensors:
+        moving = motion(scene.tree, planned.q, planned.v)
+        physics = scene.physics
+        wrench = physics.contact_wrenches(moving, physics.contact_memory(planned.time, moving, moving))
+        for sensor in scene.wrench_sensors:
+            reading = sensor.reading(moving, wrench[:, sensor.joint])
+            columns |= {f"wrench.{sensor.name}.{axis}": reading[:, k] for k, axis in enumerate(WRENCH_COMPONENTS)}
+    return Recording(name, planned.time, columns)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What all motions of one time grid share: windows, smoothing and the weights of held efforts."""
+
+    scene: Scene
+    samples: Samples
+    template: WeakForm
+
+    @classmethod
+    def of(cls, scene: Scene, planned: Motion) -> "Bench":
+        """The bench for motions sampled as `planned` is."""
+        std = noise_of(scene)
+        samples = _samples(scene, recording_of(scene, planned, std, "planned"), std)
+        return cls(scene, samples, WeakForm(samples, scene.wrench_sensors))
+
+    def problem(self, planned: Motion) -> Problem:
+        """The motion's rows, whitened under the nominal model."""
+        scene, names = self.scene, self.scene.tree.joint_names
+        recording = recording_of(scene, planned, self.samples.std, "planned")
+        slope = self.samples.differentiate
+        v = recording.matrix("v", names) if slope is None else slope @ planned.q
+        samples = replace(
+            self.samples,
+            recording=recording,
+            q=planned.q,
+            v=np.asarray(v, dtype=float),
+            u=planned.u,
+            wrenches=tuple(recording.wrench(sensor.name) for sensor in scene.wrench_sensors),
+        )
+        weak = WeakForm(samples, scene.wrench_sensors, _held=self.template._held)
+        return Problem.of(scene, [weak], Model(scene.priors.mean))
+
+
+def problem_of(scene: Scene, runs: list[Recording]) -> Problem:
+    """Recordings' rows, whitened under the nominal model and the stated noise."""
+    std = noise_of(scene)
+    weak = [WeakForm(_samples(scene, run, std), scene.wrench_sensors) for run in runs]
+    return Problem.of(scene, weak, Model(scene.priors.mean))
+
+
+def _samples(scene: Scene, recording: Recording, std: dict[str, float]) -> Samples:
+    times = stated_correlation_times(scene, list(std))
+    return samples_of(scene, recording, std, correlation_times=times)

@@ -1,0 +1,1 @@
+"""Bags and logs as public libraries write them, and the table that they hold."""

@@ -1,0 +1,134 @@
+"""`cafim discriminate` from outside: files, bytes, messages."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from drake_cafim import recordings
+from drake_cafim.cli import main
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.discrimination.hypotheses import reported_pairs
+from drake_cafim.scenario.scene import Scene
+
+PENDULUM = """<robot name="pendulum">
+  <link name="base"/>
+  <link name="rod"><inertial><origin xyz="0 0 -0.5"/><mass value="1.0"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="pivot" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="20" velocity="6"/></joint>
+  <transmission name="t"><type>transmission_interface/SimpleTransmission</type>
+    <joint name="pivot"><hardwareInterface>EffortJointInterface</hardwareInterface></joint>
+    <actuator name="drive"/></transmission>
+</robot>"""
+SCENARIO = """model: pendulum.urdf
+weld: [{body: base}]
+channels: {q: {std: 2.0e-3}, v: {std: 2.0e-2}, u: {std: 0.0}}
+unknown: [{parameter: mass, body: rod, mean: 1.0, std: 0.1}]
+"""
+REPORT: dict[str, Any] = {
+    "schema": "drake_cafim.report/1",
+    "verdict": "explained",
+    "explanation": [
+        {
+            "effect": "joint_coulomb_friction",
+            "at": "pivot",
+            "probability": 0.99,
+            "parameters": {"torque": {"value": 0.2, "std": 0.01, "unit": "N m"}},
+        },
+        {
+            "effect": "actuator_bias",
+            "at": "pivot",
+            "probability": 0.7,
+            "parameters": {"torque": {"value": 0.1, "std": 0.02, "unit": "N m"}},
+        },
+    ],
+    "rivals": [{"effect": "joint_spring", "at": "pivot", "probability": 0.3, "why_alike": "..."}],
+    "parameters": [{"parameter": "mass", "at": "rod", "value": 1.02, "std": 0.01, "unit": "kg"}],
+    "next_experiment": None,
+    "files": {"html": "report.html"},
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
+    (tmp_path / "scenario.yaml").write_text(SCENARIO)
+    (tmp_path / "report.json").write_text(json.dumps(REPORT))
+    return tmp_path
+
+
+def discriminate(folder: Path, *arguments: str) -> Result:
+    return CliRunner().invoke(main, ["discriminate", str(folder / "scenario.yaml"), *arguments])
+
+
+def test_a_named_pair_gets_its_motion_and_the_same_seed_the_same_bytes(folder: Path) -> None:
+    words = ["--between", "actuator_bias@pivot", "--between", "joint_spring@pivot", "--duration", "0.6", "--no-replay"]
+    for out in ("one", "two"):
+        result = discriminate(folder, *words, "--out", str(folder / out), "--seed", "4")
+        assert result.exit_code == 0, result.output
+    assert "actuator_bias@pivot or joint_spring@pivot" in result.output
+    for name in ("report.json", "trajectory.parquet"):
+        assert (folder / "one" / name).read_bytes() == (folder / "two" / name).read_bytes()
+    found = json.loads((folder / "one" / "report.json").read_text())["next_experiment"]
+    assert found["separates"] == [["actuator_bias@pivot", "joint_spring@pivot"]]
+    assert found["expected_log_odds"] > 3.0
+    assert [one["truth"] for one in found["simulated"][0]] == ["actuator_bias@pivot", "joint_spring@pivot"]
+    assert all(one["odds"][-1][1] > 3.0 for one in found["simulated"][0])
+    trajectory = recordings.read(folder / "one" / found["file"])
+    assert set(trajectory.columns) == {"q.pivot", "v.pivot", "u.pivot"}
+    assert np.max(np.abs(trajectory["u.pivot"])) <= 20.0 and np.max(np.abs(trajectory["v.pivot"])) <= 6.0
+    again = discriminate(folder, *words, "--out", str(folder / "one"))
+    assert again.exit_code == 2 and "not empty" in again.output
+
+
+@pytest.mark.ci
+def test_a_report_is_copied_with_its_next_experiment_and_a_replay(folder: Path) -> None:
+    result = discriminate(folder, str(folder), "--out", str(folder / "out"), "--duration", "0.8", "--json")
+    assert result.exit_code == 0, result.output
+    written = json.loads((folder / "out" / "report.json").read_text())
+    assert written["explanation"] == REPORT["explanation"] and written["files"]["html"] == "report.html"
+    assert written["next_experiment"]["separates"] == [["actuator_bias@pivot", "joint_spring@pivot"]]
+    assert (folder / "out" / "replay.html").stat().st_size > 1e6
+
+
+def test_a_rival_takes_the_place_of_what_it_is_like(folder: Path) -> None:
+    scene = Scene.load(folder / "scenario.yaml")
+    [pair] = reported_pairs(scene, REPORT, "report.json")
+    assert [one.key for one in pair.first.effects] == [
+        ("joint_coulomb_friction", "pivot"),
+        ("actuator_bias", "pivot"),
+    ]
+    assert [one.key for one in pair.second.effects] == [("joint_coulomb_friction", "pivot"), ("joint_spring", "pivot")]
+    assert pair.first.unknown.tolist() == [1.02] and isinstance(pair.second, Model)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "expected a report.json, or --between"),
+        (["--between", "actuator_bias@pivot"], "expected two"),
+        (["--between", "actuator_bias@pivot", "--between", "joint_sprang@pivot"], "joint_sprang"),
+        (["--between", "actuator_bias@pivot", "--between", "joint_spring@knee"], "pivot"),
+        (["--between", "actuator_bias@pivot", "--between", "joint_spring@pivot", "--duration", "0"], "--duration"),
+        (["REPORT", "--between", "actuator_bias@pivot", "--between", "joint_spring@pivot"], "one of them"),
+        (["scenario.yaml"], "it is no JSON"),
+        (["no_rivals.json"], "no rivals"),
+        (["other.json"], "mass of rod"),
+    ],
+)
+def test_what_cannot_be_designed_for_ends_with_one_sentence(folder: Path, arguments: list[str], said: str) -> None:
+    (folder / "no_rivals.json").write_text(json.dumps(REPORT | {"rivals": []}))
+    (folder / "other.json").write_text(json.dumps(REPORT | {"parameters": []}))
+    files = {"REPORT": "report.json"}
+    words = [
+        str(folder / files.get(one, one)) if one.endswith((".json", ".yaml")) or one in files else one
+        for one in arguments
+    ]
+    result = discriminate(folder, *words, "--out", str(folder / "out"))
+    assert result.exit_code == 2, result.output
+    assert said in result.output and "Traceback" not in result.output
+    assert not list((folder / "out").glob("*")) or not (folder / "out" / "report.json").exists()
