@@ -35,16 +35,16 @@ class Memory:
     white: float = 0.0
 
 
-def stated_correlation_times(scene: Scene, columns: Sequence[str]) -> dict[str, float]:
-    """`correlation_time` (s) of each column that has one in the scenario."""
+def stated_memories(scene: Scene, columns: Sequence[str]) -> dict[str, Memory]:
+    """The memory of each column whose `correlation_time` the scenario states."""
     times = {column: channel.correlation_time for column in columns if (channel := scene.channel(column)) is not None}
-    return {column: time for column, time in times.items() if time > 0.0}
+    return {column: Memory(time) for column, time in times.items() if time > 0.0}
 
 
-def seen_correlation_times(
-    recordings: Sequence[Recording], std: Mapping[str, float], stated: Mapping[str, float], estimated: Set[str]
-) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Correlation times (s) of channels whose noise was not stated coloured but is, and a sentence for each kind.
+def seen_memories(
+    recordings: Sequence[Recording], std: Mapping[str, float], stated: Mapping[str, Memory], estimated: Set[str]
+) -> tuple[dict[str, Memory], tuple[str, ...]]:
+    """The memory of channels whose noise was not stated coloured but is, and a sentence for each kind.
 
     Above `QUIET` the spectrum of an exponentially correlated noise is σ² (1 − ρ²)/(1 − 2ρ cos ωh + ρ²),
     ρ = exp(−h/τ). Channels of a kind share τ: they come from like sensors. σ is `std`, free for `estimated` columns.
@@ -54,7 +54,7 @@ def seen_correlation_times(
     for column, deviation in std.items():
         if deviation > 0.0 and column not in stated and not column.startswith("u."):
             kinds.setdefault(column.partition(".")[0], []).append(column)
-    found: dict[str, float] = {}
+    found: dict[str, Memory] = {}
     told = []
     for kind, columns in kinds.items():
         pieces = [_spectra(one.measured(column) / std[column], step) for one in recordings for column in columns]
@@ -65,7 +65,7 @@ def seen_correlation_times(
         memory, p_value = _memory(phase, levels, level, float(np.exp(-step / LONGEST)))
         if p_value < SURE and memory > 0.0:
             time = -step / float(np.log(memory))
-            found |= dict.fromkeys(columns, time)
+            found |= dict.fromkeys(columns, Memory(time))
             told.append(f"the noise of {kind} is not white as stated: it has a correlation time of {1e3 * time:.2g} ms")
     return found, tuple(told)
 
@@ -75,13 +75,15 @@ def step_of(recordings: Sequence[Recording]) -> float:
     return float(np.median(np.concatenate([np.diff(one.time) for one in recordings])))
 
 
-def widened(std: Mapping[str, float], times: Mapping[str, float], estimated: Set[str], step: float) -> dict[str, float]:
-    """`std` with the `estimated` ones what fourth differences mean for noise of these correlation `times`."""
+def widened(
+    std: Mapping[str, float], memories: Mapping[str, Memory], estimated: Set[str], step: float
+) -> dict[str, float]:
+    """`std` with the `estimated` ones what fourth differences mean for noise of these `memories`."""
     differences = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
     apart = np.abs(np.subtract.outer(np.arange(5), np.arange(5)))
     wide = dict(std)
-    for column in estimated & set(times):
-        seen = differences @ np.exp(-step * apart / times[column]) @ differences
+    for column in estimated & set(memories):
+        seen = differences @ np.exp(-step * apart / memories[column].time) @ differences
         wide[column] *= float(np.sqrt(differences @ differences / seen))
     return wide
 

@@ -7,9 +7,8 @@ import numpy as np
 
 from drake_cafim.diagnosis.adequacy import adequacy
 from drake_cafim.diagnosis.coloured_noise import (
-    Memory,
-    seen_correlation_times,
-    stated_correlation_times,
+    seen_memories,
+    stated_memories,
     step_of,
     widened,
 )
@@ -115,14 +114,14 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
     """
     scene = _facing(scene, recordings)
     std, notes = noise_of(scene, recordings)
-    stated = stated_correlation_times(scene, list(std))
+    stated = stated_memories(scene, list(std))
     estimated = {column for column in std if scene.std(column) is None}
-    seen, told = seen_correlation_times(recordings, std, stated, estimated)
-    times = stated | seen
-    std = widened(std, times, estimated, step_of(recordings))
+    seen, told = seen_memories(recordings, std, stated, estimated)
+    known = stated | seen
+    std = widened(std, known, estimated, step_of(recordings))
 
     def laid(recording: Recording) -> WeakForm:
-        memories = quantised_memories(recording, std) | {column: Memory(time) for column, time in times.items()}
+        memories = quantised_memories(recording, std) | known
         recording, bridges = bridged(recording)
         samples = samples_of(scene, recording, std, memories=memories, bridges=bridges)
         return WeakForm(samples, scene.wrench_sensors)

@@ -25,7 +25,7 @@ COMPETES = 100.0
 """Information criterion, in units of the noise that is left, beyond which an explanation has lost."""
 RIVALS = 3
 CONTENDERS, NEAR = 12, 10.0
-"""Explanations that are fitted without bias before one is chosen, and by how much of the criterion they may look worse."""
+"""Explanations fitted without bias before one is chosen, and by how much of the criterion they may look worse."""
 MOVED = 0.3
 """Prior standard deviations that an unknown may have moved before the noise is reckoned anew."""
 MISFIT, FAIR_PART, REPEATS = 1.5, 0.05, 0.75
