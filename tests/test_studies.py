@@ -18,6 +18,8 @@ from drake_cafim.studies.findings import ratio_of_medians, require
 
 NAMES = {"hefting": ["mass"], "rubbing": ["friction"], "pinching": ["stiffness", "damping"], "contouring": ["l", "w"]}
 NAMES["pinching_point"] = ["stiffness", "dissipation"]
+NAMES["rubbing_two"] = NAMES["rubbing_tangential"] = ["friction", "stiffness"]
+PRODUCT = {"text": "friction·stiffness", "exponents": {"friction": 1.0, "stiffness": 1.0}, "std_percent": 2.0}
 
 
 LAWS = {
@@ -56,6 +58,8 @@ def made_up(cell: Cell, error: float = 1.0) -> dict[str, Any]:
         "tracking_error": 0.01,
         "planning_ms": 1.0,
         "hydroelastic": 1.0,
+        "rank": 1 if cell.scenario == "rubbing_tangential" else 2,
+        "combinations": [PRODUCT],
     }
     run = {"parameters": names, "prior_error": [30.0] * len(names), "period": 0.02, "experiments": [one, one]}
     return run if cell.scenario != "pinching_point" else {**run, "laws": LAWS, "diagnosis": DIAGNOSIS}
@@ -95,6 +99,21 @@ def test_what_drakes_world_must_show_fails_where_it_should(name: str) -> None:
             kept["diagnosis"] = {**DIAGNOSIS, "effects": [], "corrected": {"nll": 200.0, "rmse": {}}}
     failed = [one for one in study.conclude(results).claims if one.standing == "does not hold"]
     assert len(failed) == {"worlds": 10, "point-contact": 3}[name]
+
+
+def test_identifiability_fails_where_it_should() -> None:
+    study = STUDIES["identifiability"]
+    results = {cell: made_up(cell) for cell in study.cells(True)}
+    assert {one.standing for one in study.conclude(results).claims} == {"holds"}
+    for kept in results.values():
+        kept["experiments"][-1] |= {"rank": 0, "error": [30.0, 30.0], "inside": [False, False]}
+    assert {one.claim.split(": ", 1)[1] for one in study.conclude(results).claims if one.standing != "holds"} == {
+        "rank 1",
+        "rank 2",
+        "coverage of friction: at least 0.9",
+        "coverage of stiffness: at least 0.9",
+        "coverage of the product: at least 0.9",
+    }
 
 
 def test_ties_and_gains() -> None:

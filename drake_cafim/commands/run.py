@@ -116,7 +116,17 @@ def table(record: dict[str, Any]) -> str:
             f"{number:2d}  {known};  contact {100 * one['contact_fraction']:.0f} %, reversals {one['reversals']}, "
             f"largest force {one['max_force']:.1f} N, planning {one['planning_ms']['median']:.1f} ms"
         )
-    return "\n".join(lines)
+    return "\n".join([*lines, *_unidentified(record["experiments"][-1])])
+
+
+def _unidentified(one: dict[str, Any]) -> list[str]:
+    """Where the measurements cannot tell all unknowns apart, the sentence that says what they do tell."""
+    known = [c for c in one.get("combinations", []) if c["identified"]]
+    if len(known) == len(one["estimate"]) or "combinations" not in one:
+        return []
+    told = " and ".join(f"{c['text']}, to {c['std_percent']:.2g} %" for c in known) or "nothing"
+    unknowns = ", ".join(one["estimate"])
+    return [f"    only this is known: {told}; these measurements cannot tell {unknowns} apart, the rest is the prior"]
 
 
 def _number(name: str, text: str) -> float:

@@ -18,6 +18,7 @@ from drake_cafim.studies.comparisons import (
     planners,
 )
 from drake_cafim.studies.findings import Findings
+from drake_cafim.studies.identifiability import identifiability, identifiability_cells
 from drake_cafim.studies.landscapes import landscape_cells, landscapes
 from drake_cafim.studies.point_contact import point_contact, point_contact_cells
 from drake_cafim.studies.priors import calibration, calibration_cells, robustness, robustness_cells
@@ -44,6 +45,7 @@ STUDIES: Mapping[str, Study] = {
     "planners": Study(planner_cells, planners),
     "noise": Study(noise_cells, noise),
     "belief-averaging": Study(averaging_cells, averaging),
+    "identifiability": Study(identifiability_cells, identifiability),
     "landscapes": Study(landscape_cells, landscapes),
     "point-contact": Study(point_contact_cells, point_contact),
     "worlds": Study(world_cells, worlds),

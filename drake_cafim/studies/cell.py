@@ -13,6 +13,7 @@ from drake_cafim.diagrams.world import WorldKind
 from drake_cafim.experiment import ExperimentResult, Options, RunResult, run
 from drake_cafim.information import Criterion
 from drake_cafim.kinematic_world import kinematic_world
+from drake_cafim.run_record import identified
 from drake_cafim.scenario.scene import resolve
 from drake_cafim.scenario.schema import load
 from drake_cafim.studies.diagnosed import diagnosed
@@ -89,7 +90,8 @@ def measure(cell: Cell) -> dict[str, Any]:
 
 
 def _task_and_world(cell: Cell) -> tuple[Task, World]:
-    stage = None if cell.world is None else stage_of(load(resolve(cell.scenario)), cell.scenario)
+    kinematic = cell.world is None and cell.scenario in TASKS
+    stage = None if kinematic else stage_of(load(resolve(cell.scenario)), cell.scenario)
     task = TASKS[cell.scenario]() if stage is None else stage.task
     task = task.with_prior_mean(cell.prior_scale)
     if cell.noise != 1.0:
@@ -113,6 +115,7 @@ def _kept(result: RunResult, one: ExperimentResult) -> dict[str, Any]:
         "inside": (np.abs(one.belief.mean - theta) <= 1.96 * one.belief.std).tolist(),
         "std": (100.0 * one.belief.std / theta).tolist(),
         "information": one.scaled_trace,
+        **identified(result.prior, one.belief),
         "condition": float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 0 else None,
         "behaviour": dict(one.behaviour),
         "tracking_error": one.tracking_error,
