@@ -43,8 +43,8 @@ from drake_cafim.scenario.scene import Scene
 
 RIVAL = 9.0
 """χ², in units of the noise that is left, by which a rival may fit worse: three standard deviations."""
-EXPLAINS = 0.7
-"""Under `unexplained`, effects are named only where together they take away this share of the excess."""
+EXPLAINS = 0.5
+"""Under `unexplained`, effects are named only where together they take away more of the excess than they leave."""
 
 Progress = Callable[[str], None]
 

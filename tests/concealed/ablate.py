@@ -48,10 +48,21 @@ def _pendulum_joint(rng: np.random.Generator) -> str:
 
 
 def _lost_mass(machine: Machine, rng: np.random.Generator) -> Ablation:
-    body, low, high = [("upper_link", -0.15, 0.0), ("lower_link", -0.35, -0.25)][int(rng.integers(2))]
-    return ablation.lost_mass(
-        machine, body, float(rng.uniform(0.15, 0.3)), np.array([0.0, 0.0, rng.uniform(low, high)])
-    )
+    """A point that the link can spare: drawn until the rest is a rigid body, away from the centre of mass.
+
+    At the centre of mass it would be the link's own mass, which the scenario says may be wrong.
+    """
+    body, low, high, center = [("upper_link", -0.4, -0.1, -0.275), ("lower_link", -0.35, 0.0, -0.166)][
+        int(rng.integers(2))
+    ]
+    while True:
+        place = np.array([0.0, 0.0, rng.uniform(low, high)])
+        if abs(place[2] - center) < 0.08:
+            continue
+        try:
+            return ablation.lost_mass(machine, body, float(rng.uniform(0.1, 0.3)), place)
+        except ValueError:
+            continue
 
 
 def _lost_effect(machine: Machine, rng: np.random.Generator) -> Ablation:

@@ -59,7 +59,10 @@ def late_actuator(machine: Machine, joint: str, delay: float) -> Ablation:
         return np.concatenate([values[samples:], np.full(samples, values[-1])])
 
     altered = machine.with_column(f"u.{joint}", ahead)
-    return Ablation(altered, "actuator_delay", joint, {"delay": samples * step})
+    # where one position is all that is measured, a late effort and a late position are one
+    measured = [str(name) for name in next(iter(machine.tables.values())).columns if str(name).startswith(("q.", "v."))]
+    equal = (("sensor_delay", measured[0]),) if len(measured) == 1 else ()
+    return Ablation(altered, "actuator_delay", joint, {"delay": samples * step}, equal)
 
 
 def weak_actuator(machine: Machine, joint: str, gain: float) -> Ablation:
@@ -96,7 +99,10 @@ def drifting_sensor(machine: Machine, channel: str, rate: float) -> Ablation:
 
 
 def lost_mass(machine: Machine, body: str, mass: float, position: Array) -> Ablation:
-    """The model's `body` without a point of `mass` at `position` (3,) m, body frame."""
+    """The model's `body` without a point of `mass` at `position` (3,) m, body frame.
+
+    Raises `ValueError` where the body does not have so much there: the rest would not be a rigid body.
+    """
     tree = ET.fromstring(machine.model)
     inertial = tree.find(f"link[@name='{body}']/inertial")
     assert inertial is not None
@@ -112,6 +118,8 @@ def lost_mass(machine: Machine, body: str, mass: float, position: Array) -> Abla
     about_rest = (
         matrix + before * _parallel(p_BoBcm_B) - mass * _parallel(position) - after * _parallel(rest)
     )  # parallel axes, through the body's origin and back
+    if np.linalg.eigvalsh(0.5 * np.trace(about_rest) * np.eye(3) - about_rest).min() < 0.0:
+        raise ValueError(f"{body} without {mass} kg at {position} is no rigid body")
     weight.set("value", repr(after))
     origin.set("xyz", " ".join(repr(float(x)) for x in rest))
     for name, (i, j) in zip(names, ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)), strict=True):
