@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -50,6 +50,8 @@ class Cell:
     world: WorldKind | None = None  # None: the kinematic world
     experiments: int | None = None  # None: the task's own number
     belief_samples: int = 1  # points of the belief over which plans are scored
+    force_guard: bool = False
+    believed: tuple[tuple[str, float], ...] = ()  # numbers of the planner's model that are not the world's
     diagnosed: bool = False  # the joints are recorded as well, and a diagnosis looks for what its scenario lacks
 
     @property
@@ -60,6 +62,9 @@ class Cell:
         parts += [f"noise{self.noise:g}", f"of{self.experiments or 'all'}", f"seed{self.seed}"]
         if self.belief_samples != 1:
             parts.append(f"belief{self.belief_samples}")
+        if self.force_guard:
+            parts.append("guarded")
+        parts += [f"{name}{value:g}" for name, value in self.believed]
         if self.diagnosed:
             parts.append("diagnosed")
         return "_".join(parts)
@@ -75,6 +80,7 @@ def measure(cell: Cell) -> dict[str, Any]:
         seed=cell.seed,
         experiments=cell.experiments,
         belief_samples=cell.belief_samples,
+        force_guard=cell.force_guard,
     )
     result = run(task, options, world)
     kept = {} if cell.scenario != POINT else {"laws": other_laws(result)}
@@ -98,8 +104,10 @@ def _task_and_world(cell: Cell) -> tuple[Task, World]:
         # every packaged model has a field force_std
         noisy: Any = task.model
         task = replace(task, model=replace(noisy, force_std=cell.noise * noisy.force_std))
+    true, model = task, cast(Any, task.model)
+    task = replace(task, model=replace(model, **dict(cell.believed)))
     if stage is None or cell.world is None:
-        return task, kinematic_world(task, seed=cell.seed)
+        return task, kinematic_world(true, seed=cell.seed)
     world = stage.world(cell.world, cell.seed)
     if cell.diagnosed:
         return task, world
