@@ -151,11 +151,12 @@ def _refuse_other_stamps(recording: Recording, scene: Scene) -> None:
     for column in needed:
         if column in recording.columns:
             own = np.isfinite(recording[column])
-            shared, fewer = int(np.sum(own & there)), int(min(np.sum(own), np.sum(there)))
-            if shared < 0.5 * fewer:
+            shared, rows = int(np.sum(own & there)), int(np.sum(own | there))
+            if shared < 0.5 * rows:
                 raise InputError(
-                    f"{recording.name}: {column} was sampled at other times than {first}, {shared} of {fewer} samples "
-                    "share a row; say `join:` for its topic in `topics:`, or resample by `cafim import --period`"
+                    f"{recording.name}: {column} and {first} stand together in {shared} of {rows} rows, as topics with "
+                    "stamps or rates of their own do; say `join:` for one of them in `topics:`, or resample by "
+                    "`cafim import --period`"
                 )
 
 

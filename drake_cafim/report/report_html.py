@@ -25,11 +25,12 @@ from drake_cafim.report.forecast_figure import Contest, forecast_figure, telling
 from drake_cafim.report.law_figures import law_picture
 from drake_cafim.report.laws import law_of
 from drake_cafim.report.missing import residual_maps, row_labels
+from drake_cafim.report.next_experiment import next_experiment
 from drake_cafim.report.remains_figure import remains_figure
 from drake_cafim.report.residual_figure import residual_figure, worst_first
 from drake_cafim.scenario.physics import Physics
 
-TEMPLATE = "report.html.j2"
+TEMPLATE, REPORT = "report.html.j2", "report.json"
 SUSPECT = 3.0
 """Prior standard deviations beyond which an unknown is itself a mismatch."""
 BADGES = {"none": "nothing missing", "explained": "explained", "unexplained": "not all explained"}
@@ -80,8 +81,14 @@ def render(verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], co
         parameters=[_parameter(one) for one in verdict.parameters],
         files=_files(outcome, held_out),
         command=shlex.join(command),
+        next_experiment=next_experiment(verdict.next_experiment, _design(verdict)),
         versions=f"drake_cafim {version('drake_cafim')}, Drake {version('drake')}",
     )
+
+
+def _design(verdict: Verdict) -> str:
+    """The command that designs the motion which tells the rivals apart, where there are any."""
+    return shlex.join(["cafim", "discriminate", verdict.corrected.name, REPORT]) if verdict.rivals else ""
 
 
 def _headline(sentence: str) -> Markup:

@@ -38,6 +38,12 @@ def probability(p: float) -> str:
     return "< 0.1 %" if p < 0.001 else f"{100.0 * p:.1f} %"
 
 
+def odds(log_odds: float) -> str:
+    """e to the power `log_odds` as odds, as 250:1 or 1:12."""
+    ratio = rounded(float(np.exp(min(abs(log_odds), 700.0))), 2)
+    return f"{ratio}:1" if log_odds >= 0.0 else f"1:{ratio}"
+
+
 def p_value(p: float) -> str:
     """A p-value as it is written after a sign."""
     return "< 10⁻¹⁵" if p < 1e-15 else f"= {rounded(p, 2)}"

@@ -49,6 +49,8 @@ class Cell:
     noise: float = 1.0  # times the task's force noise, in the world and in the model
     world: WorldKind | None = None  # None: the kinematic world
     experiments: int | None = None  # None: the task's own number
+    process_noise: float = 0.0  # m/s, added to each command in the kinematic world
+    outside: float = 0.0  # m, by which the kinematic world's contact is before the frame that is planned with
     belief_samples: int = 1  # points of the belief over which plans are scored
     force_guard: bool = False
     believed: tuple[tuple[str, float], ...] = ()  # numbers of the planner's model that are not the world's
@@ -60,14 +62,22 @@ class Cell:
         world = "kinematic" if self.world is None else self.world
         parts = [self.scenario, world, self.policy, self.planner, self.criterion, f"prior{self.prior_scale:g}"]
         parts += [f"noise{self.noise:g}", f"of{self.experiments or 'all'}", f"seed{self.seed}"]
-        if self.belief_samples != 1:
-            parts.append(f"belief{self.belief_samples}")
-        if self.force_guard:
-            parts.append("guarded")
+        parts += [f"belief{self.belief_samples}"] if self.belief_samples != 1 else []
+        parts += ["guarded"] if self.force_guard else []
         parts += [f"{name}{value:g}" for name, value in self.believed]
-        if self.diagnosed:
-            parts.append("diagnosed")
+        parts += [f"process{self.process_noise:g}"] if self.process_noise else []
+        parts += [f"outside{self.outside:g}"] if self.outside else []
+        parts += ["diagnosed"] if self.diagnosed else []
         return "_".join(parts)
+
+
+def varying(results: Mapping[Cell, Any], *names: str) -> dict[Cell, Any]:
+    """Of `results` those whose cells are the default runs of their scenario and seed but for the fields `names`."""
+    return {
+        cell: kept
+        for cell, kept in results.items()
+        if Cell(cell.scenario, cell.seed, **{name: getattr(cell, name) for name in names}) == cell
+    }
 
 
 def measure(cell: Cell) -> dict[str, Any]:
@@ -107,12 +117,21 @@ def _task_and_world(cell: Cell) -> tuple[Task, World]:
     true, model = task, cast(Any, task.model)
     task = replace(task, model=replace(model, **dict(cell.believed)))
     if stage is None or cell.world is None:
-        return task, kinematic_world(true, seed=cell.seed)
+        return task, kinematic_world(_moved(true, cell.outside), seed=cell.seed, process_std=cell.process_noise)
     world = stage.world(cell.world, cell.seed)
     if cell.diagnosed:
         return task, world
     # what happens between two samples of the planner counts as well: contacts, and the largest force
     return task, replace(world, recorded=("true_force",) if cell.world == "model" else ("true_force", "contacts"))
+
+
+def _moved(task: Task, outside: float) -> Task:
+    """The task in whose model what touches stands out by `outside` m; hefting has no place for that."""
+    model: Any = task.model
+    for radius in ("tip_radius", "ball_radius"):
+        if outside and hasattr(model, radius):
+            return replace(task, model=replace(model, **{radius: getattr(model, radius) + outside}))
+    return task
 
 
 def _kept(result: RunResult, one: ExperimentResult) -> dict[str, Any]:

@@ -14,8 +14,8 @@ LACKING = "contact_hunt_crossley_dissipation"
 
 
 def point_contact_cells(short: bool) -> list[Cell]:
-    """40 seeds in each world, and one run whose recordings are diagnosed."""
-    seeds, experiments = (range(2), 2) if short else (range(40), None)
+    """20 seeds in each world, and one run whose recordings are diagnosed."""
+    seeds, experiments = (range(2), 2) if short else (range(20), None)
     cells = [Cell(POINT, seed, world=kind, experiments=experiments) for kind in ("drake", "model") for seed in seeds]
     return [*cells, Cell(POINT, 0, world="drake", experiments=3, diagnosed=True)]
 
