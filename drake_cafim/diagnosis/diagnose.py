@@ -187,9 +187,7 @@ def _facing(scene: Scene, recordings: Sequence[Recording]) -> Scene:
     return scene.facing(q[np.flatnonzero(np.all(np.isfinite(q), axis=1))[0]])
 
 
-def _verdict(
-    prepared: Prepared | PreparedTosses, outcome: Outcome, settings: Settings, progress: Progress
-) -> Verdict:
+def _verdict(prepared: Prepared | PreparedTosses, outcome: Outcome, settings: Settings, progress: Progress) -> Verdict:
     scene = prepared.scene
     best, kind = _decided(outcome, settings)
     # where the mismatch is: of the nominal physics at the numbers that the explanation found, or of what remains

@@ -23,6 +23,10 @@ from drake_cafim.effects.timing import SensorDelay
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
+GRAIN = 1e-3
+"""Of the body's mass: a load small enough for its slopes to be those of none."""
+PLACES = (0.35, 0.85)
+"""Of the body's size: where a load is looked for along the direction of its moment."""
 Look = tuple[Array, Callable[[Array], Effect | None]]
 ON_BODY = (Payload, AerodynamicDrag, ExternalDisturbance)
 
@@ -56,6 +60,8 @@ def looks(problem: TossProblem, at: Fit, effect: Effect) -> Iterator[Look]:
     physics = shot.physics
     if isinstance(effect, ExternalDisturbance):
         yield from _push_looks(problem, shot, at, effect)
+    elif isinstance(effect, Payload):
+        yield _load_look(problem, shot, at, effect)
     elif isinstance(effect, SensorEffect):
         yield problem.innovations(sensor_rows(shot, effect)), effect.from_directions
     elif isinstance(effect, ContactEffect | SurfaceEffect):
@@ -91,6 +97,36 @@ def _columns(problem: TossProblem, shot: Shot, effect: Effect, steps: Sequence[S
         changes.append(change / size)
         deeper.append(landed / size)
     return problem.innovations(force_rows(shot, changes, deeper))
+
+
+def _load_look(problem: TossProblem, shot: Shot, at: Fit, effect: Payload) -> Look:
+    """By a small mass and its first moments: a free body's motion is linear in no more than that."""
+    mass, arm = GRAIN * shot.body.inertial[0], 0.5 * _size(shot)
+    origin = {"mass": mass, "x": 0.0, "y": 0.0, "z": 0.0}
+    steps: list[Step] = [(origin, None, mass)]
+    steps += [(origin | {axis: arm}, origin | {axis: -arm}, 2.0 * mass * arm) for axis in "xyz"]
+
+    def build(coefficients: Array) -> Effect | None:
+        moment = coefficients[1:]
+        size = float(np.linalg.norm(moment))
+        if size == 0.0:
+            return None
+        masses = [size / (part * _size(shot)) for part in PLACES]
+        masses += [float(coefficients[0])] if coefficients[0] > size / (2.0 * _size(shot)) else []
+        loads = [effect.with_values(np.array([one, *(moment / one)])) for one in masses]
+        rows = [problem.residual(at.model.with_effects([load])) for load in loads]
+        return min(zip(loads, rows, strict=True), key=lambda pair: float(pair[1] @ pair[1]))[0]
+
+    return _columns(problem, shot, effect, steps), build
+
+
+def _size(shot: Shot) -> float:
+    """m from the body's origin to what may touch; of a body that nothing touches, by its inertia."""
+    contact = shot.body.contact
+    if contact is None:
+        mass, _, inertia, _ = shot.body.inertial
+        return float(np.sqrt(np.trace(inertia) / mass))
+    return float(np.max(np.linalg.norm(contact.points, axis=1)) + contact.radius)
 
 
 def pressed(shot: Shot) -> Touch:

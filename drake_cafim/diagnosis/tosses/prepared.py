@@ -1,9 +1,9 @@
 """Recordings of tosses made ready for a diagnosis."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from drake_cafim.diagnosis.coloured_noise import seen_correlation_times
+from drake_cafim.diagnosis.coloured_noise import seen_memories, step_of, widened
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.tosses.arcs import arcs_of
 from drake_cafim.diagnosis.tosses.location import locate_tosses
@@ -78,8 +78,9 @@ def _with_memory(
         values |= {f"rotation.{axis}": turns[:, k] for k, axis in enumerate("xyz")}
         spread.append(Recording(track.recording.name, track.time, values))
     estimated = set(columns) if scene.std(f"pose.{body}.x") is None else set()
-    times, told = seen_correlation_times(spread, columns, {}, estimated)
-    memory = (times.get("position.x", 0.0), times.get("rotation.x", 0.0))
+    memories, told = seen_memories(spread, columns, {}, estimated)
+    std = widened(columns, memories, estimated, step_of(spread))
+    position, rotation = (memories[part].time if part in memories else 0.0 for part in ("position.x", "rotation.x"))
     remarks = tuple(one.replace("noise of position", f"noise of the position of pose.{body}").replace(
         "noise of rotation", f"noise of the rotation of pose.{body}") for one in told)  # fmt: skip
-    return replace(noise, memory=memory), remarks
+    return PoseNoise(std["position.x"], std["rotation.x"], (position, rotation)), remarks
