@@ -21,6 +21,7 @@ from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from drake_cafim.contact import ContactParameters
 from drake_cafim.contact.system import SphereContact
+from drake_cafim.corrected.world import AffectedRobot
 from drake_cafim.diagrams.arm import (
     TOOL,
     add_arm,
@@ -30,7 +31,7 @@ from drake_cafim.diagrams.arm import (
     spatial_inertia_of,
 )
 from drake_cafim.diagrams.arrays import as_array
-from drake_cafim.diagrams.concealing import Concealed, conceal
+from drake_cafim.diagrams.concealing import Concealed, conceal, connect_concealed
 from drake_cafim.diagrams.configured import load_section
 from drake_cafim.diagrams.control import JointGains, add_velocity_control
 from drake_cafim.diagrams.movers import ArmMover
@@ -128,6 +129,7 @@ class _Robot:
     ball: RigidBody
     X_WPalm: RigidTransform  # at the start
     control_plant: MultibodyPlant
+    concealed: AffectedRobot
 
 
 def build_world(
@@ -165,7 +167,8 @@ def build_world(
         force = _add_planner_contact(builder, config, robot)
     export_force(builder, force, std=[config.force_std], period=config.time_step, seed=seed)
     export_tool_state(builder, robot.plant, robot.palm, p_BT=_palm_point(config), axes=UP)
-    export_joints(builder, robot.plant, robot.arm)
+    connect_concealed(builder, robot.plant, robot.concealed)
+    export_joints(builder, robot.plant, robot.arm, robot.concealed)
     builder.ExportOutput(robot.plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(robot.plant.get_contact_results_output_port(), "contact_results")
     if meshcat is not None:
@@ -225,9 +228,9 @@ def _add_bodies(
     _hold_hand(builder, plant, hand, config.hand)
     ball = add_ball(plant, mass=mass, radius=BALL_RADIUS, surface=config.felt if world == "drake" else None)
     X_WPalm = pose_at(control_plant, "flange", config.posture) @ X_FLANGE_PALM
-    robot = _Robot(plant, scene_graph, arm, hand, palm, ball, X_WPalm, control_plant)
+    affected = conceal(plant, arm, concealed)
+    robot = _Robot(plant, scene_graph, arm, hand, palm, ball, X_WPalm, control_plant, affected)
     _lay_ball(config, robot, mass, world)
-    conceal(plant, arm, concealed)
     plant.Finalize()
     plant.SetDefaultPositions(arm, as_array(config.posture))
     plant.SetDefaultPositions(hand, as_array(config.hand.posture))

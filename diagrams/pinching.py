@@ -13,7 +13,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from drake_cafim.diagrams.arm import add_model
 from drake_cafim.diagrams.arrays import as_array
-from drake_cafim.diagrams.concealing import Concealed, conceal
+from drake_cafim.diagrams.concealing import Concealed, conceal, connect_concealed
 from drake_cafim.diagrams.configured import load_section
 from drake_cafim.diagrams.control import JointGains, add_velocity_control
 from drake_cafim.diagrams.movers import JawMover
@@ -115,7 +115,7 @@ def build_world(
     gripper = add_model(plant, "gripper")
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("gripper_base", gripper))
     _add_ball(plant, model.ball_radius, ball_surface(config, **theta) if world == "drake" else None)
-    conceal(plant, gripper, concealed)
+    affected = conceal(plant, gripper, concealed)
     plant.Finalize()
     mover = JawMover(config.start)
     plant.SetDefaultPositions(gripper, mover.q_start)
@@ -138,7 +138,8 @@ def build_world(
     else:
         force = _add_planner_contact(builder, plant, model, model.parameters.vector(theta), jaws, face, state)
     export_force(builder, force, std=model.noise_std.tolist(), period=model.period, seed=seed)
-    export_joints(builder, plant, gripper)
+    connect_concealed(builder, plant, affected)
+    export_joints(builder, plant, gripper, affected)
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
     if meshcat is not None:

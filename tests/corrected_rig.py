@@ -13,6 +13,8 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.systems.primitives import LogVectorOutput
 
 from drake_cafim.corrected.corrected_plant import CorrectedPlant
+from drake_cafim.diagnosis.diagnose import prepare
+from drake_cafim.diagnosis.initial_state import state_at
 from drake_cafim.dynamics.motion import bias_force, mass_matrix, motion
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.recordings.recording import Recording
@@ -20,6 +22,8 @@ from drake_cafim.recordings.vector_log import from_vector_log
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
+PERIOD = 0.002
+"""s, of controllers and recordings."""
 CONTINUOUS = MultibodyPlantConfig(time_step=0.0)
 LINK = """<link name="{name}"><inertial><origin xyz="{x} 0.01 -0.02"/><mass value="{mass}"/>
 <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0.001" ixz="0" iyz="0"/></inertial></link>"""
@@ -61,6 +65,23 @@ STAGE = (
             ("x", "base", "bridge", "1 0 0"),
             ("y", "bridge", "carriage", "0 1 0"),
             ("z", "carriage", "tool", "0 0 1"),
+        )
+    )
+    + '<joint name="mount" type="fixed"><parent link="base"/><child link="wall"/></joint></robot>'
+)
+ROLLER = (
+    '<robot name="roller" xmlns:drake="http://drake.mit.edu"><link name="base"/>'
+    + STAGE_LINK.format(name="wall", mass=1.0, more=WALL)
+    + "".join(
+        STAGE_LINK.format(name=n, mass=m, more=more)
+        for n, m, more in (("bridge", 2.0, ""), ("lifter", 1.0, ""), ("tool", 0.8, BALL))
+    )
+    + "".join(
+        STAGE_JOINT.format(name=n, parent=p, child=c, axis=a).replace("prismatic", kind)
+        for n, p, c, a, kind in (
+            ("x", "base", "bridge", "1 0 0", "prismatic"),
+            ("z", "bridge", "lifter", "0 0 1", "prismatic"),
+            ("roll", "lifter", "tool", "0 1 0", "revolute"),
         )
     )
     + '<joint name="mount" type="fixed"><parent link="base"/><child link="wall"/></joint></robot>'
@@ -108,39 +129,61 @@ def waves(centre: Sequence[float], size: Sequence[float], seed: int = 0, slowest
     return desired
 
 
-class Controller(LeafSystem):
-    """Nominal inverse dynamics and a PD, sampled every `period` s: u(t_k) follows from q, v at t_k and is held."""
+class Held(LeafSystem):
+    """An effort of n joints that is sampled every `period` s and held.
 
-    def __init__(self, scene: Scene, desired: Desired, period: float, rate: float = 20.0) -> None:
+    Beside a discrete plant the sample at t_k acts from t_k on, and the log has it there. A continuous plant's
+    integrator looks at t_k from both sides: there the sample acts, and is logged, only after t_k; see `Rig.recording`.
+    """
+
+    def __init__(self, joints: int, period: float, continuous: bool) -> None:
         LeafSystem.__init__(self)
-        self.tree, self.gravity, self.desired, self.period, self.rate = (
-            scene.tree,
-            np.array(scene.scenario.gravity),
-            desired,
-            period,
-            rate,
-        )
-        n = len(self.tree.joints)
-        for name in "qv":
-            self.DeclareVectorInputPort(name, n)
-        self.DeclareVectorOutputPort("effort", n, self._calc_effort)
-        self.DeclareDiscreteState(n)
+        self.period, self.continuous = period, continuous
+        self.DeclareVectorOutputPort("effort", joints, self._calc_effort)
+        self.DeclareDiscreteState(np.full(joints, np.nan))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._hold)
 
-    def _command(self, context: Context) -> Array:
-        q, v = (self.get_input_port(k).Eval(context) for k in (0, 1))
-        q_d, v_d, a_d = self.desired(context.get_time())
-        return inverse_dynamics(
-            self.tree, self.gravity, q_d, v_d, a_d + self.rate**2 * (q_d - q) + 1.6 * self.rate * (v_d - v)
-        )
+    def sampled(self, context: Context) -> Array:
+        """The effort at a sample's time."""
+        raise NotImplementedError
 
     def _calc_effort(self, context: Context, output: BasicVector) -> None:
+        held = context.get_discrete_state(0).get_value()
         phase = context.get_time() / self.period
-        sampled = abs(phase - round(phase)) < 1e-6
-        output.SetFromVector(self._command(context) if sampled else context.get_discrete_state(0).get_value())
+        now = not self.continuous and abs(phase - round(phase)) < 1e-6
+        output.SetFromVector(self.sampled(context) if now or not np.isfinite(held[0]) else held)
 
     def _hold(self, context: Context, values: DiscreteValues) -> None:
-        values.set_value(0, self._command(context))
+        values.set_value(0, self.sampled(context))
+
+
+class Controller(Held):
+    """Nominal inverse dynamics and a PD of `rate` 1/s, from measured q and v."""
+
+    def __init__(self, scene: Scene, desired: Desired, period: float, rate: float, continuous: bool) -> None:
+        n = len(scene.tree.joints)
+        super().__init__(n, period, continuous)
+        self.tree, self.gravity, self.desired, self.rate = scene.tree, scene.scenario.gravity, desired, rate
+        for name in "qv":
+            self.DeclareVectorInputPort(name, n)
+
+    def sampled(self, context: Context) -> Array:
+        q, v = (self.get_input_port(k).Eval(context) for k in (0, 1))
+        q_d, v_d, a_d = self.desired(context.get_time())
+        a = a_d + self.rate**2 * (q_d - q) + 1.6 * self.rate * (v_d - v)
+        return inverse_dynamics(self.tree, np.array(self.gravity), q_d, v_d, a)
+
+
+class Replay(Held):
+    """A recording's efforts."""
+
+    def __init__(self, recording: Recording, joints: Sequence[str]) -> None:
+        super().__init__(len(joints), PERIOD, True)
+        self.start, self.efforts = recording.time[0], recording.matrix("u", joints)
+
+    def sampled(self, context: Context) -> Array:
+        k = round((context.get_time() - self.start) / self.period)
+        return np.array(self.efforts[min(k, len(self.efforts) - 1)])
 
 
 def inverse_dynamics(tree: Tree, gravity: Array, q: Array, v: Array, a: Array) -> Array:
@@ -160,7 +203,12 @@ class Rig:
     sink: Any
 
     def recording(self, name: str = "rig") -> Recording:
-        return from_vector_log(self.sink.FindLog(self.simulator.get_context()), self.corrected.columns, name)
+        log = from_vector_log(self.sink.FindLog(self.simulator.get_context()), self.corrected.columns, name)
+        if self.corrected.plant.time_step() > 0.0:
+            return log
+        # the effort that acts from a sample on is in the log of the next one
+        columns = {c: x[1:] if c.startswith("u.") else x[:-1] for c, x in log.columns.items()}
+        return Recording(name=name, time=log.time[:-1], columns=columns, notes=log.notes)
 
 
 def rig(
@@ -168,7 +216,7 @@ def rig(
     desired: Desired,
     *,
     config: MultibodyPlantConfig = CONTINUOUS,
-    period: float = 0.002,
+    period: float = PERIOD,
     integrator_step: float = 5e-4,
     rate: float = 20.0,
     **more: Any,
@@ -176,7 +224,7 @@ def rig(
     """The scene under a controller from the desired motion's start; recorded every `period` s."""
     builder = DiagramBuilder()
     corrected = scene.add_to(builder, config, **more)
-    controller = builder.AddNamedSystem("controller", Controller(scene, desired, period, rate))
+    controller = builder.AddNamedSystem("controller", Controller(scene, desired, period, rate, config.time_step == 0.0))
     for name in "qv":
         builder.Connect(corrected.measured[name], controller.GetInputPort(name))
     builder.Connect(controller.get_output_port(), corrected.effort)
@@ -188,21 +236,58 @@ def rig(
             integration_scheme="runge_kutta3", max_step_size=integrator_step, use_error_control=False
         )
         ApplySimulatorConfig(settings, simulator)
-    context = corrected.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     q, v, _ = desired(0.0)
-    for k, joint in enumerate(corrected.joints):
-        one = corrected.plant.GetJointByName(joint)
-        corrected.plant.SetPositions(context, _with(corrected.plant.GetPositions(context), one.position_start(), q[k]))
-        corrected.plant.SetVelocities(
-            context, _with(corrected.plant.GetVelocities(context), one.velocity_start(), v[k])
-        )
+    place(corrected, simulator, q, v)
     return Rig(diagram, corrected, simulator, sink)
 
 
-def _with(values: Array, index: int, value: float) -> Array:
-    changed = values.copy()
-    changed[index] = value
-    return changed
+LOOK_BACK, HORIZON = 0.05, 1.0
+"""s"""
+
+
+def followed(scene: Scene, recording: Recording, integrator_step: float = 5e-4) -> dict[str, float]:
+    """Root mean square of the scene's simulation in Drake against the recording over 1 s, by column with noise.
+
+    Open loop in the recorded efforts; the state at the horizon's start is that which a diagnosis finds in the 50 ms
+    before it, through which the scene is simulated first, for what it remembers.
+    """
+    prepared = prepare(scene, [recording])
+    [weak] = prepared.weak
+    start = int(np.searchsorted(recording.time, recording.time[0] + LOOK_BACK))
+    q, v, *_ = state_at(weak.samples, weak.measurement(scene.physics), start)
+    builder = DiagramBuilder()
+    corrected = scene.add_to(builder, CONTINUOUS)
+    replay = builder.AddSystem(Replay(recording, corrected.joints))
+    builder.Connect(replay.get_output_port(), corrected.effort)
+    sink = LogVectorOutput(corrected.measured["channels"], builder, publish_period=PERIOD)
+    simulator = Simulator(builder.Build())
+    settings = SimulatorConfig(
+        integration_scheme="runge_kutta3", max_step_size=integrator_step, use_error_control=False
+    )
+    ApplySimulatorConfig(settings, simulator)
+    measured = weak.measurement(scene.physics)
+    simulator.get_mutable_context().SetTime(float(recording.time[0]))
+    place(corrected, simulator, measured.q[0], measured.v[0])
+    simulator.AdvanceTo(float(recording.time[start]))
+    place(corrected, simulator, q, v)
+    simulator.AdvanceTo(float(recording.time[start]) + HORIZON)
+    log = from_vector_log(sink.FindLog(simulator.get_context()), corrected.columns, "Drake")
+    rows = slice(start + 1, len(log))
+    np.testing.assert_allclose(log.time[rows], recording.time[rows], atol=1e-9)
+    noisy = [column for column in corrected.columns if scene.std(column)]
+    return {c: float(np.sqrt(np.mean((log[c][rows] - recording[c][rows]) ** 2))) for c in noisy}
+
+
+def place(corrected: CorrectedPlant, simulator: Simulator, q: Array, v: Array) -> None:
+    """Sets the joints' positions and velocities (n,)."""
+    plant = corrected.plant
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    positions, velocities = plant.GetPositions(context).copy(), plant.GetVelocities(context).copy()
+    for k, name in enumerate(corrected.joints):
+        joint = plant.GetJointByName(name)
+        positions[joint.position_start()], velocities[joint.velocity_start()] = q[k], v[k]
+    plant.SetPositions(context, positions)
+    plant.SetVelocities(context, velocities)
 
 
 def recorded(scene: Scene, desired: Desired, duration: float, seed: int = 1, **more: Any) -> Recording:

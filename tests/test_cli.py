@@ -117,6 +117,7 @@ def test_estimate_gives_the_mass_and_no_verdict(folder: Path) -> None:
         (("diagnose", "scenario.yaml", "--recording", "short.csv"), "u.pivot"),
         (("diagnose", "scenario.yaml", "--recording", "free_1.parquet", "--out", "."), "the folder is not empty"),
         (("diagnose", "broken.yaml", "--recording", "free_1.parquet"), "chanels"),
+        (("diagnose", "pendulum.urdf", "--recording", "free_1.parquet"), "`weld: [{body: base}]` of a scenario"),
     ],
 )
 def test_unusable_input_is_one_sentence_and_status_two(folder: Path, arguments: tuple[str, ...], said: str) -> None:

@@ -11,6 +11,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from pydrake.systems.primitives import LogVectorOutput
 from scipy.integrate import solve_ivp
 
+from drake_cafim.corrected.clock import Clock
 from drake_cafim.corrected.contacts import ContactSystem
 from drake_cafim.corrected.efforts import actuator_system
 from drake_cafim.corrected.sensors import sensor_system
@@ -23,6 +24,7 @@ from drake_cafim.errors import InputError
 from drake_cafim.typing import Array
 
 PERIOD = 1e-3
+CLOCK = Clock(PERIOD)
 
 
 class Playback(LeafSystem):
@@ -62,7 +64,7 @@ def through(system: LeafSystem, rows: Array, output: str) -> Array:
 def test_efforts_come_through_late(effect: ActuatorEffect) -> None:
     rows = np.cumsum(np.random.default_rng(1).normal(size=(60, 3)), axis=0)
     time = PERIOD * np.arange(60)
-    found = through(actuator_system(effect, 1, 3, PERIOD), rows, "acting")
+    found = through(actuator_system(effect, 1, 3, CLOCK), rows, "acting")
     np.testing.assert_array_equal(found[:, [0, 2]], rows[:, [0, 2]])
     # the law takes an exponential in steps of its own, with its integral
     expected = effect.drive(Effort(time, rows[:, 1])).means(time)
@@ -83,7 +85,7 @@ def test_channels_come_late(effect: SensorEffect, tolerance: float) -> None:
     time = PERIOD * np.arange(400)
     columns = ("wrench.w.fx", "wrench.w.fy", "other")
     rows = np.stack([np.sin(9.0 * time), np.cos(14.0 * time) + time, time], axis=1)
-    found = through(sensor_system(effect, columns, PERIOD), rows, "measured")
+    found = through(sensor_system(effect, columns, CLOCK), rows, "measured")
     # a clock that runs ahead shows what the table does not hold yet
     longer = PERIOD * np.arange(450)
     true = np.stack([np.sin(9.0 * longer), np.cos(14.0 * longer) + longer], axis=1)
@@ -110,7 +112,7 @@ def test_contacts_remember(name: str, values: dict[str, float], tmp_path: Path) 
     v = np.stack([0.05 * np.cos(25.0 * time), 0.017 * np.cos(17.0 * time), -9e-3 * np.sin(15.0 * time)], axis=1)
     [contact] = scene.physics.contacts
     index = scene.plant.GetBodyByName("tool").index()
-    system = ContactSystem(contact, scene.tree, scene.tree.body("tool"), index, PERIOD)
+    system = ContactSystem(contact, scene.tree, scene.tree.body("tool"), index, CLOCK)
     found = through(system, np.concatenate([q, v], axis=1), "wrench")
     moving = motion(scene.tree, q, v)
     touch = contact.touch(moving)

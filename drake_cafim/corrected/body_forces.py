@@ -7,9 +7,9 @@ from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from drake_cafim.corrected.reading import read
+from drake_cafim.corrected.reading import array, read
 from drake_cafim.dynamics.motion import Motion, motion
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.body import BodyForce
@@ -23,10 +23,11 @@ class BodyForceSystem(LeafSystem):
 
         name: BodyForceSystem
         input_ports: [state]
-        output_ports: [spatial_forces]
+        output_ports: [spatial_forces, force]
 
     `state` (2n,) positions then velocities of the joints of `tree`; connect `spatial_forces` to the plant's
-    applied_spatial_force. The Context's time is the recording's.
+    applied_spatial_force, or add `force` (n,) N m or N, the same at the joints, to its generalized force. The
+    Context's time is the recording's.
     """
 
     def __init__(self, effect: BodyForce, tree: Tree, body: BodyIndex) -> None:
@@ -37,14 +38,25 @@ class BodyForceSystem(LeafSystem):
         self.DeclareVectorInputPort("state", 2 * len(tree.joints))
         allocate: Any = Value[list[ExternallyAppliedSpatialForce]]
         self.DeclareAbstractOutputPort("spatial_forces", allocate, self._calc_applied)
+        self.DeclareVectorOutputPort("force", len(tree.joints), self._calc_force)
+
+    def _force(self, context: Context) -> Array:
+        """(3,) N, world axes, at the effect's point."""
+        body = self._body
+        p_WP, v_WP = self._moving(context).point(body.joint, body.p_JB + body.R_JB @ self._p_BP)
+        recording = getattr(self.effect, "recording", None)
+        return array(self.effect.force(p_WP, v_WP, np.array([context.get_time()]), recording)[0])
+
+    def _moving(self, context: Context) -> Motion:
+        return motion_at(self._tree, read(self.get_input_port(), context))
 
     def _calc_applied(self, context: Any, output: Any) -> None:
+        output.set_value([applied(self._index, self._p_BP, np.zeros(3), self._force(context))])
+
+    def _calc_force(self, context: Context, output: BasicVector) -> None:
         body = self._body
-        moving = motion_at(self._tree, read(self.get_input_port(), context))
-        p_WP, v_WP = moving.point(body.joint, body.p_JB + body.R_JB @ self._p_BP)
-        recording = getattr(self.effect, "recording", None)
-        force = self.effect.force(p_WP, v_WP, np.array([context.get_time()]), recording)[0]
-        output.set_value([applied(self._index, self._p_BP, np.zeros(3), force)])
+        unit = self._moving(context).force_at(body.joint, body.p_JB + body.R_JB @ self._p_BP)
+        output.SetFromVector(array(unit[0] @ self._force(context)))
 
 
 def motion_at(tree: Tree, state: Array) -> Motion:

@@ -6,9 +6,10 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_cafim.corrected.body_forces import applied, motion_at
+from drake_cafim.corrected.clock import Clock
 from drake_cafim.corrected.reading import array, read, remembered
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import Motion
@@ -38,7 +39,7 @@ class ContactSystem(LeafSystem):
         tree: Tree,
         link: Body,
         index: BodyIndex,
-        period: float,
+        clock: Clock,
         beside: SphereContact | None = None,
     ) -> None:
         LeafSystem.__init__(self)
@@ -49,8 +50,7 @@ class ContactSystem(LeafSystem):
         self.DeclareAbstractOutputPort("spatial_forces", allocate, self._calc_applied)
         self.DeclareVectorOutputPort("wrench", 6, self._calc_wrench)
         if contact.memory:
-            self.DeclareDiscreteState(array(np.full(1 + contact.memory, np.nan)))
-            self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+            clock.keep(self, np.full(1 + contact.memory, np.nan), self._remember)
 
     def _moving(self, context: Context) -> Motion:
         return motion_at(self._tree, read(self.get_input_port(), context))
@@ -65,9 +65,9 @@ class ContactSystem(LeafSystem):
             return self.contact.recall(np.zeros(1), touch, touch)
         return self.contact.ahead(state[None, 1:], touch, np.array([context.get_time() - state[0]]), np.zeros(1))
 
-    def _remember(self, context: Context, values: DiscreteValues) -> None:
+    def _remember(self, context: Context) -> Array:
         memory = self._memory(context, self._moving(context))
-        values.set_value(0, array(np.concatenate([[context.get_time()], memory[0]])))
+        return array(np.concatenate([[context.get_time()], memory[0]]))
 
     def _wrench(self, context: Context, moving: Motion) -> Array:
         wrench = self.contact.wrench(moving, self._memory(context, moving))[0]

@@ -1,44 +1,20 @@
 """Actuator effects as systems: the effort that is asked for goes in, the effort that acts comes out.
 
 All are in series on the vector of all joints' efforts (n,). What remembers is sampled with a period h, the plant's
-time step: its output is the mean of the acting effort from now until h later, so that nothing is lost between steps.
+time step: its output is the mean of the acting effort over the current period, so that nothing is lost between steps.
+At a sample a discrete plant's own step still lies ahead, and the effort is the new one; an integrator has arrived there
+with the old one. Either way a sample is the effort of the period that the next update ends.
 """
 
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from drake_cafim.corrected.clock import Clock
 from drake_cafim.corrected.reading import array, read, remembered
 from drake_cafim.effects.actuator import ActuatorDelay, ActuatorEffect, ActuatorLag, Effort
 from drake_cafim.typing import Array
-
-
-class HeldEffort(LeafSystem):
-    """An effort held from sample to sample, beside a continuous plant; before the first sample it passes through.
-
-    .. pydrake_system::
-
-        name: HeldEffort
-        input_ports: [asked]
-        output_ports: [held]
-
-    Both (n,) N m or N; discrete state 0 is the last sample, NaN before there was one.
-    """
-
-    def __init__(self, joints: int, period: float) -> None:
-        LeafSystem.__init__(self)
-        self.DeclareVectorInputPort("asked", joints)
-        self.DeclareVectorOutputPort("held", joints, self._calc_held)
-        self.DeclareDiscreteState(array(np.full(joints, np.nan)))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
-
-    def _calc_held(self, context: Context, output: BasicVector) -> None:
-        sample = remembered(context)
-        output.SetFromVector(array(sample if np.isfinite(sample[0]) else read(self.get_input_port(), context)))
-
-    def _sample(self, context: Context, values: DiscreteValues) -> None:
-        values.set_value(0, array(read(self.get_input_port(), context)))
 
 
 class ActuatorSystem(LeafSystem):
@@ -78,12 +54,11 @@ class DelaySystem(ActuatorSystem):
         output_ports: [acting]
     """
 
-    def __init__(self, effect: ActuatorDelay, joint: int, joints: int, period: float) -> None:
+    def __init__(self, effect: ActuatorDelay, joint: int, joints: int, clock: Clock) -> None:
         super().__init__(effect, joint, joints)
-        self._period = period
-        past = int(np.ceil(effect.values["delay"] / period)) + 1
-        self.DeclareDiscreteState(array(np.full(past, np.nan)))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+        self._period = clock.period
+        past = int(np.ceil(effect.values["delay"] / clock.period)) + 1
+        clock.keep(self, np.full(past, np.nan), self._remember)
 
     def _past(self, context: Context) -> Array:
         return remembered(context)
@@ -95,9 +70,9 @@ class DelaySystem(ActuatorSystem):
         effort = Effort(times, np.concatenate([past, [asked, asked]]))
         return float(self.effect.drive(effort).means(times[-2:])[0])
 
-    def _remember(self, context: Context, values: DiscreteValues) -> None:
+    def _remember(self, context: Context) -> Array:
         asked = float(read(self.get_input_port(), context)[self._joint])
-        values.set_value(0, array(np.append(self._past(context)[1:], asked)))
+        return array(np.append(self._past(context)[1:], asked))
 
 
 class LagSystem(ActuatorSystem):
@@ -110,11 +85,10 @@ class LagSystem(ActuatorSystem):
         output_ports: [acting]
     """
 
-    def __init__(self, effect: ActuatorLag, joint: int, joints: int, period: float) -> None:
+    def __init__(self, effect: ActuatorLag, joint: int, joints: int, clock: Clock) -> None:
         super().__init__(effect, joint, joints)
-        self._period, self._constant = period, effect.values["time_constant"]
-        self.DeclareDiscreteState(array(np.full(1, np.nan)))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+        self._period, self._constant = clock.period, effect.values["time_constant"]
+        clock.keep(self, np.full(1, np.nan), self._remember)
 
     def _now(self, context: Context, asked: float) -> float:
         known = float(remembered(context)[0])
@@ -126,21 +100,16 @@ class LagSystem(ActuatorSystem):
         effort = Effort(times, np.array([self._now(context, asked), asked, asked]))
         return float(self.effect.drive(effort).means(times[1:])[0])
 
-    def _remember(self, context: Context, values: DiscreteValues) -> None:
+    def _remember(self, context: Context) -> Array:
         asked = float(read(self.get_input_port(), context)[self._joint])
         now = self._now(context, asked)
         # τ ẏ = u − y, integrated over the period
         change = self._period * (asked - self._acting(context, asked)) / self._constant
-        values.set_value(0, array(np.array([now + change])))
+        return array(np.array([now + change]))
 
 
-def actuator_system(effect: ActuatorEffect, joint: int, joints: int, period: float) -> ActuatorSystem:
+def actuator_system(effect: ActuatorEffect, joint: int, joints: int, clock: Clock) -> ActuatorSystem:
     """The system of an actuator effect."""
     known: dict[type[ActuatorEffect], Any] = {ActuatorDelay: DelaySystem, ActuatorLag: LagSystem}
     kind = known.get(type(effect))
-    return ActuatorSystem(effect, joint, joints) if kind is None else kind(effect, joint, joints, period)
-
-
-def remembers(effect: ActuatorEffect) -> bool:
-    """Whether the effect needs a period."""
-    return isinstance(effect, ActuatorDelay | ActuatorLag)
+    return ActuatorSystem(effect, joint, joints) if kind is None else kind(effect, joint, joints, clock)

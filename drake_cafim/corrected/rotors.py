@@ -5,12 +5,12 @@ from pydrake.systems.framework import (
     BasicVector,
     Context,
     ContinuousState,
-    DiscreteValues,
     EventStatus,
     LeafSystem,
     State,
 )
 
+from drake_cafim.corrected.clock import Clock
 from drake_cafim.corrected.reading import array, read, remembered
 from drake_cafim.effects.coupling import JointCoupling
 from drake_cafim.errors import InputError
@@ -75,20 +75,19 @@ class DiscreteRotor(RotorSystem):
     It starts in balance with the first effort.
     """
 
-    def __init__(self, effect: JointCoupling, inertia: float, joint: int, joints: int, period: float) -> None:
+    def __init__(self, effect: JointCoupling, inertia: float, joint: int, joints: int, clock: Clock) -> None:
         super().__init__(effect, inertia, joint, joints)
-        self._period = period
-        self.DeclareDiscreteState(array(np.full(2, np.nan)))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._step)
+        self._period = clock.period
+        clock.keep(self, np.full(2, np.nan), self._step)
 
     def _rotor(self, context: Context) -> Array:
         rotor = remembered(context)
         return rotor if np.isfinite(rotor[0]) else self._balanced(context)
 
-    def _step(self, context: Context, values: DiscreteValues) -> None:
+    def _step(self, context: Context) -> Array:
         position, velocity = self._rotor(context)
         velocity += self._period * self._acceleration(context)
-        values.set_value(0, array(np.array([position + self._period * velocity, velocity])))
+        return array(np.array([position + self._period * velocity, velocity]))
 
 
 class ContinuousRotor(RotorSystem):
@@ -118,20 +117,20 @@ class ContinuousRotor(RotorSystem):
         derivatives.SetFromVector(array([velocity, self._acceleration(context)]))
 
 
-def rotor_system(effect: JointCoupling, inertia: float, joint: int, joints: int, period: float) -> RotorSystem:
-    """The rotor beside a plant whose time step is `period` s, 0: continuous.
+def rotor_system(effect: JointCoupling, inertia: float, joint: int, joints: int, clock: Clock | None) -> RotorSystem:
+    """The rotor beside a discrete plant with this `clock`, or without one beside a continuous plant.
 
     Raises `InputError` for a joint without a rotor, and for steps in which the rotor would swing too far.
     """
     place = f"effect {effect.name} at {effect.at}"
     if inertia <= 0.0:
         raise InputError(f"{place}: the joint's rotor inertia is {inertia:g}, expected a positive one in the model")
-    if period == 0.0:
+    if clock is None:
         return ContinuousRotor(effect, inertia, joint, joints)
     rate = float(np.sqrt(effect.values["stiffness"] / inertia))
-    if period * rate > MOST_TURN:
+    if clock.period * rate > MOST_TURN:
         raise InputError(
-            f"{place}: on its stiffness the rotor swings at {rate:.4g} rad/s, too fast for steps of {period:g} s; "
+            f"{place}: on its spring the rotor swings at {rate:.4g} rad/s, too fast for a step of {clock.period:g} s; "
             f"expected at most {MOST_TURN / rate:.2g} s, or 0 for a continuous plant"
         )
-    return DiscreteRotor(effect, inertia, joint, joints, period)
+    return DiscreteRotor(effect, inertia, joint, joints, clock)

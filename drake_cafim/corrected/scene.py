@@ -8,6 +8,7 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 
 from drake_cafim.corrected.brakes import connect_brakes
+from drake_cafim.corrected.clock import Clock
 from drake_cafim.corrected.corrected_plant import CorrectedPlant
 from drake_cafim.corrected.plant import change_plant, hold_joints
 from drake_cafim.corrected.wiring import Wiring
@@ -38,7 +39,7 @@ def add_scene(
     plant.Finalize()
     if contact == "scenario":
         _touch_nothing(plant, scene_graph)
-    wiring = Wiring.around(builder, plant, scene.physics.tree, plant.time_step() or period)
+    wiring = Wiring.around(builder, plant, scene.physics.tree, Clock(plant.time_step() or period))
     connect_brakes(builder, plant)
     effort, asked, driving = wiring.add_efforts(scene.physics)
     wiring.add_joint_forces(scene.physics, driving)

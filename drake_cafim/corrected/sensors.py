@@ -6,8 +6,9 @@ What remembers is sampled with a period h: the plant's time step, or the time be
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from drake_cafim.corrected.clock import Clock
 from drake_cafim.corrected.reading import array, read, remembered
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.timing import POINTS, SensorLag, ShiftedSensor, interpolation
@@ -66,19 +67,18 @@ class ShiftedSensorSystem(SensorSystem):
     what is not yet, and gets the last samples' parabola.
     """
 
-    def __init__(self, effect: ShiftedSensor, columns: Sequence[str], period: float, past: int) -> None:
+    def __init__(self, effect: ShiftedSensor, columns: Sequence[str], clock: Clock, past: int) -> None:
         super().__init__(effect, columns)
         self._shown, self._past = effect.shown, past
-        self.DeclareDiscreteState(array(np.full(past * (1 + len(self._on)), np.nan)))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+        clock.keep(self, np.full(past * (1 + len(self._on)), np.nan), self._remember)
 
     def _samples(self, context: Context) -> Array:
         """(past, 1 + c)"""
         return remembered(context).reshape(self._past, -1)
 
-    def _remember(self, context: Context, values: DiscreteValues) -> None:
+    def _remember(self, context: Context) -> Array:
         now = np.concatenate([[context.get_time()], self._true(context)[self._on]])
-        values.set_value(0, array(np.concatenate([self._samples(context)[1:], now[None]]).ravel()))
+        return array(np.concatenate([self._samples(context)[1:], now[None]]).ravel())
 
     def _written(self, context: Context, true: Array) -> Array:
         samples, now = self._samples(context), context.get_time()
@@ -104,15 +104,14 @@ class LagSensor(SensorSystem):
     Discrete state 0 is the last sample: when, NaN before there was one, the channels (c,), and what was written (c,).
     """
 
-    def __init__(self, effect: SensorLag, columns: Sequence[str], period: float) -> None:
+    def __init__(self, effect: SensorLag, columns: Sequence[str], clock: Clock) -> None:
         super().__init__(effect, columns)
         self._constant = effect.values["time_constant"]
-        self.DeclareDiscreteState(array(np.full(1 + 2 * len(self._on), np.nan)))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+        clock.keep(self, np.full(1 + 2 * len(self._on), np.nan), self._remember)
 
-    def _remember(self, context: Context, values: DiscreteValues) -> None:
+    def _remember(self, context: Context) -> Array:
         true = self._true(context)[self._on]
-        values.set_value(0, array(np.concatenate([[context.get_time()], true, self._written(context, true)])))
+        return array(np.concatenate([[context.get_time()], true, self._written(context, true)]))
 
     def _written(self, context: Context, true: Array) -> Array:
         state = remembered(context)
@@ -125,11 +124,11 @@ class LagSensor(SensorSystem):
         return np.asarray(settled + np.exp((state[0] - now) / self._constant) * (written - before))
 
 
-def sensor_system(effect: SensorEffect, columns: Sequence[str], period: float) -> SensorSystem:
+def sensor_system(effect: SensorEffect, columns: Sequence[str], clock: Clock) -> SensorSystem:
     """The system of a sensor effect."""
     if isinstance(effect, SensorLag):
-        return LagSensor(effect, columns, period)
+        return LagSensor(effect, columns, clock)
     if isinstance(effect, ShiftedSensor):
         late = float(np.max(LONGEST - effect.shown(np.array([LONGEST]))))
-        return ShiftedSensorSystem(effect, columns, period, POINTS + max(int(np.ceil(late / period)), 0))
+        return ShiftedSensorSystem(effect, columns, clock, POINTS + max(int(np.ceil(late / clock.period)), 0))
     return SensorSystem(effect, columns)

@@ -5,13 +5,14 @@ from dataclasses import dataclass, field
 
 from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem, OutputPort
-from pydrake.systems.primitives import Adder, Demultiplexer, MatrixGain, Multiplexer, PassThrough
+from pydrake.systems.primitives import Adder, Demultiplexer, Gain, MatrixGain, Multiplexer, PassThrough
 
 from drake_cafim.corrected.body_forces import BodyForceSystem
 from drake_cafim.corrected.brakes import brakes, rest_level
 from drake_cafim.corrected.channels import TruePose, TrueWrench
+from drake_cafim.corrected.clock import Clock
 from drake_cafim.corrected.contacts import ContactSystem
-from drake_cafim.corrected.efforts import HeldEffort, actuator_system, remembers
+from drake_cafim.corrected.efforts import actuator_system
 from drake_cafim.corrected.joint_forces import JointForceSystem
 from drake_cafim.corrected.plant import damps, state_selection
 from drake_cafim.corrected.reading import array
@@ -31,40 +32,39 @@ from drake_cafim.scenario.physics import Physics
 class Wiring:
     """A plant in a builder whose effects are being connected.
 
-    `period` s is between updates of what effects remember: the plant's time step, or that of a sampled controller.
+    `clock` says when what effects remember is brought up to date: with a discrete plant's steps.
     """
 
     builder: DiagramBuilder
     plant: MultibodyPlant
     tree: Tree
-    period: float
+    clock: Clock
     state: OutputPort
     forces: list[OutputPort] = field(default_factory=list)
     """Generalized forces (n,) that were added."""
     spatial_forces: list[OutputPort] = field(default_factory=list)
 
     @classmethod
-    def around(cls, builder: DiagramBuilder, plant: MultibodyPlant, tree: Tree, period: float) -> "Wiring":
+    def around(cls, builder: DiagramBuilder, plant: MultibodyPlant, tree: Tree, clock: Clock) -> "Wiring":
         """The wiring of the joints of `tree` in the plant."""
         selected = builder.AddNamedSystem("joint state", MatrixGain(state_selection(plant, tree.joint_names)))
         builder.Connect(plant.get_state_output_port(), selected.get_input_port())
-        return cls(builder, plant, tree, period, selected.get_output_port())
+        return cls(builder, plant, tree, clock, selected.get_output_port())
 
     def add_efforts(self, physics: Physics) -> tuple[InputPort, OutputPort, OutputPort]:
         """Where efforts (n,) come in, what is asked of the actuators, and what drives the joints or their rotors."""
-        n = len(self.tree.joints)
-        entry = self.builder.AddNamedSystem("effort", PassThrough(n))
-        asked = driving = entry.get_output_port()
-        if self.plant.time_step() == 0.0 and any(remembers(effect) for effect in physics.actuators):
-            held = self.builder.AddNamedSystem("held effort", HeldEffort(n, self.period))
-            self.builder.Connect(asked, held.get_input_port())
-            driving = held.get_output_port()
+        entry = self.builder.AddNamedSystem("effort", PassThrough(len(self.tree.joints)))
+        asked = entry.get_output_port()
+        return entry.get_input_port(), asked, self.driven(physics, asked)
+
+    def driven(self, physics: Physics, asked: OutputPort) -> OutputPort:
+        """What the actuators make of the efforts (n,) that are asked of them."""
         for effect in physics.actuators:
             joint = self.tree.joint_index(effect.at)
-            system = self._named(effect, actuator_system(effect, joint, n, self.period))
-            self.builder.Connect(driving, system.get_input_port())
-            driving = system.get_output_port()
-        return entry.get_input_port(), asked, driving
+            system = self._named(effect, actuator_system(effect, joint, len(self.tree.joints), self.clock))
+            self.builder.Connect(asked, system.get_input_port())
+            asked = system.get_output_port()
+        return asked
 
     def add_joint_forces(self, physics: Physics, driving: OutputPort) -> None:
         """Joint effects, and the rotors' couplings, which pass the efforts on."""
@@ -80,7 +80,7 @@ class Wiring:
         for coupling in physics.couplings:
             joint = self.tree.joint_index(coupling.at)
             inertia = self.tree.joints[joint].rotor_inertia
-            rotor = rotor_system(coupling, inertia, joint, n, self.period if discrete else 0.0)
+            rotor = rotor_system(coupling, inertia, joint, n, self.clock if discrete else None)
             self._connect_joint(self._named(coupling, rotor), driving)
             driving = rotor.get_output_port()
         self.forces.append(driving)
@@ -111,12 +111,16 @@ class Wiring:
         self.builder.Connect(self.state, system.GetInputPort("state"))
         self.builder.Connect(driving, system.GetInputPort("effort"))
 
-    def add_body_forces(self, physics: Physics) -> None:
+    def add_body_forces(self, physics: Physics, at_joints: bool = False) -> None:
+        """Body effects; `at_joints`, as what they come to there."""
         for effect in physics.body_forces:
             index = self.plant.GetBodyByName(effect.at).index()
             system = self._named(effect, BodyForceSystem(effect, self.tree, index))
             self.builder.Connect(self.state, system.get_input_port())
-            self.spatial_forces.append(system.get_output_port())
+            if at_joints:
+                self.forces.append(system.GetOutputPort("force"))
+            else:
+                self.spatial_forces.append(system.GetOutputPort("spatial_forces"))
 
     def add_contacts(
         self, contacts: Sequence[SphereContact], beside: Sequence[SphereContact | None]
@@ -126,12 +130,19 @@ class Wiring:
         for contact, other in zip(contacts, beside, strict=True):
             name = self.plant.GetJointByName(self.tree.joints[contact.joint].name).child_body().name()
             index = self.plant.GetBodyByName(name).index()
-            system = ContactSystem(contact, self.tree, self.tree.body(name), index, self.period, other)
+            system = ContactSystem(contact, self.tree, self.tree.body(name), index, self.clock, other)
             self.builder.AddNamedSystem(f"contact {contact.name}", system)
             self.builder.Connect(self.state, system.get_input_port())
             self.spatial_forces.append(system.GetOutputPort("spatial_forces"))
             wrenches.append(system.GetOutputPort("wrench"))
         return tuple(wrenches)
+
+    def take_away(self, effort: OutputPort) -> None:
+        """An effort (n,) that the plant gets by other means and that is among the forces is not to act twice."""
+        n = len(self.tree.joints)
+        opposite = self.builder.AddNamedSystem("effort by other means", Gain(-1.0, n))
+        self.builder.Connect(effort, opposite.get_input_port())
+        self.forces.append(opposite.get_output_port())
 
     def close(self) -> None:
         """Connects all forces that were added to the plant."""
@@ -177,7 +188,7 @@ class Wiring:
             self.builder.Connect(self.state, pose.get_input_port())
             true[f"pose.{name}"], names[f"pose.{name}"] = pose.get_output_port(), POSE_COMPONENTS
         columns = {group: tuple(f"{group}.{name}" for name in members) for group, members in names.items()}
-        measured = {group: self._sensed(physics, port, columns[group]) for group, port in true.items()}
+        measured = {group: self.sensed(physics, port, columns[group]) for group, port in true.items()}
         known = tuple(column for members in columns.values() for column in members)
         for effect in physics.sensors:
             if not effect.channels(known):
@@ -187,11 +198,11 @@ class Wiring:
             self.builder.Connect(port, together.get_input_port(k))
         return measured | {"channels": together.get_output_port()}, known
 
-    def _sensed(self, physics: Physics, true: OutputPort, columns: Sequence[str]) -> OutputPort:
+    def sensed(self, physics: Physics, true: OutputPort, columns: Sequence[str]) -> OutputPort:
         """A group of channels after the effects on it; each group by itself, for a controller closes loops."""
         for effect in physics.sensors:
             if effect.channels(columns):
-                system = self._named(effect, sensor_system(effect, columns, self.period))
+                system = self._named(effect, sensor_system(effect, columns, self.clock))
                 self.builder.Connect(true, system.get_input_port())
                 true = system.get_output_port()
         return true

@@ -95,6 +95,7 @@ class Scene:
         builder = DiagramBuilder()
         plant, scene_graph = add_plant(scenario, folder, builder, time_step=0.0)
         diagram = builder.Build()
+        _check_standing(plant, name)
         tree = tree_of(plant, scenario.lock)
         physics = Physics(tree, np.array(scenario.gravity, dtype=float))
         vocabulary = vocabulary_with(effects)
@@ -216,6 +217,18 @@ def _entry(effect: Effect) -> EffectEntry:
         interval = [values.pop("start"), values.pop("stop")]
         return EffectEntry(effect.name, effect.at, values, interval, effect.recording)
     return EffectEntry(effect.name, effect.at, values)
+
+
+def _check_standing(plant: MultibodyPlant, name: str) -> None:
+    """Raises `InputError` for a robot, a body with joints, that nothing holds."""
+    free = plant.GetFloatingBaseBodies()
+    for body in [plant.get_body(index) for index in free]:
+        joints = [plant.get_joint(index) for index in plant.GetJointIndices(body.model_instance())]
+        if any(joint.num_velocities() > 0 and joint.child_body().index() not in free for joint in joints):
+            raise InputError(
+                f"{name}: nothing holds {body.name()}, on which the joints stand; expected it under "
+                f"`weld: [{{body: {body.name()}}}]` of a scenario"
+            )
 
 
 def resolve(address: str) -> Path:
