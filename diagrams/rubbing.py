@@ -40,7 +40,7 @@ class RubbingConfig:
             posture=[0.76762, -0.71942, -0.55014, -2.8727, 1.50897, 2.04824, 1.90331],
             rod=0.16,
             tip_radius=0.04,
-            # soft: at d = 3 cm, as far as the workspace lets it press, its force at rest is the planner's 100 N/m times d
+            # soft: at d = 3 cm, as far as the workspace lets it press, the force at rest is 100 N/m times d
             tip=Surface(modulus=2300.0, dissipation=0.5, point_stiffness=1e9, friction=1.0, resolution=0.02),
             tracking=TrackingConfig(ramp=0.02, acceleration=10.0),
             # pressed in as far as its centre, a soft ball no longer pushes: the paper's 0 m is 0.01 m here; braking is
