@@ -1,114 +1,107 @@
 """Physics put into a world's plant and into nothing else: what a diagnosis of its recordings has to find."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
-from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import (
-    JointActuator,
-    ModelInstanceIndex,
-    PdControllerGains,
-    PrismaticJoint,
-    RevoluteJoint,
-    SpatialInertia,
-    UnitInertia,
-)
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.controllers import InverseDynamicsController
+from pydrake.systems.framework import DiagramBuilder
 
-from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.corrected.world import AffectedRobot
+from drake_cafim.diagrams.arm import add_model
+from drake_cafim.dynamics.tree import Tree, tree_of
+from drake_cafim.effects.body import ExternalDisturbance
+from drake_cafim.effects.catalogue import EFFECTS, effect_named
+from drake_cafim.effects.contact import ContactEffect
+from drake_cafim.effects.effect import Effect, Place, Strength
+from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.errors import InputError
+from drake_cafim.scenario.physics import Physics
 
 
 @dataclass(frozen=True)
 class Concealed:
-    """One effect of the vocabulary at a joint or body of the robot, its parameters in SI units."""
+    """One effect of the vocabulary at a joint, body or channel of the robot, its parameters in SI units."""
 
     effect: str
     at: str
     parameters: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def address(self) -> str:
+        """What was asked for, as messages say it."""
+        return f"--conceal {self.effect}@{self.at}"
 
-def conceal(plant: MultibodyPlant, robot: ModelInstanceIndex, effects: Sequence[Concealed]) -> None:
-    """Puts `effects` into `plant` before it is finalized.
 
-    Raises `InputError` for an effect that worlds cannot conceal, a joint or body that the robot lacks, and for
+def conceal(plant: MultibodyPlant, robot: ModelInstanceIndex, effects: Sequence[Concealed]) -> AffectedRobot:
+    """The robot with `effects`, those that change the plant put into it before it is finalized.
+
+    Raises `InputError` for an effect that worlds cannot conceal, a joint, body or channel that the robot lacks, and for
     parameters that are not the effect's own.
     """
-    for one in effects:
-        if one.effect not in _WAYS:
-            raise InputError(
-                f"--conceal {one.effect}@{one.at}: a world cannot have this effect, expected one of {', '.join(_WAYS)}"
-            )
-        needed, optional, put = _WAYS[one.effect]
-        given = set(one.parameters)
-        if not set(needed) <= given <= {*needed, *optional}:
-            found = ", ".join(sorted(given)) or "no parameters"
-            raise InputError(
-                f"--conceal {one.effect}@{one.at}: found {found}, expected {', '.join((*needed, *optional))}"
-            )
-        wrong = [name for name in needed if not one.parameters[name] > 0]
-        if wrong:
-            raise InputError(
-                f"--conceal {one.effect}@{one.at}: {wrong[0]} is {one.parameters[wrong[0]]}, expected a positive number"
-            )
-        put(plant, robot, one)
+    tree = _tree(plant.GetModelInstanceName(robot))
+    gravity = np.array(plant.gravity_field().gravity_vector(), dtype=float)
+    known = [_effect(one, tree) for one in effects]
+    affected = AffectedRobot(tree, Physics(tree, gravity).with_effects(known))
+    affected.prepare(plant)
+    return affected
 
 
-_BRAKE = "_brake"
+def connect_concealed(builder: DiagramBuilder, plant: MultibodyPlant, affected: AffectedRobot) -> None:
+    """Forces of what is concealed, beside those of the robot's control, which is in the builder."""
+    control = cast(InverseDynamicsController, builder.GetSubsystemByName("joint_control"))
+    affected.connect(builder, plant, control.get_output_port_control())
 
 
-def _joint(plant: MultibodyPlant, robot: ModelInstanceIndex, one: Concealed) -> RevoluteJoint | PrismaticJoint:
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
-    own = {
-        joint.name(): joint
-        for joint in joints
-        if joint.model_instance() == robot and isinstance(joint, RevoluteJoint | PrismaticJoint)
+def _tree(model: str) -> Tree:
+    """The robot of that model by itself, its base in the world."""
+    plant = MultibodyPlant(0.0)
+    robot = add_model(plant, model)
+    base = plant.get_body(plant.GetBodyIndices(robot)[0])
+    plant.WeldFrames(plant.world_frame(), base.body_frame())
+    plant.Finalize()
+    return tree_of(plant)
+
+
+def _effect(one: Concealed, tree: Tree) -> Effect:
+    worlds = [kind for kind in EFFECTS if not issubclass(kind, ContactEffect | SurfaceEffect)]
+    names = [kind.name for kind in worlds if kind.name != "sensor_misalignment"]
+    if one.effect not in names:
+        raise InputError(f"{one.address}: a world cannot have this effect, expected one of {', '.join(names)}")
+    kind = effect_named(one.effect)
+    _check_place(one, kind, tree)
+    known = [strength.name for strength in (*kind.strengths, *kind.shapes)]
+    lacking = [s.name for s in kind.strengths if _needed(s, kind) and s.name not in one.parameters]
+    if lacking or not set(one.parameters) <= set(known):
+        found = ", ".join(sorted(one.parameters)) or "no parameters"
+        raise InputError(f"{one.address}: found {found}, expected {', '.join(known)}")
+    values = {s.name: s.nominal for s in kind.strengths} | dict(one.parameters)
+    effect = kind(one.at, values)
+    if not effect.plausible():
+        bounds = ", ".join(f"{s.lower:g} <= {s.name} <= {s.upper:g}" for s in kind.strengths)
+        raise InputError(f"{one.address}: found {dict(one.parameters)}, expected {bounds}")
+    return effect
+
+
+def _needed(strength: Strength, kind: type[Effect]) -> bool:
+    """Whether the effect means nothing without this parameter: a payload does without x, y and z."""
+    timed = issubclass(kind, ExternalDisturbance) and not strength.amplitude
+    return timed or strength.inverse or not strength.amplitude or strength == kind.strengths[0]
+
+
+def _check_place(one: Concealed, kind: type[Effect], tree: Tree) -> None:
+    bodies = [body.name for body in tree.bodies if body.joint >= 0]
+    channels = [f"{letter}.{name}" for letter in "qv" for name in tree.joint_names]
+    places: dict[Place, tuple[str, Sequence[str]]] = {
+        Place.JOINT: ("joints", tree.joint_names),
+        Place.ACTUATOR: ("joints", tree.joint_names),
+        Place.BODY: ("bodies", bodies),
+        Place.CHANNEL: ("channels", channels),
+        Place.WORLD: ("surroundings", ["world"]),
     }
-    if one.at not in own:
-        raise InputError(f"--conceal {one.effect}@{one.at}: the robot's joints are {', '.join(own)}")
-    return own[one.at]
-
-
-def _actuator(plant: MultibodyPlant, robot: ModelInstanceIndex, one: Concealed) -> JointActuator:
-    joint = _joint(plant, robot, one)
-    actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
-    return next(actuator for actuator in actuators if actuator.joint().index() == joint.index())
-
-
-def _put_viscous_friction(plant: MultibodyPlant, robot: ModelInstanceIndex, one: Concealed) -> None:
-    joint = _joint(plant, robot, one)
-    joint.set_default_damping(joint.default_damping() + one.parameters["coefficient"])
-
-
-def _put_coulomb_friction(plant: MultibodyPlant, robot: ModelInstanceIndex, one: Concealed) -> None:
-    """A second actuator that holds the joint at speed zero with at most `torque`: the solver takes it implicitly."""
-    joint = _joint(plant, robot, one)
-    brake = plant.AddJointActuator(f"{one.at}{_BRAKE}", joint, one.parameters["torque"])
-    brake.set_controller_gains(PdControllerGains(p=1e-9, d=1e4))
-
-
-def _put_rotor_inertia(plant: MultibodyPlant, robot: ModelInstanceIndex, one: Concealed) -> None:
-    actuator = _actuator(plant, robot, one)
-    more = one.parameters["inertia"] / actuator.default_gear_ratio() ** 2
-    actuator.set_default_rotor_inertia(actuator.default_rotor_inertia() + more)
-
-
-def _put_payload(plant: MultibodyPlant, robot: ModelInstanceIndex, one: Concealed) -> None:
-    if not plant.HasBodyNamed(one.at, robot):
-        names = ", ".join(plant.get_body(index).name() for index in plant.GetBodyIndices(robot))
-        raise InputError(f"--conceal {one.effect}@{one.at}: the robot's bodies are {names}")
-    # Drake wants a rotational inertia of any body: that of a ball of a millimetre
-    inertia = SpatialInertia(one.parameters["mass"], as_array(np.zeros(3)), UnitInertia.SolidSphere(1e-3))
-    load = plant.AddRigidBody(f"load_on_{one.at}", plant.AddModelInstance(f"load_on_{one.at}"), inertia)
-    place = RigidTransform(as_array([one.parameters.get(axis, 0.0) for axis in "xyz"]))
-    plant.WeldFrames(plant.GetBodyByName(one.at, robot).body_frame(), load.body_frame(), place)
-
-
-_Put = Callable[[MultibodyPlant, ModelInstanceIndex, Concealed], None]
-_WAYS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...], _Put]] = {  # needed and optional parameters
-    "joint_viscous_friction": (("coefficient",), (), _put_viscous_friction),
-    "joint_coulomb_friction": (("torque",), (), _put_coulomb_friction),
-    "rotor_inertia": (("inertia",), (), _put_rotor_inertia),
-    "payload": (("mass",), ("x", "y", "z"), _put_payload),
-}
+    what, valid = places[kind.place]
+    if one.at not in valid:
+        raise InputError(f"{one.address}: the robot's {what} are {', '.join(valid)}")

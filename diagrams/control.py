@@ -7,7 +7,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.controllers import InverseDynamicsController
 from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
+from pydrake.systems.primitives import MatrixGain
 
 from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.diagrams.movers import Mover
@@ -69,6 +69,3 @@ def _connect_efforts(
     padding = builder.AddNamedSystem("efforts", MatrixGain(as_array(np.eye(count, own))))
     builder.Connect(efforts, padding.get_input_port())
     builder.Connect(padding.get_output_port(), plant.get_actuation_input_port(robot))
-    # a brake holds speed zero; Drake asks for the desired state of all actuators of the instance
-    rest = builder.AddNamedSystem("brakes", ConstantVectorSource(as_array(np.zeros(2 * count))))
-    builder.Connect(rest.get_output_port(), plant.get_desired_state_input_port(robot))

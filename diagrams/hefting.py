@@ -21,6 +21,7 @@ from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 
 from drake_cafim.contact import ContactParameters
 from drake_cafim.contact.system import SphereContact
+from drake_cafim.corrected.world import AffectedRobot
 from drake_cafim.diagrams.arm import (
     TOOL,
     add_arm,
@@ -30,7 +31,7 @@ from drake_cafim.diagrams.arm import (
     spatial_inertia_of,
 )
 from drake_cafim.diagrams.arrays import as_array
-from drake_cafim.diagrams.concealing import Concealed, conceal
+from drake_cafim.diagrams.concealing import Concealed, conceal, connect_concealed
 from drake_cafim.diagrams.configured import load_section
 from drake_cafim.diagrams.control import JointGains, add_velocity_control
 from drake_cafim.diagrams.movers import ArmMover
@@ -128,6 +129,7 @@ class _Robot:
     ball: RigidBody
     X_WPalm: RigidTransform  # at the start
     control_plant: MultibodyPlant
+    concealed: AffectedRobot
 
 
 def build_world(
@@ -145,13 +147,14 @@ def build_world(
         name: hefting
         input_ports: [command]
         output_ports: [measured_state, true_force, measured_force, plant_state, contact_results, joint_state,
-            joint_effort]
+            joint_effort, contacts]
 
     `command` (1,) m/s is the palm's vertical velocity, reached over `tracking.ramp`; `measured_state` (2,) the
     height m and velocity m/s of the palm's face under the ball, read from the plant; the forces (1,) N are the
     vertical force of the hand on the ball. `truth` may give `mass` (kg). In world `model` the ball moves up and
     down over the palm, pushed by the planner's own law (stiffness, damping) alone.
     `concealed` is in the plant and in no controller.
+    `contacts` (2,), only in world `drake`, counts hydroelastic and point contacts.
     """
     check_kind(world)
     mass = check_truth("hefting", {"mass": config.mass}, truth or {})["mass"]
@@ -164,7 +167,8 @@ def build_world(
         force = _add_planner_contact(builder, config, robot)
     export_force(builder, force, std=[config.force_std], period=config.time_step, seed=seed)
     export_tool_state(builder, robot.plant, robot.palm, p_BT=_palm_point(config), axes=UP)
-    export_joints(builder, robot.plant, robot.arm)
+    connect_concealed(builder, robot.plant, robot.concealed)
+    export_joints(builder, robot.plant, robot.arm, robot.concealed)
     builder.ExportOutput(robot.plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(robot.plant.get_contact_results_output_port(), "contact_results")
     if meshcat is not None:
@@ -224,9 +228,9 @@ def _add_bodies(
     _hold_hand(builder, plant, hand, config.hand)
     ball = add_ball(plant, mass=mass, radius=BALL_RADIUS, surface=config.felt if world == "drake" else None)
     X_WPalm = pose_at(control_plant, "flange", config.posture) @ X_FLANGE_PALM
-    robot = _Robot(plant, scene_graph, arm, hand, palm, ball, X_WPalm, control_plant)
+    affected = conceal(plant, arm, concealed)
+    robot = _Robot(plant, scene_graph, arm, hand, palm, ball, X_WPalm, control_plant, affected)
     _lay_ball(config, robot, mass, world)
-    conceal(plant, arm, concealed)
     plant.Finalize()
     plant.SetDefaultPositions(arm, as_array(config.posture))
     plant.SetDefaultPositions(hand, as_array(config.hand.posture))
@@ -287,7 +291,8 @@ def _add_contact_sensor(builder: DiagramBuilder, robot: _Robot) -> OutputPort:
         "force_sensor", ContactForce(plant=robot.plant, body=robot.ball.index(), directions=UP)
     )
     builder.Connect(robot.plant.get_contact_results_output_port(), sensor.get_input_port())
-    return sensor.get_output_port()
+    builder.ExportOutput(sensor.GetOutputPort("contacts"), "contacts")
+    return sensor.GetOutputPort("force")
 
 
 def _add_planner_contact(builder: DiagramBuilder, config: HeftingConfig, robot: _Robot) -> OutputPort:

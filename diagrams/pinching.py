@@ -13,7 +13,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from drake_cafim.diagrams.arm import add_model
 from drake_cafim.diagrams.arrays import as_array
-from drake_cafim.diagrams.concealing import Concealed, conceal
+from drake_cafim.diagrams.concealing import Concealed, conceal, connect_concealed
 from drake_cafim.diagrams.configured import load_section
 from drake_cafim.diagrams.control import JointGains, add_velocity_control
 from drake_cafim.diagrams.movers import JawMover
@@ -32,7 +32,8 @@ from drake_cafim.diagrams.world import (
     export_tool_state,
 )
 from drake_cafim.report.replay_data import Camera
-from drake_cafim.tasks.pinching import TRUE_DAMPING, TRUE_STIFFNESS, Pinching
+from drake_cafim.tasks.pinching import WORKING_FORCE, Pinching, hunt_crossley_pinching
+from drake_cafim.tasks.pinching import pinching as pinching_task
 from drake_cafim.typing import Array
 
 OUTWARDS = as_array([[1.0, 0.0, 0.0]])  # of the left jaw
@@ -49,7 +50,7 @@ class PinchingConfig:
         )
     )
     # in world `drake` the truth sets the ball's modulus and dissipation at a working force of 4 N, see `ball_surface`
-    working_force: float = 4.0  # N
+    working_force: float = WORKING_FORCE  # N
     resolution: float = 0.006  # m
     start: float = 0.024  # m
     gains: JointGains = field(default_factory=lambda: JointGains(stiffness=10000.0, damping=200.0))
@@ -64,16 +65,19 @@ def load_config(path: Path | None = None) -> PinchingConfig:
     return load_section(Path(__file__).with_name("pinching.yaml") if path is None else path, PinchingConfig())
 
 
-def ball_surface(config: PinchingConfig, stiffness: float, damping: float) -> Surface:
+def ball_surface(
+    config: PinchingConfig, stiffness: float, damping: float = 0.0, dissipation: float | None = None
+) -> Surface:
     """A surface that Drake presses with about K d + C ḋ at the working force F = K d₀.
 
-    Point contact: K exactly, and K d₀ · dissipation = C. Hydroelastic: π E d₀² = F, dissipation as well.
+    Point contact: K exactly, and K d₀ · dissipation = C unless `dissipation` s/m is given. Hydroelastic:
+    π E d₀² = F, dissipation as well.
     """
     depth = config.working_force / stiffness
     return Surface(
         modulus=config.working_force / (np.pi * depth**2),
         point_stiffness=stiffness,
-        dissipation=damping / config.working_force,
+        dissipation=damping / config.working_force if dissipation is None else dissipation,
         friction=0.5,
         resolution=config.resolution,
     )
@@ -94,22 +98,24 @@ def build_world(
         name: pinching
         input_ports: [command]
         output_ports: [measured_state, true_force, measured_force, plant_state, contact_results, joint_state,
-            joint_effort]
+            joint_effort, contacts]
 
     `command` (1,) m/s opens both jaws; `measured_state` (2,) is the left jaw's distance from the middle m and its
-    velocity m/s; forces (1,) N push the left jaw outwards. `truth` may give `stiffness` N/m and `damping` N s/m.
+    velocity m/s; forces (1,) N push the left jaw outwards. `truth` may give `stiffness` N/m, and `damping` N s/m or
+    `dissipation` s/m; with the latter the planner's law is Hunt and Crossley's.
     `concealed` is in the plant and in no controller.
+    `contacts` (2,), only in world `drake`, counts hydroelastic and point contacts.
     """
     check_kind(world)
-    model = Pinching()
-    theta = check_truth("pinching", {"stiffness": TRUE_STIFFNESS, "damping": TRUE_DAMPING}, truth or {})
+    model = hunt_crossley_pinching() if "dissipation" in (truth or {}) else Pinching()
+    theta = check_truth("pinching", pinching_task(model).truth, truth or {})
     builder = DiagramBuilder()
     plant: MultibodyPlant
     plant, scene_graph = AddMultibodyPlant(config.plant_config, builder)
     gripper = add_model(plant, "gripper")
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("gripper_base", gripper))
     _add_ball(plant, model.ball_radius, ball_surface(config, **theta) if world == "drake" else None)
-    conceal(plant, gripper, concealed)
+    affected = conceal(plant, gripper, concealed)
     plant.Finalize()
     mover = JawMover(config.start)
     plant.SetDefaultPositions(gripper, mover.q_start)
@@ -132,7 +138,8 @@ def build_world(
     else:
         force = _add_planner_contact(builder, plant, model, model.parameters.vector(theta), jaws, face, state)
     export_force(builder, force, std=model.noise_std.tolist(), period=model.period, seed=seed)
-    export_joints(builder, plant, gripper)
+    connect_concealed(builder, plant, affected)
+    export_joints(builder, plant, gripper, affected)
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
     if meshcat is not None:
@@ -162,7 +169,8 @@ def _add_contact_sensor(builder: DiagramBuilder, plant: MultibodyPlant, jaw: Rig
     sensor = ContactForce(plant=plant, body=jaw.index(), directions=OUTWARDS)
     builder.AddNamedSystem("force_sensor", sensor)
     builder.Connect(plant.get_contact_results_output_port(), sensor.get_input_port())
-    return sensor.get_output_port()
+    builder.ExportOutput(sensor.GetOutputPort("contacts"), "contacts")
+    return sensor.GetOutputPort("force")
 
 
 def _add_planner_contact(

@@ -13,7 +13,7 @@ from pydrake.systems.primitives import MatrixGain
 
 from drake_cafim.diagrams.arm import TOOL, add_arm, make_control_plant, pose_at
 from drake_cafim.diagrams.arrays import as_array
-from drake_cafim.diagrams.concealing import Concealed, conceal
+from drake_cafim.diagrams.concealing import Concealed, conceal, connect_concealed
 from drake_cafim.diagrams.control import JointGains, add_velocity_control
 from drake_cafim.diagrams.movers import ArmMover
 from drake_cafim.diagrams.objects import Surface, add_shape
@@ -73,11 +73,12 @@ def build_probing_world(
         name: probing
         input_ports: [command]
         output_ports: [measured_state, true_force, measured_force, plant_state, contact_results, joint_state,
-            joint_effort]
+            joint_effort, contacts]
 
     `command` (nu,) m/s; `measured_state` (2 nu,), position and velocity of the tip's centre; forces (ny,) N on the
     tip. `add_obstacle` adds what is touched, with contact if its second argument is true; in world `model` the
     planner's `model` at the true `theta` pushes the tip instead. `concealed` is in the plant and in no controller.
+    `contacts` (2,), only in world `drake`, counts hydroelastic and point contacts.
     """
     builder = DiagramBuilder()
     plant: MultibodyPlant
@@ -85,7 +86,7 @@ def build_probing_world(
     instance = add_arm(plant, floor_height=arm.floor_height)
     probe = _add_probe(plant, arm, touches=world == "drake")
     add_obstacle(plant, world == "drake")
-    conceal(plant, instance, concealed)
+    affected = conceal(plant, instance, concealed)
     plant.Finalize()
     plant.SetDefaultPositions(instance, as_array(arm.posture))
     control_plant = make_probing_control_plant(arm, plant_config.time_step)
@@ -114,7 +115,8 @@ def build_probing_world(
         sensor = ContactForce(plant=plant, body=probe.index(), directions=coordinates.directions)
         builder.AddNamedSystem("force_sensor", sensor)
         builder.Connect(plant.get_contact_results_output_port(), sensor.get_input_port())
-        force = sensor.get_output_port()
+        builder.ExportOutput(sensor.GetOutputPort("contacts"), "contacts")
+        force = sensor.GetOutputPort("force")
     else:
         touched = TouchedPoint(probe.index(), tip, coordinates.directions)
         law = PlannerContact(model, theta, coordinates=len(coordinates.axes), points=[touched])
@@ -126,7 +128,8 @@ def build_probing_world(
     builder.AddNamedSystem("sensor_axes", reading)
     builder.Connect(force, reading.get_input_port())
     export_force(builder, reading.get_output_port(), std=model.noise_std.tolist(), period=model.period, seed=seed)
-    export_joints(builder, plant, instance)
+    connect_concealed(builder, plant, affected)
+    export_joints(builder, plant, instance, affected)
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
     if meshcat is not None:

@@ -1,7 +1,7 @@
 """Rubbing: an arm presses a round tip on a wall; friction is unknown (paper, "Friction Estimation Experiments")."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pydrake.geometry import Box, Meshcat
@@ -46,7 +46,10 @@ class RubbingConfig:
             workspace=Workspace(lower=[0.0, 0.5], upper=[0.55, 1.0]),
         )
     )
+    # with `truth: stiffness`, its point stiffness is that, and the tip's modulus in proportion
     wall: Surface = field(default_factory=lambda: Surface(point_stiffness=100.0, dissipation=0.5))
+    damping: float = Rubbing.damping  # N s/m, of world `model`
+    measures_normal: bool = True  # else the sensor feels the tangential force alone
     along: float = 0.3  # m, x of W where the tip meets the wall
 
 
@@ -63,34 +66,41 @@ def build_world(
     meshcat: Meshcat | None = None,
     concealed: Sequence[Concealed] = (),
 ) -> Diagram:
-    """The Diagram of arm, rod and wall, as `build_probing_world`; `truth` may give `friction`.
+    """The Diagram of arm, rod and wall, as `build_probing_world`; `truth` may give `friction` and `stiffness` N/m.
 
-    Forces (2,) N: normal, away from the wall, and tangential, upwards, on the tip.
+    Forces (2,) N: normal, away from the wall, unless it is not measured, and tangential, upwards, on the tip.
     """
     check_kind(world)
-    model = Rubbing(tip_radius=config.robot.tip_radius)
-    theta = check_truth("rubbing", {"friction": model.friction}, truth or {})
-    mu = theta["friction"]
+    nominal = Rubbing.stiffness
+    theta = check_truth("rubbing", {"friction": Rubbing.friction, "stiffness": nominal}, truth or {})
+    mu, stiffness = theta["friction"], theta["stiffness"]
+    model = Rubbing(
+        tip_radius=config.robot.tip_radius,
+        stiffness=stiffness,
+        damping=config.damping,
+        measures_normal=config.measures_normal,
+    )
+    harder = stiffness / nominal
+    wall = replace(config.wall, friction=mu, point_stiffness=harder * config.wall.point_stiffness)
+    tip = replace(config.robot.tip, friction=mu, modulus=harder * config.robot.tip.modulus)
 
     def add_wall(plant: MultibodyPlant, touches: bool) -> None:
         # Drake combines the two coefficients as 2 μ₁μ₂/(μ₁ + μ₂): the tip's is set to the wall's
-        surface = Surface(**{**vars(config.wall), "friction": mu}) if touches else None
+        surface = wall if touches else None
         pose = RigidTransform(
             as_array([config.along, WALL_AT + 0.5 * WALL_SIZE[1], config.robot.floor_height + 0.5 * WALL_SIZE[2]])
         )
-        wall = add_fixture(plant, "wall", pose)
-        add_shape(plant, wall, Box(*WALL_SIZE), RigidTransform(), surface, color=(0.55, 0.65, 0.72, 0.6))
+        body = add_fixture(plant, "wall", pose)
+        add_shape(plant, body, Box(*WALL_SIZE), RigidTransform(), surface, color=(0.55, 0.65, 0.72, 0.6))
 
-    tip = Surface(**{**vars(config.robot.tip), "friction": mu})
-    robot = ProbingArm(**{**vars(config.robot), "tip": tip})
     return build_probing_world(
         "rubbing",
-        robot,
+        replace(config.robot, tip=tip),
         plant_config=config.plant_config,
         coordinates=_coordinates(config),
         add_obstacle=add_wall,
         model=model,
-        theta=model.parameters.vector(theta),
+        theta=model.parameters.vector({"friction": mu}),
         world=world,
         seed=seed,
         meshcat=meshcat,
@@ -110,7 +120,7 @@ def view(config: RubbingConfig) -> View:
     return View(
         axes=coordinates.axes,
         origin=coordinates.origin,
-        force_directions=coordinates.directions,
+        force_directions=coordinates.directions if config.measures_normal else coordinates.directions[1:],
         force_offset=as_array([0.06, 0.0, 0.0]),  # before the tip, not within
         force_scale=0.05,
         spread=as_array([0.0, 0.0, 0.0]),

@@ -15,6 +15,19 @@ from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.typing import Array
 
 
+def contacts_of(results: ContactResults, plant: MultibodyPlant, body: BodyIndex) -> tuple[int, int]:
+    """How many hydroelastic and how many point contacts `body` has."""
+    geometries = set(plant.GetCollisionGeometriesForBody(plant.get_body(body)))
+    surfaces = [
+        results.hydroelastic_contact_info(i).contact_surface() for i in range(results.num_hydroelastic_contacts())
+    ]
+    pairs = [results.point_pair_contact_info(i) for i in range(results.num_point_pair_contacts())]
+    return (
+        sum(surface.id_M() in geometries or surface.id_N() in geometries for surface in surfaces),
+        sum(body in (pair.bodyA_index(), pair.bodyB_index()) for pair in pairs),
+    )
+
+
 def contact_force_on(results: ContactResults, plant: MultibodyPlant, body: BodyIndex) -> Array:
     """Sum (3,) in W, N, of the contact forces, hydroelastic and point, that act on `body`."""
     geometries = set(plant.GetCollisionGeometriesForBody(plant.get_body(body)))
@@ -42,9 +55,10 @@ class ContactForce(LeafSystem):
 
         name: ContactForce
         input_ports: [contact_results]
-        output_ports: [force]
+        output_ports: [force, contacts]
 
-    `force` (ny,) N is `directions` (ny, 3), rows in W, times the total contact force on `body`.
+    `force` (ny,) N is `directions` (ny, 3), rows in W, times the total contact force on `body`; `contacts` (2,)
+    counts its hydroelastic and its point contacts.
     """
 
     def __init__(self, *, plant: MultibodyPlant, body: BodyIndex, directions: Array) -> None:
@@ -52,6 +66,11 @@ class ContactForce(LeafSystem):
         self._plant, self._body, self._directions = plant, body, np.asarray(directions, dtype=float)
         self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
         self.DeclareVectorOutputPort("force", len(self._directions), self._calc_force)
+        self.DeclareVectorOutputPort("contacts", 2, self._calc_contacts)
+
+    def _calc_contacts(self, context: Context, output: BasicVector) -> None:
+        results = cast(ContactResults, self.get_input_port().Eval(context))
+        output.SetFromVector(as_array(contacts_of(results, self._plant, self._body)))
 
     def _calc_force(self, context: Context, output: BasicVector) -> None:
         results = cast(ContactResults, self.get_input_port().Eval(context))

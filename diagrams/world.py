@@ -7,6 +7,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
 
+from drake_cafim.corrected.world import AffectedRobot
 from drake_cafim.diagrams.sensing import SensorNoise, ToolState
 from drake_cafim.errors import InputError
 from drake_cafim.typing import Array
@@ -64,12 +65,15 @@ def export_tool_state(
     return state
 
 
-def export_joints(builder: DiagramBuilder, plant: MultibodyPlant, robot: ModelInstanceIndex) -> None:
+def export_joints(
+    builder: DiagramBuilder, plant: MultibodyPlant, robot: ModelInstanceIndex, concealed: AffectedRobot
+) -> None:
     """Outputs `joint_state`, positions then velocities, and `joint_effort`, what acts at the joints, of the Diagram.
 
-    The effort is what the last step of the plant applied, within the limits: it belongs to the sample before.
+    The effort is what the last step of the plant applied, within the limits: it belongs to the sample before. The
+    state is what the joints' sensors write of it.
     """
-    builder.ExportOutput(plant.get_state_output_port(robot), "joint_state")
+    builder.ExportOutput(concealed.measured(builder, plant, plant.get_state_output_port(robot)), "joint_state")
     builder.ExportOutput(plant.get_net_actuation_output_port(robot), "joint_effort")
 
 

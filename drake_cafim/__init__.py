@@ -8,6 +8,10 @@ The public names, loaded when they are first used (pydrake takes half a second):
 - `estimate`: the scene's unknown parameters alone.
 - `drake_cafim.testing.assert_explained`: for one's own tests; fails when robot and model have drifted apart.
 - `InputError`: what cannot be used, in one sentence.
+
+For a Diagram of one's own: `drake_cafim.design.system.CaOed` plans what to touch and how,
+`drake_cafim.estimation.system.CaMap` learns from what was felt, and `Scene.add_to` adds a scene's plant with its
+effects. Three scripts to start from: `drake_cafim.diagrams.tutorials`.
 """
 
 from importlib import import_module

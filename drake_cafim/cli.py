@@ -2,8 +2,9 @@
 
 import json
 import sys
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -63,6 +64,10 @@ def common(function: Command) -> Command:
 @click.option(
     "--criterion", default="logdet", show_default=True, help="Or trace, scaled_trace, a_optimal, min_eigenvalue."
 )
+@click.option(
+    "--belief-samples", type=int, default=1, show_default=True, help="Score plans over so many points of the belief."
+)
+@click.option("--force-guard", is_flag=True, help="Cut commands so that measured forces keep within the force limit.")
 @click.option("--fisher", default="tangent", show_default=True, help="Or autodiff, finite-difference.")
 @click.option("--prior-scale", type=float, default=1.3, show_default=True, help="The prior's mean over the truth.")
 @click.option(
@@ -244,9 +249,17 @@ def import_(
 @click.argument("scenario")
 @click.argument("recording")
 @click.option("--report", type=click.Path(path_type=Path, exists=True), help="A report.json, or the folder it is in.")
+@click.option("--live", is_flag=True, help="Show it in Meshcat at localhost too, until Ctrl-C.")
 @common
 def replay(
-    scenario: str, recording: str, report: Path | None, out: Path | None, as_json: bool, overwrite: bool, **_: object
+    scenario: str,
+    recording: str,
+    report: Path | None,
+    live: bool,
+    out: Path | None,
+    as_json: bool,
+    overwrite: bool,
+    **_: object,
 ) -> None:
     """Show a recording beside what the model, and the corrected one, make of it.
 
@@ -254,14 +267,20 @@ def replay(
     Foxglove or PlotJuggler.
     """
     from drake_cafim.commands.replay import replay_command
+    from drake_cafim.report.replay import make_meshcat
 
     path = out or prepare_folder(None, "replay", resume=False, overwrite=False) / "replay.html"
     if path.exists() and not overwrite:
         raise InputError(f"--out {path}: the file is there already; give --overwrite or another name")
+    meshcat = make_meshcat() if live else None
     with progress_line() as progress:
         progress("simulating and drawing")
-        result = replay_command(scenario, recording, report, path)
+        result = replay_command(scenario, recording, report, path, meshcat)
     _print(result, as_json, str(path))
+    if meshcat is not None:
+        click.echo(f"{meshcat.web_url()}  pause and speed: Open Controls, Animations; Ctrl-C ends it", err=True)
+        with suppress(KeyboardInterrupt):
+            threading.Event().wait()
 
 
 @contextmanager

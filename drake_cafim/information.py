@@ -1,5 +1,7 @@
-"""Fisher information of a predicted or recorded trajectory, and the scalars that a design maximises."""
+"""Fisher information of a trajectory, the scalars that a design maximises, and what it tells apart."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -45,6 +47,50 @@ def criterion(name: Criterion, fisher: Array, prior: Array) -> Array:
     if name == "a_optimal":
         return np.asarray((eigenvalues / (1.0 + eigenvalues)).sum(axis=-1))
     return np.asarray(eigenvalues.min(axis=-1))
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A product of powers Π θ_i^a_i of the parameters, a = `exponents` (n,), the largest of them 1.
+
+    `std` and `prior_std` are relative, with the data and without. Of what is not `identified` the data tell
+    nothing: the two are the same.
+    """
+
+    exponents: Array
+    std: float
+    prior_std: float
+    identified: bool
+
+    def text(self, names: Sequence[str]) -> str:
+        """As in `friction·stiffness` or `mass·stiffness^-0.5`; exponents below 0.05 are left out."""
+        parts = zip(names, self.exponents, strict=True)
+        return "·".join(f"{name}^{a:.2g}" if abs(a - 1.0) > 5e-3 else name for name, a in parts if abs(a) >= 0.05)
+
+
+def identifiable_combinations(
+    fisher: Array, prior: Array, theta: Array, *, tolerance: float = 1e-9
+) -> tuple[Combination, ...]:
+    """What F (n, n), at θ (n,), tells apart beyond the prior information P (n, n): the best known first.
+
+    The eigenvectors w of LᵀFL, with P⁻¹ = L Lᵀ, are combinations wᵀL⁻¹θ that are independent before and after the
+    data: of prior variance 1 and posterior variance 1/(1 + eigenvalue). To first order each is the logarithm of a
+    product of powers; θ_i = 0 counts as its prior std. As many are identified as the rank of F: eigenvalues above
+    `tolerance` times the largest.
+    """
+    covariance = np.linalg.inv(prior)
+    L = np.linalg.cholesky(covariance)
+    eigenvalues, vectors = np.linalg.eigh(L.T @ fisher @ L)
+    scale = np.where(theta == 0.0, np.sqrt(np.diag(covariance)), theta)
+    found = []
+    for eigenvalue, w in reversed(list(zip(eigenvalues, vectors.T, strict=True))):
+        powers = scale * np.linalg.solve(L.T, w)
+        greatest = powers[np.argmax(np.abs(powers))]
+        identified = bool(eigenvalue > max(tolerance * eigenvalues[-1], 0.0))
+        prior_std = 1.0 / float(abs(greatest))
+        std = prior_std / float(np.sqrt(1.0 + eigenvalue)) if identified else prior_std
+        found.append(Combination(powers / greatest, std, prior_std, identified))
+    return tuple(found)
 
 
 def _whitened_eigenvalues(fisher: Array, prior: Array) -> Array:

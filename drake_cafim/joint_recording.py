@@ -4,9 +4,27 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from drake_cafim.experiment import ExperimentResult
+from drake_cafim.experiment import ExperimentResult, RunResult
 from drake_cafim.recordings.recording import Recording
+from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
+
+
+def recordings_of(result: RunResult, scene: Scene, joints: Sequence[str], *, step: float) -> list[Recording]:
+    """The recordings of a run's experiments, with the noise that `scene` states; `step` s is the plant's."""
+    columns = [f"{kind}.{joint}" for kind in "qvu" for joint in joints]
+    std = {column: scene.std(column) or 0.0 for column in columns}
+    return [
+        joint_recording(
+            one,
+            f"experiment_{number + 1}.parquet",
+            joints,
+            step=step,
+            std=std,
+            random=np.random.default_rng([result.options.seed, number, 1]),
+        )
+        for number, one in enumerate(result.experiments)
+    ]
 
 
 def joint_recording(

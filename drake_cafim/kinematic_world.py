@@ -21,11 +21,12 @@ class KinematicWorld(LeafSystem):
         output_ports: [measured_state, measured_force, true_force]
 
     Numeric parameter 0 holds the number of the experiment, which chooses the noise together with `seed`.
+    `process_std` (m/s) is added to each command, white: the robot does not go where it is sent, but says where it is.
     """
 
-    def __init__(self, task: Task, *, seed: int = 0, noise_scale: float = 1.0) -> None:
+    def __init__(self, task: Task, *, seed: int = 0, noise_scale: float = 1.0, process_std: float = 0.0) -> None:
         super().__init__()
-        self._task, self._seed, self._noise_scale = task, seed, noise_scale
+        self._task, self._seed, self._noise_scale, self._process_std = task, seed, noise_scale, process_std
         model = task.model
         axes, readings = len(model.velocity_bounds[0]), len(model.noise_std)
         motion = model.measured_motion(np.stack([task.robot_start, task.robot_start])[np.newaxis])[0, 0]
@@ -57,14 +58,16 @@ class KinematicWorld(LeafSystem):
         robot = np.array(state.get_vector(self._state).get_value())
         touched = np.array(state.get_vector(self._touched).get_value())
         step = int(state.get_vector(self._step)[0])
+        number = int(context.get_numeric_parameter(0)[0])
         command: Array = np.array(self.get_input_port(0).Eval(context))
+        shaken = np.random.default_rng([self._seed, 2, number, step]).standard_normal(len(command))
+        command = command + self._process_std * shaken
         motion = model.motion(robot, command[np.newaxis, np.newaxis])[0]
         force = model.contact(touched, motion[0], theta)
         for before, after in pairwise(motion):
             touched = model.step(touched, before, after, force, theta)
             force = model.contact(touched, after, theta)
         true = model.measurement(touched, motion[-1], force, theta)
-        number = int(context.get_numeric_parameter(0)[0])
         noise = np.random.default_rng([self._seed, 1, number, step]).standard_normal(len(true))
         values = {
             self._state: motion[-1, : len(robot)],
@@ -78,9 +81,9 @@ class KinematicWorld(LeafSystem):
             written.get_mutable_vector(index).SetFromVector(value)
 
 
-def kinematic_world(task: Task, *, seed: int = 0, noise_scale: float = 1.0) -> World:
-    """The world of `task` with perfect tracking; `noise_scale` multiplies the sensor's noise."""
-    system = KinematicWorld(task, seed=seed, noise_scale=noise_scale)
+def kinematic_world(task: Task, *, seed: int = 0, noise_scale: float = 1.0, process_std: float = 0.0) -> World:
+    """The world of `task`, tracking perfectly but for `process_std` m/s; `noise_scale` multiplies the sensor noise."""
+    system = KinematicWorld(task, seed=seed, noise_scale=noise_scale, process_std=process_std)
 
     def start_context(experiment: int) -> Context:
         context = system.CreateDefaultContext()

@@ -6,6 +6,7 @@ import numpy as np
 
 from drake_cafim.belief import Belief
 from drake_cafim.experiment import ExperimentResult, RunResult
+from drake_cafim.information import identifiable_combinations
 
 SCHEMA = "drake_cafim.run/1"
 
@@ -21,6 +22,8 @@ def run_record(result: RunResult, recordings: list[str], files: dict[str, Any]) 
         "planner": result.options.planner,
         "criterion": result.options.criterion,
         "fisher": result.options.fisher,
+        "force_guard": result.options.force_guard,
+        "belief_samples": result.options.belief_samples,
         "seed": result.options.seed,
         "truth": {name: float(value) for name, value in task.truth.items()},
         "prior": {
@@ -28,14 +31,14 @@ def run_record(result: RunResult, recordings: list[str], files: dict[str, Any]) 
             for name, mean, std in zip(result.prior.names, result.prior.mean, result.prior.std, strict=True)
         },
         "experiments": [
-            _experiment(experiment, recording)
+            _experiment(experiment, result.prior, recording)
             for experiment, recording in zip(result.experiments, recordings, strict=True)
         ],
         "files": files,
     }
 
 
-def _experiment(experiment: ExperimentResult, recording: str) -> dict[str, Any]:
+def _experiment(experiment: ExperimentResult, prior: Belief, recording: str) -> dict[str, Any]:
     belief = experiment.belief
     return {
         "estimate": _named(belief, belief.mean),
@@ -43,6 +46,7 @@ def _experiment(experiment: ExperimentResult, recording: str) -> dict[str, Any]:
         "error_percent": dict(experiment.error_percent),
         "fisher": experiment.fisher.tolist(),
         "scaled_trace": experiment.scaled_trace,
+        **identified(prior, belief),
         **experiment.behaviour,
         "tracking_error": experiment.tracking_error,
         "history": [
@@ -54,6 +58,26 @@ def _experiment(experiment: ExperimentResult, recording: str) -> dict[str, Any]:
             "p95": float(np.percentile(experiment.planning_ms, 95)),
         },
         "recording": recording,
+    }
+
+
+def identified(prior: Belief, belief: Belief) -> dict[str, Any]:
+    """Of several unknowns: how many combinations all data so far determine, and which; nothing of a single one."""
+    if len(belief.names) == 1 or not np.isfinite(prior.std).all():
+        return {}
+    combinations = identifiable_combinations(belief.information - prior.information, prior.information, belief.mean)
+    return {
+        "rank": sum(one.identified for one in combinations),
+        "combinations": [
+            {
+                "text": one.text(belief.names),
+                "exponents": _named(belief, one.exponents),
+                "std_percent": 100.0 * one.std,
+                "prior_std_percent": 100.0 * one.prior_std,
+                "identified": one.identified,
+            }
+            for one in combinations
+        ],
     }
 
 

@@ -69,11 +69,13 @@ def test_diagnose_names_the_friction_and_the_gain_is_held_out(folder: Path) -> N
         "damped_1.parquet",
         "--held-out",
         "damped_2.parquet",
+        "--mcap",
         "--out",
         "out",
         folder=folder,
     )
     assert done.returncode == 0, done.stderr
+    assert "residual_corrected_q.pivot" in recordings.read(folder / "out" / "1_damped_1.residuals.mcap").columns
     report = json.loads((folder / "out" / "report.json").read_text())
     assert report["verdict"] == "explained"
     (explanation,) = report["explanation"]
@@ -115,6 +117,7 @@ def test_estimate_gives_the_mass_and_no_verdict(folder: Path) -> None:
         (("diagnose", "scenario.yaml", "--recording", "short.csv"), "u.pivot"),
         (("diagnose", "scenario.yaml", "--recording", "free_1.parquet", "--out", "."), "the folder is not empty"),
         (("diagnose", "broken.yaml", "--recording", "free_1.parquet"), "chanels"),
+        (("diagnose", "pendulum.urdf", "--recording", "free_1.parquet"), "`weld: [{body: base}]` of a scenario"),
     ],
 )
 def test_unusable_input_is_one_sentence_and_status_two(folder: Path, arguments: tuple[str, ...], said: str) -> None:

@@ -38,6 +38,7 @@ def _situation(task, robot_state=None, step=0, knots=4):
         time=step * model.period,
         robot_state=robot,
         theta=model.parameters.mean,
+        covariance=np.diag(model.parameters.std**2),
         information=Belief.prior(model.parameters).information,
         touched=model.start(motion, model.parameters.mean),
         knots=np.zeros((knots, len(robot) // 2)),

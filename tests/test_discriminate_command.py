@@ -12,6 +12,7 @@ from drake_cafim import recordings
 from drake_cafim.cli import main
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.discrimination.hypotheses import reported_pairs
+from drake_cafim.report.next_experiment import next_experiment
 from drake_cafim.scenario.scene import Scene
 
 PENDULUM = """<robot name="pendulum">
@@ -95,8 +96,12 @@ def test_every_planner_designs(folder: Path, planner: str) -> None:
 
 @pytest.mark.ci
 def test_a_report_is_copied_with_its_next_experiment_and_a_replay(folder: Path) -> None:
+    (folder / "report.html").write_text(f"<p>before</p>{next_experiment(None, 'cafim discriminate')}<p>after</p>")
     result = discriminate(folder, str(folder), "--out", str(folder / "out"), "--duration", "0.8", "--json")
     assert result.exit_code == 0, result.output
+    page = (folder / "out" / "report.html").read_text()
+    assert page.startswith("<p>before</p>") and page.endswith("<p>after</p>") and "cafim discriminate" not in page
+    assert "tells <b>actuator_bias@pivot</b> from <b>joint_spring@pivot</b>" in page
     written = json.loads((folder / "out" / "report.json").read_text())
     assert written["explanation"] == REPORT["explanation"] and written["files"]["html"] == "report.html"
     assert written["next_experiment"]["separates"] == [["actuator_bias@pivot", "joint_spring@pivot"]]

@@ -4,6 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from drake_cafim import InputError, Recording, Scene, Verdict
 from drake_cafim.diagnosis.diagnose import examine
@@ -91,3 +95,16 @@ def test_its_picture_is_over_what_moves_it(found: tuple[Verdict, Outcome]) -> No
     effect = verdict.explanation[0].effect
     picture = law_picture(evidence_of(effect, outcome.problem, physics, verdict.corrected.physics))
     assert "against position of elbow" in picture.svg
+
+
+def test_it_simulates_in_a_diagram(found: tuple[Verdict, Outcome], recording: Recording) -> None:
+    builder = DiagramBuilder()
+    robot = found[0].corrected.add_to(builder)
+    effort = PiecewisePolynomial.ZeroOrderHold(recording.time, recording.matrix("u", robot.joints).T)
+    builder.Connect(builder.AddSystem(TrajectorySource(effort)).get_output_port(), robot.effort)
+    simulator = Simulator(builder.Build())
+    context = robot.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    robot.plant.SetPositions(context, recording.matrix("q", robot.joints)[0])
+    simulator.AdvanceTo(1.0)
+    reached = recording.window(1.0, 2.0).matrix("q", robot.joints)[0]
+    np.testing.assert_allclose(robot.plant.GetPositions(context), reached, atol=2e-3)

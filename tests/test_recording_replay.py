@@ -2,8 +2,10 @@
 
 import json
 import re
-import shutil
+import signal
 import subprocess
+import sys
+import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -185,30 +187,14 @@ def test_command_refuses_what_is_no_report(tmp_path: Path, folder: Path) -> None
 
 
 @pytest.mark.ci
-def test_slider_moves_the_scene_in_a_browser(tmp_path: Path, replay: RecordingReplay, meshcat: Meshcat) -> None:
-    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("no Chromium on this machine")
-    page = tmp_path / "replay.html"
-    write_recording_replay(page, replay, meshcat)
-    pictures = []
-    for moment in (0.2, 1.9):
-        picture = tmp_path / f"{moment}.png"
-        done = subprocess.run(
-            _headless(browser, page, picture, moment), capture_output=True, text=True, timeout=120, check=True
-        )
-        console = [line for line in done.stderr.splitlines() if ":CONSOLE" in line and ":ERROR:" in line]
-        assert console == []
-        pictures.append(picture.read_bytes())
-    assert pictures[0] != pictures[1]
-
-
-def _headless(browser: str, page: Path, picture: Path, moment: float) -> list[str]:
-    flags = ["--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    flags += [
-        "--virtual-time-budget=6000",
-        "--window-size=800,600",
-        "--enable-logging=stderr",
-        "--host-resolver-rules=MAP * ~NOTFOUND",
-    ]
-    return [browser, *flags, f"--screenshot={picture}", f"{page.as_uri()}#t={moment}"]
+def test_live_replay_serves_this_machine_until_it_is_interrupted(tmp_path: Path, folder: Path) -> None:
+    arguments = ["replay", str(folder / "scenario.yaml"), str(folder / "a.parquet"), "--live", "--out", "replay.html"]
+    command = [sys.executable, "-c", "from drake_cafim.cli import run_cli; run_cli()", *arguments]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as running:
+        assert running.stderr is not None
+        address = next(found[0] for line in running.stderr if (found := re.match(r"http://localhost:\d+", line)))
+        with urllib.request.urlopen(address) as page:
+            assert "MeshCat" in page.read().decode()
+        running.send_signal(signal.SIGINT)
+        assert running.wait(timeout=30) == 0
+    assert (tmp_path / "replay.html").is_file()

@@ -147,6 +147,23 @@ def test_two_topics_with_the_same_column_are_refused(tmp_path: Path) -> None:
         recordings.read(write_mcap2(tmp_path / "a.mcap", found))
 
 
+@pytest.mark.parametrize("kind", ["Float32MultiArray", "Float64MultiArray"])
+def test_arrays_are_as_exact_as_their_type(tmp_path: Path, kind: str) -> None:
+    values = np.random.default_rng(2).standard_normal((20, 2))
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Mcap2Writer(file)
+        schema = writer.register_msgdef(f"std_msgs/msg/{kind}", ROS2.generate_msgdef(f"std_msgs/msg/{kind}")[0])
+        for i, row in enumerate(values):
+            writer.write_message("/torques", schema, {"data": row.tolist()}, log_time=1000 * i)
+        writer.finish()
+    read = recordings.read(path, {"/torques": Topic(columns=["u.a", "u.b"])})
+    expected = values.astype(np.float32 if kind.startswith("Float32") else np.float64)
+    assert np.array_equal(read.matrix("u", ["a", "b"]), expected.astype(np.float64))
+    with pytest.raises(InputError, match=f"no message of a type that is read.*{kind}"):
+        recordings.read(path)
+
+
 def test_messages_that_contradict_themselves_are_left_out(tmp_path: Path) -> None:
     good = {"name": ["a"], "position": [1.0], "velocity": [], "effort": []}
     bad = good | {"position": [1.0, 2.0]}
@@ -179,5 +196,8 @@ def test_columns_with_stamps_of_their_own_are_told_of(tmp_path: Path) -> None:
     columns = {name: np.full(apart.time.shape, np.nan) for name in run.columns}
     for name, values in columns.items():
         values[~own if name == "u.elbow" else own] = run[name][: (~own).sum() if name == "u.elbow" else None]
-    with pytest.raises(InputError, match=r"u\.elbow was sampled at other times than q\.shoulder, 0 of 1000 samples"):
+    with pytest.raises(InputError, match=r"u\.shoulder and u\.elbow stand together in 0 of 2001 rows"):
         diagnose(scene, [Recording("apart", apart.time, columns)])
+    slow = np.where(np.arange(len(run)) % 5 == 0, run["u.elbow"], np.nan)
+    with pytest.raises(InputError, match=r"q\.shoulder and u\.elbow stand together in 201 of 1001 rows"):
+        diagnose(scene, [Recording("slow", run.time, dict(run.columns) | {"u.elbow": slow})])

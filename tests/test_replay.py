@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import open_page
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram
 
@@ -51,6 +52,13 @@ def test_page_stands_alone(tmp_path: Path, replay: Replay, diagram: Diagram, mes
     page = path.read_text()
     assert 2e6 < len(page) < 8e6
     assert not re.search(r'<(script|link)[^>]*(src|href)="https?://', page)
+
+
+@pytest.mark.ci
+def test_page_in_a_browser(tmp_path: Path, replay: Replay, diagram: Diagram, meshcat: Meshcat) -> None:
+    page = tmp_path / "replay.html"
+    write_replay(page, replay, diagram, meshcat)
+    assert open_page(page).complaints == []
 
 
 def test_everything_is_drawn(tmp_path: Path, replay: Replay, diagram: Diagram, meshcat: Meshcat) -> None:

@@ -12,7 +12,7 @@ from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.search import Outcome
 from drake_cafim.diagnosis.stepper import State, advance
-from drake_cafim.diagnosis.verdict import Verdict
+from drake_cafim.diagnosis.verdict import Rival, Verdict
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointSpring, JointViscousFriction
@@ -22,8 +22,10 @@ from drake_cafim.report.evidence import evidence_of
 from drake_cafim.report.law_figures import law_picture
 from drake_cafim.report.laws import LAWS, law_of
 from drake_cafim.report.missing import missing, row_labels, window_means
+from drake_cafim.report.next_experiment import with_next_experiment
 from drake_cafim.report.report_html import write_report_page
 from drake_cafim.report.wording import probability, rounded, with_interval
+from drake_cafim.rounding import short
 from drake_cafim.scenario.scene import Scene
 
 PENDULUM = """<robot name="pendulum">
@@ -107,7 +109,35 @@ def test_page_of_an_explained_verdict(tmp_path: Path, friction: tuple[Verdict, O
     assert "joint_viscous_friction" in seen
     assert "cafim diagnose 'my robot.yaml' --recording a.parquet --held-out b.parquet" in seen
     assert "b.parquet, held out" in seen
-    assert "Nothing was wrong with the 1 recording" in seen
+    assert "folder/a.parquet: 600 samples over 2.40 s, every 4.00 ms" in seen
+    assert "b.parquet: 600 samples over 2.40 s, every 4.00 ms; held out Nothing was wrong with them" in seen
+
+
+def test_rivals_come_with_the_command_that_tells_them_apart(
+    tmp_path: Path, friction: tuple[Verdict, Outcome, list[Recording]]
+) -> None:
+    verdict, outcome, held = friction
+    rival = Rival("joint_coulomb_friction", "hinge", 0.2, "both oppose the motion")
+    seen = words(page(tmp_path, replace(verdict, rivals=(rival,)), outcome, held))
+    assert "both oppose the motion A motion that tells them apart" in seen
+    assert f"cafim discriminate {outcome.problem.scene.name} report.json" in seen
+    pair = ["joint_viscous_friction@hinge", "joint_coulomb_friction@hinge"]
+    runs = [{"truth": pair[0], "odds": [[1.0, 5.0]], "settled_after": 0.62}]
+    runs.append({"truth": pair[1], "odds": [[1.0, -2.0]], "settled_after": None})
+    found = {"separates": [pair], "duration": 2.0, "file": "trajectory.parquet", "simulated": [runs]}
+    carried = with_next_experiment(page(tmp_path, verdict, outcome, held), found)
+    assert words(carried) == words(page(tmp_path, replace(verdict, next_experiment=found), outcome, held))
+    assert f"A motion of 2.00 s, within the robot's limits, that tells {pair[0]} from {pair[1]}" in words(carried)
+    assert f"{pair[0]} 150:1 0.620 s {pair[1]} 1:7.4 not yet" in words(carried)
+    assert "cafim discriminate" not in words(carried)
+
+
+def test_an_effect_that_shows_nowhere_by_itself(
+    tmp_path: Path, friction: tuple[Verdict, Outcome, list[Recording]]
+) -> None:
+    verdict, outcome, held = friction
+    spread = replace(verdict, mismatch=replace(verdict.mismatch, locations=()))
+    assert "No place and no moment stands out by itself" in words(page(tmp_path, spread, outcome, held))
 
 
 def test_page_stands_alone_and_is_small(tmp_path: Path, friction: tuple[Verdict, Outcome, list[Recording]]) -> None:
@@ -138,7 +168,8 @@ def test_unexplained_shows_what_remains(tmp_path: Path, friction: tuple[Verdict,
     bare = outcome.problem.scene.corrected(np.zeros(0), [])
     left = replace(verdict, kind="unexplained", explanation=(), rivals=(), corrected=bare)
     html = page(tmp_path, left, outcome, held)
-    assert "What remains" in html
+    assert "How it looks What the model does not account for, against" in words(html)
+    assert "How well the model simulates" in html
     assert "against position, velocity, effort and time" in html
 
 
@@ -175,5 +206,11 @@ def test_numbers_read_well() -> None:
     assert with_interval(203.4567, 0.51) == "203.5 ± 1.0"
     assert with_interval(-0.02513, 0.0004) == "−0.02513 ± 0.00078"
     assert rounded(0.0123456) == "0.0123"
-    assert rounded(123456.0) == "123456"
+    assert (rounded(123456.0), rounded(1234.5), rounded(99.96)) == ("123\u202f000", "1230", "100")
+    assert (rounded(1.23456e7), rounded(2.5e-9, 2), short(0.25), short(4.1e4)) == (
+        "1.23 × 10⁷",
+        "2.5 × 10⁻⁹",
+        "0.25",
+        "41\u202f000",
+    )
     assert (probability(0.99999), probability(0.25)) == ("> 99.9 %", "25.0 %")

@@ -110,6 +110,8 @@ def test_an_older_runs_files_go(finished: Path, short: str, tmp_path: Path) -> N
         Concealed("joint_coulomb_friction", "joint4", {"torque": 3.0}),
         Concealed("rotor_inertia", "joint2", {"inertia": 0.5}),
         Concealed("payload", "flange", {"mass": 1.0, "z": 0.05}),
+        Concealed("actuator_gain_error", "joint2", {"gain": 0.9}),
+        Concealed("aerodynamic_drag", "link4", {"coefficient": 40.0}),
     ],
     ids=lambda one: one.effect,
 )
@@ -131,9 +133,11 @@ def test_concealed_effect_is_in_the_world_and_in_no_model(
         (["hefting", "--policy", "bold"], "--policy bold: expected one of contact-aware"),
         (["hefting", "--world", "mujoco"], "expected one of drake, model"),
         (["hefting", "--experiments", "0"], "expected at least 1"),
-        (["hefting", "--conceal", "joint_backlash@joint2"], "expected one of joint_viscous_friction"),
+        (["hefting", "--conceal", "surface_offset@wall"], "expected one of joint_viscous_friction"),
         (["hefting", "--conceal", "rotor_inertia@elbow", "inertia=1"], "the robot's joints are joint1"),
         (["hefting", "--conceal", "rotor_inertia@joint1", "mass=1"], "found mass, expected inertia"),
+        (["hefting", "--conceal", "joint_coulomb_friction@joint1", "torque=-1"], "expected 0 <= torque <= inf"),
+        (["hefting", "--conceal", "joint_spring@joint1", "rest=1"], "found rest, expected stiffness, rest"),
         (["hefting", "--conceal", "rotor_inertia@joint1", "inertia=much"], "inertia=much: expected a number"),
     ],
 )

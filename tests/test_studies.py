@@ -17,6 +17,22 @@ from drake_cafim.studies.cell import Cell, measure
 from drake_cafim.studies.findings import ratio_of_medians, require
 
 NAMES = {"hefting": ["mass"], "rubbing": ["friction"], "pinching": ["stiffness", "damping"], "contouring": ["l", "w"]}
+NAMES["pinching_point"] = ["stiffness", "dissipation"]
+NAMES["rubbing_two"] = NAMES["rubbing_tangential"] = ["friction", "stiffness"]
+PRODUCT = {"text": "friction·stiffness", "exponents": {"friction": 1.0, "stiffness": 1.0}, "std_percent": 2.0}
+
+
+LAWS = {
+    law: {"estimate": {"stiffness": k, "damping": 0.1}, "std": {"stiffness": 30.0, "damping": 1.0}, "held_out": chi}
+    for law, k, chi in (("paper", 900.0, 2.0), ("kelvin_voigt", 810.0, 1.1), ("hunt_crossley", 805.0, 1.0))
+}
+DIAGNOSIS = {
+    "verdict": "explained",
+    "sentence": "The model lacks something.",
+    "effects": [{"effect": "contact_hunt_crossley_dissipation", "at": "a/b", "values": {"dissipation": [2.5, 0.1]}}],
+    "nominal": {"nll": 100.0, "rmse": {}},
+    "corrected": {"nll": 10.0, "rmse": {}},
+}
 
 
 def made_up(cell: Cell, error: float = 1.0) -> dict[str, Any]:
@@ -41,8 +57,12 @@ def made_up(cell: Cell, error: float = 1.0) -> dict[str, Any]:
         "behaviour": behaviour,
         "tracking_error": 0.01,
         "planning_ms": 1.0,
+        "hydroelastic": 1.0,
+        "rank": 1 if cell.scenario == "rubbing_tangential" else 2,
+        "combinations": [PRODUCT],
     }
-    return {"parameters": names, "prior_error": [30.0] * len(names), "period": 0.02, "experiments": [one, one]}
+    run = {"parameters": names, "prior_error": [30.0] * len(names), "period": 0.02, "experiments": [one, one]}
+    return run if cell.scenario != "pinching_point" else {**run, "laws": LAWS, "diagnosis": DIAGNOSIS}
 
 
 @pytest.mark.parametrize("name", sorted(STUDIES))
@@ -52,7 +72,7 @@ def test_conclusion_and_page(name: str, tmp_path: Path, monkeypatch: pytest.Monk
     page = (tmp_path / "study.html").read_text()
     assert record["study"] == name and record["title"] in text and record["title"] in page
     assert all(one["claim"] in unescape(page) for one in record["claims"])
-    assert page.count("<svg") == {"convergence": 4, "landscapes": 3}.get(name, 0)
+    assert page.count("<svg") == {"convergence": 4, "landscapes": 3, "behaviour": 4, "one-rub": 1}.get(name, 0)
 
 
 def test_requirements_fail_where_they_should() -> None:
@@ -64,6 +84,36 @@ def test_requirements_fail_where_they_should() -> None:
     failed = [one.claim for one in bad.claims if one.standing == "does not hold"]
     assert len(failed) == 4  # pinching's damping may be 11 % off, contouring's width 6 %
     assert any(row[-1] == "FAIL" for row in bad.tables[0].rows)
+
+
+@pytest.mark.parametrize("name", ["worlds", "point-contact"])
+def test_what_drakes_world_must_show_fails_where_it_should(name: str) -> None:
+    study = STUDIES[name]
+    results = {cell: made_up(cell) for cell in study.cells(True)}
+    assert {one.standing for one in study.conclude(results).claims} == {"holds"}
+    for kept in results.values():
+        for one in kept["experiments"]:
+            one["behaviour"]["max_force"], one["hydroelastic"], one["planning_ms"] = 11.0, None, 100.0
+        if "laws" in kept:
+            kept["laws"] = dict.fromkeys(LAWS, LAWS["hunt_crossley"])
+            kept["diagnosis"] = {**DIAGNOSIS, "effects": [], "corrected": {"nll": 200.0, "rmse": {}}}
+    failed = [one for one in study.conclude(results).claims if one.standing == "does not hold"]
+    assert len(failed) == {"worlds": 10, "point-contact": 3}[name]
+
+
+def test_identifiability_fails_where_it_should() -> None:
+    study = STUDIES["identifiability"]
+    results = {cell: made_up(cell) for cell in study.cells(True)}
+    assert {one.standing for one in study.conclude(results).claims} == {"holds"}
+    for kept in results.values():
+        kept["experiments"][-1] |= {"rank": 0, "error": [30.0, 30.0], "inside": [False, False]}
+    assert {one.claim.split(": ", 1)[1] for one in study.conclude(results).claims if one.standing != "holds"} == {
+        "rank 1",
+        "rank 2",
+        "coverage of friction: at least 0.9",
+        "coverage of stiffness: at least 0.9",
+        "coverage of the product: at least 0.9",
+    }
 
 
 def test_ties_and_gains() -> None:
@@ -118,3 +168,14 @@ def test_unknown_study(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["study", "everything", "--out", str(tmp_path / "x")])
     assert result.exit_code == 2
     assert not (tmp_path / "x").exists()
+
+
+def test_force_guard_and_reaching_fail_where_they_should() -> None:
+    for name, key, value, failing in (("force-guard", "max_force", 10.1, 4), ("reaching", "first_contact", None, 4)):
+        study = STUDIES[name]
+        results = {cell: made_up(cell) for cell in study.cells(True)}
+        assert {one.standing for one in study.conclude(results).claims} == {"holds"}
+        for kept in results.values():
+            kept["experiments"][-1]["behaviour"][key] = value
+        claims = study.conclude(results).claims
+        assert [one.standing for one in claims] == ["does not hold"] * failing == ["does not hold"] * len(claims)

@@ -10,7 +10,7 @@ from drake_cafim.tasks.compliant_hefting import CompliantHefting
 from drake_cafim.tasks.configure import configure
 from drake_cafim.tasks.contouring import Contouring, contouring
 from drake_cafim.tasks.hefting import Hefting, hefting
-from drake_cafim.tasks.pinching import Pinching, pinching
+from drake_cafim.tasks.pinching import Pinching, hunt_crossley_pinching, pinching
 from drake_cafim.tasks.rubbing import Rubbing, rubbing
 
 
@@ -69,6 +69,8 @@ def test_rubbing_and_pinching_are_the_kernel():
     np.testing.assert_allclose(force[0], normal)
     squeeze = Pinching().contact(np.zeros(0), np.array([0.018, -0.1]), np.array([800.0, 10.0]))
     np.testing.assert_allclose(squeeze, [2.6])
+    drakes = hunt_crossley_pinching().contact(np.zeros(0), np.array([0.018, -0.1]), np.array([800.0, 2.5]))
+    np.testing.assert_allclose(drakes, [1.6 * 1.25])
 
 
 def test_box_pushes_back_along_its_normal():

@@ -13,12 +13,18 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 from drake_cafim.diagrams import contouring, pinching, rubbing
+from drake_cafim.diagrams.catalogue import stage_of
+from drake_cafim.diagrams.configured import load_section
 from drake_cafim.diagrams.movers import JawMover, rotation_error
+from drake_cafim.diagrams.pinching import PinchingConfig
 from drake_cafim.diagrams.planner_contact import PlannerContact, TouchedPoint
 from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import start_context
 from drake_cafim.errors import InputError
+from drake_cafim.scenario.scene import Scene, resolve
+from drake_cafim.scenario.schema import load as scenario_file
 from drake_cafim.tasks.contouring import contouring as contouring_task
+from drake_cafim.tasks.pinching import hunt_crossley_pinching
 from drake_cafim.tasks.pinching import pinching as pinching_task
 from drake_cafim.tasks.rubbing import rubbing as rubbing_task
 from drake_cafim.tasks.task import Task
@@ -31,6 +37,7 @@ MOTIONS: dict[str, Sequence[tuple[Sequence[float], int]]] = {
     "pinching": [((-0.2,), 2), ((-0.1,), 3), ((0.0,), 10), ((0.2,), 3), ((0.0,), 8)],
 }
 JOINTS = ("joint_state", "joint_effort")
+pinching_point = resolve("pinching_point")
 
 
 @dataclass(frozen=True)
@@ -93,10 +100,11 @@ def run(diagram: Diagram, scenario: Scenario) -> Run:
     return simulate(diagram, scenario)
 
 
-def test_ports(diagram: Diagram, scenario: Scenario) -> None:
+def test_ports(diagram: Diagram, scenario: Scenario, world: str) -> None:
     axes = len(scenario.task.robot_start) // 2
     outputs = {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())}
-    assert outputs == {"measured_state", "true_force", "measured_force", "plant_state", "contact_results", *JOINTS}
+    named = {"measured_state", "true_force", "measured_force", "plant_state", "contact_results", *JOINTS}
+    assert outputs == named | ({"contacts"} if world == "drake" else set())
     assert diagram.GetInputPort("command").size() == axes
     assert diagram.GetOutputPort("measured_state").size() == 2 * axes
     assert diagram.GetOutputPort("measured_force").size() == len(scenario.task.model.noise_std)
@@ -149,6 +157,30 @@ def test_compliant_point_contact_has_the_stated_stiffness() -> None:
     pressed = still & (depth > 1e-3)
     assert pressed.sum() >= 2
     np.testing.assert_allclose(run.force[pressed, 0], 800.0 * depth[pressed], rtol=0.05)
+
+
+@pytest.mark.parametrize(("approximation", "follows"), [("lagged", True), ("similar", True), ("sap", False)])
+def test_which_approximations_follow_hunt_and_crossleys_law(approximation: str, follows: bool) -> None:
+    config = load_section(pinching_point, PinchingConfig())
+    config.plant_config.discrete_contact_approximation = approximation
+    model = hunt_crossley_pinching()
+    truth = {"stiffness": 800.0, "dissipation": 2.5}
+    run = simulate(pinching.build_world(config, truth, "drake"), load("pinching"))
+    predicted = np.array([model.contact(np.zeros(0), state, model.parameters.vector(truth)) for state in run.state])
+    touched = run.force[:, 0] > 0.1
+    assert touched.sum() >= 5 and np.abs(run.state[touched, 1]).max() > 0.05
+    assert (np.abs(run.force - predicted).max() < 0.1) == follows
+
+
+def test_point_contact_is_a_scenario_of_its_own() -> None:
+    stage = stage_of(scenario_file(pinching_point), "pinching_point")
+    assert stage.task.truth == {"stiffness": 800.0, "dissipation": 2.5}
+    diagram = stage.diagram("drake", 0)
+    run = simulate(diagram, load("pinching"))
+    assert (run.force[:, 0] > 0.1).any() and not run.hydroelastic.any()
+    scene = Scene.load("pinching_point")
+    face = scene.physics.contacts[0]
+    assert face.radius == 0.006 and face.law.normal == "paper"
 
 
 def test_friction_of_drakes_wall_is_the_truth() -> None:

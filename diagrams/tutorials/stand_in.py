@@ -36,7 +36,14 @@ def stiff_grease(q: Array, v: Array) -> Array:
 
 
 class Torques(LeafSystem):
-    """A law as a Drake system: the plant's `state` in, generalized forces out."""
+    """A law as a Drake system: the plant's `state` (4,) in, generalized forces (2,) N m out.
+
+    .. pydrake_system::
+
+        name: Torques
+        input_ports: [state]
+        output_ports: [generalized_force]
+    """
 
     def __init__(self, law: Law) -> None:
         super().__init__()
@@ -50,7 +57,14 @@ class Torques(LeafSystem):
 
 
 class Controller(LeafSystem):
-    """Torques that make both joints follow sums of sines: the plant's `state` in, efforts out."""
+    """Torques that make both joints follow sums of sines: the plant's `state` (4,) in, efforts (2,) N m out.
+
+    .. pydrake_system::
+
+        name: Controller
+        input_ports: [state]
+        output_ports: [effort]
+    """
 
     def __init__(self, rng: np.random.Generator) -> None:
         super().__init__()

@@ -22,11 +22,12 @@ from drake_cafim.errors import InputError
 from drake_cafim.output import replacing, write_text
 from drake_cafim.recordings import write
 from drake_cafim.recordings.recording import Recording
+from drake_cafim.report.next_experiment import with_next_experiment
 from drake_cafim.report.recording_replay import RecordingReplay, write_recording_replay
 from drake_cafim.report.report_json import as_text, report_of
 from drake_cafim.scenario.scene import Scene
 
-TRAJECTORY, REPORT, REPLAY = "trajectory.parquet", "report.json", "replay.html"
+TRAJECTORY, REPORT, PAGE, REPLAY = "trajectory.parquet", "report.json", "report.html", "replay.html"
 SHORTEST, LONGEST = 0.5, 30.0
 """s of a motion."""
 CRITERIA = ("odds", "time")
@@ -103,8 +104,16 @@ def discriminate_command(
         progress("drawing the replay")
         _write_replay(out / REPLAY, scene, runs, pairs[0])
         result["files"]["next_experiment_replay"] = REPLAY
+    if request.report is not None:
+        _carry_page(report_file(request.report).with_name(PAGE), out / PAGE, result["next_experiment"])
     write_text(finished, as_text(result))
     return result
+
+
+def _carry_page(source: Path, target: Path, found: dict[str, Any]) -> None:
+    """Write the report's page, if it is there, with the experiment in it."""
+    if source.is_file():
+        write_text(target, with_next_experiment(source.read_text(encoding="utf-8"), found))
 
 
 def in_words(result: dict[str, Any]) -> str:

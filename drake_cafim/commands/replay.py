@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydrake.geometry import Meshcat
 
 from drake_cafim.commands.inputs import read_all, read_report, report_file
 from drake_cafim.diagnosis.samples import samples_of
@@ -16,16 +17,17 @@ from drake_cafim.report.recording_replay import RecordingReplay, write_recording
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
-WRITERS = {".html": write_recording_replay, ".mcap": write_recording_mcap}
 
-
-def replay_command(address: str, recording: str, report: Path | None, out: Path) -> dict[str, Any]:
+def replay_command(
+    address: str, recording: str, report: Path | None, out: Path, meshcat: Meshcat | None = None
+) -> dict[str, Any]:
     """Write the page to `out`, an .html, or the recording and its residuals, an .mcap.
 
-    `report` is a report.json or the folder it is in. Raises `InputError` for a report that is none, or that lacks
+    `report` is a report.json or the folder it is in. A page is drawn in `meshcat` where one is given, which then
+    shows it live. Raises `InputError` for a report that is none, or that lacks
     its corrected scenario.
     """
-    if out.suffix not in WRITERS:
+    if out.suffix not in (".html", ".mcap"):
         raise InputError(f"--out {out}: expected a page, .html, or a recording with its residuals, .mcap")
     scene = Scene.load(address)
     (read,) = read_all(scene, [recording])
@@ -35,7 +37,10 @@ def replay_command(address: str, recording: str, report: Path | None, out: Path)
     found = RecordingReplay(scene, weak, scene.physics)
     if report is not None:
         found = _corrected(found, report, read)
-    WRITERS[out.suffix](out, found)
+    if out.suffix == ".mcap":
+        write_recording_mcap(out, found)
+    else:
+        write_recording_replay(out, found, meshcat)
     return {
         "replay": str(out),
         "recording": recording,

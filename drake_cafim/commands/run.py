@@ -6,12 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
 
-import numpy as np
 from pydrake.systems.framework import Diagram
 
 from drake_cafim import experiment
 from drake_cafim.design.planner import PLANNERS
-from drake_cafim.design.policies import POLICIES
+from drake_cafim.design.policies import POLICIES, make_policy
 from drake_cafim.diagrams.catalogue import Stage, joint_names, stage_of
 from drake_cafim.diagrams.concealing import Concealed
 from drake_cafim.diagrams.showing import make_replay
@@ -19,7 +18,7 @@ from drake_cafim.diagrams.world import WorldKind, check_kind, start_context
 from drake_cafim.errors import InputError
 from drake_cafim.experiment import ExperimentResult, Options, RunResult
 from drake_cafim.information import Criterion
-from drake_cafim.joint_recording import joint_recording
+from drake_cafim.joint_recording import recordings_of
 from drake_cafim.output import replacing, write_text
 from drake_cafim.recordings import write
 from drake_cafim.report.replay import make_meshcat, write_replay
@@ -117,7 +116,17 @@ def table(record: dict[str, Any]) -> str:
             f"{number:2d}  {known};  contact {100 * one['contact_fraction']:.0f} %, reversals {one['reversals']}, "
             f"largest force {one['max_force']:.1f} N, planning {one['planning_ms']['median']:.1f} ms"
         )
-    return "\n".join(lines)
+    return "\n".join([*lines, *_unidentified(record["experiments"][-1])])
+
+
+def _unidentified(one: dict[str, Any]) -> list[str]:
+    """Where the measurements cannot tell all unknowns apart, the sentence that says what they do tell."""
+    known = [c for c in one.get("combinations", []) if c["identified"]]
+    if len(known) == len(one["estimate"]) or "combinations" not in one:
+        return []
+    told = " and ".join(f"{c['text']}, to {c['std_percent']:.2g} %" for c in known) or "nothing"
+    unknowns = ", ".join(one["estimate"])
+    return [f"    only this is known: {told}; these measurements cannot tell {unknowns} apart, the rest is the prior"]
 
 
 def _number(name: str, text: str) -> float:
@@ -141,6 +150,11 @@ def check_request(request: RunRequest) -> None:
     for option, value, valid in choices:
         if value not in valid:
             raise InputError(f"--{option} {value}: expected one of {', '.join(valid)}")
+    if options.belief_samples != 1:
+        model = load_stage(request.scenario).task.model
+        make_policy(options.policy, model, belief_samples=options.belief_samples)
+    if options.force_guard:
+        experiment.force_limit(load_stage(request.scenario).task)
     if not request.prior_scale > 0:
         raise InputError(f"--prior-scale {request.prior_scale}: expected a positive number")
     if options.experiments is not None and options.experiments < 1:
@@ -166,20 +180,13 @@ def _tell(progress: Progress, number: int, total: int, one: ExperimentResult) ->
 
 
 def _write_recordings(request: RunRequest, result: RunResult, world: World, out: Path) -> list[str]:
-    scene = Scene.load(request.scenario)
     assert isinstance(world.system, Diagram)
-    joints = joint_names(world.system)
-    columns = [f"{kind}.{joint}" for kind in "qvu" for joint in joints]
-    std = {column: scene.std(column) or 0.0 for column in columns}
-    names = []
-    for number, one in enumerate(result.experiments):
-        name = f"experiment_{number + 1}.parquet"
-        random = np.random.default_rng([request.options.seed, number, 1])
-        recording = joint_recording(one, name, joints, step=world.recording_period, std=std, random=random)
-        with replacing(out / name) as temporary:
+    scene, joints = Scene.load(request.scenario), joint_names(world.system)
+    recordings = recordings_of(result, scene, joints, step=world.recording_period)
+    for recording in recordings:
+        with replacing(out / recording.name) as temporary:
             write(recording, temporary)
-        names.append(name)
-    return names
+    return [recording.name for recording in recordings]
 
 
 def _write_replay(request: RunRequest, stage: Stage, result: RunResult, path: Path) -> None:

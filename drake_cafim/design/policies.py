@@ -6,6 +6,7 @@ from typing import Literal, Protocol, TypeAlias, get_args
 
 import numpy as np
 
+from drake_cafim.design.averaging import BeliefAveragedScore
 from drake_cafim.design.iterative import CrossEntropy, GradientAscent, PathIntegral
 from drake_cafim.design.planner import (
     PLANNERS,
@@ -26,6 +27,10 @@ from drake_cafim.typing import Array
 
 PolicyName: TypeAlias = Literal["contact-aware", "finite-difference", "asid", "random", "scripted", "hold"]
 POLICIES: tuple[str, ...] = get_args(PolicyName)
+
+
+Scoring: TypeAlias = Callable[[Situation, Array], Scored]
+"""From a situation and commands (N, H, nu) to the scores of these."""
 
 
 class Policy(Protocol):
@@ -52,7 +57,7 @@ class PlanningPolicy:
 
     model: PlanningModel
     planner: Planner
-    score: Callable[[Situation, Array], Scored]
+    score: Scoring
 
     @property
     def config(self) -> PlannerConfig:
@@ -157,18 +162,21 @@ def make_policy(
     criterion: Criterion = "logdet",
     fisher: Fisher = "tangent",
     config: PlannerConfig | None = None,
+    belief_samples: int = 1,
 ) -> Policy:
     """The policy called `name`; `InputError` lists the valid ones.
 
-    `fisher` is the evaluator of contact-aware; finite-difference always differences whole trajectories.
+    `fisher` is the evaluator of contact-aware; finite-difference always differences whole trajectories. The
+    planning policies' scores are averaged over `belief_samples` points of the belief; 1 is its mode alone.
     """
     config = PlannerConfig() if config is None else config
     if name in ("contact-aware", "finite-difference"):
         evaluator = make_evaluator(fisher if name == "contact-aware" else "finite-difference", model)
-        score = InformationScore(model, evaluator, criterion)
+        score = _averaged(InformationScore(model, evaluator, criterion), model, belief_samples)
         return PlanningPolicy(model, make_planner(planner, config), score)
     if name == "asid":
-        return PlanningPolicy(model, make_planner(planner, config), OneStepScore(model))
+        score = _averaged(OneStepScore(model), model, belief_samples)
+        return PlanningPolicy(model, make_planner(planner, config), score)
     if name == "random":
         return RandomPolicy(model, config)
     if name == "scripted":
@@ -176,3 +184,7 @@ def make_policy(
     if name == "hold":
         return HoldPolicy(model, config)
     raise InputError(f"--policy {name!r}: expected one of {', '.join(POLICIES)}")
+
+
+def _averaged(score: Scoring, model: PlanningModel, samples: int) -> Scoring:
+    return score if samples == 1 else BeliefAveragedScore(model, score, samples)

@@ -10,15 +10,16 @@ from drake_cafim.typing import Array
 class Situation:
     """A moment of an experiment.
 
-    `robot_state` (2 nu,) as measured; `theta` (n,) the present estimate; `information` P (n, n), the prior's
-    and that of all data so far; `touched`, the predicted state of what is touched; `knots` (K, nu), the last
-    plan already shifted to now (zero at the start).
+    `robot_state` (2 nu,) as measured; `theta` (n,) the present estimate and `covariance` (n, n) its belief's;
+    `information` P (n, n), the prior's and that of all data so far, those since the estimate included; `touched`,
+    the predicted state of what is touched; `knots` (K, nu), the last plan already shifted to now (zero at the start).
     """
 
     step: int
     time: float
     robot_state: Array
     theta: Array
+    covariance: Array
     information: Array
     touched: Start
     knots: Array

@@ -48,7 +48,10 @@ class CaOed(LeafSystem):
     Every `model.period` it reads `measured_state` (2 nu,), the end-effector's position m and velocity m/s, and
     `belief` (n + n²,), mean then covariance; decides by `policy`; and holds `command` (nu,) m/s until the next.
     `plan` (H·nu,) and `candidates` (N·H·nu,) are commands, row by row; `information` (n²,) is the Fisher
-    information that the plan promises.
+    information that the plan promises, `planning_ms` (1,) how long it took.
+
+    `model` is what it plans with, for a plant of one's own a `DiagramModel`; `policy` comes from `make_policy`;
+    `seed` starts its random numbers; `evaluator` gives the sensitivities, by default the fastest there is.
 
     All that changes lives in the Context, the random numbers too (they follow from seed, experiment and step),
     so that a Context can be copied and replayed.
@@ -110,6 +113,7 @@ class CaOed(LeafSystem):
             time=step * self._model.period,
             robot_state=robot,
             theta=belief.mean,
+            covariance=belief.covariance,
             information=belief.information + gained,
             touched=touched,
             knots=knots,

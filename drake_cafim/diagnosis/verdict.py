@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from drake_cafim.effects.effect import Effect
+from drake_cafim.rounding import rounded
 from drake_cafim.scenario.scene import Scene
 
 Kind = Literal["none", "explained", "unexplained"]
@@ -96,7 +97,25 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a diagnosis found. `str(verdict)` is the sentence."""
+    """What a diagnosis found. `str(verdict)` is the sentence.
+
+    - `kind`: "none", the recordings are as model and noise predict; "explained", what the accepted effects leave is
+      as the noise predicts; "unexplained", something remains that is not in the vocabulary.
+    - `mismatch`: whether anything differs (`detected`, `p_value`), and its `locations`, strongest first: `kind`,
+      `name`, `share` of the excess over noise, `intervals` in s of `recording`, and `where` in words.
+    - `explanation`: the accepted effects, surest first: `effect.name`, `effect.at`, `probability`, `sentence`, and
+      `values`, by parameter its `value`, `std` and `unit` (SI).
+    - `rivals`: what the data cannot tell from these: `effect`, `at`, `probability`, `why_alike`.
+    - `parameters`: the scenario's unknowns as fitted: `parameter`, `at`, `value`, `std`, `unit`, and their priors.
+    - `train` and `held_out` (None where nothing was held out): three models compared, `nominal_as_given`, `nominal`
+      with the unknowns fitted and `corrected` with the effects too. Each has `nll`, of one-step innovations a sample,
+      and `rmse`, of simulations over 1 s, by column and in its unit.
+    - `corrected`: the scene with its unknowns as fitted and the accepted effects in it.
+    - `data_mistakes`: what is wrong with the recordings themselves, before any physics; `noise_remarks`: where the
+      noise is not as stated; `notes`: what was read and what was left out.
+    - `reduced_chi_square`: χ² per whitened row before and after the explanation; noise alone gives 1.
+    - `next_experiment`: the motion that tells the rivals apart, None until one was designed.
+    """
 
     kind: Kind
     mismatch: Mismatch
@@ -106,15 +125,10 @@ class Verdict:
     train: Comparison
     held_out: Comparison | None
     corrected: Scene
-    """The scene with its unknowns as fitted and the accepted effects in it."""
     data_mistakes: tuple[str, ...] = ()
-    """What is wrong with the recordings themselves, before any physics."""
     noise_remarks: tuple[str, ...] = ()
-    """Where the noise is not as stated; it was reckoned with as it is."""
     notes: tuple[str, ...] = ()
-    """What was read, and what was wrong with it."""
     reduced_chi_square: tuple[float, float] = (0.0, 0.0)
-    """χ² per whitened row before and after the explanation."""
     next_experiment: Mapping[str, object] | None = field(default=None)
 
     def __str__(self) -> str:
@@ -133,7 +147,7 @@ def _finding(verdict: Verdict) -> str:
     if verdict.kind == "none":
         return (
             "Nothing is missing: the recordings are as the model and its noise predict "
-            f"(p = {verdict.mismatch.p_value:.2g})."
+            f"(p = {rounded(verdict.mismatch.p_value, 2)})."
         )
     named = "; ".join(explanation.sentence for explanation in verdict.explanation)
     if verdict.kind == "explained":
@@ -147,10 +161,10 @@ def _finding(verdict: Verdict) -> str:
     before, after = verdict.reduced_chi_square
     if named:
         return (
-            f"The model lacks {named}. That takes the misfit from {before:.3g} to {after:.3g} times the noise "
-            f"variance. {remains}"
+            f"The model lacks {named}. That takes the misfit from {rounded(before)} to {rounded(after)} times the "
+            f"noise variance. {remains}"
         )
     return (
-        f"The recordings differ from the model by {before:.3g} times the noise variance, and no known effect "
+        f"The recordings differ from the model by {rounded(before)} times the noise variance, and no known effect "
         f"explains it. {remains}"
     )

@@ -44,6 +44,14 @@ class JointCoupling(Effect):
     family: ClassVar[str] = "joint"
 
     @abstractmethod
+    def torque(self, twist: float, rate: float) -> float:
+        """f(ψ, ψ̇), N m or N."""
+
+    @abstractmethod
+    def balance(self, torque: float) -> float:
+        """The twist ψ that at rest passes `torque` on, f(ψ, 0) = torque."""
+
+    @abstractmethod
     def twist_rate(self, drive: RotorDrive) -> Array:
         """ψ̇ (N,) at the samples, from rest in balance with the first push."""
 
@@ -77,6 +85,13 @@ class JointElasticity(JointCoupling):
         "joint_backlash": "a gap is soft while it is crossed",
         "rotor_inertia": "near the resonance the rotor moves more than the link, as if it were heavier",
     }
+
+    def torque(self, twist: float, rate: float) -> float:
+        stiffness, damping = self.vector
+        return float(stiffness * twist + damping * rate)
+
+    def balance(self, torque: float) -> float:
+        return torque / self.values["stiffness"]
 
     def twist_rate(self, drive: RotorDrive) -> Array:
         stiffness, damping = self.vector
@@ -142,6 +157,15 @@ class JointBacklash(JointCoupling):
         "actuator_dead_zone": "efforts too small to cross the gap do nothing",
         "joint_coulomb_friction": "both act at reversals of the motion",
     }
+
+    def torque(self, twist: float, rate: float) -> float:
+        gap, stiffness, damping = (float(x) for x in self.vector)
+        side = 1.0 if twist > 0.0 else -1.0
+        depth = side * twist - 0.5 * gap
+        return side * max(0.0, stiffness * depth + damping * side * rate) if depth > 0.0 else 0.0
+
+    def balance(self, torque: float) -> float:
+        return torque / self.values["stiffness"] + 0.5 * self.values["gap"] * float(np.sign(torque))
 
     def twist_rate(self, drive: RotorDrive) -> Array:
         gap, stiffness, damping = (float(x) for x in self.vector)

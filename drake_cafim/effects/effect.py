@@ -10,6 +10,7 @@ import numpy as np
 
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.errors import InputError
+from drake_cafim.rounding import short
 from drake_cafim.typing import Array
 
 
@@ -65,6 +66,8 @@ class Strength:
     """Of a shape: the values that it may take."""
     amplitude: bool = True
     """Whether the effect is absent at the nominal value; otherwise the number only says what it looks like."""
+    through: str = ""
+    """Of a number that acts through another strength, such as where a mass is: their product is what vanishes."""
 
 
 @dataclass(frozen=True)
@@ -214,6 +217,25 @@ class Effect(ABC):
                 if value != self.values.get(shape.name, shape.nominal):
                     yield type(self)(self.at, {**self.values, shape.name: value})
 
+    def vanishing(self) -> tuple[Array, Array]:
+        """(c,) what is zero where the effect is absent, and nowhere else, and its slope (c, k) by the strengths."""
+        values = self.vector
+        index = {s.name: i for i, s in enumerate(self.strengths)}
+        coordinates, slopes = [], []
+        for i, s in enumerate(self.strengths):
+            if not s.amplitude:
+                continue
+            slope = np.zeros(len(values))
+            slope[i] = 1.0
+            coordinate = values[i] - s.nominal
+            if s.through:
+                by = index[s.through]
+                slope[i], slope[by] = values[by], coordinate
+                coordinate = coordinate * values[by]
+            coordinates.append(coordinate)
+            slopes.append(slope)
+        return np.array(coordinates), np.array(slopes)
+
     def plausible(self) -> bool:
         """Whether the values can be physics: within their bounds, unless a law asks for more."""
         return all(s.lower <= self.values[s.name] <= s.upper for s in self.strengths)
@@ -221,7 +243,7 @@ class Effect(ABC):
     def sentence(self, tree: Tree) -> str:
         """What a report says of the effect and its strength."""
         strengths = ", ".join(
-            f"{s.name.replace('_', ' ')} {value:.4g} {self.unit(s, tree)}".removesuffix(" 1")
+            f"{s.name.replace('_', ' ')} {short(value)} {self.unit(s, tree)}".removesuffix(" 1")
             for s, value in zip(self.strengths, self.vector, strict=True)
         )
         return f"{self.name.replace('_', ' ')} at {self.at} ({strengths})"

@@ -4,6 +4,7 @@ Their inverse reads the recorded channel between its samples by local polynomial
 wider than a sample this only moves the noise, it does not smooth it.
 """
 
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,6 +20,8 @@ from drake_cafim.typing import Array
 
 POINTS = 6
 """Samples that a local polynomial goes through."""
+MEMORY = 8.0
+"""Time constants after which a lag has forgotten."""
 SMOOTHING_REACH = 0.04
 """s on either side over which a lagging channel is smoothed before its slope is taken."""
 
@@ -58,7 +61,22 @@ class TimingEffect(SensorEffect):
 
 
 @dataclass(frozen=True)
-class SensorDelay(TimingEffect):
+class ShiftedSensor(TimingEffect):
+    """A sensor that writes at t the value of another time."""
+
+    @abstractmethod
+    def shown(self, time: Array) -> Array:
+        """The times s whose values are written at `time` s."""
+
+    def measured(self, time: Array, true: Array) -> Array:
+        return np.asarray(self.writing(time) @ true)
+
+    def writing(self, time: Array) -> sp.csr_matrix:
+        return interpolation(time, self.shown(time))
+
+
+@dataclass(frozen=True)
+class SensorDelay(ShiftedSensor):
     """The value of t − delay is written at t."""
 
     name: ClassVar[str] = "sensor_delay"
@@ -70,8 +88,8 @@ class SensorDelay(TimingEffect):
         "clock_skew": "over a short recording a growing delay is one of its mean",
     }
 
-    def measured(self, time: Array, true: Array) -> Array:
-        return np.asarray(interpolation(time, time - self.values["delay"]) @ true)
+    def shown(self, time: Array) -> Array:
+        return np.asarray(time - self.values["delay"])
 
     def true(self, time: Array, measured: Array) -> Array:
         return np.asarray(self.correction(time) @ measured)
@@ -111,6 +129,25 @@ class SensorLag(TimingEffect):
             written[k + 1] = settled + keep * (written[k] - settled) + slopes[k] * step
         return written
 
+    def writing(self, time: Array) -> sp.csr_matrix:
+        tau = self.values["time_constant"]
+        if tau <= 0.0:
+            return sp.csr_matrix(sp.eye_array(len(time)))
+        steps = np.diff(time)
+        kept = np.exp(-steps / tau)
+        # y[k + 1] = kept y[k] + before x[k] + after x[k + 1], as in `measured`
+        after = 1.0 - tau / steps * (1.0 - kept)
+        before = 1.0 - kept - after
+        given = sp.diags_array([np.concatenate([[1.0], after]), before], offsets=[0, -1])
+        diagonals, offsets = [np.ones(len(time))], [0]
+        for offset in range(1, len(time)):
+            apart = time[offset:] - time[:-offset]
+            if apart.min() > MEMORY * tau:
+                break
+            diagonals.append(np.exp(-apart / tau))
+            offsets.append(-offset)
+        return sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets) @ given)
+
     def true(self, time: Array, measured: Array) -> Array:
         # x = y + τ ẏ with the slope of a smoothed y: an exact inverse would raise the channel's noise, and what it is
         # then compared with would no longer be the same measurement
@@ -121,7 +158,7 @@ class SensorLag(TimingEffect):
 
 
 @dataclass(frozen=True)
-class ClockSkew(TimingEffect):
+class ClockSkew(ShiftedSensor):
     """The value of t·(1 + skew) is written at t."""
 
     name: ClassVar[str] = "clock_skew"
@@ -132,8 +169,8 @@ class ClockSkew(TimingEffect):
         "sensor_drift": "in a steady motion a growing delay is a drift",
     }
 
-    def measured(self, time: Array, true: Array) -> Array:
-        return np.asarray(interpolation(time, time * (1.0 + self.values["skew"])) @ true)
+    def shown(self, time: Array) -> Array:
+        return np.asarray(time * (1.0 + self.values["skew"]))
 
     def true(self, time: Array, measured: Array) -> Array:
         return np.asarray(self.correction(time) @ measured)

@@ -27,7 +27,9 @@ class CaMap(LeafSystem):
     `measured_force` (ny,), what the model calls its measurement. The belief (n + n²,), mean then covariance,
     is renewed after every `estimate_every` periods, or at the end of an experiment of `periods` alone (0).
 
-    All samples and the belief live in the Context. There is room for `experiments` of them.
+    `model` is what it explains the measurements by, for a plant of one's own a `DiagramModel`; `config` says how hard
+    the fit tries; `evaluator` gives the sensitivities, by default the fastest there is. All samples and the belief
+    live in the Context, with room for those of `experiments`; more raise `InputError`.
     """
 
     def __init__(

@@ -20,7 +20,7 @@ WRITERS = {".parquet": write_parquet, ".csv": write_csv, ".mcap": write_mcap}
 
 
 def read(path: str | Path, topics: Topics | None = None) -> Recording:
-    """The recording in the file, by its suffix.
+    """The recording in the file at `path`, by its suffix.
 
     Tables: .parquet, .csv, .npz. Bags and logs: .mcap, a ROS 2 bag's folder or .db3, a ROS 1 .bag, an LCM log
     .lcm or .lcmlog. `topics` maps foreign names, as the scenario's section of that name (see

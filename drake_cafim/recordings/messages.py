@@ -64,12 +64,12 @@ def pose_stamped(message: Any, topic: str, how: Topic) -> Sample:
 
 
 def float64_multi_array(message: Any, topic: str, how: Topic) -> Sample:
-    """std_msgs/Float64MultiArray: one column an element, as `columns:` says; its stamp is the recorder's."""
+    """std_msgs/Float64MultiArray and Float32MultiArray: columns as `columns:` says, stamped by the recorder."""
     return _elements(message.data, None, how)
 
 
 def float64(message: Any, topic: str, how: Topic) -> Sample:
-    """std_msgs/Float64: one column, by default under the topic's own name."""
+    """std_msgs/Float64 and Float32: one column, by default under the topic's own name."""
     column = how.columns[0] if how.columns else own_name(topic)
     return Sample(None, (column,), np.array([message.data]) * how.scale)
 
@@ -115,6 +115,8 @@ DECODERS: Mapping[str, Decode] = {
     "geometry_msgs/msg/PoseStamped": pose_stamped,
     "std_msgs/msg/Float64MultiArray": float64_multi_array,
     "std_msgs/msg/Float64": float64,
+    "std_msgs/msg/Float32MultiArray": float64_multi_array,
+    "std_msgs/msg/Float32": float64,
     "lcmt_iiwa_status": iiwa_status,
     "lcmt_panda_status": panda_status,
     "lcmt_robot_state": robot_state,
@@ -122,7 +124,11 @@ DECODERS: Mapping[str, Decode] = {
     "lcmt_drake_signal": drake_signal,
     "lcmt_scope": scope,
 }
-NEED_COLUMNS = ("std_msgs/msg/Float64MultiArray", "lcmt_scope")  # they say nothing of what they hold
+NEED_COLUMNS = (
+    "std_msgs/msg/Float64MultiArray",
+    "std_msgs/msg/Float32MultiArray",
+    "lcmt_scope",
+)  # they say nothing of what they hold
 
 
 def _stamp(message: Any) -> int:

@@ -15,19 +15,23 @@ POSE_COMPONENTS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 @dataclass(frozen=True)
 class Recording:
-    """One recording, SI units throughout.
+    """One recording, SI units throughout; `recording["q.elbow"]` is a column, (N,).
 
-    Columns are `q.<joint>` (rad, m), `v.<joint>` (rad/s, m/s), `u.<joint>` (N m, N), `cmd.<joint>` (rad, m),
-    `wrench.<sensor>.fx..tz` (N, N m), `pose.<body>.x..qz` (X_WB: m and a unit quaternion); any other is kept
-    and left alone. Arrays are read-only. NaN marks a measurement that is missing; no sample is ever made up.
+    `name` is what messages call it, as given on the command line. `time` is (N,) s, strictly increasing, and need not
+    be uniform. `columns` map names to (N,): `q.<joint>` (rad, m), `v.<joint>` (rad/s, m/s), `u.<joint>` (N m, N),
+    `cmd.<joint>` (rad, m), `wrench.<sensor>.fx..tz` (N, N m), `pose.<body>.x..qz` (X_WB: m and a unit quaternion);
+    any other is kept and left alone. Arrays are read-only. NaN marks a measurement that is missing; no sample is ever
+    made up. `notes` say what was wrong with the file and left out, one sentence each.
+
+        drake_cafim.Recording("sweep", time, {"q.elbow": q, "u.elbow": u})
 
     Raises `InputError` when `time` is not finite and strictly increasing or a column has another length.
     """
 
-    name: str  # as given on the command line
-    time: Array  # (N,) s, strictly increasing, need not be uniform
-    columns: Mapping[str, Array] = field(repr=False)  # column name -> (N,)
-    notes: tuple[str, ...] = ()  # what was wrong with the file and left out, one sentence each
+    name: str
+    time: Array
+    columns: Mapping[str, Array] = field(repr=False)
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         time = _frozen(self.time)

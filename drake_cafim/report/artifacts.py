@@ -49,10 +49,11 @@ def write_artifacts(
     if replay:
         progress("drawing the replay")
         write_recording_replay(out / REPLAY, replay_of(verdict, outcome, [*held_out, *recordings][0]))
-    for recording in (*recordings, *held_out) if mcap else ():
-        progress(f"writing {recording.name} as MCAP")
-        shown = replay_of(verdict, outcome, recording)
-        write_recording_mcap(out / f"{PurePath(recording.name).stem}.residuals.mcap", shown)
+    if mcap:
+        for number, recording in enumerate((*recordings, *held_out), start=1):
+            progress(f"writing {recording.name} as MCAP")
+            name = f"{number}_{PurePath(recording.name).stem}.residuals.mcap"  # folders may hold files of one name
+            write_recording_mcap(out / name, replay_of(verdict, outcome, recording))
     return report
 
 

@@ -202,7 +202,7 @@ def _legend(replay: RecordingReplay, kinds: set[str]) -> str:
     without = "the model without the effects" if replay.corrected else "the model"
     rows.append((NOMINAL, f"{without}, started anew every second"))
     if replay.corrected:
-        rows.append((CORRECTED, "the model with them, likewise"))
+        rows.append((CORRECTED, "the model with them, likewise; unseen where it is within the recording"))
     if "contact" in kinds:
         rows.append(("#c2291d", "arrow: contact force"))
     if "lacking" in kinds:

@@ -1,5 +1,6 @@
 """A run as one self-contained HTML page: Meshcat with the motion, the forces, the plans and the belief."""
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +24,14 @@ ROOT = "/replay"
 
 
 def make_meshcat() -> Meshcat:
-    """A Meshcat server that only this machine can reach."""
-    return Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+    """A Meshcat server that only this machine can reach; its address is `web_url()`."""
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(logging.WARNING)  # most pages are files: nobody needs to hear where they were drawn
+    try:
+        return Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+    finally:
+        log.setLevel(level)
 
 
 def write_replay(path: Path, replay: Replay, diagram: Diagram, meshcat: Meshcat) -> None:

@@ -25,11 +25,12 @@ from drake_cafim.report.forecast_figure import Contest, forecast_figure, telling
 from drake_cafim.report.law_figures import law_picture
 from drake_cafim.report.laws import law_of
 from drake_cafim.report.missing import residual_maps, row_labels
+from drake_cafim.report.next_experiment import next_experiment
 from drake_cafim.report.remains_figure import remains_figure
 from drake_cafim.report.residual_figure import residual_figure, worst_first
 from drake_cafim.scenario.physics import Physics
 
-TEMPLATE = "report.html.j2"
+TEMPLATE, REPORT = "report.html.j2", "report.json"
 SUSPECT = 3.0
 """Prior standard deviations beyond which an unknown is itself a mismatch."""
 BADGES = {"none": "nothing missing", "explained": "explained", "unexplained": "not all explained"}
@@ -78,9 +79,16 @@ def render(verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], co
         held_out=held_out,
         tables=_tables(verdict),
         parameters=[_parameter(one) for one in verdict.parameters],
+        files=_files(outcome, held_out),
         command=shlex.join(command),
+        next_experiment=next_experiment(verdict.next_experiment, _design(verdict)),
         versions=f"drake_cafim {version('drake_cafim')}, Drake {version('drake')}",
     )
+
+
+def _design(verdict: Verdict) -> str:
+    """The command that designs the motion which tells the rivals apart, where there are any."""
+    return shlex.join(["cafim", "discriminate", verdict.corrected.name, REPORT]) if verdict.rivals else ""
 
 
 def _headline(sentence: str) -> Markup:
@@ -248,6 +256,16 @@ def _factor(nominal: float, corrected: float) -> str:
     if 0.95 < ratio < 1.05:
         return "the same"
     return f"{wording.rounded(ratio, 2)} × smaller" if ratio > 1.0 else f"{wording.rounded(1.0 / ratio, 2)} × larger"
+
+
+def _files(outcome: Outcome, held_out: Sequence[Recording]) -> list[str]:
+    """What each recording is, in words."""
+    fitted = [run.weak.samples.recording for run in outcome.problem.runs]
+    told = []
+    for one, use in [*((one, "") for one in fitted), *((one, "; held out") for one in held_out)]:
+        step = f", every {wording.rounded(1e3 * float(np.median(np.diff(one.time))))} ms" if len(one) > 1 else ""
+        told.append(f"{one.name}: {len(one)} samples over {wording.rounded(one.duration)} s{step}{use}")
+    return told
 
 
 def _parameter(one: NominalParameter) -> dict[str, Any]:

@@ -5,18 +5,12 @@ from pathlib import PurePath
 
 import numpy as np
 
+from drake_cafim.rounding import grouped, rounded
+
+__all__ = ["rounded"]
+
 INTERVAL = 1.959964
 """Standard deviations to either side of a 95 % interval."""
-
-
-def rounded(value: float, digits: int = 3) -> str:
-    """The value to so many digits, without an exponent where it can be read without one."""
-    if value == 0.0 or not np.isfinite(value):
-        return "0" if value == 0.0 else str(value)
-    magnitude = int(np.floor(np.log10(abs(value))))
-    if -4 <= magnitude < 6:
-        return f"{value:.{max(digits - 1 - magnitude, 0)}f}".replace("-", "−")
-    return f"{value:.{digits - 1}e}".replace("-", "−")
 
 
 def with_prefix(values: Sequence[float], unit: str) -> str:
@@ -32,9 +26,9 @@ def with_interval(value: float, std: float) -> str:
         return rounded(value, 4)
     decimals = 1 - int(f"{half:.1e}".partition("e")[2])  # of the rounded half-width: 0.9996 is 1.0
     if decimals > 7 or max(abs(value), half) >= 1e6:
-        return f"{value:.4g} ± {half:.2g}".replace("-", "−")
+        return f"{rounded(value, 4)} ± {rounded(half, 2)}"
     places = max(decimals, 0)
-    return f"{value:.{places}f} ± {half:.{places}f}".replace("-", "−")
+    return f"{grouped(f'{value:.{places}f}')} ± {grouped(f'{half:.{places}f}')}".replace("-", "−")
 
 
 def probability(p: float) -> str:
@@ -44,9 +38,15 @@ def probability(p: float) -> str:
     return "< 0.1 %" if p < 0.001 else f"{100.0 * p:.1f} %"
 
 
+def odds(log_odds: float) -> str:
+    """e to the power `log_odds` as odds, as 250:1 or 1:12."""
+    ratio = rounded(float(np.exp(min(abs(log_odds), 700.0))), 2)
+    return f"{ratio}:1" if log_odds >= 0.0 else f"1:{ratio}"
+
+
 def p_value(p: float) -> str:
     """A p-value as it is written after a sign."""
-    return "< 10⁻¹⁵" if p < 1e-15 else f"= {p:.2g}"
+    return "< 10⁻¹⁵" if p < 1e-15 else f"= {rounded(p, 2)}"
 
 
 def spoken(name: str) -> str:

@@ -26,6 +26,16 @@ def add_plant(
     """
     plant: MultibodyPlant
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
+    add_model(scenario, folder, plant)
+    plant.Finalize()
+    return plant, scene_graph
+
+
+def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> None:
+    """Add the scenario's model, its welds and its gravity to `plant`, which is not finalized.
+
+    `folder` is where a relative model path starts. Raises `InputError` for what Drake's parser refuses.
+    """
     parser = Parser(plant)
     parser.package_map().Add("drake_cafim_models", Path(__file__).parents[1] / "models")
     _parse(parser, scenario, folder)
@@ -38,8 +48,6 @@ def add_plant(
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(weld.body))
     gravity: Array = np.array(scenario.gravity, dtype=float)
     plant.mutable_gravity_field().set_gravity_vector(gravity)
-    plant.Finalize()
-    return plant, scene_graph
 
 
 def _body_names(plant: MultibodyPlant) -> list[str]:

@@ -3,10 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydrake.geometry import SceneGraph
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_cafim.dynamics.contact import WrenchSensor
@@ -23,6 +24,9 @@ from drake_cafim.scenario.surfaces import contact_of
 from drake_cafim.scenario.unknown import UnknownParameter, applied, priors, unknown_parameters
 from drake_cafim.typing import Array
 
+if TYPE_CHECKING:
+    from drake_cafim.corrected.corrected_plant import CorrectedPlant
+
 DIAGRAMS = Path(__file__).parents[1] / "diagrams"
 _FORCE = ("fx", "fy", "fz")
 
@@ -32,7 +36,15 @@ class Scene:
     """What a diagnosis knows before it sees a recording: a robot as its model has it, its sensors and its unknowns.
 
     `Scene.load("scenario.yaml")` reads a scenario, a model file or a packaged name; `Scene.from_model("arm.urdf",
-    channels={"q": 2e-4})` needs no scenario. `plant` and `diagram` are Drake's own, finalized and built.
+    channels={"q": 2e-4})` needs no scenario. A scene is never changed: what seems to, gives another.
+
+    - `name` stands in messages; `scenario` is what the file says, its relative paths starting at `folder`.
+    - `diagram`, `plant` and `scene_graph` are Drake's own, built and finalized, of the model without any effect.
+    - `tree` is the same robot as arrays; `physics` all that acts in it: unknowns at their prior means, and `effects:`
+      of the scenario.
+    - `unknown`: the parameters that may simply be wrong, and their `priors`.
+    - `wrench_sensors`: where wrenches are measured.
+    - `vocabulary`: the effects that are looked for and that `effects:` may name.
     """
 
     name: str
@@ -42,13 +54,10 @@ class Scene:
     scene_graph: SceneGraph
     tree: Tree
     physics: Physics
-    """The nominal physics, unknowns at their prior means, `effects:` of the scenario included."""
     unknown: tuple[UnknownParameter, ...]
     wrench_sensors: tuple[WrenchSensor, ...]
     folder: Path = field(default_factory=Path)
-    """Where the scenario's relative paths start."""
     vocabulary: tuple[type[Effect], ...] = EFFECTS
-    """The effects that are looked for and that `effects:` may name."""
 
     @classmethod
     def load(cls, address: str | Path, *, effects: Sequence[type[Effect]] = ()) -> "Scene":
@@ -86,6 +95,7 @@ class Scene:
         builder = DiagramBuilder()
         plant, scene_graph = add_plant(scenario, folder, builder, time_step=0.0)
         diagram = builder.Build()
+        _check_standing(plant, name)
         tree = tree_of(plant, scenario.lock)
         physics = Physics(tree, np.array(scenario.gravity, dtype=float))
         vocabulary = vocabulary_with(effects)
@@ -117,19 +127,36 @@ class Scene:
         """The physics with the unknowns at `vector` (n,)."""
         return applied(self.unknown, self.physics, vector)
 
+    def add_to(
+        self,
+        builder: DiagramBuilder,
+        plant_config: MultibodyPlantConfig | None = None,
+        *,
+        contact: Literal["scenario", "drake"] = "scenario",
+        period: float = 1e-3,
+    ) -> "CorrectedPlant":
+        """The scene's plant with its effects around it, added to `builder`, and the ports for a controller.
+
+        `plant_config` is Drake's own and defaults to Drake's own: a discrete plant of 1 ms; `time_step` 0 makes it
+        continuous, and `period` s is then between updates of what delays and contacts remember. `contact` "scenario"
+        has the contacts under `contact:`, by their own laws, and no other; "drake" has all of Drake's, point and
+        hydroelastic, and of the scenario's only what effects add to them. The plant is finalized. Raises `InputError`
+        for what the plant's solver or time step cannot simulate.
+        """
+        # the room that simulates scenes is beyond this one
+        from drake_cafim.corrected.scene import add_scene
+
+        return add_scene(self, builder, plant_config, contact, period)
+
     def corrected(self, unknown: Array, effects: Sequence[Effect]) -> "Scene":
         """The scene with its unknowns at `unknown` (n,) and `effects` added to the scenario's own."""
         physics = self.physics_at(unknown).with_effects(effects)
-        entries = [
-            EffectEntry(effect.name, effect.at, {name: float(value) for name, value in effect.values.items()})
-            for effect in effects
-        ]
         scenario = replace(
             self.scenario,
             unknown=[
                 replace(entry, mean=float(value)) for entry, value in zip(self.scenario.unknown, unknown, strict=True)
             ],
-            effects=[*self.scenario.effects, *entries],
+            effects=[*self.scenario.effects, *(_entry(effect) for effect in effects)],
         )
         return replace(self, scenario=scenario, physics=physics)
 
@@ -181,6 +208,27 @@ class Scene:
             R_JS, p_JS = body.R_JB @ X_BF[:3, :3], body.p_JB + body.R_JB @ X_BF[:3, 3]
             sensors.append(WrenchSensor(key.removeprefix("wrench."), body.joint, R_JS, p_JS))
         return tuple(sensors)
+
+
+def _entry(effect: Effect) -> EffectEntry:
+    """The effect as an entry of `effects:`."""
+    values = {name: float(value) for name, value in effect.values.items()}
+    if isinstance(effect, ExternalDisturbance):
+        interval = [values.pop("start"), values.pop("stop")]
+        return EffectEntry(effect.name, effect.at, values, interval, effect.recording)
+    return EffectEntry(effect.name, effect.at, values)
+
+
+def _check_standing(plant: MultibodyPlant, name: str) -> None:
+    """Raises `InputError` for a robot, a body with joints, that nothing holds."""
+    free = plant.GetFloatingBaseBodies()
+    for body in [plant.get_body(index) for index in free]:
+        joints = [plant.get_joint(index) for index in plant.GetJointIndices(body.model_instance())]
+        if any(joint.num_velocities() > 0 and joint.child_body().index() not in free for joint in joints):
+            raise InputError(
+                f"{name}: nothing holds {body.name()}, on which the joints stand; expected it under "
+                f"`weld: [{{body: {body.name()}}}]` of a scenario"
+            )
 
 
 def resolve(address: str) -> Path:

@@ -4,8 +4,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from drake_cafim.studies.averaging import averaging, averaging_cells
 from drake_cafim.studies.behaviour import behaviour, behaviour_cells
 from drake_cafim.studies.cell import Cell
+from drake_cafim.studies.claims import claim_cells, claims
 from drake_cafim.studies.comparisons import (
     convergence,
     convergence_cells,
@@ -16,10 +18,17 @@ from drake_cafim.studies.comparisons import (
     planner_cells,
     planners,
 )
+from drake_cafim.studies.disturbances import disturbance_cells, disturbances
 from drake_cafim.studies.findings import Findings
+from drake_cafim.studies.guarding import guarding, guarding_cells
+from drake_cafim.studies.identifiability import identifiability, identifiability_cells
 from drake_cafim.studies.landscapes import landscape_cells, landscapes
+from drake_cafim.studies.one_rub import one_rub, one_rub_cells
+from drake_cafim.studies.point_contact import point_contact, point_contact_cells
 from drake_cafim.studies.priors import calibration, calibration_cells, robustness, robustness_cells
+from drake_cafim.studies.reaching import reaching, reaching_cells
 from drake_cafim.studies.requirements import requirement_cells, requirements
+from drake_cafim.studies.robots import world_cells, worlds
 from drake_cafim.studies.worlds import hefting_table, hefting_table_cells
 
 
@@ -33,6 +42,7 @@ class Study:
 
 STUDIES: Mapping[str, Study] = {
     "requirements": Study(requirement_cells, requirements),
+    "claims": Study(claim_cells, claims),
     "convergence": Study(convergence_cells, convergence),
     "robustness": Study(robustness_cells, robustness),
     "calibration": Study(calibration_cells, calibration),
@@ -40,6 +50,14 @@ STUDIES: Mapping[str, Study] = {
     "criteria": Study(criteria_cells, criteria),
     "planners": Study(planner_cells, planners),
     "noise": Study(noise_cells, noise),
+    "belief-averaging": Study(averaging_cells, averaging),
+    "identifiability": Study(identifiability_cells, identifiability),
+    "force-guard": Study(guarding_cells, guarding),
     "landscapes": Study(landscape_cells, landscapes),
+    "one-rub": Study(one_rub_cells, one_rub),
+    "disturbances": Study(disturbance_cells, disturbances),
+    "point-contact": Study(point_contact_cells, point_contact),
+    "reaching": Study(reaching_cells, reaching),
+    "worlds": Study(world_cells, worlds),
     "hefting-table": Study(hefting_table_cells, hefting_table),
 }

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -13,8 +13,11 @@ from drake_cafim.diagrams.world import WorldKind
 from drake_cafim.experiment import ExperimentResult, Options, RunResult, run
 from drake_cafim.information import Criterion
 from drake_cafim.kinematic_world import kinematic_world
+from drake_cafim.run_record import identified
 from drake_cafim.scenario.scene import resolve
 from drake_cafim.scenario.schema import load
+from drake_cafim.studies.diagnosed import diagnosed
+from drake_cafim.studies.other_laws import other_laws
 from drake_cafim.tasks.contouring import contouring
 from drake_cafim.tasks.hefting import hefting
 from drake_cafim.tasks.pinching import pinching
@@ -29,6 +32,8 @@ TASKS: Mapping[str, Callable[[], Task]] = {
     "contouring": contouring,
 }
 SCENARIOS = tuple(TASKS)
+POINT = "pinching_point"
+"""The scenario whose contact parameters have true values in Drake's world."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +49,35 @@ class Cell:
     noise: float = 1.0  # times the task's force noise, in the world and in the model
     world: WorldKind | None = None  # None: the kinematic world
     experiments: int | None = None  # None: the task's own number
+    process_noise: float = 0.0  # m/s, added to each command in the kinematic world
+    outside: float = 0.0  # m, by which the kinematic world's contact is before the frame that is planned with
+    belief_samples: int = 1  # points of the belief over which plans are scored
+    force_guard: bool = False
+    believed: tuple[tuple[str, float], ...] = ()  # numbers of the planner's model that are not the world's
+    diagnosed: bool = False  # the joints are recorded as well, and a diagnosis looks for what its scenario lacks
 
     @property
     def key(self) -> str:
         """A file name that no other cell has."""
         world = "kinematic" if self.world is None else self.world
-        parts = (self.scenario, world, self.policy, self.planner, self.criterion, f"prior{self.prior_scale:g}")
-        return "_".join((*parts, f"noise{self.noise:g}", f"of{self.experiments or 'all'}", f"seed{self.seed}"))
+        parts = [self.scenario, world, self.policy, self.planner, self.criterion, f"prior{self.prior_scale:g}"]
+        parts += [f"noise{self.noise:g}", f"of{self.experiments or 'all'}", f"seed{self.seed}"]
+        parts += [f"belief{self.belief_samples}"] if self.belief_samples != 1 else []
+        parts += ["guarded"] if self.force_guard else []
+        parts += [f"{name}{value:g}" for name, value in self.believed]
+        parts += [f"process{self.process_noise:g}"] if self.process_noise else []
+        parts += [f"outside{self.outside:g}"] if self.outside else []
+        parts += ["diagnosed"] if self.diagnosed else []
+        return "_".join(parts)
+
+
+def varying(results: Mapping[Cell, Any], *names: str) -> dict[Cell, Any]:
+    """Of `results` those whose cells are the default runs of their scenario and seed but for the fields `names`."""
+    return {
+        cell: kept
+        for cell, kept in results.items()
+        if Cell(cell.scenario, cell.seed, **{name: getattr(cell, name) for name in names}) == cell
+    }
 
 
 def measure(cell: Cell) -> dict[str, Any]:
@@ -62,9 +89,15 @@ def measure(cell: Cell) -> dict[str, Any]:
         criterion=cell.criterion,
         seed=cell.seed,
         experiments=cell.experiments,
+        belief_samples=cell.belief_samples,
+        force_guard=cell.force_guard,
     )
     result = run(task, options, world)
+    kept = {} if cell.scenario != POINT else {"laws": other_laws(result)}
+    if cell.diagnosed:
+        kept["diagnosis"] = diagnosed(result, cell.scenario, world)
     return {
+        **kept,
         "parameters": list(task.model.parameters.names),
         "prior_error": (100.0 * (result.prior.mean - task.theta) / task.theta).tolist(),
         "period": task.model.period,
@@ -73,17 +106,32 @@ def measure(cell: Cell) -> dict[str, Any]:
 
 
 def _task_and_world(cell: Cell) -> tuple[Task, World]:
-    stage = None if cell.world is None else stage_of(load(resolve(cell.scenario)), cell.scenario)
+    kinematic = cell.world is None and cell.scenario in TASKS
+    stage = None if kinematic else stage_of(load(resolve(cell.scenario)), cell.scenario)
     task = TASKS[cell.scenario]() if stage is None else stage.task
     task = task.with_prior_mean(cell.prior_scale)
     if cell.noise != 1.0:
         # every packaged model has a field force_std
         noisy: Any = task.model
         task = replace(task, model=replace(noisy, force_std=cell.noise * noisy.force_std))
+    true, model = task, cast(Any, task.model)
+    task = replace(task, model=replace(model, **dict(cell.believed)))
     if stage is None or cell.world is None:
-        return task, kinematic_world(task, seed=cell.seed)
+        return task, kinematic_world(_moved(true, cell.outside), seed=cell.seed, process_std=cell.process_noise)
     world = stage.world(cell.world, cell.seed)
-    return task, replace(world, recorded=())  # a study keeps no recordings
+    if cell.diagnosed:
+        return task, world
+    # what happens between two samples of the planner counts as well: contacts, and the largest force
+    return task, replace(world, recorded=("true_force",) if cell.world == "model" else ("true_force", "contacts"))
+
+
+def _moved(task: Task, outside: float) -> Task:
+    """The task in whose model what touches stands out by `outside` m; hefting has no place for that."""
+    model: Any = task.model
+    for radius in ("tip_radius", "ball_radius"):
+        if outside and hasattr(model, radius):
+            return replace(task, model=replace(model, **{radius: getattr(model, radius) + outside}))
+    return task
 
 
 def _kept(result: RunResult, one: ExperimentResult) -> dict[str, Any]:
@@ -94,8 +142,17 @@ def _kept(result: RunResult, one: ExperimentResult) -> dict[str, Any]:
         "inside": (np.abs(one.belief.mean - theta) <= 1.96 * one.belief.std).tolist(),
         "std": (100.0 * one.belief.std / theta).tolist(),
         "information": one.scaled_trace,
+        **identified(result.prior, one.belief),
         "condition": float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 0 else None,
         "behaviour": dict(one.behaviour),
         "tracking_error": one.tracking_error,
         "planning_ms": float(np.median(one.planning_ms)),
+        "hydroelastic": _hydroelastic(one),
     }
+
+
+def _hydroelastic(one: ExperimentResult) -> float | None:
+    """The share of the plant's steps in contact at which the contact is hydroelastic; None without a contact."""
+    contacts = one.recorded.get("contacts", np.zeros((0, 2)))
+    touching = contacts[contacts.sum(axis=1) > 0]
+    return float((touching[:, 0] > 0).mean()) if len(touching) else None

@@ -8,9 +8,10 @@ from matplotlib.figure import Figure
 
 from drake_cafim.information import fisher_information
 from drake_cafim.report.svg import as_svg, page_style
+from drake_cafim.sensitivity.tangent import TangentEvaluator
 from drake_cafim.studies.cell import Cell
 from drake_cafim.studies.findings import Claim, Findings
-from drake_cafim.tasks.hefting import Hefting
+from drake_cafim.tasks.compliant_hefting import CompliantHefting
 from drake_cafim.tasks.pinching import TRUE_DAMPING, TRUE_STIFFNESS, Pinching
 from drake_cafim.tasks.rubbing import TRUE_FRICTION, Rubbing
 from drake_cafim.typing import Array
@@ -27,30 +28,79 @@ def landscape_cells(short: bool) -> list[Cell]:
 def landscapes(results: Mapping[Cell, Any]) -> Findings:
     """Information of one sample, scaled by the prior's variance, for pinching, rubbing and hefting."""
     pinch, rub, heft = _pinching(), _rubbing(), _hefting()
-    stuck = _of_one_sample(Rubbing(), np.array([0.02, 0.6, 0.0, 0.05]), np.array([TRUE_FRICTION]))
-    claims = (
-        Claim(
-            "Friction is seen only where μ λ_n < R |v_t|",
-            f"information {stuck:.3g} at 2 cm depth and 5 cm/s",
-            "holds" if stuck == 0.0 else "does not hold",
-        ),
-        Claim(
-            "Damping is seen only in motion, stiffness in depth",
-            f"at rest the largest is {pinch[:, len(SPEED) // 2].max():.3g}, in motion {pinch.max():.3g}",
-            "holds" if pinch.max() > pinch[:, len(SPEED) // 2].max() else "does not hold",
-        ),
-    )
     figures = (
+        _figure("hefting", _RATE, 1e3 * _PENETRATION, heft, ("normal velocity, m/s", "depth, mm")),
         _figure("pinching", SPEED, 1e3 * DEPTH, pinch, ("opening velocity, m/s", "depth, mm")),
         _figure("rubbing", _TANGENTIAL, _NORMAL, rub, ("tangential velocity, m/s", "normal velocity, m/s")),
-        _figure("hefting", _VELOCITY, _ACCELERATION, heft, ("velocity, m/s", "acceleration, m/s²")),
     )
-    about = "Trace of one sample's Fisher information in units of the prior's variance, at the true parameters."
-    return Findings("Information landscapes", about, claims, (), figures)
+    about = (
+        "Trace of the Fisher information of one sample, of one planning step in hefting, in units of the prior's "
+        "variance, at the true parameters."
+    )
+    return Findings("Information landscapes", about, landscape_claims(), (), figures)
+
+
+def landscape_claims() -> tuple[Claim, ...]:
+    """What the paper says of each landscape (its A4), held against it."""
+    pinch, rub, heft = _pinching(), _rubbing(), _hefting()
+    linear = _linearity(heft)
+    _, across = np.unravel_index(int(heft.argmax()), heft.shape)
+    pressed, moved = _place(pinch, DEPTH, SPEED)
+    normal, tangential = _place(rub, _NORMAL, _TANGENTIAL)
+    stuck = _of_one_sample(Rubbing(), np.array([0.02, 0.6, 0.0, 0.05]), np.array([TRUE_FRICTION]))
+    pushed = _of_one_sample(Rubbing(), np.array([0.036, 0.6, -0.1, 0.5]), np.array([TRUE_FRICTION]))
+    harder = _of_one_sample(Rubbing(), np.array([0.002, 0.6, -0.1, 0.5]), np.array([TRUE_FRICTION]))
+    still = pinch[:, len(SPEED) // 2].max()
+    return (
+        _claim("Hefting's landscape is linear in depth and velocity", f"a plane explains {linear:.2f}", linear > 0.95),
+        _claim(
+            "Hefting is pulled to the bounds of velocity",
+            f"most at {_RATE[across]:+.2f} m/s of ±{_RATE[-1]:g}",
+            abs(_RATE[across]) == _RATE[-1],
+        ),
+        _claim(
+            "Pinching has an optimum between depth and rate inside its bounds",
+            f"most at {1e3 * pressed:.1f} mm of {1e3 * DEPTH[-1]:g} and {moved:+.2f} m/s of ±{SPEED[-1]:g}",
+            pressed < DEPTH[-1] and abs(moved) < SPEED[-1],
+        ),
+        _claim(
+            "Stiffness and damping ask for motion, not for depth alone",
+            f"at rest at most {still:.3g}, in motion {pinch.max():.3g}",
+            bool(pinch.max() > still),
+        ),
+        _claim(
+            "Rubbing asks for pressing and sliding at once",
+            f"most at {normal:+.2f} m/s along the normal, {tangential:+.2f} m/s along the wall",
+            normal < 0 and abs(tangential) > 0.5,
+        ),
+        _claim(
+            "Pressing harder always tells more of friction",
+            f"{pushed:.3g} at 4 mm depth, {harder:.3g} at 38 mm: seen where μλ < R|v|; {stuck:.3g} at 20 mm, 5 cm/s",
+            harder > pushed,
+        ),
+    )
+
+
+def _claim(claim: str, found: str, holds: bool) -> Claim:
+    return Claim(claim, found, "holds" if holds else "does not hold")
+
+
+def _place(values: Array, up: Array, across: Array) -> tuple[float, float]:
+    """Where the largest of `values` (up, across) stands."""
+    row, column = np.unravel_index(int(values.argmax()), values.shape)
+    return float(up[row]), float(across[column])
+
+
+def _linearity(values: Array) -> float:
+    """The share of the variance of `values` (up, across) that a plane explains."""
+    up, across = np.meshgrid(*(np.linspace(-1.0, 1.0, size) for size in values.shape), indexing="ij")
+    columns = np.stack([np.ones(values.size), up.ravel(), across.ravel()], axis=-1)
+    fitted = columns @ np.linalg.lstsq(columns, values.ravel(), rcond=None)[0]
+    return float(1.0 - np.var(values.ravel() - fitted) / np.var(values))
 
 
 _TANGENTIAL, _NORMAL = np.linspace(-1.0, 1.0, 81), np.linspace(-0.5, 0.5, 41)
-_VELOCITY, _ACCELERATION = np.linspace(-1.0, 1.0, 41), np.linspace(-15.0, 15.0, 61)
+_RATE, _PENETRATION = np.linspace(-1.0, 1.0, 41), np.linspace(0.0, 0.01, 21)
 
 
 def _pinching() -> Array:
@@ -68,10 +118,20 @@ def _rubbing() -> Array:
 
 
 def _hefting() -> Array:
-    """(accelerations, velocities): the rigid law sees the acceleration alone."""
-    acceleration, velocity = np.meshgrid(_ACCELERATION, _VELOCITY, indexing="ij")
-    motion = np.stack([np.full_like(velocity, 0.3), velocity, acceleration], axis=-1)
-    return _of_one_sample_grid(Hefting(), motion, np.array([0.05]))
+    """(depths, velocities): the palm so deep in a ball at rest, and moving so against it through one step.
+
+    The force itself does not depend on the mass; what it tells comes through how the ball gives way.
+    """
+    model, theta = CompliantHefting(), np.array([0.05])
+    depth, rate = np.meshgrid(_PENETRATION, _RATE, indexing="ij")
+    elapsed: Array = np.linspace(0.0, model.period, model.substeps + 1)
+    velocity = np.broadcast_to(rate.reshape(-1, 1), (rate.size, len(elapsed)))
+    height = depth.reshape(-1, 1) + velocity * elapsed
+    motion = np.stack([height, velocity, np.zeros_like(velocity)], axis=-1)
+    rest = model.start(np.array([theta[0] * model.gravity / model.stiffness, 0.0, 0.0]), theta)
+    rollout = TangentEvaluator(model)(motion, theta, rest)
+    fisher = fisher_information(rollout.sensitivities, model.noise_std)[:, 0, 0]
+    return np.asarray(fisher.reshape(depth.shape) * model.parameters.std[0] ** 2)
 
 
 def _of_one_sample(model: Any, motion: Array, theta: Array) -> float:

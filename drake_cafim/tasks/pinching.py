@@ -18,7 +18,11 @@ TRUE_STIFFNESS, TRUE_DAMPING = 800.0, 10.0  # N/m and N s/m, paper
 
 @dataclass(frozen=True, kw_only=True)
 class Pinching(PointModel):
-    """Planner coordinate: a jaw's distance from the ball's centre; both jaws mirror each other. λ is (1,)."""
+    """Planner coordinate: a jaw's distance from the ball's centre; both jaws mirror each other. λ is (1,).
+
+    θ holds stiffness and damping, or, with the law `hunt_crossley`, stiffness and dissipation (s/m), by the names in
+    `parameters`.
+    """
 
     parameters: Parameters = field(
         default_factory=lambda: Parameters(
@@ -42,10 +46,12 @@ class Pinching(PointModel):
     def noise_std(self) -> Array:
         return np.array([self.force_std])
 
+    def _contact_parameters(self, theta: Array) -> ContactParameters:
+        return ContactParameters(**dict(zip(self.parameters.names, theta, strict=True)))
+
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
-        parameters = ContactParameters(stiffness=theta[0], damping=theta[1])
         penetration = self.ball_radius - motion[..., 0]
-        force = ContactLaw(self.law).normal_force(penetration, -motion[..., 1], parameters)
+        force = ContactLaw(self.law).normal_force(penetration, -motion[..., 1], self._contact_parameters(theta))
         return force[..., np.newaxis]
 
     def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
@@ -53,9 +59,9 @@ class Pinching(PointModel):
             self.ball_radius - motion[..., 0],
             -motion[..., 1],
             np.zeros((*motion.shape[:-1], 1)),
-            ContactParameters(stiffness=theta[0], damping=theta[1]),
+            self._contact_parameters(theta),
         )
-        slope = np.stack([exact.normal["stiffness"], exact.normal["damping"]], axis=-1)[..., np.newaxis, :]
+        slope = np.stack([exact.normal[name] for name in self.parameters.names], axis=-1)[..., np.newaxis, :]
         return Jacobians(exact.normal_force[..., np.newaxis], np.zeros((1, 0)), np.zeros((1, 1)), slope)
 
     def cost(self, rollout: Rollout, theta: Array) -> Array:
@@ -70,12 +76,28 @@ class Pinching(PointModel):
         return PointModel.behaviour(self, motion, forces)
 
 
+WORKING_FORCE = 4.0  # N, at which Hunt and Crossley's dissipation damps as much as the paper's C
+TRUE_DISSIPATION = TRUE_DAMPING / WORKING_FORCE  # s/m
+
+
+def hunt_crossley_pinching() -> Pinching:
+    """Pinching with the law of Drake's point contact: stiffness and dissipation, of the same relative priors."""
+    stiffness, damping = Pinching().parameters.free
+    ratio = 1.0 / WORKING_FORCE
+    dissipation = Parameter(
+        "dissipation", ratio * damping.mean, std=ratio * damping.std, lower=0.0, upper=ratio * damping.upper, unit="s/m"
+    )
+    return Pinching(law="hunt_crossley", parameters=Parameters((stiffness, dissipation)))
+
+
 def pinching(model: Pinching | None = None) -> Task:
     """The pinching task: five experiments of 1 s, starting 4 mm off the ball."""
+    model = Pinching() if model is None else model
+    truth = {"stiffness": TRUE_STIFFNESS, "damping": TRUE_DAMPING, "dissipation": TRUE_DISSIPATION}
     return Task(
         name="pinching",
-        model=Pinching() if model is None else model,
-        truth={"stiffness": TRUE_STIFFNESS, "damping": TRUE_DAMPING},
+        model=model,
+        truth={name: truth[name] for name in model.parameters.names},
         robot_start=np.array([0.024, 0.0]),
         periods=50,
         experiments=5,

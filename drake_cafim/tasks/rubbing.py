@@ -94,11 +94,18 @@ class Rubbing(PointModel):
         return np.array([press, -0.5 if (time % 1.0) < 0.5 else 0.5])
 
     def behaviour(self, motion: Array, forces: Array) -> Mapping[str, object]:
-        """Sliding counts contact at a speed where friction shows, μ λ_n < R |v_t|."""
-        normal, speed = forces[:, 0], np.abs(motion[1:, 3])
-        sliding = (normal > 0) & (self.friction * normal < self.resistance * speed)
+        """Sliding counts contact at a speed where friction shows, μ λ_n < R |v_t|.
+
+        Of `forces`, as measured, without the normal one: the tangential one is below R |v_t| there.
+        """
+        viscous = self.resistance * np.abs(motion[1:, 3])
+        if self.measures_normal:
+            rubbed = self.friction * forces[:, 0]
+        else:
+            rubbed, viscous = np.abs(forces[:, 0]), (1.0 - 1e-9) * viscous
+        sliding = (rubbed > 0) & (rubbed < viscous)
         return {
-            **PointModel.behaviour(self, motion, forces[:, :1]),
+            **PointModel.behaviour(self, motion, np.abs(forces[:, :1])),
             "sliding_fraction": float(sliding.mean()),
             "reversals": count_reversals(motion[1:, 3]),
         }

@@ -1,0 +1,84 @@
+"""What a changed tree weighs beyond the model file, put into a plant before it is finalized."""
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JointActuator, SpatialInertia, UnitInertia
+
+from drake_cafim.corrected.reading import array
+from drake_cafim.dynamics.tree import OneAxisJoint, Tree
+from drake_cafim.typing import Array
+
+LEAST_MASS = 1e-9
+"""kg; a change of moments alone rides on this much."""
+
+
+@dataclass(frozen=True)
+class Lump:
+    """Mass kg, first moment (3,) kg m and second moment (3, 3) kg m² about a joint's moving frame J."""
+
+    mass: float
+    moment: Array
+    inertia: Array
+
+    def minus(self, other: "Lump") -> "Lump":
+        return Lump(self.mass - other.mass, self.moment - other.moment, self.inertia - other.inertia)
+
+    @property
+    def nothing(self) -> bool:
+        return not (self.mass or np.any(self.moment) or np.any(self.inertia))
+
+
+def lump(tree: Tree, joint: int) -> Lump:
+    """All that rides the joint itself."""
+    masses, centers, inertias = tree.lumps
+    m, c = float(masses[joint]), centers[joint]
+    return Lump(m, m * c, inertias[joint] + m * (c @ c * np.eye(3) - np.outer(c, c)))
+
+
+def add_inertia(plant: MultibodyPlant, nominal: Tree, changed: Tree) -> None:
+    """What `changed` has beyond `nominal`, the tree of the plant's model: bodies' inertia and joints' dampings.
+
+    Drake has no default for a parsed body's inertia but the file's, so the difference, which may be negative, rides
+    each joint as a body of its own, named `change on <joint>`.
+    """
+    for k, (before, after) in enumerate(zip(nominal.joints, changed.joints, strict=True)):
+        joint = joint_named(plant, after.name)
+        difference = lump(changed, k).minus(lump(nominal, k))
+        if not difference.nothing:
+            _add_body(plant, joint, difference)
+        if after.damping != before.damping:
+            joint.set_default_damping(after.damping)
+
+
+def _add_body(plant: MultibodyPlant, joint: OneAxisJoint, change: Lump) -> None:
+    mass = change.mass if abs(change.mass) > LEAST_MASS else LEAST_MASS
+    G = change.inertia / mass
+    unit = UnitInertia(Ixx=G[0, 0], Iyy=G[1, 1], Izz=G[2, 2], Ixy=G[0, 1], Ixz=G[0, 2], Iyz=G[1, 2])
+    # no body by itself: only with the link that it rides is it physical
+    inertia = SpatialInertia(mass, array(change.moment / mass), unit, skip_validity_check=True)
+    body = plant.AddRigidBody(f"change on {joint.name()}", joint.model_instance(), inertia)
+    plant.WeldFrames(joint.frame_on_child(), body.body_frame())
+
+
+def set_rotor_inertia(plant: MultibodyPlant, joint: OneAxisJoint, inertia: float) -> None:
+    """Makes `inertia` kg m² (kg) the reflected rotor inertia of a joint, whatever actuators it has."""
+    # a rotor that no actuator drives is still one
+    *others, last = actuators_of(plant, joint) or [plant.AddJointActuator(f"{joint.name()} rotor", joint)]
+    # of several actuators on a joint Drake 1.51 takes the last one's rotor for all
+    for actuator in others:
+        actuator.set_default_rotor_inertia(0.0)
+    last.set_default_rotor_inertia(inertia / last.default_gear_ratio() ** 2)
+
+
+def joint_named(plant: MultibodyPlant, name: str) -> OneAxisJoint:
+    """The joint of that name, which a scene knows to have one axis."""
+    return cast(OneAxisJoint, plant.GetJointByName(name))
+
+
+def actuators_of(plant: MultibodyPlant, joint: OneAxisJoint) -> list[JointActuator]:
+    """All actuators of the joint."""
+    found = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
+    return [actuator for actuator in found if actuator.joint().index() == joint.index()]

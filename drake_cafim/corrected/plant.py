@@ -1,0 +1,78 @@
+"""A plant with what a scene's effects change of it: inertia, gravity, damping, brakes."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RevoluteJoint
+
+from drake_cafim.corrected.brakes import add_brake, brakes, rest_level
+from drake_cafim.corrected.inertia import actuators_of, add_inertia, joint_named, set_rotor_inertia
+from drake_cafim.corrected.reading import array
+from drake_cafim.dynamics.tree import Tree
+from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint import JointForce, JointViscousFriction
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+
+def hold_joints(plant: MultibodyPlant, locked: Mapping[str, float]) -> None:
+    """Welds the joints of `locked` at these positions, rad or m; the plant is not finalized."""
+    for name, position in locked.items():
+        joint = joint_named(plant, name)
+        for actuator in actuators_of(plant, joint):
+            plant.RemoveJointActuator(actuator)
+        if isinstance(joint, RevoluteJoint):
+            X_FM = RigidTransform(RotationMatrix(AngleAxis(position, joint.revolute_axis())), array(np.zeros(3)))
+        else:
+            X_FM = RigidTransform(array(position * array(joint.translation_axis())))
+        parent, child = joint.frame_on_parent(), joint.frame_on_child()
+        plant.RemoveJoint(joint)
+        plant.WeldFrames(parent, child, X_FM)
+
+
+def change_plant(plant: MultibodyPlant, nominal: Tree, physics: Physics) -> None:
+    """Puts into a plant that is not finalized what `physics` says of it and `nominal`, its model's tree, does not.
+
+    Raises `InputError` where a brake is needed and the plant's solver cannot hold it.
+    """
+    add_inertia(plant, nominal, physics.tree)
+    plant.mutable_gravity_field().set_gravity_vector(physics.gravity)
+    for effect in physics.joint_forces:
+        joint = joint_named(plant, effect.at)
+        if damps(effect):
+            joint.set_default_damping(joint.default_damping() + damping(effect))
+        elif plant.time_step() > 0.0 and brakes(effect):
+            add_brake(plant, joint, rest_level(effect), f"{effect.name} at {effect.at}")
+    hidden = {coupling.at for coupling in physics.couplings}  # rotors that move by themselves
+    for before, after in zip(nominal.joints, physics.tree.joints, strict=True):
+        joint = joint_named(plant, after.name)
+        inertia = 0.0 if after.name in hidden else after.rotor_inertia
+        if inertia != before.rotor_inertia or len(actuators_of(plant, joint)) > 1:
+            set_rotor_inertia(plant, joint, inertia)
+
+
+def damps(effect: JointForce) -> bool:
+    """Whether the law is Drake's own joint damping, which a discrete plant takes implicitly."""
+    return isinstance(effect, JointViscousFriction)
+
+
+def damping(effect: JointForce) -> float:
+    """N m s/rad: the slope of the law."""
+    zero = np.zeros(1)
+    return -float(effect.force(JointSamples(zero, zero, zero)).d_v[0])
+
+
+def state_selection(plant: MultibodyPlant, joints: Sequence[str]) -> Array:
+    """(2n, nx) zeros and ones that pick positions, then velocities, of the joints out of the finalized plant's state.
+
+    Its lower right part, transposed, gives the joints' forces their places among the generalized ones.
+    """
+    selection = np.zeros((2 * len(joints), plant.num_multibody_states()))
+    for k, name in enumerate(joints):
+        joint = plant.GetJointByName(name)
+        selection[k, joint.position_start()] = 1.0
+        selection[len(joints) + k, plant.num_positions() + joint.velocity_start()] = 1.0
+    return selection

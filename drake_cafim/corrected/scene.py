@@ -1,0 +1,60 @@
+"""A scene in a Diagram."""
+
+from typing import Literal, TypeAlias, get_args
+
+from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import DiagramBuilder
+
+from drake_cafim.corrected.brakes import connect_brakes
+from drake_cafim.corrected.clock import Clock
+from drake_cafim.corrected.corrected_plant import CorrectedPlant
+from drake_cafim.corrected.plant import change_plant, hold_joints
+from drake_cafim.corrected.wiring import Wiring
+from drake_cafim.errors import InputError
+from drake_cafim.scenario.model_file import add_model
+from drake_cafim.scenario.scene import Scene
+
+Contact: TypeAlias = Literal["scenario", "drake"]
+
+
+def add_scene(
+    scene: Scene,
+    builder: DiagramBuilder,
+    plant_config: MultibodyPlantConfig | None = None,
+    contact: Contact = "scenario",
+    period: float = 1e-3,
+) -> CorrectedPlant:
+    """See `Scene.add_to`."""
+    if contact not in get_args(Contact):
+        raise InputError(f"{scene.name}: contact {contact!r}, expected one of {', '.join(get_args(Contact))}")
+    plant: MultibodyPlant
+    plant, scene_graph = AddMultibodyPlant(plant_config or MultibodyPlantConfig(), builder)
+    # a plant with sampled outputs steps before the others' discrete updates, which then see it one step ahead
+    plant.SetUseSampledOutputPorts(False)
+    add_model(scene.scenario, scene.folder, plant)
+    hold_joints(plant, scene.scenario.lock)
+    change_plant(plant, scene.tree, scene.physics)
+    plant.Finalize()
+    if contact == "scenario":
+        _touch_nothing(plant, scene_graph)
+    wiring = Wiring.around(builder, plant, scene.physics.tree, Clock(plant.time_step() or period))
+    connect_brakes(builder, plant)
+    effort, asked, driving = wiring.add_efforts(scene.physics)
+    wiring.add_joint_forces(scene.physics, driving)
+    wiring.add_body_forces(scene.physics)
+    contacts = scene.physics.contacts
+    wrenches = wiring.add_contacts(contacts, [None] * len(contacts))
+    wiring.close()
+    bodies = [name.removeprefix("pose.") for name in scene.scenario.channels if name.startswith("pose.")]
+    on_links = [(one.joint, wrench) for one, wrench in zip(contacts, wrenches, strict=True)]
+    measured, columns = wiring.add_channels(scene.physics, asked, scene.wrench_sensors, bodies, on_links)
+    return CorrectedPlant(plant, scene_graph, scene.tree.joint_names, effort, measured, columns)
+
+
+def _touch_nothing(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
+    """Leaves the contacts to the scenario's own laws."""
+    bodies = [plant.get_body(BodyIndex(k)) for k in range(plant.num_bodies())]
+    shapes = [shape for body in bodies for shape in plant.GetCollisionGeometriesForBody(body)]
+    scene_graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(shapes)))

@@ -1,0 +1,134 @@
+"""Sensor effects as systems: the channels of a recording go in and come out, distorted where the effect is.
+
+What remembers is sampled with a period h: the plant's time step, or the time between updates beside a continuous one.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from drake_cafim.corrected.clock import Clock
+from drake_cafim.corrected.reading import array, read, remembered
+from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.effects.timing import POINTS, SensorLag, ShiftedSensor, interpolation
+from drake_cafim.typing import Array
+
+LONGEST = 60.0
+"""s of simulation for which the past of a slow clock is kept; after that it shows the oldest value that is."""
+SAME_TIME = 1e-9
+"""s"""
+
+
+class SensorSystem(LeafSystem):
+    """A sensor effect without a memory.
+
+    .. pydrake_system::
+
+        name: SensorSystem
+        input_ports: [true]
+        output_ports: [measured]
+
+    Both hold the channels that `columns` names; those that the effect is on go through `effect.measured`. The
+    Context's time is the recording's.
+    """
+
+    def __init__(self, effect: SensorEffect, columns: Sequence[str]) -> None:
+        LeafSystem.__init__(self)
+        self.effect = effect
+        self._on = np.array([list(columns).index(column) for column in effect.channels(columns)])
+        self.DeclareVectorInputPort("true", len(columns))
+        self.DeclareVectorOutputPort("measured", len(columns), self._calc_measured)
+
+    def _true(self, context: Context) -> Array:
+        return read(self.get_input_port(), context)
+
+    def _written(self, context: Context, true: Array) -> Array:
+        """(c,) from the channels (c,) that the effect is on."""
+        return array(self.effect.measured(np.array([context.get_time()]), true[None])[0])
+
+    def _calc_measured(self, context: Context, output: BasicVector) -> None:
+        channels = self._true(context)
+        channels[self._on] = self._written(context, channels[self._on])
+        output.SetFromVector(array(channels))
+
+
+class ShiftedSensorSystem(SensorSystem):
+    """A sensor that writes values of another time, out of its past.
+
+    .. pydrake_system::
+
+        name: ShiftedSensorSystem
+        input_ports: [true]
+        output_ports: [measured]
+
+    Discrete state 0 holds the last `past` samples (past, 1 + c) row by row, the oldest first: when, NaN before there
+    were any, and the channels. Of a time before all of them the oldest is written; a clock that runs ahead asks for
+    what is not yet, and gets the last samples' parabola.
+    """
+
+    def __init__(self, effect: ShiftedSensor, columns: Sequence[str], clock: Clock, past: int) -> None:
+        super().__init__(effect, columns)
+        self._shown, self._past = effect.shown, past
+        clock.keep(self, np.full(past * (1 + len(self._on)), np.nan), self._remember)
+
+    def _samples(self, context: Context) -> Array:
+        """(past, 1 + c)"""
+        return remembered(context).reshape(self._past, -1)
+
+    def _remember(self, context: Context) -> Array:
+        now = np.concatenate([[context.get_time()], self._true(context)[self._on]])
+        return array(np.concatenate([self._samples(context)[1:], now[None]]).ravel())
+
+    def _written(self, context: Context, true: Array) -> Array:
+        samples, now = self._samples(context), context.get_time()
+        samples = samples[samples[:, 0] < now - SAME_TIME]
+        time, channels = np.append(samples[:, 0], now), np.concatenate([samples[:, 1:], true[None]])
+        [shown] = self._shown(np.array([now]))
+        if shown <= now:
+            return array((interpolation(time, np.array([shown])) @ channels)[0])
+        parts = range(min(3, len(time)))
+        series = [interpolation(time[-3:], np.array([now]), order) @ channels[-3:] for order in parts]
+        return np.asarray(sum((shown - now) ** order * one[0] for order, one in zip(parts, series, strict=True)))
+
+
+class LagSensor(SensorSystem):
+    """A sensor that follows slowly.
+
+    .. pydrake_system::
+
+        name: LagSensor
+        input_ports: [true]
+        output_ports: [measured]
+
+    Discrete state 0 is the last sample: when, NaN before there was one, the channels (c,), and what was written (c,).
+    """
+
+    def __init__(self, effect: SensorLag, columns: Sequence[str], clock: Clock) -> None:
+        super().__init__(effect, columns)
+        self._constant = effect.values["time_constant"]
+        clock.keep(self, np.full(1 + 2 * len(self._on), np.nan), self._remember)
+
+    def _remember(self, context: Context) -> Array:
+        true = self._true(context)[self._on]
+        return array(np.concatenate([[context.get_time()], true, self._written(context, true)]))
+
+    def _written(self, context: Context, true: Array) -> Array:
+        state = remembered(context)
+        now, c = context.get_time(), len(self._on)
+        if not np.isfinite(state[0]) or now - state[0] < SAME_TIME:
+            return true if not np.isfinite(state[0]) else state[1 + c :]
+        before, written = state[1 : 1 + c], state[1 + c :]
+        settled = self.effect.measured(np.array([state[0], now]), np.stack([before, true]))[-1]
+        # the law starts settled; what was not yet goes on dying away
+        return np.asarray(settled + np.exp((state[0] - now) / self._constant) * (written - before))
+
+
+def sensor_system(effect: SensorEffect, columns: Sequence[str], clock: Clock) -> SensorSystem:
+    """The system of a sensor effect."""
+    if isinstance(effect, SensorLag):
+        return LagSensor(effect, columns, clock)
+    if isinstance(effect, ShiftedSensor):
+        late = float(np.max(LONGEST - effect.shown(np.array([LONGEST]))))
+        return ShiftedSensorSystem(effect, columns, clock, POINTS + max(int(np.ceil(late / clock.period)), 0))
+    return SensorSystem(effect, columns)

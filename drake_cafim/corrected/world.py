@@ -1,0 +1,56 @@
+"""Effects in a plant that is not a scene's: a robot among other things, under a controller of its own."""
+
+from dataclasses import dataclass
+
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from drake_cafim.corrected.brakes import connect_brakes
+from drake_cafim.corrected.clock import Clock
+from drake_cafim.corrected.plant import change_plant
+from drake_cafim.corrected.wiring import Wiring
+from drake_cafim.dynamics.tree import Tree
+from drake_cafim.scenario.physics import Physics
+
+
+@dataclass(frozen=True)
+class AffectedRobot:
+    """A robot, `nominal` by itself and with effects in `physics`, whose joints are in the plant of a larger world.
+
+    `prepare` before the plant is finalized, then `connect` and `measured`. The plant is discrete and has its efforts by
+    its own actuation port: effects of actuators act as the difference that they make.
+    """
+
+    nominal: Tree
+    physics: Physics
+
+    @property
+    def untouched(self) -> bool:
+        """Whether there are no effects at the joints and bodies, or on what drives them."""
+        physics = self.physics
+        return not (physics.joint_forces or physics.actuators or physics.couplings or physics.body_forces)
+
+    def prepare(self, plant: MultibodyPlant) -> None:
+        """Changes of inertia, gravity and damping, and brakes."""
+        change_plant(plant, self.nominal, self.physics)
+
+    def connect(self, builder: DiagramBuilder, plant: MultibodyPlant, effort: OutputPort) -> None:
+        """Forces of the effects on the finalized plant, whose actuation gets the `effort` (n,) of these joints."""
+        connect_brakes(builder, plant)
+        if self.untouched:
+            return
+        wiring = Wiring.around(builder, plant, self.physics.tree, _clock(plant))
+        wiring.add_joint_forces(self.physics, wiring.driven(self.physics, effort))
+        wiring.add_body_forces(self.physics, at_joints=True)
+        wiring.take_away(effort)
+        wiring.close()
+
+    def measured(self, builder: DiagramBuilder, plant: MultibodyPlant, state: OutputPort) -> OutputPort:
+        """The joints' `state` (2n,), positions then velocities, as the sensors write it."""
+        columns = [f"{kind}.{name}" for kind in "qv" for name in self.nominal.joint_names]
+        wiring = Wiring(builder, plant, self.physics.tree, _clock(plant), state)
+        return wiring.sensed(self.physics, state, columns)
+
+
+def _clock(plant: MultibodyPlant) -> Clock:
+    return Clock(plant.time_step(), plant.has_sampled_output_ports())

@@ -1,0 +1,66 @@
+"""A score averaged over the belief: what a motion is expected to tell, not what it tells at the likeliest θ."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from drake_cafim.design.planner import Scored
+from drake_cafim.design.situation import Situation
+from drake_cafim.errors import InputError
+from drake_cafim.sensitivity.model import PlanningModel, Start
+from drake_cafim.typing import Array
+
+
+def sigma_points(mean: Array, covariance: Array, count: int) -> Array:
+    """Points (count, n), count > n, of equal weight and of exactly the mean (n,) and covariance (n, n) given.
+
+    Quantiles of the normal distribution at the points of a rank-1 lattice, standardised.
+    """
+    size = len(mean)
+    # the generalised golden ratio, root of x^n = x + 1: its powers spread a lattice evenly (Roberts)
+    ratio = max(np.roots([1.0, *[0.0] * (size - 2), -1.0, -1.0]).real) if size > 1 else 2.0
+    steps = np.array([1.0 / count, *(ratio ** -np.arange(1.0, size))])
+    z = norm.ppf((0.5 * steps[0] + np.outer(np.arange(count), steps)) % 1.0)
+    z -= z.mean(axis=0)
+    z = z @ np.linalg.inv(np.linalg.cholesky(z.T @ z / count)).T
+    return np.asarray(mean + z @ np.linalg.cholesky(covariance).T)
+
+
+@dataclass(frozen=True)
+class BeliefAveragedScore:
+    """E[ψ(F(θ)) − J(θ)] over `samples` sigma points of the present belief, inside the parameters' bounds.
+
+    What is touched starts, for each θ, where its sensitivity says to first order.
+    """
+
+    model: PlanningModel
+    score: Callable[[Situation, Array], Scored]
+    samples: int
+
+    def __post_init__(self) -> None:
+        least = len(self.model.parameters.free) + 1
+        if self.samples < least:
+            raise InputError(
+                f"--belief-samples {self.samples}: expected 1 (the mode alone), or at least {least}, "
+                f"one more than the unknowns"
+            )
+        if not np.isfinite(self.model.parameters.std).all():
+            raise InputError("--belief-samples: a parameter has no prior, expected a finite std of each")
+
+    def __call__(self, situation: Situation, commands: Array) -> Scored:
+        """Mean scores of commands (N, H, nu), and the mean of their Fisher information."""
+        points = sigma_points(situation.theta, situation.covariance, self.samples)
+        scored = [self.score(_at(situation, self.model.parameters.clip(theta)), commands) for theta in points]
+        return Scored(
+            np.asarray(np.mean([one.scores for one in scored], axis=0)),
+            np.asarray(np.mean([one.fisher for one in scored], axis=0)),
+        )
+
+
+def _at(situation: Situation, theta: Array) -> Situation:
+    """The same moment if θ were the truth."""
+    touched = situation.touched
+    moved = touched.state + touched.sensitivity @ (theta - situation.theta)
+    return replace(situation, theta=theta, touched=Start(moved, touched.sensitivity))

@@ -1,0 +1,31 @@
+"""The next experiment on a report's page: put in when the motion has been designed, which is after the verdict."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from drake_cafim.report import wording
+
+TEMPLATE = "next_experiment.html.j2"
+BEGIN, END = "<!-- next experiment -->", "<!-- end of next experiment -->"
+
+
+def next_experiment(found: Mapping[str, Any] | None, command: str = "") -> str:
+    """The part of the page; without an experiment the `command` that designs one, if there is need of it."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    text = environment.get_template(TEMPLATE).render(found=found, command=command, wording=wording)
+    return f"{BEGIN}\n{text}\n{END}"
+
+
+def with_next_experiment(page: str, found: Mapping[str, Any]) -> str:
+    """The page of a report with `found`, its `next_experiment`, in place of what stood there."""
+    return re.sub(f"{BEGIN}.*?{END}", lambda _: next_experiment(found), page, count=1, flags=re.DOTALL)

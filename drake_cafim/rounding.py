@@ -1,0 +1,30 @@
+"""Numbers as a reader meets them, in sentences and on pages."""
+
+import numpy as np
+
+THIN_SPACE = "\u202f"
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def rounded(value: float, digits: int = 3) -> str:
+    """The value to so many digits, as 0.0123, 101 000 or, where that is hard to read, 1.10 × 10⁶."""
+    if value == 0.0 or not np.isfinite(value):
+        return "0" if value == 0.0 else str(value)
+    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+    magnitude = int(exponent)  # of the rounded value: 99.96 is 100
+    if -4 <= magnitude < 6:
+        text = f"{float(f'{mantissa}e{exponent}'):.{max(digits - 1 - magnitude, 0)}f}"
+        return grouped(text).replace("-", "−")
+    return f"{mantissa} × 10{str(magnitude).translate(SUPERSCRIPT)}".replace("-", "−")
+
+
+def short(value: float, digits: int = 4) -> str:
+    """`rounded` without zeros at its end."""
+    number, cross, power = rounded(value, digits).partition(" × ")
+    return (number.rstrip("0").rstrip(".") if "." in number else number) + cross + power
+
+
+def grouped(text: str) -> str:
+    """A decimal number, digits before the point in threes where there are more than four."""
+    whole, point, rest = text.partition(".")
+    return (f"{int(whole):,}".replace(",", THIN_SPACE) if len(whole.lstrip("-")) > 4 else whole) + point + rest

@@ -1,0 +1,126 @@
+"""Every claim of the paper in one table, its asides and its limitations among them, each with a verdict."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from drake_cafim.design.policies import PolicyName
+from drake_cafim.studies.asides import aside_claims
+from drake_cafim.studies.behaviour import behaviour_claims
+from drake_cafim.studies.cell import SCENARIOS, Cell, varying
+from drake_cafim.studies.comparisons import CRITERIA, POLICIES, criteria_claims, policy_claims
+from drake_cafim.studies.disturbances import disturbance_cells, disturbance_claims
+from drake_cafim.studies.findings import Claim, Findings, Ratio, Standing, final_errors, ratio_of_medians
+from drake_cafim.studies.landscapes import landscape_claims
+from drake_cafim.studies.one_rub import one_rub_claims, rubbed
+from drake_cafim.studies.priors import SCALES, prior_claims
+
+QUIET = 0.1  # times the sensor's noise
+RIVALS: tuple[PolicyName, ...] = ("finite-difference", "asid", "random")
+FEW = 10
+"""Seeds of each prior and each criterion."""
+
+
+def claim_cells(short: bool) -> list[Cell]:
+    """Six policies from 20 seeds; ten seeds for each prior and criterion; 20 for the disturbances."""
+    seeds, few = range(1 if short else 20), range(1 if short else FEW)
+    cells = [Cell(name, seed, policy) for name in SCENARIOS for policy in POLICIES for seed in seeds]
+    cells += [Cell(name, seed, prior_scale=scale) for name in SCENARIOS for scale in SCALES for seed in few]
+    cells += [Cell("hefting", seed, policy, noise=QUIET) for policy in ("contact-aware", *RIVALS) for seed in seeds]
+    cells += [Cell(n, seed, criterion=c) for n in ("pinching", "contouring") for c in CRITERIA for seed in few]
+    return cells + disturbance_cells(short)
+
+
+def claims(results: Mapping[Cell, Any]) -> Findings:
+    """The table; Q1 to Q4 are the paper's questions."""
+    policies = varying(results, "policy")
+    priors, criteria = (
+        {cell: kept for cell, kept in varying(results, name).items() if cell.seed < FEW}
+        for name in ("prior_scale", "criterion")
+    )
+    found = [
+        *behaviour_claims(policies),
+        *policy_claims(policies),
+        _pinching_gains_least(policies),
+        *prior_claims(priors),
+        *(Claim(f"Q4: {one.claim}", one.found, one.standing) for one in landscape_claims()),
+        *one_rub_claims(rubbed()),
+        *criteria_claims(criteria),
+        *aside_claims(),
+        _over_approximates(priors),
+        *_quiet_hefting(results),
+        *disturbance_claims(results),
+        _real_time(policies),
+        *_beyond_reach(),
+    ]
+    about = (
+        "Kinematic world: perfect tracking, the planner's own contact law. Ratios are of medians, with 95 % intervals; "
+        "within 0.8 and 1.25 they tie. Other studies have the tables and curves behind these lines."
+    )
+    return Findings("What the paper claims", about, tuple(found))
+
+
+def _errors(results: Mapping[Cell, Any], name: str, policy: str) -> list[float]:
+    runs = [kept for cell, kept in results.items() if cell.scenario == name and cell.policy == policy]
+    return list(final_errors(runs).mean(axis=1).tolist())
+
+
+def _gain(results: Mapping[Cell, Any], name: str, policy: str) -> Ratio:
+    """The error of `policy` over that of contact-aware."""
+    return ratio_of_medians(_errors(results, name, policy), _errors(results, name, "contact-aware"))
+
+
+def _pinching_gains_least(policies: Mapping[Cell, Any]) -> Claim:
+    gains = {name: _gain(policies, name, "asid") for name in SCENARIOS}
+    least = min(gains, key=lambda name: gains[name].value)
+    said = "error of asid over contact-aware: " + ", ".join(f"{name} {gain}" for name, gain in gains.items())
+    return Claim(
+        "Q3: pinching gains least over the baseline", said, "holds" if least == "pinching" else "does not hold"
+    )
+
+
+def _over_approximates(priors: Mapping[Cell, Any]) -> Claim:
+    """Mean square error in units of the claimed variance, from priors whose mean is the truth: below one if over."""
+    squares = []
+    for cell, kept in priors.items():
+        if cell.prior_scale == 1.0:
+            last = kept["experiments"][-1]
+            squares.append(np.mean((np.array(last["error"]) / np.array(last["std"])) ** 2))
+    mean, half = float(np.mean(squares)), 1.96 * float(np.std(squares) / np.sqrt(len(squares)))
+    standing: Standing = "holds" if mean + half < 1.0 else "does not hold" if mean - half > 1.0 else "ties"
+    said = f"squared error over claimed variance {mean:.2f} ± {half:.2f}, {len(squares)} runs from the true mean"
+    return Claim("(F + Σ⁻¹)⁻¹ over-approximates the uncertainty", said, standing)
+
+
+def _quiet_hefting(results: Mapping[Cell, Any]) -> list[Claim]:
+    quiet = {cell: kept for cell, kept in varying(results, "policy", "noise").items() if cell.noise == QUIET}
+    found = []
+    for rival in RIVALS:
+        gain = _gain(quiet, "hefting", rival)
+        standing: Standing = "holds" if gain.standing == "ties" else "does not hold"
+        said = f"error of {rival} over contact-aware {gain} at {QUIET:g} of the noise"
+        found.append(Claim(f"Hefting would tie with {rival} if the sensor were less noisy", said, standing))
+    return found
+
+
+def _real_time(policies: Mapping[Cell, Any]) -> Claim:
+    said, holds = [], True
+    for name in SCENARIOS:
+        runs = [k for cell, k in policies.items() if cell.scenario == name and cell.policy == "contact-aware"]
+        planning = float(np.median([one["planning_ms"] for run in runs for one in run["experiments"]]))
+        period = 1e3 * float(runs[0]["period"])
+        holds &= planning < period
+        said.append(f"{name} {planning:.2f} of {period:g} ms")
+    return Claim("Plans in real time", ", ".join(said), "holds" if holds else "does not hold")
+
+
+def _beyond_reach() -> list[Claim]:
+    reach = (
+        (
+            "The experiments on the paper's robots",
+            "no hardware; robots of their kind in Drake: `cafim study worlds`",
+        ),
+        ("The paper's curves, point for point", "its time steps, noise and number of experiments are not published"),
+    )
+    return [Claim(claim, found, "cannot be repeated here") for claim, found in reach]

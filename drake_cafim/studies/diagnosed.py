@@ -1,0 +1,41 @@
+"""A run's recordings, diagnosed: what the scenario's model lacks, and how much better it predicts with it."""
+
+from typing import Any
+
+from pydrake.systems.framework import Diagram
+
+from drake_cafim.diagnosis.diagnose import diagnose
+from drake_cafim.diagnosis.verdict import Quality
+from drake_cafim.diagrams.catalogue import joint_names
+from drake_cafim.experiment import RunResult
+from drake_cafim.joint_recording import recordings_of
+from drake_cafim.scenario.scene import Scene
+from drake_cafim.world import World
+
+
+def diagnosed(result: RunResult, scenario: str, world: World) -> dict[str, Any]:
+    """The verdict on the first experiments of `result`, the last one held out."""
+    assert isinstance(world.system, Diagram)
+    scene, joints = Scene.load(scenario), joint_names(world.system)
+    recordings = recordings_of(result, scene, joints, step=world.recording_period)
+    verdict = diagnose(scene, recordings[:-1], held_out=recordings[-1:])
+    assert verdict.held_out is not None
+    return {
+        "verdict": verdict.kind,
+        "sentence": str(verdict),
+        "effects": [
+            {
+                "effect": one.effect.name,
+                "at": one.effect.at,
+                "probability": one.probability,
+                "values": {name: [value.value, value.std] for name, value in one.values.items()},
+            }
+            for one in verdict.explanation
+        ],
+        "nominal": _quality(verdict.held_out.nominal),
+        "corrected": _quality(verdict.held_out.corrected),
+    }
+
+
+def _quality(quality: Quality) -> dict[str, Any]:
+    return {"nll": quality.nll, "rmse": dict(quality.rmse)}

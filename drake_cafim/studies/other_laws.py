@@ -1,0 +1,41 @@
+"""One run's data estimated again with other contact laws than the one it was planned with."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from drake_cafim.contact.normal import NORMAL_LAWS, NormalLaw
+from drake_cafim.estimation.problem import Data, make_problem
+from drake_cafim.estimation.shooting import solve
+from drake_cafim.experiment import RunResult
+from drake_cafim.sensitivity.tangent import TangentEvaluator
+from drake_cafim.tasks.pinching import Pinching, hunt_crossley_pinching
+
+
+def other_laws(result: RunResult) -> Mapping[str, dict[str, Any]]:
+    """By law: what each makes of all experiments of a pinching run but the last, and χ² a sample of the last."""
+    data = [Data(one.robot_states, one.measured_force) for one in result.experiments]
+    return {law: _estimated(_model(law, result), data) for law in NORMAL_LAWS}  # type: ignore[arg-type]
+
+
+def _model(law: NormalLaw, result: RunResult) -> Pinching:
+    """The model of `law`; the stiffness has the run's prior, what damps has its own default."""
+    model = hunt_crossley_pinching() if law == "hunt_crossley" else Pinching(law=law)
+    stiffness, damping = model.parameters.free
+    prior = replace(stiffness, mean=float(result.prior.mean[0]))
+    return replace(model, parameters=type(model.parameters).of([prior, damping]))
+
+
+def _estimated(model: Pinching, data: list[Data]) -> dict[str, Any]:
+    evaluator = TangentEvaluator(model)
+    train, held = data[:-1] or data, data[-1:]
+    found = solve(make_problem(model, evaluator, train)).belief
+    predicted = make_problem(model, evaluator, held).predictions(found.mean)[0]
+    residual = (held[0].measurements - predicted) / model.noise_std
+    return {
+        "estimate": dict(zip(found.names, found.mean.tolist(), strict=True)),
+        "std": dict(zip(found.names, found.std.tolist(), strict=True)),
+        "held_out": float(np.mean(residual**2)),
+    }

@@ -1,0 +1,249 @@
+"""Effects in a Drake Diagram: accelerations and channels are those of the laws that a diagnosis reckons with."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from corrected_rig import ARM, CONTINUOUS, PRESS, STAGE, scene_of
+from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+
+from drake_cafim.corrected.corrected_plant import CorrectedPlant
+from drake_cafim.dynamics.motion import motion
+from drake_cafim.effects.actuator import Effort
+from drake_cafim.effects.body import ExternalDisturbance
+from drake_cafim.effects.catalogue import EFFECTS
+from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint import JointCoulombFriction
+from drake_cafim.effects.link import Payload
+from drake_cafim.errors import InputError
+from drake_cafim.scenario.scenario_yaml import as_yaml
+from drake_cafim.scenario.scene import Scene
+from drake_cafim.typing import Array
+
+JOINT: list[tuple[str, str, dict[str, float]]] = [
+    ("joint_viscous_friction", "turn", {"coefficient": 0.7}),
+    ("joint_coulomb_friction", "lift", {"torque": 0.6}),
+    ("joint_asymmetric_coulomb_friction", "lift", {"torque_positive": 0.6, "torque_negative": 0.2}),
+    ("joint_stribeck_friction", "elbow", {"coulomb": 0.3, "static": 0.8, "velocity": 0.4}),
+    ("joint_load_dependent_friction", "elbow", {"torque": 0.2, "coefficient": 0.05}),
+    ("joint_spring", "turn", {"stiffness": 3.0, "rest": 0.2}),
+    ("joint_hard_stop", "lift", {"position": 0.1, "stiffness": 30.0, "damping": 0.5, "side": 1.0}),
+    ("torque_ripple", "turn", {"amplitude": 0.4, "cycles": 18.0, "phase": 0.7}),
+    ("rotor_inertia", "elbow", {"inertia": 0.05}),
+]
+ACTUATOR: list[tuple[str, str, dict[str, float]]] = [
+    ("actuator_gain_error", "lift", {"gain": 0.8}),
+    ("actuator_bias", "elbow", {"torque": -0.5}),
+    ("actuator_saturation", "lift", {"limit": 0.8}),
+    ("actuator_dead_zone", "turn", {"width": 0.3}),
+]
+LINK: list[tuple[str, str, dict[str, Any]]] = [
+    ("payload", "l3", {"mass": 0.6, "x": 0.2, "y": -0.05, "z": 0.1}),
+    ("gravity_misalignment", "world", {"roll": 0.1, "pitch": -0.2}),
+    ("aerodynamic_drag", "l3", {"coefficient": 0.9}),
+    ("external_disturbance", "l2", {"x": 4.0, "y": -3.0, "z": 7.0, "interval": [0.1, 0.5]}),
+    ("unmodeled_contact", "l3", {"offset": 3.0, "stiffness": 20.0, "damping": 2.0, "nx": 0.1, "ny": 0.2, "nz": 1.0}),
+]
+CONTACT: list[tuple[str, str, dict[str, float]]] = [
+    ("contact_stribeck_friction", "tool/wall", {"static": 0.9, "velocity": 0.3}),
+    ("contact_adhesion", "tool/wall", {"force": 3.0, "range": 1e-3}),
+    ("contact_nonlinear_stiffness", "tool/wall", {"cubic": 5e8}),
+    ("contact_hunt_crossley_dissipation", "tool/wall", {"dissipation": 4.0}),
+    ("contact_anisotropic_friction", "tool/wall", {"friction_1": 0.7, "friction_2": 0.2, "angle": 0.5}),
+    ("contact_rolling_resistance", "tool/wall", {"coefficient": 0.002}),
+    ("surface_offset", "wall", {"offset": 0.0007}),
+    ("surface_tilt", "wall", {"y_slope_x": 0.01, "y_slope_y": -0.02}),
+]
+SENSOR: list[tuple[str, str, dict[str, float]]] = [
+    ("sensor_bias", "q.y", {"bias": 0.02}),
+    ("sensor_gain_error", "v.x", {"gain": 1.1}),
+    ("sensor_drift", "wrench.wrist.fz", {"rate": 0.5}),
+    ("sensor_misalignment", "wrench.wrist", {"roll": 0.1, "pitch": 0.2, "yaw": -0.3}),
+]
+REMEMBERING = {
+    "actuator_delay",
+    "actuator_lag",
+    "joint_elasticity",
+    "joint_backlash",
+    "contact_presliding",
+    "contact_viscoelastic_relaxation",
+    "sensor_delay",
+    "sensor_lag",
+    "clock_skew",
+}
+"""Those of test_corrected_memory.py."""
+NOW = 0.3
+"""s"""
+
+
+def built(scene: Scene, config: MultibodyPlantConfig = CONTINUOUS) -> tuple[CorrectedPlant, Diagram, Context]:
+    """The scene alone in a Diagram with the input `effort`."""
+    builder = DiagramBuilder()
+    corrected = scene.add_to(builder, config)
+    builder.ExportInput(corrected.effort, "effort")
+    diagram = builder.Build()
+    return corrected, diagram, diagram.CreateDefaultContext()
+
+
+def entry(name: str, at: str, values: dict[str, Any]) -> dict[str, Any]:
+    return {"effect": name, "at": at, **values}
+
+
+def expected_acceleration(scene: Scene, q: Array, v: Array, u: Array) -> Array:
+    """v̇ (n,) by the physics that a diagnosis simulates."""
+    physics = scene.physics
+    acting = u.copy()
+    for effect in physics.actuators:
+        j = scene.tree.joint_index(effect.at)
+        acting[j] = effect.drive(Effort(np.zeros(1), acting[j : j + 1])).values[0]
+    moving = motion(physics.tree, q[None], v[None])
+    joints = [JointSamples(q[j : j + 1], v[j : j + 1], acting[j : j + 1]) for j in range(len(q))]
+    force, M = physics.acceleration(moving, acting[None], joints)
+    timed = moving.project(physics.body_wrenches(moving, np.array([NOW])) - physics.body_wrenches(moving))
+    return np.asarray(np.linalg.solve(M[0], (force + timed)[0]))
+
+
+def drake_acceleration(scene: Scene, q: Array, v: Array, u: Array, config: MultibodyPlantConfig) -> Array:
+    corrected, diagram, context = built(scene, config)
+    context.SetTime(NOW)
+    diagram.GetInputPort("effort").FixValue(context, u)
+    own = corrected.plant.GetMyMutableContextFromRoot(context)
+    corrected.plant.SetPositions(own, q)
+    corrected.plant.SetVelocities(own, v)
+    if config.time_step == 0.0:
+        return np.array(diagram.EvalTimeDerivatives(context).get_generalized_velocity().CopyToVector())
+    updated = corrected.plant.EvalUniquePeriodicDiscreteUpdate(own).value()
+    return np.asarray((updated[len(q) :] - v) / config.time_step)
+
+
+@pytest.mark.parametrize(("name", "at", "values"), [("", "", {}), *JOINT, *ACTUATOR, *LINK])
+def test_arm_accelerates_as_the_law_says(name: str, at: str, values: dict[str, Any], tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, ARM, *([entry(name, at, values)] if name else []))
+    bare = scene_of(tmp_path, ARM)
+    rng, seen = np.random.default_rng(5), 0.0
+    for _ in range(3):
+        q, v, u = rng.uniform(-1.0, 1.0, 3), rng.uniform(-1.5, 1.5, 3), rng.uniform(-2.0, 2.0, 3)
+        expected = expected_acceleration(scene, q, v, u)
+        np.testing.assert_allclose(drake_acceleration(scene, q, v, u, CONTINUOUS), expected, rtol=1e-9, atol=1e-9)
+        # a discrete plant takes damping and brakes implicitly: to first order in its step the same
+        stepped = drake_acceleration(scene, q, v, u, MultibodyPlantConfig(time_step=1e-6))
+        np.testing.assert_allclose(stepped, expected, rtol=1e-4, atol=1e-3)
+        seen = max(seen, float(np.max(np.abs(expected - expected_acceleration(bare, q, v, u)))))
+    assert not name or seen > 0.1
+
+
+@pytest.mark.parametrize(("name", "at", "values"), [("", "", {}), *CONTACT])
+def test_tool_is_pushed_as_the_law_says(name: str, at: str, values: dict[str, float], tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, STAGE, *([entry(name, at, values)] if name else []), **PRESS)
+    rng = np.random.default_rng(6)
+    for z in (0.019, 0.0193, 0.0202):
+        q = np.array([*rng.uniform(-0.1, 0.1, 2), z])
+        v, u = rng.uniform(-0.3, 0.3, 3), rng.uniform(-5.0, 5.0, 3)
+        expected = expected_acceleration(scene, q, v, u)
+        for config in (CONTINUOUS, MultibodyPlantConfig(time_step=1e-6)):
+            found = drake_acceleration(scene, q, v, u, config)
+            np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
+        moving = motion(scene.tree, q[None], v[None])
+        corrected, _, context = built(scene)
+        own = corrected.plant.GetMyMutableContextFromRoot(context)
+        corrected.plant.SetPositionsAndVelocities(own, np.concatenate([q, v]))
+        wrench = scene.physics.contact_wrenches(moving)[:, 2]
+        port = corrected.measured["wrench.wrist"]
+        found = port.Eval(port.get_system().GetMyContextFromRoot(context))
+        np.testing.assert_allclose(found, scene.wrench_sensors[0].reading(moving, wrench)[0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "at", "values"), SENSOR)
+def test_channels_are_what_the_sensor_writes(name: str, at: str, values: dict[str, float], tmp_path: Path) -> None:
+    raw = {**PRESS, "channels": {**PRESS["channels"], "pose.tool": {"std": {"position": 1e-4, "rotation": 1e-3}}}}
+    scene, bare = scene_of(tmp_path, STAGE, entry(name, at, values), **raw), scene_of(tmp_path, STAGE, **raw)
+    read = []
+    for one in (scene, bare):
+        corrected, diagram, context = built(one)
+        context.SetTime(NOW)
+        diagram.GetInputPort("effort").FixValue(context, [1.0, 2.0, 3.0])
+        state = [0.1, -0.2, 0.019, 0.02, 0.04, 0.01]
+        corrected.plant.SetPositionsAndVelocities(corrected.plant.GetMyMutableContextFromRoot(context), state)
+        port = corrected.measured["channels"]
+        values_ = port.Eval(port.get_system().GetMyContextFromRoot(context))
+        read.append(dict(zip(corrected.columns, values_, strict=True)))
+    written, true = read
+    assert [true[f"{kind}.{axis}"] for kind in "qvu" for axis in "xyz"] == pytest.approx([*state, 1.0, 2.0, 3.0])
+    assert [true[f"pose.tool.{axis}"] for axis in ("x", "y", "z", "qw")] == pytest.approx([0.1, -0.2, 0.019, 1.0])
+    assert true["wrench.wrist.fz"] == pytest.approx(4000.0 * 0.001 - 40.0 * 0.01)
+    [effect] = scene.physics.sensors
+    on = effect.channels(list(true))
+    expected = effect.measured(np.array([NOW]), np.array([[true[column] for column in on]]))[0]
+    assert [written[column] for column in on] == pytest.approx(list(expected))
+    assert all(written[column] != true[column] for column in on)
+    assert all(written[column] == true[column] for column in true if column not in on)
+
+
+def test_every_effect_of_the_vocabulary_is_here() -> None:
+    tried = {name for name, *_ in (*JOINT, *ACTUATOR, *LINK, *CONTACT, *SENSOR)}
+    assert tried | REMEMBERING == {effect.name for effect in EFFECTS}
+
+
+def test_unknowns_and_effects_are_one_inertia(tmp_path: Path) -> None:
+    unknown = [
+        {"parameter": "mass", "body": "l2", "mean": 1.1, "std": 0.1},
+        {"parameter": "com_y", "body": "l3", "mean": 0.06, "std": 0.1},
+        {"parameter": "inertia", "body": "l3", "mean": 1.5, "std": 0.1},
+        {"parameter": "damping", "joint": "turn", "mean": 0.4, "std": 0.1},
+        {"parameter": "rotor_inertia", "joint": "lift", "mean": 0.1, "std": 0.1},
+    ]
+    scene = scene_of(tmp_path, ARM, entry("rotor_inertia", "lift", {"inertia": 0.02}), unknown=unknown)
+    q, v, u = np.array([0.1, 0.5, -0.4]), np.array([0.6, -0.3, 0.8]), np.array([0.5, -1.0, 0.2])
+    found = drake_acceleration(scene, q, v, u, CONTINUOUS)
+    # a change of moments alone rides on a nanogram
+    np.testing.assert_allclose(found, expected_acceleration(scene, q, v, u), rtol=1e-7)
+
+
+def test_a_corrected_scenario_comes_back_from_its_file(tmp_path: Path) -> None:
+    unknown = [{"parameter": "mass", "body": "l2", "mean": 1.1, "std": 0.1}]
+    effects = (
+        Payload("l3", {"mass": 0.6, "x": 0.2, "y": 0.0, "z": 0.1}),
+        ExternalDisturbance("l2", {"x": 4.0, "y": -3.0, "z": 7.0, "start": 0.1, "stop": 0.5}, "a.parquet"),
+        JointCoulombFriction("lift", {"torque": 0.4, "slip_velocity": 0.0015}),
+    )
+    found = scene_of(tmp_path, ARM, unknown=unknown).corrected(np.array([1.3]), effects)
+    (tmp_path / "out").mkdir()
+    path = tmp_path / "out" / "scenario.corrected.yaml"
+    path.write_text(as_yaml(found.scenario, tmp_path, path.parent))
+    read = Scene.load(path)
+    assert read.physics.body_forces == found.physics.body_forces
+    q, v, u = np.array([0.1, 0.5, -0.4]), np.array([0.6, -0.3, 0.8]), np.array([0.5, -1.0, 0.2])
+    accelerations = [drake_acceleration(scene, q, v, u, CONTINUOUS) for scene in (found, read)]
+    np.testing.assert_allclose(accelerations[1], accelerations[0], rtol=1e-9)
+
+
+def test_locked_joints_are_held(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, ARM, lock={"lift": 0.4})
+    q, v, u = np.array([0.1, -0.4]), np.array([0.6, 0.8]), np.array([0.5, 0.2])
+    found = drake_acceleration(scene, q, v, u, CONTINUOUS)
+    np.testing.assert_allclose(found, expected_acceleration(scene, q, v, u), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("effect", "config", "message"),
+    [
+        (
+            entry("joint_coulomb_friction", "lift", {"torque": 1.0}),
+            MultibodyPlantConfig(discrete_contact_approximation="tamsi"),
+            "TAMSI lets brakes slip",
+        ),
+        (
+            entry("joint_elasticity", "lift", {"stiffness": 1e5, "damping": 1.0}),
+            MultibodyPlantConfig(time_step=1e-3),
+            "expected at most 0.00032 s, or 0 for a continuous plant",
+        ),
+        (entry("sensor_bias", "q.wrist", {"bias": 1.0}), CONTINUOUS, "no such channel; there are: q.turn"),
+    ],
+)
+def test_what_cannot_be_simulated(
+    effect: dict[str, Any], config: MultibodyPlantConfig, message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=message):
+        built(scene_of(tmp_path, ARM, effect), config)

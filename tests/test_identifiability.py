@@ -1,0 +1,92 @@
+"""What measurements tell apart, and how it is said."""
+
+import numpy as np
+import pytest
+
+from drake_cafim.belief import Belief
+from drake_cafim.commands.run import table
+from drake_cafim.diagrams.catalogue import stage_of
+from drake_cafim.information import identifiable_combinations
+from drake_cafim.run_record import identified
+from drake_cafim.scenario.scene import resolve
+from drake_cafim.scenario.schema import load
+from drake_cafim.studies.cell import Cell, measure
+
+THETA = np.array([0.4, 100.0])
+PRIOR = np.diag([1.0, 1.0 / 50.0**2])
+NAMES = ("friction", "stiffness")
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_of_a_product_only_the_product_is_known(scale):
+    """y = c μ K: F = c² g gᵀ with g = (K, μ), whatever its size beside the prior's."""
+    g = np.array([THETA[1], THETA[0]])
+    known, unknown = identifiable_combinations(scale * np.outer(g, g), PRIOR, THETA)
+    assert known.identified and not unknown.identified
+    np.testing.assert_allclose(known.exponents, 1.0, rtol=1e-9)
+    assert known.text(NAMES) == "friction·stiffness"
+    covariance = np.linalg.inv(PRIOR + scale * np.outer(g, g))
+    product = THETA[0] * THETA[1]
+    assert known.std == pytest.approx(np.sqrt(g @ covariance @ g) / product, rel=1e-6)
+    assert known.prior_std == pytest.approx(np.sqrt(g @ np.linalg.inv(PRIOR) @ g) / product)
+    assert unknown.std == unknown.prior_std
+    # the two are independent, before and after
+    other = unknown.exponents / THETA
+    assert other @ covariance @ (known.exponents / THETA) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_nothing_and_everything():
+    nothing = identifiable_combinations(np.zeros((2, 2)), PRIOR, THETA)
+    assert [one.identified for one in nothing] == [False, False]
+    all_known = identifiable_combinations(np.diag([100.0, 0.01]), PRIOR, THETA)
+    assert [one.identified for one in all_known] == [True, True]
+    assert [one.text(NAMES) for one in all_known] == ["friction", "stiffness"]
+    np.testing.assert_allclose(all_known[0].std, 1.0 / np.sqrt(101.0) / 0.4)
+
+
+def test_a_ratio_and_an_estimate_of_zero():
+    g = np.array([1.0 / THETA[0], -1.0 / THETA[1]])
+    known = identifiable_combinations(np.outer(g, g), PRIOR, THETA)[0]
+    assert sorted(known.exponents.round(9)) == [-1.0, 1.0]
+    at_zero = identifiable_combinations(np.diag([4.0, 0.0]), PRIOR, np.array([0.0, 100.0]))[0]
+    np.testing.assert_allclose(at_zero.exponents, [1.0, 0.0])
+
+
+def test_the_record_says_it_and_the_summary_too():
+    g = np.array([THETA[1], THETA[0]])
+    prior = Belief(NAMES, THETA, np.linalg.inv(PRIOR))
+    after = prior.update(0.1 * np.outer(g, g), THETA)
+    told = identified(prior, after)
+    assert told["rank"] == 1 and told["combinations"][0]["text"] == "friction·stiffness"
+    one = {
+        "estimate": dict(zip(NAMES, after.mean, strict=True)),
+        "std": dict(zip(NAMES, after.std, strict=True)),
+        "error_percent": dict.fromkeys(NAMES, 0.0),
+        "contact_fraction": 0.9,
+        "reversals": 3,
+        "max_force": 2.0,
+        "planning_ms": {"median": 1.0},
+    }
+    record = {"scenario": "s", "world": "model", "policy": "p", "seed": 0, "truth": {}, "experiments": [one | told]}
+    sentence = table(record).splitlines()[-1]
+    assert "only this is known: friction·stiffness, to 7.9 %" in sentence
+    assert "cannot tell friction, stiffness apart" in sentence
+    whole = prior.update(np.diag([1e4, 1e4]), THETA)
+    record["experiments"] = [one | identified(prior, whole)]
+    assert "only this is known" not in table(record)
+    assert identified(Belief(("a",), np.ones(1), np.eye(1)), Belief(("a",), np.ones(1), np.eye(1))) == {}
+
+
+@pytest.mark.parametrize("name, readings", [("rubbing_two", 2), ("rubbing_tangential", 1)])
+def test_rank_of_a_run_and_ports_of_its_worlds(name, readings):
+    one = measure(Cell(name, 1, experiments=1))["experiments"][-1]
+    assert one["rank"] == readings
+    assert 0.5 < one["behaviour"]["contact_fraction"] <= 1.0 and 0.2 < one["behaviour"]["sliding_fraction"] <= 1.0
+    if readings == 1:
+        assert one["combinations"][0]["text"] == "friction·stiffness"
+        assert one["std"][1] > 45.0 > 20.0 > one["combinations"][0]["std_percent"]
+    stage = stage_of(load(resolve(name)), name)
+    for kind in ("model", "drake"):
+        diagram = stage.diagram(kind, 0)
+        assert diagram.GetOutputPort("measured_force").size() == readings
+    assert len(stage.view.force_directions) == readings
