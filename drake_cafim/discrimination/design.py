@@ -92,7 +92,8 @@ class Designer:
 
     def random_commands(self, random: np.random.Generator) -> Array:
         """Commands (points, n) of a spline with knots anywhere within the limits."""
-        return self._commands(self._random_knots(self.effort.config.knots, 1, random))[0]
+        commands: Array = self._commands(self._random_knots(self.effort.config.knots, 1, random))[0]
+        return commands
 
     def _random_knots(self, smoothness: int, count: int, random: np.random.Generator) -> Array:
         """The planner's knots (count, K, n) of splines through `smoothness` random ones."""
