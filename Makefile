@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long prove lint clean
+.PHONY: all demo test ci long prove ablations lint clean
 
 all: demo
 
@@ -40,6 +40,10 @@ long: $(STAMPS)/test
 
 prove: $(STAMPS)/test
 	$(RUN)/python -m tests.concealed.prove $(PROVE)
+
+# Known physics taken out of real machines, sealed and found again; DRAKE_CAFIM_DATA names the folder of the sets.
+ablations: $(STAMPS)/test
+	$(RUN)/python -m tests.concealed.ablate $(ABLATIONS)
 
 lint: $(STAMPS)/test
 	$(VENV)/bin/ruff check

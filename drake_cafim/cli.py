@@ -67,6 +67,7 @@ def common(function: Command) -> Command:
 @click.option(
     "--belief-samples", type=int, default=1, show_default=True, help="Score plans over so many points of the belief."
 )
+@click.option("--force-guard", is_flag=True, help="Cut commands so that measured forces keep within the force limit.")
 @click.option("--fisher", default="tangent", show_default=True, help="Or autodiff, finite-difference.")
 @click.option("--prior-scale", type=float, default=1.3, show_default=True, help="The prior's mean over the truth.")
 @click.option(

@@ -10,9 +10,11 @@ from pydrake.systems.framework import Context, DiagramBuilder, System
 from pydrake.systems.primitives import LogVectorOutput
 
 from drake_cafim.belief import Belief
+from drake_cafim.design.guard_system import ForceGuard
 from drake_cafim.design.planner import PlannerConfig, PlannerName
 from drake_cafim.design.policies import PolicyName, make_policy
 from drake_cafim.design.system import CaOed
+from drake_cafim.errors import InputError
 from drake_cafim.estimation.problem import make_problem
 from drake_cafim.estimation.system import CaMap
 from drake_cafim.information import Criterion
@@ -34,6 +36,7 @@ class Options:
     fisher: Fisher = "tangent"
     planner_config: PlannerConfig = field(default_factory=PlannerConfig)
     belief_samples: int = 1  # points of the belief over which a plan's score is averaged; 1: its mode
+    force_guard: bool = False  # commands are cut so that the true force keeps within the task's force limit
     experiments: int | None = None  # None: the task's own number
     until_std: float | None = None  # stop when every std is below this fraction of its estimate
     seed: int = 0
@@ -111,6 +114,22 @@ def _confident(belief: Belief, fraction: float) -> bool:
     return bool((belief.std <= fraction * np.abs(belief.mean)).all())
 
 
+def force_limit(task: Task) -> float:
+    """The force limit N of the task's model; `InputError` for a model without one."""
+    limit = getattr(task.model, "force_limit", None)
+    if limit is None:
+        raise InputError(f"--force-guard: {task.name} has no force_limit, expected a scenario whose task has")
+    return float(limit)
+
+
+def _add_guard(builder: DiagramBuilder, task: Task, options: Options) -> ForceGuard | None:
+    if not options.force_guard:
+        return None
+    guard = ForceGuard(task.model, force_limit(task))
+    builder.AddNamedSystem("guard", guard)
+    return guard
+
+
 class _Loop:
     """World, CA-OED and CA-MAP in one Diagram, run one experiment at a time."""
 
@@ -144,13 +163,22 @@ class _Loop:
         builder.Connect(state, self.estimator.GetInputPort("measured_state"))
         builder.Connect(force, self.estimator.GetInputPort("measured_force"))
         builder.Connect(self.estimator.GetOutputPort("belief"), self.design.GetInputPort("belief"))
-        builder.Connect(self.design.GetOutputPort("command"), self.plant.GetInputPort("command"))
+        self.guard = _add_guard(builder, task, options)
+        command = self.design.GetOutputPort("command")
+        if self.guard is not None:
+            builder.Connect(command, self.guard.GetInputPort("command"))
+            builder.Connect(state, self.guard.GetInputPort("measured_state"))
+            builder.Connect(force, self.guard.GetInputPort("measured_force"))
+            builder.Connect(self.estimator.GetOutputPort("belief"), self.guard.GetInputPort("belief"))
+            command = self.guard.GetOutputPort("command")
+        builder.Connect(command, self.plant.GetInputPort("command"))
         sources = {
             "state": state,
             "measured": force,
             "true": self.plant.GetOutputPort("true_force"),
             "belief": self.estimator.GetOutputPort("belief"),
-            **{name: self.design.GetOutputPort(name) for name in ("command", "plan", "candidates", "planning_ms")},
+            "command": command,
+            **{name: self.design.GetOutputPort(name) for name in ("plan", "candidates", "planning_ms")},
         }
         self.recorders = {
             name: LogVectorOutput(self.plant.GetOutputPort(name), builder, world.recording_period)
@@ -167,6 +195,8 @@ class _Loop:
         start: Context = self.world.start_context(number)
         self.plant.GetMyMutableContextFromRoot(root).SetStateAndParametersFrom(start)
         self.design.begin_experiment(self.design.GetMyMutableContextFromRoot(root), number)
+        if self.guard is not None:
+            self.guard.begin_experiment(self.guard.GetMyMutableContextFromRoot(root))
         self.estimator.begin_experiment(self.estimator.GetMyMutableContextFromRoot(root), number)
         logs: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.sinks.items()}
         recorders: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.recorders.items()}

@@ -22,6 +22,7 @@ def run_record(result: RunResult, recordings: list[str], files: dict[str, Any]) 
         "planner": result.options.planner,
         "criterion": result.options.criterion,
         "fisher": result.options.fisher,
+        "force_guard": result.options.force_guard,
         "belief_samples": result.options.belief_samples,
         "seed": result.options.seed,
         "truth": {name: float(value) for name, value in task.truth.items()},

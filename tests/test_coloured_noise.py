@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.coloured_noise import covariance, drawn, seen_correlation_times, widened
+from drake_cafim.diagnosis.coloured_noise import Memory, covariance, drawn, seen_memories, widened
 from drake_cafim.recordings.recording import Recording
 
 STEP, STD = 0.002, 1e-3
@@ -13,33 +13,35 @@ def _recordings(correlation_time: float) -> list[Recording]:
     time = STEP * np.arange(3000)
     motion = 0.7 * np.sin(7.0 * time)
     rngs = [np.random.default_rng(seed) for seed in range(3)]
-    noises = [STD * drawn(rng, time, correlation_time) for rng in rngs]
+    memory = Memory(correlation_time) if correlation_time else None
+    noises = [STD * drawn(rng, time, memory) for rng in rngs]
     return [Recording(f"run {k}", time, {"v.joint": motion + noise}) for k, noise in enumerate(noises)]
 
 
-def test_drawn_noise_has_the_covariance() -> None:
+@pytest.mark.parametrize("memory", [Memory(0.004), Memory(0.004, share=0.5, white=0.2)])
+def test_drawn_noise_has_the_covariance(memory: Memory) -> None:
     rng, time = np.random.default_rng(0), STEP * np.arange(6)
-    samples = np.stack([drawn(rng, time, 0.004) for _ in range(20000)])
-    np.testing.assert_allclose(samples.T @ samples / len(samples), covariance(time, 0.004).toarray(), atol=0.03)
+    samples = np.stack([drawn(rng, time, memory) for _ in range(20000)])
+    np.testing.assert_allclose(samples.T @ samples / len(samples), covariance(time, memory).toarray(), atol=0.03)
 
 
 # with σ unknown, only a memory that ends within the quiet frequencies can be told from a shorter, louder one
 @pytest.mark.parametrize(("correlation_time", "estimated"), [(0.003, set()), (0.02, set()), (0.003, {"v.joint"})])
 def test_undeclared_memory_is_seen(correlation_time: float, estimated: set[str]) -> None:
-    found, told = seen_correlation_times(_recordings(correlation_time), {"v.joint": STD}, {}, estimated)
-    assert found["v.joint"] == pytest.approx(correlation_time, rel=0.35)
+    found, told = seen_memories(_recordings(correlation_time), {"v.joint": STD}, {}, estimated)
+    assert found["v.joint"].time == pytest.approx(correlation_time, rel=0.35)
     assert len(told) == 1 and "noise of v" in told[0]
 
 
 def test_white_noise_is_left_alone() -> None:
-    assert seen_correlation_times(_recordings(0.0), {"v.joint": STD}, {}, set()) == ({}, ())
-    assert seen_correlation_times(_recordings(0.02), {"v.joint": STD}, {"v.joint": 0.02}, set()) == ({}, ())
+    assert seen_memories(_recordings(0.0), {"v.joint": STD}, {}, set()) == ({}, ())
+    assert seen_memories(_recordings(0.02), {"v.joint": STD}, {"v.joint": Memory(0.02)}, set()) == ({}, ())
 
 
 def test_what_fourth_differences_miss_of_slow_noise_is_put_back() -> None:
     time = STEP * np.arange(200000)
-    noise = drawn(np.random.default_rng(1), time, 0.01)
+    noise = drawn(np.random.default_rng(1), time, Memory(0.01))
     seen = float(np.std(np.diff(noise, n=4))) / np.sqrt(70.0)
     assert seen < 0.5
-    wide = widened({"v.joint": seen, "q.joint": 1.0}, {"v.joint": 0.01}, {"v.joint"}, STEP)
+    wide = widened({"v.joint": seen, "q.joint": 1.0}, {"v.joint": Memory(0.01)}, {"v.joint"}, STEP)
     assert wide["v.joint"] == pytest.approx(1.0, rel=0.02) and wide["q.joint"] == 1.0

@@ -47,9 +47,7 @@ def closed_form(effect: JointForce, joint: JointSamples) -> Array:
         case "joint_coulomb_friction":
             return -p["torque"] * sign
         case "joint_asymmetric_coulomb_friction":
-            # the law's two halves meet smoothly: far from rest it is one of the two strengths
-            middle, half = p["torque_positive"] - p["torque_negative"], p["torque_positive"] + p["torque_negative"]
-            return -0.5 * (middle + half * sign)
+            return -np.where(v > 0.0, p["torque_positive"], p["torque_negative"]) * sign
         case "joint_stribeck_friction":
             return -(p["coulomb"] + (p["static"] - p["coulomb"]) * np.exp(-((v / p["velocity"]) ** 2))) * sign
         case "joint_load_dependent_friction":

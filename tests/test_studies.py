@@ -168,3 +168,14 @@ def test_unknown_study(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["study", "everything", "--out", str(tmp_path / "x")])
     assert result.exit_code == 2
     assert not (tmp_path / "x").exists()
+
+
+def test_force_guard_and_reaching_fail_where_they_should() -> None:
+    for name, key, value, failing in (("force-guard", "max_force", 10.1, 4), ("reaching", "first_contact", None, 4)):
+        study = STUDIES[name]
+        results = {cell: made_up(cell) for cell in study.cells(True)}
+        assert {one.standing for one in study.conclude(results).claims} == {"holds"}
+        for kept in results.values():
+            kept["experiments"][-1]["behaviour"][key] = value
+        claims = study.conclude(results).claims
+        assert [one.standing for one in claims] == ["does not hold"] * failing == ["does not hold"] * len(claims)

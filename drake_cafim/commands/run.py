@@ -153,6 +153,8 @@ def check_request(request: RunRequest) -> None:
     if options.belief_samples != 1:
         model = load_stage(request.scenario).task.model
         make_policy(options.policy, model, belief_samples=options.belief_samples)
+    if options.force_guard:
+        experiment.force_limit(load_stage(request.scenario).task)
     if not request.prior_scale > 0:
         raise InputError(f"--prior-scale {request.prior_scale}: expected a positive number")
     if options.experiments is not None and options.experiments < 1:

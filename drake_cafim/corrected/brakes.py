@@ -33,9 +33,19 @@ def rest_level(effect: JointForce) -> float:
 
 
 def beyond_brake(effect: JointForce, joint: JointSamples, level: float) -> Array:
-    """What the law (N,) says beyond a brake of `level`."""
+    """What the law (N,) says beyond a brake of `level`.
+
+    A friction that is stronger one way than the other is a brake of the mean and a constant force, at rest as well.
+    """
     sign, _ = smooth_sign(joint.v, joint.v_std, _width(effect))
-    return np.asarray(effect.force(joint).value + level * sign)
+    return np.asarray(effect.force(joint).value + level * sign + _one_sided(effect) * (1.0 - np.abs(sign)))
+
+
+def _one_sided(effect: JointForce) -> float:
+    """Half the sum of the forces (N m or N) just before and just after v = 0, without an effort."""
+    zero, v = np.zeros(2), np.array([-1.0, 1.0]) * 1e-3 * _width(effect)
+    forces = effect.force(JointSamples(zero, v, zero)).value
+    return float(0.5 * np.sum(forces) / np.tanh(1e-3))
 
 
 def sliding_speed(effect: JointForce) -> float:

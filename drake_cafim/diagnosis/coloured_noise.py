@@ -1,6 +1,7 @@
 """Noise with a memory: as the scenario states it, or as the recordings show it where white noise was stated."""
 
 from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,16 +26,25 @@ MEMORY = 8.0
 """Correlation times after which noise has forgotten: e⁻⁸ = 3·10⁻⁴."""
 
 
-def stated_correlation_times(scene: Scene, columns: Sequence[str]) -> dict[str, float]:
-    """`correlation_time` (s) of each column that has one in the scenario."""
+@dataclass(frozen=True)
+class Memory:
+    """Noise of which a `share` of the variance is exponentially correlated over `time` (s), and `white` is not."""
+
+    time: float
+    share: float = 1.0
+    white: float = 0.0
+
+
+def stated_memories(scene: Scene, columns: Sequence[str]) -> dict[str, Memory]:
+    """The memory of each column whose `correlation_time` the scenario states."""
     times = {column: channel.correlation_time for column in columns if (channel := scene.channel(column)) is not None}
-    return {column: time for column, time in times.items() if time > 0.0}
+    return {column: Memory(time) for column, time in times.items() if time > 0.0}
 
 
-def seen_correlation_times(
-    recordings: Sequence[Recording], std: Mapping[str, float], stated: Mapping[str, float], estimated: Set[str]
-) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Correlation times (s) of channels whose noise was not stated coloured but is, and a sentence for each kind.
+def seen_memories(
+    recordings: Sequence[Recording], std: Mapping[str, float], stated: Mapping[str, Memory], estimated: Set[str]
+) -> tuple[dict[str, Memory], tuple[str, ...]]:
+    """The memory of channels whose noise was not stated coloured but is, and a sentence for each kind.
 
     Above `QUIET` the spectrum of an exponentially correlated noise is σ² (1 − ρ²)/(1 − 2ρ cos ωh + ρ²),
     ρ = exp(−h/τ). Channels of a kind share τ: they come from like sensors. σ is `std`, free for `estimated` columns.
@@ -44,7 +54,7 @@ def seen_correlation_times(
     for column, deviation in std.items():
         if deviation > 0.0 and column not in stated and not column.startswith("u."):
             kinds.setdefault(column.partition(".")[0], []).append(column)
-    found: dict[str, float] = {}
+    found: dict[str, Memory] = {}
     told = []
     for kind, columns in kinds.items():
         pieces = [_spectra(one.measured(column) / std[column], step) for one in recordings for column in columns]
@@ -55,7 +65,7 @@ def seen_correlation_times(
         memory, p_value = _memory(phase, levels, level, float(np.exp(-step / LONGEST)))
         if p_value < SURE and memory > 0.0:
             time = -step / float(np.log(memory))
-            found |= dict.fromkeys(columns, time)
+            found |= dict.fromkeys(columns, Memory(time))
             told.append(f"the noise of {kind} is not white as stated: it has a correlation time of {1e3 * time:.2g} ms")
     return found, tuple(told)
 
@@ -65,39 +75,43 @@ def step_of(recordings: Sequence[Recording]) -> float:
     return float(np.median(np.concatenate([np.diff(one.time) for one in recordings])))
 
 
-def widened(std: Mapping[str, float], times: Mapping[str, float], estimated: Set[str], step: float) -> dict[str, float]:
-    """`std` with the `estimated` ones what fourth differences mean for noise of these correlation `times`."""
+def widened(
+    std: Mapping[str, float], memories: Mapping[str, Memory], estimated: Set[str], step: float
+) -> dict[str, float]:
+    """`std` with the `estimated` ones what fourth differences mean for noise of these `memories`."""
     differences = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
     apart = np.abs(np.subtract.outer(np.arange(5), np.arange(5)))
     wide = dict(std)
-    for column in estimated & set(times):
-        seen = differences @ np.exp(-step * apart / times[column]) @ differences
+    for column in estimated & set(memories):
+        seen = differences @ np.exp(-step * apart / memories[column].time) @ differences
         wide[column] *= float(np.sqrt(differences @ differences / seen))
     return wide
 
 
-def covariance(time: Array, correlation_time: float) -> sp.csr_matrix:
-    """(N, N) correlation exp(−|tᵢ − tⱼ|/τ) of unit noise at `time`."""
-    reach = MEMORY * correlation_time
-    diagonals, offsets = [np.ones(len(time))], [0]
+def covariance(time: Array, memory: Memory) -> sp.csr_matrix:
+    """(N, N) covariance of unit noise at `time`: share · exp(−|tᵢ − tⱼ|/τ), and the white part on the diagonal."""
+    reach = MEMORY * memory.time
+    diagonals, offsets = [np.full(len(time), memory.share + memory.white)], [0]
     for offset in range(1, len(time)):
         apart = time[offset:] - time[:-offset]
         if apart.min() > reach:
             break
-        near = np.exp(-apart / correlation_time)
+        near = memory.share * np.exp(-apart / memory.time)
         diagonals += [near, near]
         offsets += [offset, -offset]
     return sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets))
 
 
-def drawn(rng: np.random.Generator, time: Array, correlation_time: float) -> Array:
-    """(N,) unit noise at `time`; 0 s is white."""
+def drawn(rng: np.random.Generator, time: Array, memory: Memory | None) -> Array:
+    """(N,) unit noise at `time`; without a memory it is white."""
     noise = rng.standard_normal(len(time))
-    if correlation_time > 0.0:
-        kept = np.exp(-np.diff(time) / correlation_time)
-        for k, keep in enumerate(kept):
-            noise[k + 1] = keep * noise[k] + np.sqrt(1.0 - keep**2) * noise[k + 1]
-    return np.asarray(noise, dtype=float)
+    if memory is None:
+        return noise
+    white = rng.standard_normal(len(time)) if memory.white > 0.0 else np.zeros(len(time))
+    kept = np.exp(-np.diff(time) / memory.time)
+    for k, keep in enumerate(kept):
+        noise[k + 1] = keep * noise[k] + np.sqrt(1.0 - keep**2) * noise[k + 1]
+    return np.asarray(np.sqrt(memory.share) * noise + np.sqrt(memory.white) * white, dtype=float)
 
 
 def _spectra(values: Array, step: float) -> tuple[Array, Array]:

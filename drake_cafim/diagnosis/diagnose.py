@@ -7,8 +7,8 @@ import numpy as np
 
 from drake_cafim.diagnosis.adequacy import adequacy
 from drake_cafim.diagnosis.coloured_noise import (
-    seen_correlation_times,
-    stated_correlation_times,
+    seen_memories,
+    stated_memories,
     step_of,
     widened,
 )
@@ -19,8 +19,10 @@ from drake_cafim.diagnosis.innovations import innovations
 from drake_cafim.diagnosis.location import locate
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.quantisation import quantised_memories
 from drake_cafim.diagnosis.samples import samples_of
 from drake_cafim.diagnosis.search import Outcome, Settings, inclusion, key_of, search
+from drake_cafim.diagnosis.slow_channels import bridged
 from drake_cafim.diagnosis.stated_noise import noise_of
 from drake_cafim.diagnosis.verdict import (
     Comparison,
@@ -41,8 +43,8 @@ from drake_cafim.scenario.scene import Scene
 
 RIVAL = 9.0
 """χ², in units of the noise that is left, by which a rival may fit worse: three standard deviations."""
-EXPLAINS = 0.7
-"""Under `unexplained`, effects are named only where together they take away this share of the excess."""
+EXPLAINS = 0.5
+"""Under `unexplained`, effects are named only where together they take away more of the excess than they leave."""
 
 Progress = Callable[[str], None]
 
@@ -112,22 +114,25 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
     """
     scene = _facing(scene, recordings)
     std, notes = noise_of(scene, recordings)
-    stated = stated_correlation_times(scene, list(std))
+    stated = stated_memories(scene, list(std))
     estimated = {column for column in std if scene.std(column) is None}
-    seen, told = seen_correlation_times(recordings, std, stated, estimated)
-    times = stated | seen
-    std = widened(std, times, estimated, step_of(recordings))
+    seen, told = seen_memories(recordings, std, stated, estimated)
+    known = stated | seen
+    std = widened(std, known, estimated, step_of(recordings))
 
     def laid(recording: Recording) -> WeakForm:
-        samples = samples_of(scene, recording, std, correlation_times=times)
+        memories = quantised_memories(recording, std) | known
+        recording, bridges = bridged(recording)
+        samples = samples_of(scene, recording, std, memories=memories, bridges=bridges)
         return WeakForm(samples, scene.wrench_sensors)
 
+    even = [bridged(recording)[0] for recording in recordings]
     return Prepared(
         scene,
         [laid(recording) for recording in recordings],
         [laid(recording) for recording in held_out],
-        (*notes, *_notes(recordings)),
-        _unit_mistakes(scene, recordings) or data_mistakes(scene, recordings, std),
+        (*notes, *_notes(even)),
+        _unit_mistakes(scene, recordings) or data_mistakes(scene, even, std),
         told,
     )
 
@@ -219,7 +224,9 @@ def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Explanatio
         values = {}
         for strength in effect.strengths:
             unit = effect.unit(strength, scene.tree)
-            values[strength.name] = Value(effect.values[strength.name], float(std[position]), unit)
+            # of what the recordings do not see, no more is known than its bounds
+            widest = (strength.upper - strength.lower) / np.sqrt(12.0)
+            values[strength.name] = Value(effect.values[strength.name], float(min(std[position], widest)), unit)
             position += 1
         sentence = effect.sentence(scene.tree)
         found.append(Explanation(effect, probability.get(effect.key, 1.0), values, sentence))

@@ -19,6 +19,8 @@ STRIDE = 3.0
 """Times the size of a number, or its typical one, that a step changes it by at most."""
 NOTHING_KNOWN = 1e12
 """Variance of numbers that are an echo of noise."""
+UNSEEN = 0.01
+"""Of a whitened row: what a number's usual size must move the rows by, all together, to be fitted."""
 LEAST_WORTH = 10.0
 LEAST_GAIN = 2.5e-4
 """Of ½ χ²; where a step promises less, the minimum is reached."""
@@ -34,6 +36,13 @@ class Fit:
     covariance: Array
     """(n + k, n + k) of unknowns and strengths, under the stated noise."""
     data_rows: int
+    unbiased: bool = False
+    """Whether the noise that regressors share with the residual was reckoned with."""
+
+    @property
+    def echo(self) -> bool:
+        """Whether what was fitted is an echo of noise, of which nothing is known."""
+        return self.unbiased and bool(np.any(np.diag(self.covariance) >= NOTHING_KNOWN))
 
     @property
     def chi_square(self) -> float:
@@ -83,13 +92,14 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
         offset, excess = _shared_noise(problem, model, residual, jacobian)
         corrected = _minimised(problem, model, offset, 4, worth)
         if not float(offset @ (corrected[0].vector - first)) < worth:
-            return Fit(model, residual, jacobian, np.diag(np.full(n, NOTHING_KNOWN)), problem.rows)
+            return Fit(model, residual, jacobian, np.diag(np.full(n, NOTHING_KNOWN)), problem.rows, unbiased=True)
         model, residual, jacobian = corrected
         information = jacobian.T @ jacobian - excess
         # the noise that is shared grows with the numbers themselves, so a large correction is made again
         if np.all(np.abs(model.vector - before) * np.linalg.norm(jacobian, axis=0) < CORRECTED):
             break
-    return Fit(model, residual, jacobian, _inverse(_without_noise_alone(information, jacobian)), problem.rows)
+    covariance = _inverse(_without_noise_alone(information, jacobian))
+    return Fit(model, residual, jacobian, covariance, problem.rows, unbiased=True)
 
 
 def _worth(problem: Problem, model: Model, residual: Array) -> float:
@@ -158,9 +168,11 @@ def _step(
 ) -> tuple[Model | None, Array, float]:
     """A model with a smaller objective, or None where no damping finds one."""
     scale = np.linalg.norm(jacobian, axis=0)
-    scale[scale == 0.0] = 1.0
-    scaled = jacobian / scale
-    normal, gradient = scaled.T @ scaled, scaled.T @ residual - offset / scale
+    # what the rows do not see stays where it is: its slope is rounding
+    unseen = scale * _sizes(model) < UNSEEN
+    scale[unseen] = 1.0
+    scaled = np.where(unseen, 0.0, jacobian / scale)
+    normal, gradient = scaled.T @ scaled, np.where(unseen, 0.0, scaled.T @ residual - offset / scale)
     start = 0.5 * float(residual @ residual)
     reach = _reach(model)
     for _ in range(8):
@@ -191,8 +203,13 @@ def _step(
 
 def _reach(model: Model) -> Array:
     """How far a step may take each number: where little is known of one, its slope says nothing from afar."""
+    return STRIDE * _sizes(model)
+
+
+def _sizes(model: Model) -> Array:
+    """The typical size of each number, or its own if that is larger; infinite for unknowns, which have priors."""
     sizes = [max(s.typical, abs(effect.values[s.name])) for effect in model.effects for s in effect.strengths]
-    return STRIDE * np.array([np.inf] * len(model.unknown) + sizes)
+    return np.array([np.inf] * len(model.unknown) + sizes)
 
 
 def _kept_near(problem: Problem, model: Model) -> Model:

@@ -34,19 +34,23 @@ def block_covariance(problem: Problem, fitted: Fit) -> Array:
 
 
 def wald_p_value(problem: Problem, fitted: Fit, key: tuple[str, str]) -> float:
-    """p-value of "this effect's strengths are nominal", by the larger of the two covariances of the numbers."""
+    """p-value of "this effect is absent", by the larger of the two covariances of the numbers.
+
+    What only says how an effect looks where it is there (where a mass is, how fast a friction falls) proves nothing.
+    """
     start = len(fitted.model.unknown)
     for effect in fitted.model.effects:
         stop = start + len(effect.strengths)
         if effect.key == key:
             part = slice(start, stop)
-            nominal = np.array([s.nominal for s in effect.strengths])
-            difference = fitted.model.vector[part] - nominal
-            plain = fitted.covariance[part, part]
-            blocks = block_covariance(problem, fitted)[part, part]
+            difference, slope = effect.vanishing()
             statistics = [
-                float(difference @ np.linalg.pinv(covariance, rcond=1e-18, hermitian=True) @ difference)
-                for covariance in (plain, blocks)
+                float(
+                    difference
+                    @ np.linalg.pinv(slope @ one[part, part] @ slope.T, rcond=1e-18, hermitian=True)
+                    @ difference
+                )
+                for one in (fitted.covariance, block_covariance(problem, fitted))
             ]
             return float(chi2.sf(min(statistics), len(difference)))
         start = stop

@@ -8,8 +8,9 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from drake_cafim.diagnosis.coloured_noise import drawn
+from drake_cafim.diagnosis.coloured_noise import Memory, drawn
 from drake_cafim.diagnosis.feedback import Feedback
+from drake_cafim.diagnosis.slow_channels import Bridges
 from drake_cafim.diagnosis.windows import Windows, lay_windows
 from drake_cafim.errors import InputError
 from drake_cafim.local_polynomial import local_polynomial, track_polynomial
@@ -54,8 +55,10 @@ class Samples:
     v_std: Array
     """(N, n) standard deviation of the smoothed v."""
     differentiate: sp.csr_matrix | None
-    correlation_times: Mapping[str, float] = field(default_factory=dict)
-    """Of the columns whose noise has a memory, s."""
+    memories: Mapping[str, Memory] = field(default_factory=dict)
+    """Of the columns whose noise has one."""
+    bridges: Bridges = field(default_factory=dict)
+    """Of the columns that are written less often than the others: values and noise at every row from those written."""
 
     @cached_property
     def smooth_track(self) -> tuple[tuple[sp.csr_matrix, sp.csr_matrix], ...]:
@@ -76,8 +79,8 @@ def noisier(samples: Samples, rng: np.random.Generator, fed_back: bool = False) 
     names = [name.removeprefix("q.") for name in samples.std if name.startswith("q.")]
 
     def noise(columns: Sequence[str]) -> Array:
-        times = [samples.correlation_times.get(column, 0.0) for column in columns]
-        unit = [drawn(rng, samples.time, time) for time in times]
+        unit = [drawn(rng, samples.time, samples.memories.get(column)) for column in columns]
+        unit = [samples.bridges[c] @ one if c in samples.bridges else one for c, one in zip(columns, unit, strict=True)]
         return np.stack([samples.std[column] * one for column, one in zip(columns, unit, strict=True)], axis=1)
 
     def again(kind: str, values: Array) -> Array:
@@ -107,9 +110,12 @@ def samples_of(
     recording: Recording,
     std: dict[str, float],
     width: float = WINDOW_WIDTH,
-    correlation_times: Mapping[str, float] | None = None,
+    memories: Mapping[str, Memory] | None = None,
+    bridges: Bridges | None = None,
 ) -> Samples:
-    """The samples of `recording` for `scene`, `std` and `correlation_times` giving the noise by column.
+    """The samples of `recording` for `scene`, `std` and `memories` giving the noise by column.
+
+    `bridges` tell how slow channels were laid between their own samples.
 
     Raises `InputError` when a needed column is missing or the recording is shorter than three windows.
     """
@@ -138,8 +144,22 @@ def samples_of(
         raise InputError(
             f"{recording.name}: only {len(windows)} windows of {width:.3g} s fit between its gaps, expected at least 3"
         )
-    times = dict(correlation_times or {})
-    return Samples(recording, time, q, v, u, wrenches, std, windows, smooth_q, pairs, v_std, differentiate, times)
+    return Samples(
+        recording,
+        time,
+        q,
+        v,
+        u,
+        wrenches,
+        std,
+        windows,
+        smooth_q,
+        pairs,
+        v_std,
+        differentiate,
+        dict(memories or {}),
+        dict(bridges or {}),
+    )
 
 
 def _refuse_other_stamps(recording: Recording, scene: Scene) -> None:

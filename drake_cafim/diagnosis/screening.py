@@ -189,8 +189,11 @@ def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Ca
         columns = []
         for direction in effect.directions():
             ahead = problem.data_rows(physics.with_effects([effect.with_values(direction.ahead)]))
-            behind = here if direction.behind is None else \
-                problem.data_rows(physics.with_effects([effect.with_values(direction.behind)]))
+            behind = (
+                here
+                if direction.behind is None
+                else problem.data_rows(physics.with_effects([effect.with_values(direction.behind)]))
+            )
             columns.append((ahead - behind) / direction.size)
         yield np.stack(columns, axis=1), effect.from_directions
 

@@ -24,6 +24,8 @@ PROMISING = 0.1
 COMPETES = 100.0
 """Information criterion, in units of the noise that is left, beyond which an explanation has lost."""
 RIVALS = 3
+CONTENDERS, NEAR = 12, 10.0
+"""Explanations fitted without bias before one is chosen, and by how much of the criterion they may look worse."""
 MOVED = 0.3
 """Prior standard deviations that an unknown may have moved before the noise is reckoned anew."""
 MISFIT, FAIR_PART, REPEATS = 1.5, 0.05, 0.75
@@ -124,8 +126,7 @@ def search(problem: Problem, settings: Settings, progress: Callable[[str], None]
     if best.model.effects:
         _fit_rivals(state, best)
         _fit_equivalents(state, best)
-        alike = [one for one in state.pool.fits.values() if len(one.model.effects) <= len(best.model.effects)]
-        best = min(alike, key=lambda one: criterion(one, scale_of(best), trials))
+        best = _pruned(state, _best_of(state, best))
     return Outcome(state.problem, problem, nominal, best, state.pool, trials, tuple(screened), detection)
 
 
@@ -161,7 +162,8 @@ class _State:
         competing = [one for one in self.frontier if criterion(one, 1.0, self.trials) < reach]
         self.pool, self.screens = Pool(), {}
         for one in (best, *(one for one in competing if key_of(one) != key_of(best))):
-            self.pool.add(unbiased_fit(self.problem, one.model))
+            # the width of a sign change is chosen anew as well
+            self.pool.add(unbiased_fit(self.problem, _reshaped(self.problem, fit(self.problem, one.model)).model))
         self.frontier = self.ranked(self.pool.fits.values())
         return self.pool.fits[key_of(best)]
 
@@ -193,13 +195,29 @@ def _detection(problem: Problem, nominal: Fit, screened: Sequence[Candidate], tr
         if p < SUSPICIOUS:
             # the linear look shares noise with the residual: only an unbiased fit may raise an alarm
             one = unbiased_fit(problem, nominal.model.with_effects([candidate.effect]))
-            gained = max(nominal.chi_square - one.chi_square, 0.0)
-            p = max(wald_p_value(problem, one, candidate.effect.key), float(chi2.sf(gained, candidate.strengths)))
-            p *= trials
+            gained = nominal.chi_square - one.chi_square
+            p = trials * max(wald_p_value(problem, one, candidate.effect.key), _luck(gained, candidate.strengths))
+            if p < SUSPICIOUS:
+                p = max(p, trials * _luck(_gain_under_its_noise(problem, nominal, one), candidate.strengths))
         score = min(score, p)
         if score < 1e-12:
             break
     return float(min(1.0, 2.0 * min(fit_quality, score)))
+
+
+def _luck(gain: float, strengths: int) -> float:
+    """Probability that this many strengths take so much off χ² where they stand for nothing."""
+    return float(chi2.sf(max(gain, 0.0), max(strengths, 1)))
+
+
+def _gain_under_its_noise(problem: Problem, before: Fit, after: Fit) -> float:
+    """What `after` takes off χ² when the rows are whitened under it.
+
+    An effect that moves the inertia also moves how much noise reaches the rows; under the whitening of `before` it may
+    gain by that alone.
+    """
+    own = problem.rewhitened(after.model)
+    return unbiased_fit(own, before.model).chi_square - unbiased_fit(own, after.model).chi_square
 
 
 def _worth_more(state: _State, best: Fit) -> bool:
@@ -251,10 +269,63 @@ def _fit_rivals(state: _State, best: Fit) -> None:
                     state.pool.add(one)
 
 
+def _best_of(state: _State, best: Fit) -> Fit:
+    """The best explanation of at most as many effects, once all that come near it were fitted without bias.
+
+    A law that bends where a channel is noisy gains by the noise that its regressors share with the residual.
+    """
+    scale = scale_of(best)
+
+    def cost(one: Fit) -> float:
+        return criterion(one, scale, state.trials)
+
+    for _ in range(CONTENDERS):
+        alike = [one for one in state.pool.fits.values() if len(one.model.effects) <= len(best.model.effects)]
+        least = min(map(cost, alike))
+        near = sorted((one for one in alike if not one.unbiased and cost(one) < least + NEAR), key=cost)
+        if not near:
+            break
+        exact = unbiased_fit(state.problem, near[0].model)
+        if exact.echo:
+            del state.pool.fits[key_of(exact)]
+        else:
+            state.pool.add(exact)
+    known = [
+        one for one in state.pool.fits.values() if one.unbiased and len(one.model.effects) <= len(best.model.effects)
+    ]
+    return min(known, key=cost)
+
+
+def _pruned(state: _State, best: Fit) -> Fit:
+    """The explanation without what it does not need.
+
+    Strengths that were fitted beside an effect may do without it: a tilt across a plane shows in second order alone,
+    and starts to be fitted only where something else, such as a gain, has stood in for it.
+    """
+    for effect in best.model.effects if len(best.model.effects) > 1 else ():
+        rest = Model(best.model.unknown, tuple(e for e in best.model.effects if e is not effect))
+        without = unbiased_fit(state.problem, rest)
+        known = state.pool.fits.get(key_of(without))
+        if known is None or without.chi_square < known.chi_square:
+            state.pool.add(without)
+            if criterion(without, scale_of(best), state.trials) < criterion(best, scale_of(best), state.trials):
+                return _pruned(state, without)
+    return best
+
+
 def _fit_equivalents(state: _State, best: Fit) -> None:
-    """Fit pairs of effects that may be an accepted one by another name: as many strengths, at the same place."""
+    """Fit what may be an accepted effect by another name at the same place.
+
+    The simpler laws of its group, and pairs of effects that have as many strengths.
+    """
     for effect in best.model.effects:
         rest = tuple(other for other in best.model.effects if other is not effect)
+        for one in state.effects:
+            simpler = effect.excludes(one) and len(one.strengths) < len(effect.strengths)
+            found = screen(state.problem, fit(state.problem, Model(best.model.unknown, rest)), [one]) if simpler else []
+            if found:
+                model = Model(best.model.unknown, (*rest, found[0].effect))
+                state.pool.add(_reshaped(state.problem, fit(state.problem, model)))
         alike = [one for one in state.effects if one.name in effect.alike and one.at == effect.at]
         for pair in itertools.combinations(alike, 2):
             if sum(len(one.strengths) for one in pair) != len(effect.strengths):
@@ -273,8 +344,8 @@ def _fit_equivalents(state: _State, best: Fit) -> None:
 
 def _reshaped(problem: Problem, one: Fit) -> Fit:
     """The fit with the best shape of each effect, one after the other."""
-    for position, effect in enumerate(one.model.effects):
-        for other in effect.reshaped():
+    for position in range(len(one.model.effects)):
+        for other in one.model.effects[position].reshaped():
             effects = list(one.model.effects)
             effects[position] = other
             trial = fit(problem, Model(one.model.unknown, tuple(effects)))
@@ -298,10 +369,13 @@ def _accepted(state: _State, before: Fit, after: Fit) -> bool:
     trials, settings = state.trials, state.settings
     strengths = len(after.model.vector) - len(before.model.vector)
     gain = (before.chi_square - after.chi_square) / scale_of(after)
-    p = float(chi2.sf(max(gain, 0.0), max(strengths, 1))) * trials
-    if p > settings.false_alarm_rate or gain < strengths * np.log(max(after.data_rows, 2)):
+    least = strengths * np.log(max(after.data_rows, 2))
+    if _luck(gain, strengths) * trials > settings.false_alarm_rate or gain < least:
         return False
-    return all(wald_p_value(state.problem, after, effect.key) * trials <= settings.false_alarm_rate for effect in new)
+    if any(wald_p_value(state.problem, after, effect.key) * trials > settings.false_alarm_rate for effect in new):
+        return False
+    gain = _gain_under_its_noise(state.problem, before, after) / scale_of(after)
+    return _luck(gain, strengths) * trials <= settings.false_alarm_rate
 
 
 def _repeated(problem: Problem, before: Fit, after: Fit) -> bool:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from drake_cafim.diagnosis.slow_channels import without_empty_rows
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.scenario.scene import Scene
@@ -42,6 +43,7 @@ def noise_of(scene: Scene, recordings: Sequence[Recording]) -> tuple[dict[str, f
 
 def _estimated(samples: Sequence[Array]) -> float:
     """From differences of order four, which a smooth motion hardly enters; robust (median absolute deviation)."""
-    differences = np.concatenate([np.convolve(values, _DIFFERENCES, mode="valid") for values in samples])
+    written = [without_empty_rows(values) for values in samples]
+    differences = np.concatenate([np.convolve(values, _DIFFERENCES, mode="valid") for values in written])
     spread = float(np.nanmedian(np.abs(differences))) * 1.4826
     return spread / float(np.linalg.norm(_DIFFERENCES))

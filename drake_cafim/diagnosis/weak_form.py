@@ -105,10 +105,16 @@ class WeakForm:
     def _measured(self, physics: Physics) -> Measurement:
         s = self.samples
         names = physics.tree.joint_names
-        columns = {f"{kind}.{name}": values[:, j] for kind, values in (("q", s.q), ("v", s.v), ("u", s.u))
-                   for j, name in enumerate(names)}
-        columns |= {f"wrench.{sensor.name}.{axis}": s.wrenches[i][:, k] for i, sensor in enumerate(self.sensors)
-                    for k, axis in enumerate(WRENCH_COMPONENTS)}
+        columns = {
+            f"{kind}.{name}": values[:, j]
+            for kind, values in (("q", s.q), ("v", s.v), ("u", s.u))
+            for j, name in enumerate(names)
+        }
+        columns |= {
+            f"wrench.{sensor.name}.{axis}": s.wrenches[i][:, k]
+            for i, sensor in enumerate(self.sensors)
+            for k, axis in enumerate(WRENCH_COMPONENTS)
+        }
         for effect in physics.sensors:
             on = tuple(name for name in effect.channels(tuple(columns)) if not name.startswith("wrench."))
             if not on:
@@ -117,8 +123,11 @@ class WeakForm:
             columns |= {name: true[:, k] for k, name in enumerate(on)}
         q = np.stack([columns[f"q.{name}"] for name in names], axis=1)
         u = np.stack([columns[f"u.{name}"] for name in names], axis=1)
-        v = s.differentiate @ q if s.differentiate is not None else \
-            np.stack([columns[f"v.{name}"] for name in names], axis=1)
+        v = (
+            s.differentiate @ q
+            if s.differentiate is not None
+            else np.stack([columns[f"v.{name}"] for name in names], axis=1)
+        )
         wrenches = tuple(
             np.stack([columns[f"wrench.{sensor.name}.{a}"] for a in WRENCH_COMPONENTS], axis=1)
             for sensor in self.sensors
@@ -132,11 +141,13 @@ class WeakForm:
         """What the laws of joint effects are evaluated on.
 
         A held effort has two values at a sample; with their mean the trapezoid rule integrates it as a staircase.
+        A sample stands for the time around it, and v passes through D on the way: the mean of a sign over D has the
+        slope 2/D where it changes, as if v were known to D/√(2π).
         """
         u = 0.5 * (measured.u + np.concatenate([measured.u[:1], measured.u[:-1]]))
+        v_std = np.sqrt(self.samples.v_std**2 + np.gradient(measured.v_hat, axis=0) ** 2 / (2.0 * np.pi))
         return [
-            JointSamples(measured.q_hat[:, j], measured.v_hat[:, j], u[:, j], self.samples.v_std[:, j])
-            for j in range(self.joints)
+            JointSamples(measured.q_hat[:, j], measured.v_hat[:, j], u[:, j], v_std[:, j]) for j in range(self.joints)
         ]
 
     def effort(self, physics: Physics, joint: int, u: Array) -> Effort:
@@ -156,8 +167,11 @@ class WeakForm:
         """What drives each joint's twist between rotor and link; kept for the last physics but its couplings."""
         effects = (*physics.joint_forces, *physics.actuators, *physics.sensors, *physics.body_forces)
         key = (
-            inertial_parameters(physics.tree).tobytes(), physics.gravity.tobytes(), physics.rotor_inertias.tobytes(),
-            physics.dampings.tobytes(), *((effect.key, *effect.values.values()) for effect in effects),
+            inertial_parameters(physics.tree).tobytes(),
+            physics.gravity.tobytes(),
+            physics.rotor_inertias.tobytes(),
+            physics.dampings.tobytes(),
+            *((effect.key, *effect.values.values()) for effect in effects),
             *((contact.name, str(contact)) for contact in physics.contacts),
         )
         if key not in self._drives:
@@ -264,8 +278,9 @@ class WeakForm:
 
     def _prepared(self, physics: Physics) -> "_Prepared":
         """What depends on the sensor effects alone, kept for the last few of them."""
-        key = tuple((effect.key, *effect.values.values()) for effect in physics.sensors
-                    if not effect.at.startswith("wrench."))
+        key = tuple(
+            (effect.key, *effect.values.values()) for effect in physics.sensors if not effect.at.startswith("wrench.")
+        )
         if key not in self._cache:
             while len(self._cache) >= 4:
                 self._cache.pop(next(iter(self._cache)))
@@ -327,6 +342,8 @@ class WeakForm:
                 correction = effect.correction(s.time) if moved else None
                 if correction is not None:
                     block = sp.csr_matrix(block @ correction)
+            if name in s.bridges:
+                block = sp.csr_matrix(block @ s.bridges[name])
             start = sum(b.shape[1] for b in blocks)
             blocks.append(block)
             labels.append((name, slice(start, start + block.shape[1])))

@@ -52,10 +52,10 @@ def row_covariance(weak: WeakForm, jacobian: sp.csr_matrix, labels: Sequence[tup
     samples = weak.samples
     std = np.concatenate([np.full(part.stop - part.start, samples.std[name]) for name, part in labels])
     scaled = sp.csr_matrix(jacobian @ sp.diags_array(std))
-    if not samples.correlation_times:
+    if not samples.memories:
         return sp.csr_matrix(scaled @ scaled.T)
-    alike = {time: covariance(samples.time, time) for time in set(samples.correlation_times.values())}
+    alike = {memory: covariance(samples.time, memory) for memory in set(samples.memories.values())}
     white = sp.eye_array(len(samples.time))
-    times = [samples.correlation_times.get(name) for name, _ in labels]
-    together = sp.block_diag([white if time is None else alike[time] for time in times], format="csr")
+    memories = [samples.memories.get(name) for name, _ in labels]
+    together = sp.block_diag([white if memory is None else alike[memory] for memory in memories], format="csr")
     return sp.csr_matrix(scaled @ together @ scaled.T)

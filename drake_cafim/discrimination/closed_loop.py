@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.diagnosis.coloured_noise import drawn, stated_correlation_times
+from drake_cafim.diagnosis.coloured_noise import drawn, stated_memories
 from drake_cafim.discrimination.motions import MARGIN, Limits, Motion
 from drake_cafim.dynamics.motion import bias_force, mass_matrix, motion
 from drake_cafim.effects.actuator import Effort
@@ -80,10 +80,10 @@ def measured(
         on = effect.channels(tuple(columns))
         written = effect.measured(run.time, np.stack([columns[name] for name in on], axis=1))
         columns |= {name: written[:, k] for k, name in enumerate(on)}
-    times = stated_correlation_times(scene, list(std))
+    memories = stated_memories(scene, list(std))
     for column, spread in std.items():
         if spread > 0.0:
-            noise = spread * drawn(random, run.time, times.get(column, 0.0))
+            noise = spread * drawn(random, run.time, memories.get(column))
             columns[column] = columns[column] + noise
     return Recording(name, run.time, columns)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_cafim.diagnosis.coloured_noise import stated_correlation_times
+from drake_cafim.diagnosis.coloured_noise import stated_memories
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.samples import Samples, samples_of
@@ -94,5 +94,4 @@ def problem_of(scene: Scene, runs: list[Recording]) -> Problem:
 
 
 def _samples(scene: Scene, recording: Recording, std: dict[str, float]) -> Samples:
-    times = stated_correlation_times(scene, list(std))
-    return samples_of(scene, recording, std, correlation_times=times)
+    return samples_of(scene, recording, std, memories=stated_memories(scene, list(std)))

@@ -66,6 +66,8 @@ class Strength:
     """Of a shape: the values that it may take."""
     amplitude: bool = True
     """Whether the effect is absent at the nominal value; otherwise the number only says what it looks like."""
+    through: str = ""
+    """Of a number that acts through another strength, such as where a mass is: their product is what vanishes."""
 
 
 @dataclass(frozen=True)
@@ -214,6 +216,25 @@ class Effect(ABC):
             for value in shape.grid:
                 if value != self.values.get(shape.name, shape.nominal):
                     yield type(self)(self.at, {**self.values, shape.name: value})
+
+    def vanishing(self) -> tuple[Array, Array]:
+        """(c,) what is zero where the effect is absent, and nowhere else, and its slope (c, k) by the strengths."""
+        values = self.vector
+        index = {s.name: i for i, s in enumerate(self.strengths)}
+        coordinates, slopes = [], []
+        for i, s in enumerate(self.strengths):
+            if not s.amplitude:
+                continue
+            slope = np.zeros(len(values))
+            slope[i] = 1.0
+            coordinate = values[i] - s.nominal
+            if s.through:
+                by = index[s.through]
+                slope[i], slope[by] = values[by], coordinate
+                coordinate = coordinate * values[by]
+            coordinates.append(coordinate)
+            slopes.append(slope)
+        return np.array(coordinates), np.array(slopes)
 
     def plausible(self) -> bool:
         """Whether the values can be physics: within their bounds, unless a law asks for more."""

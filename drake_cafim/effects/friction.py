@@ -35,9 +35,7 @@ class JointStribeckFriction(JointForce):
         sign, slope = smooth_sign(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
         bump, d_v, d_velocity = _bump(joint, velocity)
         level = coulomb + (static - coulomb) * bump
-        d_strengths = np.stack(
-            [-(1.0 - bump) * sign, -bump * sign, -(static - coulomb) * d_velocity * sign], axis=1
-        )
+        d_strengths = np.stack([-(1.0 - bump) * sign, -bump * sign, -(static - coulomb) * d_velocity * sign], axis=1)
         zero = np.zeros_like(joint.v)
         return Force(-level * sign, zero, -level * slope - (static - coulomb) * d_v * sign, zero, d_strengths)
 

@@ -52,6 +52,20 @@ def smooth_sign(v: Array, v_std: Array | float, width: float) -> tuple[Array, Ar
     return sign, (1.0 - sign**2) / broad
 
 
+def _sides(joint: JointSamples, width: float) -> tuple[Array, Array]:
+    """−max(0, tanh(v/w)) and max(0, −tanh(v/w)), averaged over what is not known of v, and their slopes; each (N, 2).
+
+    They are ∓½ (|t| ± t) with t = tanh(v/w). What |t| lacks of 1 has the area 2 w ln 2 under it; an average over v
+    widens it as it widens t, and keeps that area.
+    """
+    broad = np.sqrt(width**2 + 0.5 * np.pi * np.asarray(joint.v_std) ** 2)
+    sign, slope = smooth_sign(joint.v, joint.v_std, width)
+    size = 1.0 - width / broad * (1.0 - np.abs(sign))
+    size_slope = width / broad * np.sign(sign) * slope
+    values = np.stack([-0.5 * (size + sign), 0.5 * (size - sign)], axis=1)
+    return values, np.stack([-0.5 * (size_slope + slope), 0.5 * (size_slope - slope)], axis=1)
+
+
 def _zeros(joint: JointSamples) -> Array:
     return np.zeros_like(joint.v)
 
@@ -113,7 +127,7 @@ class JointCoulombFriction(JointForce):
 
 @dataclass(frozen=True)
 class JointAsymmetricCoulombFriction(JointForce):
-    """−T₊ for v > 0 and +T₋ for v < 0, smoothed as tanh(v/w)."""
+    """−T₊ tanh(v/w) for v > 0 and −T₋ tanh(v/w) for v < 0."""
 
     name: ClassVar[str] = "joint_asymmetric_coulomb_friction"
     group: ClassVar[str | None] = DRY_FRICTION
@@ -129,16 +143,12 @@ class JointAsymmetricCoulombFriction(JointForce):
     }
 
     def force(self, joint: JointSamples) -> Force:
-        sign, slope = smooth_sign(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
-        columns = np.stack([-0.5 * (1.0 + sign), 0.5 * (1.0 - sign)], axis=1)
-        positive, negative = self.values["torque_positive"], self.values["torque_negative"]
-        d_v = -0.5 * (positive + negative) * slope
-        return Force(columns @ [positive, negative], _zeros(joint), d_v, _zeros(joint), columns)
+        columns, slopes = _sides(joint, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
+        return Force(columns @ self.vector, _zeros(joint), slopes @ self.vector, _zeros(joint), columns)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         for width in SLIP_VELOCITY.grid:
-            sign, _ = smooth_sign(joint.v, joint.v_std, width)
-            yield Start(np.stack([-0.5 * (1.0 + sign), 0.5 * (1.0 - sign)], axis=1), {"slip_velocity": width})
+            yield Start(_sides(joint, width)[0], {"slip_velocity": width})
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointAsymmetricCoulombFriction":
         return JointAsymmetricCoulombFriction(self.at, shape).with_values(coefficients)
@@ -151,7 +161,7 @@ class JointSpring(JointForce):
     name: ClassVar[str] = "joint_spring"
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("stiffness", "N m/rad", 1.0, lower=0.0, linear_unit="N/m"),
-        Strength("rest", "rad", 0.5, linear_unit="m"),
+        Strength("rest", "rad", 0.5, linear_unit="m", through="stiffness"),
     )
     reference: ClassVar[str] = "Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, 2006, §7"
     alike: ClassVar[Mapping[str, str]] = {

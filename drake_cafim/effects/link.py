@@ -20,6 +20,7 @@ class TreeEffect(Effect):
     def change(self, tree: Tree, gravity: Array) -> tuple[Tree, Array]:
         """The tree and the gravity (3,) m/s², world, with the effect in them."""
 
+
 @dataclass(frozen=True)
 class RotorInertia(TreeEffect):
     """Reflected rotor inertia that the model lacks: it adds to M(q) on the joint's diagonal."""
@@ -53,9 +54,9 @@ class Payload(TreeEffect):
     name: ClassVar[str] = "payload"
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("mass", "kg", 0.3, lower=0.0),
-        Strength("x", "m", 0.1, lower=-2.0, upper=2.0),
-        Strength("y", "m", 0.1, lower=-2.0, upper=2.0),
-        Strength("z", "m", 0.1, lower=-2.0, upper=2.0),
+        Strength("x", "m", 0.1, lower=-2.0, upper=2.0, through="mass"),
+        Strength("y", "m", 0.1, lower=-2.0, upper=2.0, through="mass"),
+        Strength("z", "m", 0.1, lower=-2.0, upper=2.0, through="mass"),
     )
     reference: ClassVar[str] = "Atkeson, An, Hollerbach, Int. J. Robotics Research 5(3), 1986"
     alike: ClassVar[Mapping[str, str]] = {
@@ -114,7 +115,5 @@ class GravityMisalignment(TreeEffect):
     def change(self, tree: Tree, gravity: Array) -> tuple[Tree, Array]:
         roll, pitch = self.values["roll"], self.values["pitch"]
         magnitude = np.linalg.norm(gravity)
-        tilted = np.array(
-            [-np.sin(pitch), np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)], dtype=float
-        )
+        tilted = np.array([-np.sin(pitch), np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)], dtype=float)
         return tree, magnitude * tilted

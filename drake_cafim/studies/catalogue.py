@@ -20,11 +20,13 @@ from drake_cafim.studies.comparisons import (
 )
 from drake_cafim.studies.disturbances import disturbance_cells, disturbances
 from drake_cafim.studies.findings import Findings
+from drake_cafim.studies.guarding import guarding, guarding_cells
 from drake_cafim.studies.identifiability import identifiability, identifiability_cells
 from drake_cafim.studies.landscapes import landscape_cells, landscapes
 from drake_cafim.studies.one_rub import one_rub, one_rub_cells
 from drake_cafim.studies.point_contact import point_contact, point_contact_cells
 from drake_cafim.studies.priors import calibration, calibration_cells, robustness, robustness_cells
+from drake_cafim.studies.reaching import reaching, reaching_cells
 from drake_cafim.studies.requirements import requirement_cells, requirements
 from drake_cafim.studies.robots import world_cells, worlds
 from drake_cafim.studies.worlds import hefting_table, hefting_table_cells
@@ -50,10 +52,12 @@ STUDIES: Mapping[str, Study] = {
     "noise": Study(noise_cells, noise),
     "belief-averaging": Study(averaging_cells, averaging),
     "identifiability": Study(identifiability_cells, identifiability),
+    "force-guard": Study(guarding_cells, guarding),
     "landscapes": Study(landscape_cells, landscapes),
     "one-rub": Study(one_rub_cells, one_rub),
     "disturbances": Study(disturbance_cells, disturbances),
     "point-contact": Study(point_contact_cells, point_contact),
+    "reaching": Study(reaching_cells, reaching),
     "worlds": Study(world_cells, worlds),
     "hefting-table": Study(hefting_table_cells, hefting_table),
 }

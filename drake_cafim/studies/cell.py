@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -52,6 +52,8 @@ class Cell:
     process_noise: float = 0.0  # m/s, added to each command in the kinematic world
     outside: float = 0.0  # m, by which the kinematic world's contact is before the frame that is planned with
     belief_samples: int = 1  # points of the belief over which plans are scored
+    force_guard: bool = False
+    believed: tuple[tuple[str, float], ...] = ()  # numbers of the planner's model that are not the world's
     diagnosed: bool = False  # the joints are recorded as well, and a diagnosis looks for what its scenario lacks
 
     @property
@@ -61,6 +63,8 @@ class Cell:
         parts = [self.scenario, world, self.policy, self.planner, self.criterion, f"prior{self.prior_scale:g}"]
         parts += [f"noise{self.noise:g}", f"of{self.experiments or 'all'}", f"seed{self.seed}"]
         parts += [f"belief{self.belief_samples}"] if self.belief_samples != 1 else []
+        parts += ["guarded"] if self.force_guard else []
+        parts += [f"{name}{value:g}" for name, value in self.believed]
         parts += [f"process{self.process_noise:g}"] if self.process_noise else []
         parts += [f"outside{self.outside:g}"] if self.outside else []
         parts += ["diagnosed"] if self.diagnosed else []
@@ -86,6 +90,7 @@ def measure(cell: Cell) -> dict[str, Any]:
         seed=cell.seed,
         experiments=cell.experiments,
         belief_samples=cell.belief_samples,
+        force_guard=cell.force_guard,
     )
     result = run(task, options, world)
     kept = {} if cell.scenario != POINT else {"laws": other_laws(result)}
@@ -109,8 +114,10 @@ def _task_and_world(cell: Cell) -> tuple[Task, World]:
         # every packaged model has a field force_std
         noisy: Any = task.model
         task = replace(task, model=replace(noisy, force_std=cell.noise * noisy.force_std))
+    true, model = task, cast(Any, task.model)
+    task = replace(task, model=replace(model, **dict(cell.believed)))
     if stage is None or cell.world is None:
-        return task, kinematic_world(_moved(task, cell.outside), seed=cell.seed, process_std=cell.process_noise)
+        return task, kinematic_world(_moved(true, cell.outside), seed=cell.seed, process_std=cell.process_noise)
     world = stage.world(cell.world, cell.seed)
     if cell.diagnosed:
         return task, world

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,10 +31,11 @@ class Trial:
     seed: int
 
 
-def command(diagnose: list[str], out: str) -> list[str]:
-    """The diagnosis as a user would start it, in the case's folder."""
-    train, held = list(RECORDINGS[:3]), RECORDINGS[3]
-    return [*diagnose, "scenario.yaml", "--recording", *train, "--held-out", held, "--out", out, "--jobs", "1"]
+def command(diagnose: list[str], out: str, recordings: Sequence[str] = RECORDINGS) -> list[str]:
+    """The diagnosis as a user would start it, in the case's folder; what is held out says so by its name."""
+    held = [name for name in recordings if name.startswith("held")]
+    train = [name for name in recordings if name not in held]
+    return [*diagnose, "scenario.yaml", "--recording", *train, "--held-out", *held, "--out", out, "--jobs", "1"]
 
 
 def scrubbed(home: Path) -> dict[str, str]:
@@ -48,12 +50,14 @@ def scrubbed(home: Path) -> dict[str, str]:
     }
 
 
-def diagnosed(diagnose: list[str], folder: Path, home: Path, limit: float) -> tuple[dict[str, Any] | None, str]:
+def diagnosed(
+    diagnose: list[str], folder: Path, home: Path, limit: float, recordings: Sequence[str] = RECORDINGS
+) -> tuple[dict[str, Any] | None, str]:
     """The child's report, or why there is none. The report lies where the contract says, whatever the verdict."""
     out = home / "report"
     try:
         done = subprocess.run(
-            command(diagnose, str(out)),
+            command(diagnose, str(out), recordings),
             cwd=folder,
             env=scrubbed(home),
             capture_output=True,
