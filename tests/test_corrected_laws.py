@@ -271,6 +271,15 @@ def test_a_corrected_scenario_comes_back_from_its_file(tmp_path: Path) -> None:
     np.testing.assert_allclose(accelerations[1], accelerations[0], rtol=1e-9)
 
 
+def test_a_scene_that_is_faced_anew_has_its_effects_once(tmp_path: Path) -> None:
+    effects = [
+        entry("aerodynamic_drag", "l3", {"coefficient": 0.9}),
+        entry("joint_backlash", "turn", {"gap": 0.01, "stiffness": 100.0, "damping": 1.0}),
+    ]
+    physics = scene_of(tmp_path, ARM, *effects).facing(np.array([0.1, 0.2, 0.3])).physics
+    assert len(physics.body_forces) == 1 and len(physics.couplings) == 1
+
+
 def test_locked_joints_are_held(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, ARM, lock={"lift": 0.4})
     q, v, u = np.array([0.1, -0.4]), np.array([0.6, 0.8]), np.array([0.5, 0.2])
