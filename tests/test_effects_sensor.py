@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_cafim.effects.sensor import SensorBias, SensorDrift, SensorEffect, SensorGainError, SensorMisalignment
-from drake_cafim.effects.timing import ClockSkew, SensorDelay, SensorLag, interpolation
+from drake_cafim.effects.timing import ClockSkew, SensorDelay, SensorLag, TimingEffect, interpolation
 from drake_cafim.typing import Array
 
 TIME = np.sort(np.arange(1500) * 0.002 + np.random.default_rng(2).uniform(0, 5e-4, 1500))
@@ -120,3 +120,18 @@ def test_sites() -> None:
     assert list(SensorMisalignment.sites(columns)) == ["wrench.w"]
     assert SensorDelay("wrench.w").channels(columns) == ("wrench.w.fx", "wrench.w.tz")
     assert SensorBias("q.a").channels([*columns, "q.ab"]) == ("q.a",)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        SensorLag("q.elbow", {"time_constant": 0.01}),
+        SensorDelay("q.elbow", {"delay": 0.007}),
+        ClockSkew("q.elbow", {"skew": 0.01}),
+    ],
+    ids=lambda effect: effect.name,
+)
+def test_writing_is_the_matrix_of_measured(effect: TimingEffect) -> None:
+    time = np.cumsum(np.random.default_rng(0).uniform(0.001, 0.003, 400))
+    true = np.sin(20.0 * time)[:, None]
+    np.testing.assert_allclose(effect.writing(time) @ true, effect.measured(time, true), atol=5e-4)

@@ -1,5 +1,6 @@
 """One recording as the weak form needs it: measured and locally smoothed motion, efforts, wrenches."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -163,21 +164,21 @@ def samples_of(
 
 
 def _refuse_other_stamps(recording: Recording, scene: Scene) -> None:
-    """Raises `InputError` where columns hardly share a row, as those of topics with stamps of their own."""
-    first = f"q.{scene.tree.joint_names[0]}"
-    there = np.isfinite(recording[first])
+    """Raises `InputError` where two columns hardly share a row, as those of topics with stamps of their own."""
     needed = [f"{kind}.{name}" for kind in "qvu" for name in scene.tree.joint_names]
     needed += [f"wrench.{sensor.name}.{axis}" for sensor in scene.wrench_sensors for axis in WRENCH_COMPONENTS]
-    for column in needed:
-        if column in recording.columns:
-            own = np.isfinite(recording[column])
-            shared, rows = int(np.sum(own & there)), int(np.sum(own | there))
-            if shared < 0.5 * rows:
-                raise InputError(
-                    f"{recording.name}: {column} and {first} stand together in {shared} of {rows} rows, as topics with "
-                    "stamps or rates of their own do; say `join:` for one of them in `topics:`, or resample by "
-                    "`cafim import --period`"
-                )
+    there = {column: np.isfinite(recording[column]) for column in needed if column in recording.columns}
+    rows = len(recording.time)
+    pairs = list(itertools.combinations(there, 2))
+    both = [int(np.sum(there[one] & there[other])) for one, other in pairs]
+    fewest = int(np.argmin(both))
+    if both[fewest] < 0.5 * rows:
+        one, other = pairs[fewest]
+        raise InputError(
+            f"{recording.name}: {one} and {other} stand together in {both[fewest]} of {rows} rows, as topics with "
+            "stamps or rates of their own do; say `join:` for one of them in `topics:`, or resample by "
+            "`cafim import --period`"
+        )
 
 
 def _velocity_smoothers(

@@ -348,13 +348,16 @@ class WeakForm:
             blocks.append(block)
             labels.append((name, slice(start, start + block.shape[1])))
 
+        readings = [
+            self._reading_windows(physics, sensor, axis) for sensor in self.sensors for axis in WRENCH_COMPONENTS
+        ]
         for j, name in enumerate(physics.tree.joint_names):
             by_q = self._difference(physics, q, v, memory, j, POSITION_STEP, position=True)
             by_v = self._difference(physics, q, v, memory, j, VELOCITY_STEP, position=False)
             by_q[1][:, j] += d_q_law[:, j]
             by_v[1][:, j] += d_v_law[:, j]
-            from_q = self._block(by_q[0], by_q[1], kinematic=j, rate=True)
-            from_v = self._block(by_v[0], by_v[1], kinematic=j, rate=False)
+            from_q = self._block(by_q[0], by_q[1], readings, kinematic=j, rate=True)
+            from_v = self._block(by_v[0], by_v[1], readings, kinematic=j, rate=False)
             if s.differentiate is None:
                 add(f"q.{name}", from_q)
                 add(f"v.{name}", from_v)
@@ -380,7 +383,18 @@ class WeakForm:
         behind = self._pointwise(physics, q - shift if position else q, v if position else v - shift, memory)
         return (ahead[0] - behind[0]) / (2.0 * step), (ahead[1] - behind[1]) / (2.0 * step)
 
-    def _block(self, momentum: Array, force: Array, kinematic: int, rate: bool) -> sp.csr_matrix:
+    def _reading_windows(self, physics: Physics, sensor: WrenchSensor, axis: str) -> sp.csr_matrix:
+        """The windows (M, N) over a predicted reading: a sensor that is late mixes its times."""
+        windows = self.samples.windows.value
+        for effect in reversed(physics.sensors):
+            if effect.channels((f"wrench.{sensor.name}.{axis}",)):
+                writing = effect.writing(self.samples.time)
+                windows = windows if writing is None else sp.csr_matrix(windows @ writing)
+        return windows
+
+    def _block(
+        self, momentum: Array, force: Array, readings: list[sp.csr_matrix], kinematic: int, rate: bool
+    ) -> sp.csr_matrix:
         """Rows' derivative by one column of samples from the point-wise ones."""
         windows = self.samples.windows
         parts: list[sp.csr_matrix] = []
@@ -389,8 +403,8 @@ class WeakForm:
             parts.append(own)
         for k in range(self.joints):
             parts.append(-windows.rate @ sp.diags_array(momentum[:, k]) - windows.value @ sp.diags_array(force[:, k]))
-        for k in range(self.joints, force.shape[1]):
-            parts.append(-windows.value @ sp.diags_array(force[:, k]))
+        for k, reading in enumerate(readings, self.joints):
+            parts.append(-reading @ sp.diags_array(force[:, k]))
         return self._interleave(parts)
 
     def _place(self, matrix: sp.csr_matrix, row: int) -> sp.csr_matrix:

@@ -20,6 +20,8 @@ from drake_cafim.typing import Array
 
 POINTS = 6
 """Samples that a local polynomial goes through."""
+MEMORY = 8.0
+"""Time constants after which a lag has forgotten."""
 SMOOTHING_REACH = 0.04
 """s on either side over which a lagging channel is smoothed before its slope is taken."""
 
@@ -67,7 +69,10 @@ class ShiftedSensor(TimingEffect):
         """The times s whose values are written at `time` s."""
 
     def measured(self, time: Array, true: Array) -> Array:
-        return np.asarray(interpolation(time, self.shown(time)) @ true)
+        return np.asarray(self.writing(time) @ true)
+
+    def writing(self, time: Array) -> sp.csr_matrix:
+        return interpolation(time, self.shown(time))
 
 
 @dataclass(frozen=True)
@@ -123,6 +128,25 @@ class SensorLag(TimingEffect):
             settled = true[k] - tau * slopes[k]
             written[k + 1] = settled + keep * (written[k] - settled) + slopes[k] * step
         return written
+
+    def writing(self, time: Array) -> sp.csr_matrix:
+        tau = self.values["time_constant"]
+        if tau <= 0.0:
+            return sp.csr_matrix(sp.eye_array(len(time)))
+        steps = np.diff(time)
+        kept = np.exp(-steps / tau)
+        # y[k + 1] = kept y[k] + before x[k] + after x[k + 1], as in `measured`
+        after = 1.0 - tau / steps * (1.0 - kept)
+        before = 1.0 - kept - after
+        given = sp.diags_array([np.concatenate([[1.0], after]), before], offsets=[0, -1])
+        diagonals, offsets = [np.ones(len(time))], [0]
+        for offset in range(1, len(time)):
+            apart = time[offset:] - time[:-offset]
+            if apart.min() > MEMORY * tau:
+                break
+            diagonals.append(np.exp(-apart / tau))
+            offsets.append(-offset)
+        return sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets) @ given)
 
     def true(self, time: Array, measured: Array) -> Array:
         # x = y + τ ẏ with the slope of a smoothed y: an exact inverse would raise the channel's noise, and what it is
