@@ -50,8 +50,12 @@ STAGE_LINK = """<link name="{name}"><inertial><mass value="{mass}"/>
 <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>{more}</link>"""
 STAGE_JOINT = """<joint name="{name}" type="prismatic"><parent link="{parent}"/><child link="{child}"/>
 <axis xyz="{axis}"/><limit lower="-9" upper="9" effort="900" velocity="90"/></joint>"""
-BALL = '<collision name="ball"><geometry><sphere radius="0.02"/></geometry></collision>'
-WALL = '<collision name="wall"><origin xyz="0 0 -0.05"/><geometry><box size="1 1 0.1"/></geometry></collision>'
+BALL = """<collision name="ball"><geometry><sphere radius="0.02"/></geometry><drake:proximity_properties>
+<drake:compliant_hydroelastic/><drake:hydroelastic_modulus value="1e7"/><drake:mesh_resolution_hint value="0.005"/>
+<drake:mu_dynamic value="0.4"/></drake:proximity_properties></collision>"""
+WALL = """<collision name="wall"><origin xyz="0 0 -0.05"/><geometry><box size="1 1 0.1"/></geometry>
+<drake:proximity_properties><drake:rigid_hydroelastic/><drake:mesh_resolution_hint value="1"/>
+<drake:mu_dynamic value="0.4"/></drake:proximity_properties></collision>"""
 STAGE = (
     '<robot name="stage" xmlns:drake="http://drake.mit.edu"><link name="base"/>'
     + STAGE_LINK.format(name="wall", mass=1.0, more=WALL)

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from corrected_rig import ARM, CONTINUOUS, PRESS, STAGE, scene_of
+from corrected_rig import ARM, CONTINUOUS, PRESS, ROLLER, STAGE, scene_of
 from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from drake_cafim.corrected.corrected_plant import CorrectedPlant
@@ -78,10 +79,12 @@ NOW = 0.3
 """s"""
 
 
-def built(scene: Scene, config: MultibodyPlantConfig = CONTINUOUS) -> tuple[CorrectedPlant, Diagram, Context]:
+def built(
+    scene: Scene, config: MultibodyPlantConfig = CONTINUOUS, **more: Any
+) -> tuple[CorrectedPlant, Diagram, Context]:
     """The scene alone in a Diagram with the input `effort`."""
     builder = DiagramBuilder()
-    corrected = scene.add_to(builder, config)
+    corrected = scene.add_to(builder, config, **more)
     builder.ExportInput(corrected.effort, "effort")
     diagram = builder.Build()
     return corrected, diagram, diagram.CreateDefaultContext()
@@ -105,8 +108,8 @@ def expected_acceleration(scene: Scene, q: Array, v: Array, u: Array) -> Array:
     return np.asarray(np.linalg.solve(M[0], (force + timed)[0]))
 
 
-def drake_acceleration(scene: Scene, q: Array, v: Array, u: Array, config: MultibodyPlantConfig) -> Array:
-    corrected, diagram, context = built(scene, config)
+def drake_acceleration(scene: Scene, q: Array, v: Array, u: Array, config: MultibodyPlantConfig, **more: Any) -> Array:
+    corrected, diagram, context = built(scene, config, **more)
     context.SetTime(NOW)
     diagram.GetInputPort("effort").FixValue(context, u)
     own = corrected.plant.GetMyMutableContextFromRoot(context)
@@ -153,6 +156,55 @@ def test_tool_is_pushed_as_the_law_says(name: str, at: str, values: dict[str, fl
         port = corrected.measured["wrench.wrist"]
         found = port.Eval(port.get_system().GetMyContextFromRoot(context))
         np.testing.assert_allclose(found, scene.wrench_sensors[0].reading(moving, wrench)[0], atol=1e-9)
+
+
+def roller(folder: Path, *effects: dict[str, Any]) -> Scene:
+    return scene_of(folder, ROLLER, *effects, **PRESS)
+
+
+def test_rolling_is_resisted_as_the_law_says(tmp_path: Path) -> None:
+    effect = entry("contact_rolling_resistance", "tool/wall", {"coefficient": 0.002})
+    q, v, u = np.array([0.1, 0.019, 0.3]), np.array([0.05, -0.01, 0.8]), np.array([1.0, 2.0, 0.1])
+    resisted, free = (expected_acceleration(roller(tmp_path, *one), q, v, u) for one in ([effect], []))
+    assert abs(resisted[2] - free[2]) > 0.1
+    np.testing.assert_allclose(drake_acceleration(roller(tmp_path, effect), q, v, u, CONTINUOUS), resisted, rtol=1e-9)
+
+
+@pytest.mark.parametrize("model", ["point", "hydroelastic"])
+@pytest.mark.parametrize(("name", "at", "values"), CONTACT)
+def test_drakes_own_contact_does_the_same_beyond_its_law(
+    name: str, at: str, values: dict[str, float], model: str, tmp_path: Path
+) -> None:
+    q, v, u = np.array([0.1, 0.019, 0.3]), np.array([0.05, -0.01, 0.8]), np.array([1.0, 2.0, 0.1])
+    found = []
+    for step in (0.0, 1e-6):
+        config = MultibodyPlantConfig(time_step=step, contact_model=model)
+        with_it, without = (
+            drake_acceleration(roller(tmp_path, *one), q, v, u, config, contact="drake")
+            for one in ([entry(name, at, values)], [])
+        )
+        assert without[1] > 0.0  # Drake's contact pushes against gravity and the tool's weight
+        found.append(with_it - without)
+    scenes = roller(tmp_path, entry(name, at, values)), roller(tmp_path)
+    expected = np.subtract(*(expected_acceleration(scene, q, v, u) for scene in scenes))
+    assert np.max(np.abs(expected)) > 0.05
+    np.testing.assert_allclose(found[0], expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found[1], expected, rtol=1e-2, atol=1e-2)
+
+
+@pytest.mark.parametrize(("model", "step"), [("point", 0.0), ("point", 1e-3), ("hydroelastic", 1e-3)])
+def test_the_sensor_feels_drakes_contact(model: str, step: float, tmp_path: Path) -> None:
+    scene = roller(tmp_path, entry("contact_adhesion", "tool/wall", {"force": 1.0, "range": 1e-3}))
+    config = MultibodyPlantConfig(time_step=step, contact_model=model)
+    corrected, diagram, context = built(scene, config, contact="drake")
+    diagram.GetInputPort("effort").FixValue(context, np.zeros(3))
+    corrected.plant.SetPositions(corrected.plant.GetMyMutableContextFromRoot(context), [0.0, 0.0195, 0.0])
+    simulator = Simulator(diagram, context)
+    simulator.AdvanceTo(0.3)
+    wrench = corrected.measured["wrench.wrist"]
+    fz = wrench.Eval(wrench.get_system().GetMyContextFromRoot(simulator.get_context()))[2]
+    # at rest the wall carries the lifter and the tool, and what adhesion pulls
+    assert fz == pytest.approx(1.8 * 9.81, rel=0.01)
 
 
 @pytest.mark.parametrize(("name", "at", "values"), SENSOR)
@@ -217,6 +269,15 @@ def test_a_corrected_scenario_comes_back_from_its_file(tmp_path: Path) -> None:
     q, v, u = np.array([0.1, 0.5, -0.4]), np.array([0.6, -0.3, 0.8]), np.array([0.5, -1.0, 0.2])
     accelerations = [drake_acceleration(scene, q, v, u, CONTINUOUS) for scene in (found, read)]
     np.testing.assert_allclose(accelerations[1], accelerations[0], rtol=1e-9)
+
+
+def test_a_scene_that_is_faced_anew_has_its_effects_once(tmp_path: Path) -> None:
+    effects = [
+        entry("aerodynamic_drag", "l3", {"coefficient": 0.9}),
+        entry("joint_backlash", "turn", {"gap": 0.01, "stiffness": 100.0, "damping": 1.0}),
+    ]
+    physics = scene_of(tmp_path, ARM, *effects).facing(np.array([0.1, 0.2, 0.3])).physics
+    assert len(physics.body_forces) == 1 and len(physics.couplings) == 1
 
 
 def test_locked_joints_are_held(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 from corrected_rig import ARM, PRESS, ROLLER, STAGE, Desired, followed, recorded, scene_of, waves
 
 from drake_cafim.diagnosis.diagnose import diagnose
+from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import Scene
 
@@ -48,9 +49,9 @@ class Case:
             folder, self.model, *([{"effect": self.name, "at": self.at, **self.values}] * effect), **self.more
         )
 
-    def recording(self, scene: Scene, seed: int) -> Recording:
+    def recording(self, scene: Scene, seed: int, duration: float = 2.5) -> Recording:
         options = {"integrator_step": self.step, "rate": self.rate}
-        found = recorded(scene, self.desired(seed), 3.0 + self.settling, seed, **options)
+        found = recorded(scene, self.desired(seed), duration + self.settling, seed, **options)
         return found.window(self.settling, np.inf)
 
 
@@ -62,14 +63,14 @@ def coupled(name: str, at: str, rate: float, **values: float) -> Case:
     return Case(name, at, values, step=2.5e-4, rate=rate, settling=0.3)
 
 
-def press(name: str, at: str, step: float = 5e-4, **values: float) -> Case:
-    return Case(name, at, values, STAGE, (0.0, 0.0, 0.0192), (0.03, 0.03, 0.0015), step, 60.0, PRESS)
+def press(name: str, at: str, step: float = 1e-3, **values: float) -> Case:
+    return Case(name, at, values, STAGE, (0.0, 0.0, 0.0192), (0.03, 0.03, 0.0015), step, 60.0, more=PRESS)
 
 
 CASES = [
     joint("joint_viscous_friction", "turn", coefficient=0.5),
     joint("joint_coulomb_friction", "lift", 1e-4, torque=0.5),
-    joint("joint_asymmetric_coulomb_friction", "elbow", 1e-4, torque_positive=0.6, torque_negative=0.3),
+    joint("joint_asymmetric_coulomb_friction", "elbow", 1e-4, torque_positive=0.3, torque_negative=0.15),
     joint("joint_stribeck_friction", "elbow", 1e-4, coulomb=0.3, static=0.7, velocity=0.3),
     joint("joint_load_dependent_friction", "lift", 1e-4, torque=0.3, coefficient=0.06),
     joint("joint_spring", "turn", stiffness=3.0, rest=0.3),
@@ -117,8 +118,6 @@ CASES = [
 
 
 def test_the_whole_vocabulary_is_tried() -> None:
-    from drake_cafim.effects.catalogue import EFFECTS
-
     assert {case.name for case in CASES} == {effect.name for effect in EFFECTS}
 
 
@@ -136,14 +135,10 @@ def test_found_in_its_own_recording(case: Case, tmp_path: Path) -> None:
     tolerance = 0.10 if case.name in HIDDEN else 0.05
     for strength in explanation.effect.strengths:
         if strength.amplitude:
-            wanted = case.values[strength.name]
-            found, size = explanation.effect.values[strength.name], abs(wanted - strength.nominal)
-            if strength.nominal:
-                assert abs(found - wanted) <= tolerance * size, (strength.name, found, wanted)
-            assert found == pytest.approx(wanted, rel=tolerance), strength.name
-    held = train[0] if pulse else case.recording(true, 3)
-    ratio = [followed(scene, held) for scene in (verdict.corrected, true, bare)]
-    worst = max(ratio[0][column] / ratio[1][column] for column in ratio[0])
-    print(f"{case.name}: follows with {worst:.2f} times the error of the truth itself, the bare model with "
-          f"{max(ratio[2][column] / ratio[1][column] for column in ratio[0]):.0f}")  # fmt: skip
+            wanted, value = case.values[strength.name], explanation.effect.values[strength.name]
+            assert abs(value - wanted) <= tolerance * abs(wanted - strength.nominal), (strength.name, value, wanted)
+    held = train[0] if pulse else case.recording(true, 3, 1.1)
+    found, least = followed(verdict.corrected, held), followed(true, held)
+    worst = max(found[column] / least[column] for column in found)
+    # the truth's own error is that of the noise and of the start
     assert worst < 1.5

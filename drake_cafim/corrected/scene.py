@@ -1,7 +1,9 @@
 """A scene in a Diagram."""
 
+from dataclasses import replace
 from typing import Literal, TypeAlias, get_args
 
+import numpy as np
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import BodyIndex
@@ -12,6 +14,7 @@ from drake_cafim.corrected.clock import Clock
 from drake_cafim.corrected.corrected_plant import CorrectedPlant
 from drake_cafim.corrected.plant import change_plant, hold_joints
 from drake_cafim.corrected.wiring import Wiring
+from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.model_file import add_model
 from drake_cafim.scenario.scene import Scene
@@ -44,13 +47,26 @@ def add_scene(
     effort, asked, driving = wiring.add_efforts(scene.physics)
     wiring.add_joint_forces(scene.physics, driving)
     wiring.add_body_forces(scene.physics)
-    contacts = scene.physics.contacts
-    wrenches = wiring.add_contacts(contacts, [None] * len(contacts))
+    if contact == "scenario":
+        wrenches = wiring.add_contacts([(one, None) for one in scene.physics.contacts])
+    else:
+        wrenches = wiring.add_contacts(_changed(scene))
+        wrenches += wiring.add_drake_contacts({sensor.joint for sensor in scene.wrench_sensors})
     wiring.close()
     bodies = [name.removeprefix("pose.") for name in scene.scenario.channels if name.startswith("pose.")]
-    on_links = [(one.joint, wrench) for one, wrench in zip(contacts, wrenches, strict=True)]
-    measured, columns = wiring.add_channels(scene.physics, asked, scene.wrench_sensors, bodies, on_links)
+    measured, columns = wiring.add_channels(scene.physics, asked, scene.wrench_sensors, bodies, wrenches)
     return CorrectedPlant(plant, scene_graph, scene.tree.joint_names, effort, measured, columns)
+
+
+def _changed(scene: Scene) -> list[tuple[SphereContact, SphereContact]]:
+    """The contacts that effects change, each with what it would be without them."""
+    pairs = []
+    for after, nominal in zip(scene.physics.contacts, scene.nominal_contacts, strict=True):
+        before = replace(nominal, parameters=after.parameters)
+        moved = not (np.array_equal(after.point, before.point) and np.array_equal(after.normal, before.normal))
+        if after.changes or moved:
+            pairs.append((after, before))
+    return pairs
 
 
 def _touch_nothing(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:

@@ -1,17 +1,18 @@
 """Effects wired around a finalized plant: efforts in, forces on the plant, channels out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem, OutputPort
-from pydrake.systems.primitives import Adder, Demultiplexer, Gain, MatrixGain, Multiplexer, PassThrough
+from pydrake.systems.primitives import Adder, Demultiplexer, Gain, MatrixGain, Multiplexer, PassThrough, ZeroOrderHold
 
 from drake_cafim.corrected.body_forces import BodyForceSystem
 from drake_cafim.corrected.brakes import brakes, rest_level
 from drake_cafim.corrected.channels import TruePose, TrueWrench
 from drake_cafim.corrected.clock import Clock
 from drake_cafim.corrected.contacts import ContactSystem
+from drake_cafim.corrected.drake_contact import DrakeContactWrench
 from drake_cafim.corrected.efforts import actuator_system
 from drake_cafim.corrected.joint_forces import JointForceSystem
 from drake_cafim.corrected.plant import damps, state_selection
@@ -123,19 +124,45 @@ class Wiring:
                 self.spatial_forces.append(system.GetOutputPort("spatial_forces"))
 
     def add_contacts(
-        self, contacts: Sequence[SphereContact], beside: Sequence[SphereContact | None]
-    ) -> tuple[OutputPort, ...]:
-        """The contacts' wrenches on their links; `beside` are those that the plant has by other means."""
+        self, contacts: Sequence[tuple[SphereContact, SphereContact | None]]
+    ) -> list[tuple[int, OutputPort]]:
+        """The contacts' wrenches on their links, each with the link's joint.
+
+        Beside each contact stands what of it the plant has by other means, if it has.
+        """
         wrenches = []
-        for contact, other in zip(contacts, beside, strict=True):
+        for contact, beside in contacts:
             name = self.plant.GetJointByName(self.tree.joints[contact.joint].name).child_body().name()
             index = self.plant.GetBodyByName(name).index()
-            system = ContactSystem(contact, self.tree, self.tree.body(name), index, self.clock, other)
+            system = ContactSystem(contact, self.tree, self.tree.body(name), index, self.clock, beside)
             self.builder.AddNamedSystem(f"contact {contact.name}", system)
             self.builder.Connect(self.state, system.get_input_port())
             self.spatial_forces.append(system.GetOutputPort("spatial_forces"))
-            wrenches.append(system.GetOutputPort("wrench"))
-        return tuple(wrenches)
+            wrenches.append((contact.joint, system.GetOutputPort("wrench")))
+        return wrenches
+
+    def add_drake_contacts(self, joints: Iterable[int]) -> list[tuple[int, OutputPort]]:
+        """Wrenches of Drake's own contacts on what rides these joints, each with its joint.
+
+        A discrete plant's are those of its last step: a controller may close a loop over them.
+        """
+        wrenches = []
+        for joint in sorted(joints):
+            name = self.tree.joints[joint].name
+            riding = [body.name for body in self.tree.bodies if body.joint == joint and self._has(body.name)]
+            system = self.builder.AddNamedSystem(f"contact at {name}", DrakeContactWrench(self.plant, riding))
+            self.builder.Connect(self.plant.get_contact_results_output_port(), system.get_input_port())
+            port = system.get_output_port()
+            if self.plant.time_step() > 0.0:
+                last = self.builder.AddNamedSystem(f"last contact at {name}", ZeroOrderHold(self.clock.period, 6))
+                self.builder.Connect(port, last.get_input_port())
+                port = last.get_output_port()
+            wrenches.append((joint, port))
+        return wrenches
+
+    def _has(self, body: str) -> bool:
+        """A payload is a body of the tree and none of the plant's."""
+        return bool(self.plant.HasBodyNamed(body))
 
     def take_away(self, effort: OutputPort) -> None:
         """An effort (n,) that the plant gets by other means and that is among the forces is not to act twice."""

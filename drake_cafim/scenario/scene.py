@@ -10,7 +10,7 @@ from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_cafim.dynamics.contact import WrenchSensor
+from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
 from drake_cafim.dynamics.tree import Tree, tree_of
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.catalogue import EFFECTS, effect_named, vocabulary_with
@@ -45,6 +45,7 @@ class Scene:
     - `unknown`: the parameters that may simply be wrong, and their `priors`.
     - `wrench_sensors`: where wrenches are measured.
     - `vocabulary`: the effects that are looked for and that `effects:` may name.
+    - `nominal_contacts`: the scenario's contacts before any effect.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Scene:
     wrench_sensors: tuple[WrenchSensor, ...]
     folder: Path = field(default_factory=Path)
     vocabulary: tuple[type[Effect], ...] = EFFECTS
+    nominal_contacts: tuple[SphereContact, ...] = ()
 
     @classmethod
     def load(cls, address: str | Path, *, effects: Sequence[type[Effect]] = ()) -> "Scene":
@@ -107,12 +109,12 @@ class Scene:
         contacts = tuple(
             contact_of(pair, self.plant, self.scene_graph, self.tree, q, self.name) for pair in self.scenario.contact
         )
-        bare = replace(self.physics, contacts=contacts, joint_forces=(), actuators=(), sensors=())
-        physics = replace(bare, tree=self.tree, gravity=np.array(self.scenario.gravity, dtype=float))
+        physics = Physics(self.tree, np.array(self.scenario.gravity, dtype=float), contacts)
         unknown = unknown_parameters(self.scenario.unknown, physics, self.name)
         physics = applied(unknown, physics, priors(unknown).mean)
         physics = physics.with_effects(self._known_effects())
-        return replace(self, physics=physics, unknown=unknown, wrench_sensors=self._sensors())
+        sensors = self._sensors()
+        return replace(self, physics=physics, unknown=unknown, wrench_sensors=sensors, nominal_contacts=contacts)
 
     def knowing(self, effects: Sequence[type[Effect]]) -> "Scene":
         """The scene whose vocabulary has these effect classes too. Raises `InputError` for a name that is taken."""
