@@ -78,6 +78,7 @@ class Problem:
     found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
     """The last residual that was searched for pushes, and what was found."""
     _sensor_columns: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
+    _last_rewhitened: list[tuple[Model, "Problem"]] = field(default_factory=list, repr=False, compare=False)
 
     @classmethod
     def of(cls, scene: Scene, weak: Sequence[WeakForm], model: Model) -> "Problem":
@@ -90,8 +91,10 @@ class Problem:
         return cls(scene, tuple(runs))
 
     def rewhitened(self, model: Model) -> "Problem":
-        """The same recordings under another model's covariance."""
-        return Problem.of(self.scene, [run.weak for run in self.runs], model)
+        """The same recordings under another model's covariance; the last one is kept."""
+        if not self._last_rewhitened or self._last_rewhitened[0][0] is not model:
+            self._last_rewhitened[:] = [(model, Problem.of(self.scene, [run.weak for run in self.runs], model))]
+        return self._last_rewhitened[0][1]
 
     @cached_property
     def noisier(self) -> "Problem":
