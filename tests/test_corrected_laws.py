@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from corrected_rig import ARM, CONTINUOUS, PRESS, ROLLER, STAGE, scene_of
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from recoveries.models import ARM, PRESS, ROLLER, STAGE, scene_of
+from recoveries.rig import CONTINUOUS
 
 from drake_cafim.corrected.corrected_plant import CorrectedPlant
 from drake_cafim.dynamics.motion import motion

@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from corrected_rig import CONTINUOUS, PRESS, STAGE, Rig, rig, scene_of
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
+from recoveries.models import PRESS, STAGE, scene_of
+from recoveries.rig import CONTINUOUS, Rig, rig
 from scipy.integrate import solve_ivp
 
 from drake_cafim.corrected.clock import Clock
