@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from drake_cafim.effects.body import ExternalDisturbance
+from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.effect import Effect
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import Scene
 
@@ -23,6 +26,8 @@ HIDDEN = {
     "sensor_lag",
 }
 """Effects whose state nobody measures."""
+REMEMBERING = HIDDEN | {"clock_skew"}
+"""Effects that keep something in the Context."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,15 @@ class Case:
     settling: float = 0.0  # s before the recording, in which what the effect remembers comes to be that of the motion
     horizon: float = 1.0  # s over which it is followed
     more: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def effect(self) -> Effect:
+        """What `effects:` of the scene's file says."""
+        values = dict(self.values)
+        if not self.pushed:
+            return effect_named(self.name)(self.at, values)
+        recording, (start, stop) = values.pop("recording"), values.pop("interval")
+        return ExternalDisturbance(self.at, {**values, "start": start, "stop": stop}, recording)
 
     def desired(self, seed: int) -> Desired:
         return waves(self.centre, self.size, seed)
