@@ -140,6 +140,8 @@ def diagnose(
 @click.argument("report", required=False, type=click.Path(path_type=Path, exists=True))
 @click.option("--between", multiple=True, help="EFFECT@PLACE EFFECT@PLACE: two explanations, instead of a report's.")
 @click.option("--duration", type=float, default=2.0, show_default=True, help="Of the motion, s.")
+@click.option("--criterion", default="odds", show_default=True, help="Odds at its end; or time, until odds are 20:1.")
+@click.option("--planner", default="predictive-sampling", show_default=True, help="Or cem, mppi, gradient.")
 @click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
 @common
 def discriminate(
@@ -147,6 +149,8 @@ def discriminate(
     report: Path | None,
     between: tuple[str, ...],
     duration: float,
+    criterion: str,
+    planner: Any,
     replay: bool,
     seed: int,
     out: Path | None,
@@ -158,7 +162,7 @@ def discriminate(
     """Design the motion that tells rival explanations apart, and try it in simulation."""
     from drake_cafim.commands.discriminate import DiscriminateRequest, discriminate_command, in_words
 
-    request = DiscriminateRequest(scenario, report, between, duration, seed, replay)
+    request = DiscriminateRequest(scenario, report, between, duration, criterion, planner, seed, replay)
     request.check()
     folder = prepare_folder(out, "discriminate", resume=resume, overwrite=overwrite)
     with progress_line() as progress:

@@ -87,6 +87,14 @@ def test_a_named_pair_gets_its_motion_and_the_same_seed_the_same_bytes(folder: P
 
 
 @pytest.mark.ci
+@pytest.mark.parametrize("planner", ["cem", "mppi", "gradient"])
+def test_every_planner_designs(folder: Path, planner: str) -> None:
+    words = ["--duration", "0.6", "--no-replay", "--planner", planner, "--criterion", "time"]
+    result = discriminate(folder, str(folder), *words, "--out", str(folder / "out"))
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.ci
 def test_a_report_is_copied_with_its_next_experiment_and_a_replay(folder: Path) -> None:
     (folder / "report.html").write_text(f"<p>before</p>{next_experiment(None, 'cafim discriminate')}<p>after</p>")
     result = discriminate(folder, str(folder), "--out", str(folder / "out"), "--duration", "0.8", "--json")
@@ -119,6 +127,8 @@ def test_a_rival_takes_the_place_of_what_it_is_like(folder: Path) -> None:
         (["--between", "actuator_bias@pivot", "--between", "joint_sprang@pivot"], "joint_sprang"),
         (["--between", "actuator_bias@pivot", "--between", "joint_spring@knee"], "pivot"),
         (["--between", "actuator_bias@pivot", "--between", "joint_spring@pivot", "--duration", "0"], "--duration"),
+        (["REPORT", "--criterion", "d-optimal"], "odds, time"),
+        (["REPORT", "--planner", "newton"], "predictive-sampling, cem"),
         (["REPORT", "--between", "actuator_bias@pivot", "--between", "joint_spring@pivot"], "one of them"),
         (["scenario.yaml"], "it is no JSON"),
         (["no_rivals.json"], "no rivals"),

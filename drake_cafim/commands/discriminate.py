@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 
 from drake_cafim.commands.inputs import read_report, report_file
+from drake_cafim.design.planner import PLANNERS, PlannerName
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.discrimination.closed_loop import measured, simulated
-from drake_cafim.discrimination.design import Designer
+from drake_cafim.discrimination.design import Designer, default_effort
 from drake_cafim.discrimination.hypotheses import Pair, named_pair, reported_pairs
 from drake_cafim.discrimination.motions import Motion, Shape
 from drake_cafim.discrimination.outcome import course, settled_after
 from drake_cafim.discrimination.planned import noise_of, problem_of
-from drake_cafim.discrimination.scores import Odds
+from drake_cafim.discrimination.scores import Odds, Soonest, Value
 from drake_cafim.errors import InputError
 from drake_cafim.output import replacing, write_text
 from drake_cafim.recordings import write
@@ -29,6 +30,7 @@ from drake_cafim.scenario.scene import Scene
 TRAJECTORY, REPORT, PAGE, REPLAY = "trajectory.parquet", "report.json", "report.html", "replay.html"
 SHORTEST, LONGEST = 0.5, 30.0
 """s of a motion."""
+CRITERIA = ("odds", "time")
 MOMENTS = 6
 """How often along a run its odds are told."""
 
@@ -41,6 +43,8 @@ class DiscriminateRequest:
     report: Path | None = None
     between: tuple[str, ...] = ()
     duration: float = 2.0  # s
+    criterion: str = "odds"
+    planner: PlannerName = "predictive-sampling"
     seed: int = 0
     replay: bool = True
 
@@ -52,6 +56,9 @@ class DiscriminateRequest:
             raise InputError("discriminate: expected a report.json, or --between EFFECT@PLACE EFFECT@PLACE")
         if self.between and len(self.between) != 2:
             raise InputError(f"--between {' '.join(self.between)}: expected two of EFFECT@PLACE")
+        for option, value, valid in (("criterion", self.criterion, CRITERIA), ("planner", self.planner, PLANNERS)):
+            if value not in valid:
+                raise InputError(f"--{option} {value}: expected one of {', '.join(valid)}")
         if not SHORTEST <= self.duration <= LONGEST:
             raise InputError(f"--duration {self.duration}: expected from {SHORTEST} to {LONGEST} s")
 
@@ -72,9 +79,11 @@ def discriminate_command(
     report, pairs = _asked(request, scene)
     finished.unlink(missing_ok=True)
     random = np.random.default_rng(request.seed)
-    designer = Designer.of(scene, Shape.lasting(request.duration))
+    shape = Shape.lasting(request.duration)
+    designer = Designer.of(scene, shape, default_effort(shape, request.planner))
     pairs = [designer.matched(pair, random) for pair in pairs]
-    value = Odds(tuple(pairs))
+    odds = Odds(tuple(pairs))
+    value: Value = odds if request.criterion == "odds" else Soonest(tuple(pairs))
     planned = designer.design(value, random, progress).planned
     with replacing(out / TRAJECTORY) as temporary:
         write(_trajectory(scene, planned), temporary)
@@ -84,7 +93,7 @@ def discriminate_command(
     result = dict(report)
     result["next_experiment"] = {
         "separates": [list(pair.names) for pair in pairs],
-        "expected_log_odds": value(designer.problem(planned)),
+        "expected_log_odds": odds(designer.problem(planned)),
         "file": TRAJECTORY,
         "duration": designer.shape.duration,
         "start": dict(zip(scene.tree.joint_names, planned.q[0].tolist(), strict=True)),

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -33,6 +33,11 @@ class Run:
     whiten: Whitening
     jacobian: sp.csr_matrix
     labels: tuple[tuple[str, slice], ...]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Windows, and rows of each."""
+        return (len(self.weak.samples.windows), self.weak.rows_per_window)
 
     @property
     def rows(self) -> int:
@@ -74,6 +79,10 @@ class Problem:
 
     scene: Scene
     runs: tuple[Run, ...]
+    regressors_noisy: ClassVar[bool] = True
+    """Whether the slopes by a model's numbers hold noise of the measurement."""
+    least_gain: ClassVar[float] = 5e-4
+    """Of χ²; where a step promises less, the minimum is reached."""
     _unknown_columns: dict[int, Array] = field(default_factory=dict, repr=False, compare=False)
     found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
     """The last residual that was searched for pushes, and what was found."""

@@ -18,7 +18,7 @@ from drake_cafim.typing import Array
 
 BANDWIDTH = 2.0 * np.pi * 3.0
 """rad/s of the controller, critically damped."""
-LONGEST_STEP, LONGEST_CONTACT_STEP, LONGEST_COUPLED_STEP = 2e-3, 5e-4, 2.5e-4
+LONGEST_STEP, LONGEST_CONTACT_STEP, LONGEST_COUPLED_STEP = 2e-3, 5e-4, 5e-4
 """s; contacts and rotors on springs are stiff."""
 PAST = 0.4
 """s of efforts that a drive can still know of: twice the longest delay."""

@@ -1,12 +1,12 @@
 """The motion that tells two explanations apart, by the planners that design experiments."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from drake_cafim.design.iterative import CrossEntropy
-from drake_cafim.design.planner import Planner, PlannerConfig, candidate_commands
+from drake_cafim.design.planner import PlannerConfig, PlannerName, candidate_commands
+from drake_cafim.design.policies import make_planner
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.discrimination.evidence import explain
@@ -17,6 +17,8 @@ from drake_cafim.discrimination.scores import MotionScore, Value
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
+NEARER = 0.125
+"""The last round's spread over the first one's."""
 QUIET = 0.25
 """Part of its range that an ordinary motion uses."""
 SEEN = 5.0
@@ -26,19 +28,25 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Effort:
-    """How long to plan: `rounds` of a planner with `config`, each from the best of the last."""
+    """How long to plan: `rounds` of a planner with `config`, each from the best so far and nearer to it.
+
+    `config.knot_std`, in units of half a joint's range, is that of the first round; the last one's is an eighth.
+    """
 
     config: PlannerConfig
-    rounds: int = 4
+    rounds: int = 20
+    planner: PlannerName = "predictive-sampling"
+
+    def config_of(self, number: int) -> PlannerConfig:
+        """The planner's numbers in round `number`."""
+        share = number / max(self.rounds - 1, 1)
+        return replace(self.config, knot_std=self.config.knot_std * NEARER**share)
 
 
-def default_effort(shape: Shape) -> Effort:
-    """A cross-entropy search of some hundred motions."""
-    return Effort(
-        PlannerConfig(
-            candidates=80, horizon=shape.points, knots=shape.points // 2, knot_std=0.6, iterations=5, elites=0.25
-        )
-    )
+def default_effort(shape: Shape, planner: PlannerName = "predictive-sampling") -> Effort:
+    """A search of some hundred motions."""
+    knots = max(shape.points // 2, 4)
+    return Effort(PlannerConfig(candidates=16, horizon=shape.points, knots=knots, knot_std=0.6), planner=planner)
 
 
 @dataclass(frozen=True)
@@ -69,20 +77,31 @@ class Designer:
         return cls(scene, shape, limits, Bench.of(scene, still), effort or default_effort(shape))
 
     def motion(self, commands: Array) -> Motion:
+        """The motion of `commands` (points, n)."""
         return plan(self.shape, self.limits, self.scene.physics, commands)
 
     def problem(self, planned: Motion) -> Problem:
+        """The rows that the nominal model makes of it."""
         return self.bench.problem(planned)
 
     @property
     def bounds(self) -> tuple[Array, Array]:
+        """Of the commands."""
         one = np.ones(len(self.limits.home))
         return -one, one
 
     def random_commands(self, random: np.random.Generator) -> Array:
         """Commands (points, n) of a spline with knots anywhere within the limits."""
-        knots = random.uniform(*self.bounds, size=(self.effort.config.knots, len(self.limits.home)))
-        return np.asarray(candidate_commands(knots[None], self.shape.points, self.bounds)[0])
+        commands: Array = self._commands(self._random_knots(self.effort.config.knots, 1, random))[0]
+        return commands
+
+    def _random_knots(self, smoothness: int, count: int, random: np.random.Generator) -> Array:
+        """The planner's knots (count, K, n) of splines through `smoothness` random ones."""
+        knots = random.uniform(*self.bounds, size=(count, smoothness, len(self.limits.home)))
+        return np.asarray(candidate_commands(knots, self.effort.config.knots, self.bounds))
+
+    def _commands(self, knots: Array) -> Array:
+        return np.asarray(candidate_commands(knots, self.shape.points, self.bounds))
 
     def ordinary_motion(self, random: np.random.Generator) -> Motion:
         """A motion such as a recording may hold that could not tell: random, over a quarter of the range."""
@@ -103,15 +122,34 @@ class Designer:
 
     def design(self, value: Value, random: np.random.Generator, progress: Progress = lambda text: None) -> Design:
         """The motion of most `value` that the planner finds."""
-        planner: Planner = CrossEntropy(self.effort.config)
-        score = MotionScore(self.bench, self.shape, self.limits, value)
-        knots = np.zeros((self.effort.config.knots, len(self.limits.home)))
-        best: tuple[float, Array] | None = None
-        for number in range(self.effort.rounds):
-            progress(f"designing, round {number + 1} of {self.effort.rounds}")
-            found = planner(knots, score, self.bounds, random)
-            knots, worth = found.knots, float(np.max(found.scores))
-            if best is None or worth > best[0]:
-                best = worth, found.commands
-        assert best is not None
-        return Design(self.motion(best[1]), best[1], best[0])
+        effort = self.effort
+        best, knots = self._first(value, random)
+        for number in range(effort.rounds):
+            progress(f"designing, round {number + 1} of {effort.rounds}")
+            planner = make_planner(effort.planner, effort.config_of(number))
+            found = planner(knots, self._score(value, best.planned), self.bounds, random)
+            planned = self.motion(found.commands)
+            worth = value(self.problem(planned))
+            if worth > best.value:
+                best, knots = Design(planned, found.commands, worth), found.knots
+        return best
+
+    def _first(self, value: Value, random: np.random.Generator) -> tuple[Design, Array]:
+        """The best of some random motions, smooth and rough ones, and its knots."""
+        config = self.effort.config
+        kinds = dict.fromkeys((min(4, config.knots), (4 + config.knots) // 2, config.knots))
+        knots = np.concatenate([self._random_knots(kind, config.candidates, random) for kind in kinds])
+        commands = self._commands(knots)
+        scored = self._score(value, self.motion(commands[0]))(commands)
+        first = int(np.argmax(scored.scores))
+        planned = self.motion(commands[first])
+        return Design(planned, commands[first], value(self.problem(planned))), knots[first]
+
+    def _score(self, value: Value, reference: Motion) -> MotionScore:
+        like = self.problem(reference) if self._alike else None
+        return MotionScore(self.bench, self.shape, self.limits, value, like)
+
+    @property
+    def _alike(self) -> bool:
+        """Whether noise reaches the rows of one motion all but as it does those of another."""
+        return not self.scene.physics.contacts and not self.scene.wrench_sensors

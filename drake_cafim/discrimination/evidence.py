@@ -71,11 +71,22 @@ def slopes(problem: Problem, model: Model) -> Array:
 
 @dataclass(frozen=True)
 class Explained:
-    """A model at its most probable numbers: `misfit` is |z|² + |x|², `information` F (k, k) in coordinates."""
+    """A model at its most probable numbers `x` (k,): `rows` z (R,) and their `slopes` J (R, k) there."""
 
     model: Model
-    misfit: float
-    information: Array
+    x: Array
+    rows: Array
+    slopes: Array
+
+    @property
+    def misfit(self) -> float:
+        """|z|² + |x|²."""
+        return float(self.rows @ self.rows + self.x @ self.x)
+
+    @property
+    def information(self) -> Array:
+        """F (k, k) in coordinates."""
+        return np.asarray(self.slopes.T @ self.slopes)
 
     @property
     def log_evidence(self) -> float:
@@ -86,11 +97,6 @@ class Explained:
     def log_volume(self) -> float:
         """ln det(I + F): how much narrower the numbers are known after than before."""
         return float(np.linalg.slogdet(np.eye(len(self.information)) + self.information)[1])
-
-    @property
-    def fitted(self) -> float:
-        """tr F (I + F)⁻¹: how many numbers the rows determine, each of which takes one from |noise|²."""
-        return float(len(self.information) - np.trace(np.linalg.inv(np.eye(len(self.information)) + self.information)))
 
 
 def explain(
@@ -131,19 +137,66 @@ def explain(
             damping = max(10.0 * damping, 1e-3)
         if not gained > CONVERGED:
             break
-    J = weight * slopes(problem, model)[:count]
-    return Explained(model, float(z @ z), J.T @ J)
+    return Explained(model, x, z[:count], weight * slopes(problem, model)[:count])
 
 
-def expected_log_odds(problem: Problem, truth: Model, rival: Model, *, steps: int = 3) -> float:
-    """E ln p(y | truth's model)/p(y | rival's model) along a planned motion, over the noise of data that `truth` makes.
+@dataclass(frozen=True)
+class Course:
+    """Sums of JᵀJ (W, k, k), Jᵀz (W, k) and z·z (W,) up to the end of each window, z being the rows at x = 0.
 
-    Half the non-centrality of the best-fitting rival (Atkinson, Fedorov, Biometrika 62(1), 1975), with unknowns and the
-    rival's own strengths fitted, and what each model pays for numbers that it must determine. `problem` holds the
-    motion as the nominal model makes it: a model's rows on the data of `truth` are, to first order in the data, its
-    rows there less those of `truth`.
+    To first order they say all that a motion's rows, or as many whole motions as were added up before it, say of a
+    model.
+    """
+
+    information: Array
+    slope: Array
+    square: Array
+
+    @classmethod
+    def of(cls, problem: Problem, explained: Explained, rows: Array | None = None) -> "Course":
+        """The course about explained numbers; `rows` (R,), if given, are the whitened rows there instead of its own."""
+        here = explained.rows if rows is None else rows
+        count = problem.runs[0].weak.rows_per_window
+        J = explained.slopes.reshape(-1, count, len(explained.x))
+        z = (here - explained.slopes @ explained.x).reshape(-1, count)
+        information, slope = np.einsum("wri,wrj->wij", J, J), np.einsum("wri,wr->wi", J, z)
+        return cls(np.cumsum(information, axis=0), np.cumsum(slope, axis=0), np.cumsum(np.sum(z**2, axis=1)))
+
+    def after(self, before: "Course", times: float = 1.0) -> "Course":
+        """This course `times` after the end of another."""
+        information, slope, square = before.information[-1], before.slope[-1], before.square[-1]
+        return Course(self.information + times * information, self.slope + times * slope, self.square + times * square)
+
+    @property
+    def log_evidence(self) -> Array:
+        """(W,) up to what all models share."""
+        posterior = np.eye(self.slope.shape[-1]) + self.information
+        best = np.linalg.solve(posterior, self.slope[..., None])[..., 0]
+        misfit = self.square - np.einsum("wi,wi->w", self.slope, best)
+        return np.asarray(-0.5 * (misfit + np.linalg.slogdet(posterior)[1]))
+
+    @property
+    def fitted(self) -> Array:
+        """tr F (I + F)⁻¹ (W,): how many numbers the rows determine, each of which takes one from |noise|²."""
+        k = self.slope.shape[-1]
+        return np.asarray(k - np.trace(np.linalg.inv(np.eye(k) + self.information), axis1=1, axis2=2))
+
+
+def expected(problem: Problem, truth: Model, rival: Model, *, steps: int = 2) -> tuple[Course, Course]:
+    """The courses of both models along a planned motion, of the data that `truth` makes without noise.
+
+    `problem` holds the motion as the nominal model makes it: a model's rows on the data of `truth` are, to first order
+    in the data, its rows there less those of `truth`.
     """
     instead = problem.residual(truth)[: problem.rows]
-    own = explain(problem, truth, instead, steps=1)
-    other = explain(problem, rival, instead, steps=steps)
-    return own.log_evidence - other.log_evidence + 0.5 * (own.fitted - other.fitted)
+    own = Explained(truth, coordinates(problem, truth), np.zeros(problem.rows), slopes(problem, truth))
+    return Course.of(problem, own), Course.of(problem, explain(problem, rival, instead, steps=steps))
+
+
+def expected_log_odds(own: Course, other: Course) -> Array:
+    """E ln p(y | truth's model)/p(y | rival's model) (W,) over the noise, up to each window's end.
+
+    Half the non-centrality of the best-fitting rival (Atkinson, Fedorov, Biometrika 62(1), 1975), with unknowns and the
+    rival's own strengths fitted, and what each model pays for numbers that it must determine.
+    """
+    return np.asarray(own.log_evidence - other.log_evidence + 0.5 * (own.fitted - other.fitted))

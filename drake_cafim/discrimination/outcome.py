@@ -8,13 +8,12 @@ import numpy as np
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.discrimination.evidence import explain
 from drake_cafim.discrimination.hypotheses import Pair
+from drake_cafim.discrimination.scores import TWENTY_TO_ONE
 from drake_cafim.typing import Array
-
-TWENTY_TO_ONE = float(np.log(20.0))
 
 
 @dataclass(frozen=True)
-class Course:
+class OddsCourse:
     """ln odds (K,) of the first explanation against the second after `time` (K,) s of robot time."""
 
     time: Array
@@ -40,14 +39,14 @@ def ends(problem: Problem) -> tuple[Array, Array]:
     return np.concatenate(times), np.concatenate(rows)
 
 
-def course(problem: Problem, pair: Pair, moments: Sequence[float]) -> Course:
+def course(problem: Problem, pair: Pair, moments: Sequence[float]) -> OddsCourse:
     """The odds at `moments` s of robot time."""
     time, rows = ends(problem)
     found = []
     for moment in moments:
         known = int(np.searchsorted(time, moment + 1e-9, side="right"))
         found.append(log_odds(problem, pair, int(rows[known - 1])) if known else 0.0)
-    return Course(np.array(moments, dtype=float), np.array(found))
+    return OddsCourse(np.array(moments, dtype=float), np.array(found))
 
 
 def settled_after(problem: Problem, pair: Pair, sign: float, threshold: float = TWENTY_TO_ONE) -> float:

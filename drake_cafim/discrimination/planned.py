@@ -68,21 +68,29 @@ class Bench:
         samples = _samples(scene, recording_of(scene, planned, std, "planned"), std)
         return cls(scene, samples, WeakForm(samples, scene.wrench_sensors))
 
-    def problem(self, planned: Motion) -> Problem:
-        """The motion's rows, whitened under the nominal model."""
+    def problem(self, planned: Motion, like: Problem | None = None) -> Problem:
+        """The motion's rows, whitened under the nominal model.
+
+        With `like`, by the whitening of another motion on this bench: most of the work, and where nothing touches all
+        but the same. The rows' slopes in the samples are then that motion's too.
+        """
+        return self.reading(recording_of(self.scene, planned, self.samples.std, "planned"), like)
+
+    def reading(self, recording: Recording, like: Problem | None = None) -> Problem:
+        """The rows of a recording that was sampled as this bench's motions are."""
         scene, names = self.scene, self.scene.tree.joint_names
-        recording = recording_of(scene, planned, self.samples.std, "planned")
-        slope = self.samples.differentiate
-        v = recording.matrix("v", names) if slope is None else slope @ planned.q
+        q, slope = recording.matrix("q", names), self.samples.differentiate
         samples = replace(
             self.samples,
             recording=recording,
-            q=planned.q,
-            v=np.asarray(v, dtype=float),
-            u=planned.u,
+            q=q,
+            v=recording.matrix("v", names) if slope is None else np.asarray(slope @ q, dtype=float),
+            u=recording.matrix("u", names),
             wrenches=tuple(recording.wrench(sensor.name) for sensor in scene.wrench_sensors),
         )
         weak = WeakForm(samples, scene.wrench_sensors, _held=self.template._held)
+        if like is not None:
+            return Problem(scene, (replace(like.runs[0], weak=weak),))
         return Problem.of(scene, [weak], Model(scene.priors.mean))
 
 
