@@ -35,6 +35,11 @@ class Run:
     labels: tuple[tuple[str, slice], ...]
 
     @property
+    def name(self) -> str:
+        """Of the recording."""
+        return self.weak.samples.recording.name
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Windows, and rows of each."""
         return (len(self.weak.samples.windows), self.weak.rows_per_window)
