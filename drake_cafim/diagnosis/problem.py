@@ -35,6 +35,11 @@ class Run:
     labels: tuple[tuple[str, slice], ...]
 
     @property
+    def name(self) -> str:
+        """Of the recording."""
+        return self.weak.samples.recording.name
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Windows, and rows of each."""
         return (len(self.weak.samples.windows), self.weak.rows_per_window)
@@ -91,6 +96,7 @@ class Problem:
     found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
     """The last residual that was searched for pushes, and what was found."""
     _sensor_columns: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
+    _last_rewhitened: list[tuple[Model, "Problem"]] = field(default_factory=list, repr=False, compare=False)
 
     @classmethod
     def of(cls, scene: Scene, weak: Sequence[WeakForm], model: Model) -> "Problem":
@@ -103,8 +109,10 @@ class Problem:
         return cls(scene, tuple(runs))
 
     def rewhitened(self, model: Model) -> "Problem":
-        """The same recordings under another model's covariance."""
-        return Problem.of(self.scene, [run.weak for run in self.runs], model)
+        """The same recordings under another model's covariance; the last one is kept."""
+        if not self._last_rewhitened or self._last_rewhitened[0][0] is not model:
+            self._last_rewhitened[:] = [(model, Problem.of(self.scene, [run.weak for run in self.runs], model))]
+        return self._last_rewhitened[0][1]
 
     @cached_property
     def noisier(self) -> "Problem":

@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.robust import wald_p_value
 from drake_cafim.diagnosis.screening import Candidate, hypotheses, screen
+from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.effect import Effect
 from drake_cafim.typing import Array
 
@@ -397,9 +398,15 @@ def _accepted(state: _State, before: Fit, after: Fit) -> bool:
 
 
 def _repeated(problem: Problem, before: Fit, after: Fit) -> bool:
-    """Whether the recordings, all but a quarter of them, are better explained by `after`."""
+    """Whether `after` explains the recordings that the new effects act in better, all but a quarter of them."""
+    known = {effect.key for effect in before.model.effects}
+    new = [effect for effect in after.model.effects if effect.key not in known]
+    pushed = [effect.recording if isinstance(effect, ExternalDisturbance) else None for effect in new]
     left, had = by_run(problem, after.residual[: problem.rows]), by_run(problem, before.residual[: problem.rows])
-    better = [np.sum(a**2) < np.sum(b**2) for (_, a), (_, b) in zip(left, had, strict=True)]
+    better = []
+    for run, (_, a), (_, b) in zip(problem.runs, left, had, strict=True):
+        if None in pushed or run.name in pushed:
+            better.append(np.sum(a**2) < np.sum(b**2))
     return bool(np.mean(better) >= REPEATS)
 
 
