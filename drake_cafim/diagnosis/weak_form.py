@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from drake_cafim.diagnosis.balance_slopes import balance_slopes
 from drake_cafim.diagnosis.inertial import InertialRegressor, inertial_parameters, inertial_regressor
 from drake_cafim.diagnosis.samples import Samples
 from drake_cafim.dynamics.contact import WrenchSensor
@@ -305,26 +306,22 @@ class WeakForm:
         """Generalized forces (N, n) of what pushes the bodies."""
         return moving.project(physics.body_wrenches(moving, self.samples.time, self.samples.recording.name))
 
-    def _pointwise(self, physics: Physics, q: Array, v: Array, memory: Array) -> tuple[Array, Array]:
-        """Momentum (N, n) and what the windows weigh, force then predicted wrenches (N, n + 6 s).
+    def _touched_and_pushed(self, physics: Physics, moving: Motion, memory: Array) -> Array:
+        """Forces at the joints then predicted wrenches (N, n + 6 s), by contacts and by what pushes the bodies.
 
         `memory` (N, m) is what the contacts remember.
         """
-        moving = motion(physics.tree, q, v)
-        momentum, force = physics.momentum_and_force(moving)
         wrench = physics.contact_wrenches(moving, memory) if physics.contacts else None
-        if wrench is not None:
-            force = force + moving.project(wrench)
+        force = np.zeros_like(moving.q) if wrench is None else moving.project(wrench)
         if physics.body_forces:
             force = force + self._pushed(physics, moving)
         readings = [sensor.reading(moving, self._on(sensor, moving, wrench)) for sensor in self.sensors]
-        return momentum, np.concatenate([force, *readings], axis=1)
+        return np.concatenate([force, *readings], axis=1)
 
     def noise_jacobian(self, physics: Physics) -> tuple[sp.csr_matrix, list[tuple[str, slice]]]:
         """∂rows/∂samples as a sparse (M r, columns), and which slice belongs to which recording column.
 
-        Slices are N wide; rows run window after window. By central differences of the point-wise terms, and the
-        analytic slopes of the joint laws.
+        Slices are N wide; rows run window after window.
         """
         s, n = self.samples, self.joints
         measured = self.measurement(physics)
@@ -332,6 +329,7 @@ class WeakForm:
         joints = self.joint_samples(measured)
         memory = self.contact_memory(physics)
         _, d_q_law, d_v_law = physics.applied_at_joints(joints)
+        rigid = balance_slopes(replace(self._prepared(physics).moving, tree=physics.tree), physics)
         blocks: list[sp.csr_matrix] = []
         labels: list[tuple[str, slice]] = []
 
@@ -352,12 +350,15 @@ class WeakForm:
             self._reading_windows(physics, sensor, axis) for sensor in self.sensors for axis in WRENCH_COMPONENTS
         ]
         for j, name in enumerate(physics.tree.joint_names):
-            by_q = self._difference(physics, q, v, memory, j, POSITION_STEP, position=True)
-            by_v = self._difference(physics, q, v, memory, j, VELOCITY_STEP, position=False)
-            by_q[1][:, j] += d_q_law[:, j]
-            by_v[1][:, j] += d_v_law[:, j]
-            from_q = self._block(by_q[0], by_q[1], readings, kinematic=j, rate=True)
-            from_v = self._block(by_v[0], by_v[1], readings, kinematic=j, rate=False)
+            step = np.eye(n)[j]
+            by_q = self._felt_slope(physics, memory, (q, v), (POSITION_STEP * step, 0.0 * step))
+            by_v = self._felt_slope(physics, memory, (q, v), (0.0 * step, VELOCITY_STEP * step))
+            by_q[:, :n] += rigid.force_by_q[:, :, j]
+            by_v[:, :n] += rigid.force_by_v[:, :, j]
+            by_q[:, j] += d_q_law[:, j]
+            by_v[:, j] += d_v_law[:, j]
+            from_q = self._block(rigid.momentum_by_q[:, :, j], by_q, readings, kinematic=j, rate=True)
+            from_v = self._block(rigid.momentum_by_v[:, :, j], by_v, readings, kinematic=j, rate=False)
             if s.differentiate is None:
                 add(f"q.{name}", from_q)
                 add(f"v.{name}", from_v)
@@ -374,14 +375,13 @@ class WeakForm:
         scaling = sp.diags_array(np.tile(scale, len(s.windows)))
         return sp.csr_matrix(scaling @ sp.hstack(blocks)), labels
 
-    def _difference(
-        self, physics: Physics, q: Array, v: Array, memory: Array, j: int, step: float, position: bool
-    ) -> tuple[Array, Array]:
-        shift = np.zeros(self.joints)
-        shift[j] = step
-        ahead = self._pointwise(physics, q + shift if position else q, v if position else v + shift, memory)
-        behind = self._pointwise(physics, q - shift if position else q, v if position else v - shift, memory)
-        return (ahead[0] - behind[0]) / (2.0 * step), (ahead[1] - behind[1]) / (2.0 * step)
+    def _felt_slope(self, physics: Physics, memory: Array, at: tuple[Array, Array], step: tuple[Array, Array]) -> Array:
+        """The slope of `_touched_and_pushed` along a step in (q, v), by central differences, (N, n + 6 s)."""
+        if not physics.contacts and not physics.body_forces:
+            return np.zeros((len(at[0]), self.joints + 6 * len(self.sensors)))
+        ahead, behind = (motion(physics.tree, at[0] + sign * step[0], at[1] + sign * step[1]) for sign in (1.0, -1.0))
+        change = self._touched_and_pushed(physics, ahead, memory) - self._touched_and_pushed(physics, behind, memory)
+        return np.asarray(change / (2.0 * np.sum(step)))
 
     def _reading_windows(self, physics: Physics, sensor: WrenchSensor, axis: str) -> sp.csr_matrix:
         """The windows (M, N) over a predicted reading: a sensor that is late mixes its times."""
