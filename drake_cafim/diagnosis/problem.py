@@ -88,6 +88,10 @@ class Problem:
     """Whether the slopes by a model's numbers hold noise of the measurement."""
     least_gain: ClassVar[float] = 5e-4
     """Of χ²; where a step promises less, the minimum is reached."""
+    slack: ClassVar[float] = 0.0
+    """Of what χ² is beyond noise; as `least_gain`, where far too much is left to be exact about."""
+    least_damping: ClassVar[float] = 1e-6
+    """Of a step after one that failed."""
     _unknown_columns: dict[int, Array] = field(default_factory=dict, repr=False, compare=False)
     found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
     """The last residual that was searched for pushes, and what was found."""
