@@ -6,23 +6,15 @@ import numpy as np
 import pytest
 from recoveries.cases import CASES, Case
 from recoveries.models import ARM, scene_of
+from recoveries.recovery import read_back
 from recoveries.rig import PERIOD, replayed
 
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.scenario.scenario_yaml import as_yaml
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
 DURATION = 0.02
 """s"""
-
-
-def read_back(scene: Scene, folder: Path) -> Scene:
-    """The scene of the file that says what this one is."""
-    folder.mkdir()
-    path = folder / "scenario.corrected.yaml"
-    path.write_text(as_yaml(scene.scenario, scene.folder, folder))
-    return Scene.load(path)
 
 
 def moved(scene: Scene) -> Array:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -19,7 +19,7 @@ FREE = 0.02
 class UnmodeledContact(BodyForce):
     """max(0, k δ + d δ̇) n where δ = offset − n·p > 0, p the body's origin in the world; no friction.
 
-    Only the direction of (nx, ny, nz) counts.
+    Only the direction of (nx, ny, nz) counts; a fit makes it a unit vector.
     """
 
     name: ClassVar[str] = "unmodeled_contact"
@@ -38,6 +38,11 @@ class UnmodeledContact(BodyForce):
         "joint_spring": "a plane that is always touched is a spring",
     }
 
+    def with_values(self, values: Mapping[str, float] | Array) -> Self:
+        found = super().with_values(values)
+        unit = dict(zip(("nx", "ny", "nz"), found.normal.tolist(), strict=True))
+        return type(self)(self.at, {**found.values, **unit})
+
     @property
     def normal(self) -> Array:
         """The unit normal (3,), out of what is in the way."""
@@ -50,7 +55,20 @@ class UnmodeledContact(BodyForce):
     def force(self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None) -> Array:
         depth, rate, touching = self._touch(p_WP, v_WP)
         push = np.where(touching, self.values["stiffness"] * depth + self.values["damping"] * rate, 0.0)
+        if time is not None and len(time) > 1:
+            push = self._mean_push(depth, rate, np.abs(rate) * np.gradient(time))
         return np.asarray(push[:, None] * self.normal)
+
+    def _mean_push(self, depth: Array, rate: Array, swept: Array) -> Array:
+        """The push (N,) averaged over the depths `swept` (N,) m in the time that a sample stands for.
+
+        Where the body lands the push jumps, by d δ̇, and it matters when between two samples that is.
+        """
+        k, damping = self.values["stiffness"], self.values["damping"] * rate
+        least = np.maximum(0.0, -damping / max(k, 1e-12))
+        swept = np.maximum(swept, 1e-12)
+        lower, upper = (np.maximum(depth + side * swept, least) for side in (-0.5, 0.5))
+        return np.asarray((upper - lower) / swept * (0.5 * k * (lower + upper) + damping))
 
     def slopes(self, p_WP: Array, v_WP: Array) -> Array:
         """∂force/∂strengths (N, 3, 6); the length of the normal is no strength, and they know nothing of it."""
