@@ -104,7 +104,7 @@ CASES = [
     joint("joint_viscous_friction", "turn", coefficient=0.5),
     joint("joint_coulomb_friction", "lift", 1e-4, torque=0.5),
     joint("joint_asymmetric_coulomb_friction", "elbow", 1e-4, torque_positive=0.3, torque_negative=0.15),
-    joint("joint_stribeck_friction", "elbow", 1e-4, coulomb=0.3, static=0.7, velocity=0.3),
+    joint("joint_stribeck_friction", "lift", 1e-4, coulomb=0.3, static=0.7, velocity=0.3),
     joint("joint_load_dependent_friction", "lift", 1e-4, torque=0.3, coefficient=0.06),
     joint("joint_spring", "turn", stiffness=3.0, rest=0.3),
     Case(
