@@ -8,7 +8,6 @@ from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.typing import Array
 
-
 LEAST = 1e-6
 """Of the covariance under the stated noise, which is kept: what lies within one block, as a push, has no score there
 at the minimum, and the sandwich is zero but for rounding."""
