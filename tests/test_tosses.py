@@ -5,10 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.diagnose import diagnose, estimate
+from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine
+from drake_cafim.diagnosis.tosses.arcs import arcs_of
+from drake_cafim.diagnosis.tosses.poses import PoseNoise, track_of
+from drake_cafim.diagnosis.tosses.settling import settled_from
+from drake_cafim.diagnosis.tosses.tangent import moved
 from drake_cafim.effects.body import AerodynamicDrag
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
+from drake_cafim.report.report_html import render
 from tests.tosses import thrown, thrown_scene
 
 
@@ -21,7 +26,7 @@ def test_a_ball_that_lacks_nothing_and_one_in_thick_air(tmp_path: Path) -> None:
     shift = {one.parameter: (one.value - one.prior_mean) / one.std for one in verdict.parameters}
     assert shift["stiffness"] > 2.0
     recordings = thrown(true.with_effects([AerodynamicDrag("body", {"coefficient": 0.1})]), 2)
-    verdict = diagnose(scene, recordings[:2], held_out=recordings[2:])
+    verdict, outcome = examine(scene, recordings[:2], held_out=recordings[2:])
     assert verdict.kind == "explained", str(verdict)
     (found,) = verdict.explanation
     assert found.effect.key == ("aerodynamic_drag", "body")
@@ -29,6 +34,10 @@ def test_a_ball_that_lacks_nothing_and_one_in_thick_air(tmp_path: Path) -> None:
     assert verdict.held_out is not None
     assert verdict.held_out.corrected.nll < verdict.held_out.nominal.nll
     assert verdict.held_out.corrected.rmse["pose.body.x"] < verdict.held_out.nominal.rmse["pose.body.x"]
+    page = render(verdict, outcome, recordings[2:], ["cafim", "diagnose"])
+    assert "turn about x" in page
+    assert "simulated − measured (m)" in page
+    assert "effort" not in page
 
 
 def test_the_unknowns_of_a_toss_are_estimated(tmp_path: Path) -> None:
@@ -47,3 +56,17 @@ def test_a_toss_without_its_pose_is_refused(tmp_path: Path) -> None:
     scaled = {n: 2.0 * v if n[-2:] in ("qw", "qx", "qy", "qz") else v for n, v in recording.columns.items()}
     with pytest.raises(InputError, match="quaternion of length 2"):
         diagnose(scene, [Recording("a.csv", recording.time, scaled)])
+
+
+def test_arcs_are_settled_from_a_wrong_beginning(tmp_path: Path) -> None:
+    """A ball that slides where it rolled, and the other way round, bends too much for full steps."""
+    scene = thrown_scene(tmp_path)
+    true = scene.physics_at(np.array([3000.0, 0.3]))
+    tracks = tuple(track_of(one, "body") for one in thrown(true, 6, count=2))
+    noise = PoseNoise(2e-4, 2e-3)
+    arcs = arcs_of(tracks, noise)
+    rng = np.random.default_rng(8)
+    wrong = moved(arcs.start, rng.normal(size=(len(arcs.counts), 12)) * np.repeat([1e-3, 0.01, 0.1, 5.0], 3))
+    settled = settled_from(arcs, noise, true, wrong)
+    assert not np.any(settled.unsettled)
+    np.testing.assert_allclose(settled.cost, 6.0 * arcs.counts, rtol=0.35)

@@ -158,7 +158,7 @@ def _minimised(
         gained = residual @ residual - trial_residual @ trial_residual
         model, residual = trial, trial_residual
         jacobian = problem.jacobian(model)
-        if abs(gained) < 2.0 * problem.least_gain + 1e-5 * (residual @ residual) / len(residual):
+        if abs(gained) < 2.0 * _least_gain(problem, residual) + 1e-5 * (residual @ residual) / len(residual):
             break
     return model, residual, jacobian
 
@@ -174,11 +174,11 @@ def _step(
     scaled = np.where(unseen, 0.0, jacobian / scale)
     normal, gradient = scaled.T @ scaled, np.where(unseen, 0.0, scaled.T @ residual - offset / scale)
     start = 0.5 * float(residual @ residual)
-    reach = _reach(model)
+    least_gain, reach = _least_gain(problem, residual), _reach(model)
     for _ in range(8):
         damped = normal + damping * np.eye(len(scale))
         step = -np.linalg.solve(damped, gradient)
-        if -float(gradient @ step) < problem.least_gain:
+        if -float(gradient @ step) < least_gain:
             break
         step = np.clip(step, -reach * scale, reach * scale)
         trial = _kept_near(problem, model.at(model.vector + step / scale))
@@ -191,14 +191,20 @@ def _step(
             taken[free] = -np.linalg.solve(damped[np.ix_(free, free)], toward)
             trial = _kept_near(problem, model.at(model.vector + taken / scale))
         if not all(effect.plausible() for effect in trial.effects):
-            damping = max(damping * 10.0, 1e-6)
+            damping = max(damping * 10.0, problem.least_damping)
             continue
         trial_residual = problem.residual(trial)
         moved = float(offset @ (trial.vector - model.vector))
         if np.all(np.isfinite(trial_residual)) and 0.5 * float(trial_residual @ trial_residual) - moved < start:
             return trial, trial_residual, max(damping * 0.1, 1e-9)
-        damping = max(damping * 10.0, 1e-6)
+        damping = max(damping * 10.0, problem.least_damping)
     return None, residual, damping
+
+
+def _least_gain(problem: Problem, residual: Array) -> float:
+    """Of χ²: what a step must promise to be worth taking."""
+    beyond = max(float(residual @ residual) - len(residual), 0.0)
+    return problem.least_gain + problem.slack * beyond
 
 
 def _reach(model: Model) -> Array:

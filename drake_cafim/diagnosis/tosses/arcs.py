@@ -15,12 +15,14 @@ from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack
 from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product
 from drake_cafim.typing import Array
 
-DURATION = 0.15
+DURATION = 0.2
 """s of an arc, about."""
 FEWEST = 8
 """Samples of an arc."""
 AROUND = 0.012
 """s on either side of an arc's first sample over which its state is guessed."""
+SHIFT = 0.2
+"""Of an arc's duration, by which its ends may be moved to where the motion is smooth."""
 LATE = 2.5
 """Median sampling times: a longer pause ends an arc."""
 
@@ -80,22 +82,23 @@ def joined_arcs(tracks: Sequence[PoseTrack], noise: PoseNoise, pieces: Sequence[
 
 
 def _cuts(time: Array, misfit: Array, duration: float) -> list[tuple[int, int]]:
-    """First and last + 1 sample of each arc."""
+    """First and last + 1 sample of each arc; arcs of one stretch are about as long as each other."""
     steps = np.diff(time)
     breaks = np.flatnonzero(steps > LATE * np.median(steps))
-    edges = [0, *(breaks + 1).tolist(), len(time)]
-    found = []
-    for begin, end in itertools.pairwise(edges):
-        first = begin
-        while end - first >= FEWEST:
-            low = max(int(np.searchsorted(time, time[first] + 0.6 * duration)), first + FEWEST)
-            high = int(np.searchsorted(time, time[first] + 1.4 * duration))
-            if end - high < FEWEST or time[end - 1] - time[min(high, end - 1)] < 0.5 * duration:
-                found.append((first, end))
-                break
-            stop = low + int(np.argmin(misfit[low : max(high, low + 1)]))
-            found.append((first, stop))
-            first = stop
+    found: list[tuple[int, int]] = []
+    for begin, end in itertools.pairwise([0, *(breaks + 1).tolist(), len(time)]):
+        if end - begin < FEWEST:
+            continue
+        span = time[end - 1] - time[begin]
+        count = max(1, min(round(span / duration), (end - begin) // FEWEST))
+        edges = [begin]
+        for k in range(1, count):
+            middle = time[begin] + span * k / count
+            low, high = np.searchsorted(time, middle + np.array([-SHIFT, SHIFT]) * span / count)
+            low = max(int(low), edges[-1] + FEWEST // 2)
+            high = max(int(high), low + 1)
+            edges.append(low + int(np.argmin(misfit[low:high])))
+        found += itertools.pairwise([*edges, end])
     return found
 
 

@@ -42,13 +42,13 @@ class Innovation:
         return cls(factors, triangle, spread)
 
     def __call__(self, rows: Array) -> tuple[Array, Array]:
-        """Innovations (B, S, 6, k) of whitened rows (B, S, 6, k), and what they say of the initial state (B, 12, k)."""
+        """Innovations (B, S, 6, k) of whitened rows (B, S, 6, k), and what is left along the triangle, (B, 12, k)."""
         result = np.empty_like(rows)
         carried = np.zeros((rows.shape[0], 12, rows.shape[3]))
         for s, factor in enumerate(self.factors):
             both = factor @ np.concatenate([carried, rows[:, s]], axis=1)
             carried, result[:, s] = both[:, :12], both[:, 12:]
-        return result, np.asarray(np.linalg.solve(self.triangle, carried))
+        return result, carried
 
 
 def _log_determinant(triangle: Array) -> Array:

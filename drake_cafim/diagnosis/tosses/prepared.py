@@ -9,7 +9,7 @@ from drake_cafim.diagnosis.tosses.arcs import arcs_of
 from drake_cafim.diagnosis.tosses.location import locate_tosses
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack, noise_of_poses, track_of, tracked_body, unrolled
 from drake_cafim.diagnosis.tosses.problem import TossProblem
-from drake_cafim.diagnosis.tosses.quality import quality
+from drake_cafim.diagnosis.tosses.quality import qualities
 from drake_cafim.diagnosis.verdict import Location, Quality
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
@@ -41,8 +41,7 @@ class PreparedTosses:
     def qualities(self, model: Model) -> list[Quality]:
         """How `model` does on the recordings, and on those held out where there are any."""
         groups = [self.tracks, self.held_out] if self.held_out else [self.tracks]
-        physics = model.physics(self.scene)
-        return [quality(group, self.noise, physics, self.body) for group in groups]
+        return qualities(groups, self.noise, model.physics(self.scene), self.body)
 
 
 def prepare_tosses(

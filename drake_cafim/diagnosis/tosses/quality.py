@@ -6,8 +6,9 @@ import numpy as np
 
 from drake_cafim.diagnosis.forecast import Forecast, root_mean_square
 from drake_cafim.diagnosis.tosses.arcs import Arcs, arcs_of, joined_arcs
-from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack
-from drake_cafim.diagnosis.tosses.problem import counted, settled_base
+from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack, unrolled
+from drake_cafim.diagnosis.tosses.problem import counted
+from drake_cafim.diagnosis.tosses.settling import settled_from
 from drake_cafim.diagnosis.tosses.shots import Shot
 from drake_cafim.diagnosis.verdict import Quality
 from drake_cafim.scenario.physics import Physics
@@ -19,20 +20,28 @@ LOST = 1.0
 """m (rad) that an error counts at most: a simulation that ran away says no more than that."""
 
 
-def quality(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physics, body: str) -> Quality:
-    """`nll` and `rmse` of the recordings under `physics`."""
+def qualities(groups: Sequence[Sequence[PoseTrack]], noise: PoseNoise, physics: Physics, body: str) -> list[Quality]:
+    """Of each group under `physics`; the recordings of all are simulated side by side."""
+    tracks = [track for group in groups for track in group]
+    likelihoods = _negative_log_likelihoods(tracks, noise, physics)
     simulated = toss_forecasts(tracks, noise, physics, body)
-    return Quality(_negative_log_likelihood(tracks, noise, physics), root_mean_square(simulated))
+    result, first = [], 0
+    for group in groups:
+        own = slice(first, first + len(group))
+        result.append(Quality(float(np.mean(np.concatenate(likelihoods[own]))), root_mean_square(simulated[own])))
+        first = own.stop
+    return result
 
 
-def _negative_log_likelihood(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physics) -> float:
-    """Of the innovations, averaged over samples, ln(2πσ²) included."""
+def _negative_log_likelihoods(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physics) -> list[Array]:
+    """Of each recording's innovations, ln(2πσ²) included."""
     arcs = arcs_of(tracks, noise)
-    base = settled_base(arcs, noise, physics, arcs.start)
-    rows = base.innovation(base.shot.rows[..., None])[0][..., 0]
-    own = 0.5 * (np.sum(rows**2, axis=2) + base.innovation.spread)
-    level = float(np.sum(np.log(noise.std) + 0.5 * np.log(2.0 * np.pi)))
-    return float(np.mean(own[counted(arcs)])) + level + _memory_level(arcs, noise)
+    settled = settled_from(arcs, noise, physics, arcs.start)
+    rows = settled.innovation(settled.shot.rows[..., None])[0][..., 0]
+    own = 0.5 * (np.sum(rows**2, axis=2) + settled.innovation.spread)
+    level = float(np.sum(np.log(noise.std) + 0.5 * np.log(2.0 * np.pi))) + _memory_level(arcs, noise)
+    keep = counted(arcs)
+    return [own[arcs.recording == index][keep[arcs.recording == index]] + level for index in range(len(tracks))]
 
 
 def _memory_level(arcs: Arcs, noise: PoseNoise) -> float:
@@ -47,7 +56,8 @@ def _memory_level(arcs: Arcs, noise: PoseNoise) -> float:
 def toss_forecasts(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physics, body: str) -> list[Forecast]:
     """Each recording simulated over windows of a second, each from the 50 ms before it.
 
-    Columns are the positions, m, and `pose.<body>.rotation`, the angle by which the prediction is turned, rad.
+    Columns are the positions, m, and `pose.<body>.rotation`, rad: how far the body has turned since the window began,
+    to which a prediction adds the angle by which it is turned away.
     """
     before, windows = [], []
     for index, track in enumerate(tracks):
@@ -57,10 +67,9 @@ def toss_forecasts(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physi
             before.append((index, first, start + 1))
             windows.append((index, first, stop))
     look_back = joined_arcs(tracks, noise, before)
-    base = settled_base(look_back, noise, physics, look_back.start)
+    begun = settled_from(look_back, noise, physics, look_back.start).shot
     whole = joined_arcs(tracks, noise, windows)
-    memory = base.shot.memory_at_start(base.shot.body)
-    errors = Shot.of(whole, noise, physics, base.shot.start, memory).errors
+    errors = Shot.of(whole, noise, physics, begun.start, begun.memory_at_start(begun.body)).errors
     errors = np.where(np.isfinite(errors), np.clip(errors, -LOST, LOST), LOST)
     later = whole.held & (np.arange(whole.times.shape[1]) >= (look_back.counts - 1)[:, None])
     result = []
@@ -70,11 +79,17 @@ def toss_forecasts(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physi
         missed, p = (np.concatenate([values[b][later[b]] for b in own]) for values in (errors, whole.p))
         predicted = {f"pose.{body}.{axis}": p[:, k] + missed[:, k] for k, axis in enumerate("xyz")}
         measured = {f"pose.{body}.{axis}": p[:, k] for k, axis in enumerate("xyz")}
-        predicted[f"pose.{body}.rotation"] = np.linalg.norm(missed[:, 3:], axis=1)
-        measured[f"pose.{body}.rotation"] = np.zeros(len(missed))
+        turned = np.concatenate([_turned(whole.quaternion[b][later[b]]) for b in own])
+        predicted[f"pose.{body}.rotation"] = turned + np.linalg.norm(missed[:, 3:], axis=1)
+        measured[f"pose.{body}.rotation"] = turned
         time = np.concatenate([whole.times[b][later[b]] for b in own])
         result.append(Forecast(track.recording.name, time, window, predicted, measured))
     return result
+
+
+def _turned(quaternion: Array) -> Array:
+    """(N,) rad that the body has turned since the first of `quaternion` (N, 4)."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(unrolled(quaternion), axis=0), axis=1)))
 
 
 def _starts(time: Array) -> list[int]:
