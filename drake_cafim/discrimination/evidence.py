@@ -168,18 +168,24 @@ class Course:
         return Course(self.information + times * information, self.slope + times * slope, self.square + times * square)
 
     @property
+    def misfit(self) -> Array:
+        """|z|² + |x|² (W,) at the most probable numbers."""
+        best = np.linalg.solve(self._posterior, self.slope[..., None])[..., 0]
+        return np.asarray(self.square - np.einsum("wi,wi->w", self.slope, best))
+
+    @property
     def log_evidence(self) -> Array:
         """(W,) up to what all models share."""
-        posterior = np.eye(self.slope.shape[-1]) + self.information
-        best = np.linalg.solve(posterior, self.slope[..., None])[..., 0]
-        misfit = self.square - np.einsum("wi,wi->w", self.slope, best)
-        return np.asarray(-0.5 * (misfit + np.linalg.slogdet(posterior)[1]))
+        return np.asarray(-0.5 * (self.misfit + np.linalg.slogdet(self._posterior)[1]))
+
+    @property
+    def _posterior(self) -> Array:
+        return np.asarray(np.eye(self.slope.shape[-1]) + self.information)
 
     @property
     def fitted(self) -> Array:
         """tr F (I + F)⁻¹ (W,): how many numbers the rows determine, each of which takes one from |noise|²."""
-        k = self.slope.shape[-1]
-        return np.asarray(k - np.trace(np.linalg.inv(np.eye(k) + self.information), axis1=1, axis2=2))
+        return np.asarray(self.slope.shape[-1] - np.trace(np.linalg.inv(self._posterior), axis1=1, axis2=2))
 
 
 def expected(problem: Problem, truth: Model, rival: Model, *, steps: int = 2) -> tuple[Course, Course]:
