@@ -167,6 +167,12 @@ class Course:
         information, slope, square = before.information[-1], before.slope[-1], before.square[-1]
         return Course(self.information + times * information, self.slope + times * slope, self.square + times * square)
 
+    def repeated(self, count: int) -> "Course":
+        """What is said after the whole motion was run once, twice and up to `count` times, instead of by window."""
+        times = 1.0 + np.arange(count)
+        information, slope = (np.multiply.outer(times, one[-1]) for one in (self.information, self.slope))
+        return Course(information, slope, times * self.square[-1])
+
     @property
     def misfit(self) -> Array:
         """|z|² + |x|² (W,) at the most probable numbers."""
@@ -188,15 +194,27 @@ class Course:
         return np.asarray(self.slope.shape[-1] - np.trace(np.linalg.inv(self._posterior), axis1=1, axis2=2))
 
 
+def looked(problem: Problem, model: Model) -> Explained:
+    """The model at the numbers that it has, whether or not they are its best."""
+    rows = problem.residual(model)[: problem.rows]
+    return Explained(model, coordinates(problem, model), rows, slopes(problem, model))
+
+
 def expected(problem: Problem, truth: Model, rival: Model, *, steps: int = 2) -> tuple[Course, Course]:
     """The courses of both models along a planned motion, of the data that `truth` makes without noise.
 
     `problem` holds the motion as the nominal model makes it: a model's rows on the data of `truth` are, to first order
     in the data, its rows there less those of `truth`.
     """
-    instead = problem.residual(truth)[: problem.rows]
-    own = Explained(truth, coordinates(problem, truth), np.zeros(problem.rows), slopes(problem, truth))
-    return Course.of(problem, own), Course.of(problem, explain(problem, rival, instead, steps=steps))
+    own = looked(problem, truth)
+    other = explain(problem, rival, own.rows, steps=steps)
+    return Course.of(problem, own, np.zeros_like(own.rows)), Course.of(problem, other)
+
+
+def expected_about(problem: Problem, truth: Explained, rival: Explained) -> tuple[Course, Course]:
+    """As `expected`, to first order about the numbers at which the two were looked at."""
+    own = Course.of(problem, truth, np.zeros_like(truth.rows))
+    return own, Course.of(problem, rival, rival.rows - truth.rows)
 
 
 def expected_log_odds(own: Course, other: Course) -> Array:
