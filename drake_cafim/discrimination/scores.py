@@ -12,7 +12,7 @@ from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.discrimination.evidence import (
     Course,
     Explained,
-    expected_about,
+    expected,
     expected_log_odds,
     looked,
     slopes,
@@ -46,7 +46,7 @@ class _Looks:
     def courses(self, pair: Pair) -> tuple[tuple[Course, Course], tuple[Course, Course]]:
         """Of the true model and of its rival, if the pair's first is true, and if its second is."""
         first, second = self._at(pair.first), self._at(pair.second)
-        return expected_about(self.problem, first, second), expected_about(self.problem, second, first)
+        return expected(self.problem, first, second), expected(self.problem, second, first)
 
     def _at(self, model: Model) -> Explained:
         if id(model) not in self._known:

@@ -16,7 +16,7 @@ from drake_cafim.design.planner import PlannerConfig, candidate_commands
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.discrimination.design import Designer
-from drake_cafim.discrimination.evidence import expected, strength_at
+from drake_cafim.discrimination.evidence import expected, looked, strength_at
 from drake_cafim.discrimination.hypotheses import Pair, parsed
 from drake_cafim.discrimination.motions import Motion
 from drake_cafim.discrimination.scores import TWENTY_TO_ONE
@@ -201,7 +201,7 @@ def _worth_of(problem: Problem, truth: Model, rival: Model) -> float:
     """ln of the likelihood ratio after `KNOWN` s of the motion again and again, the rival's numbers being its best."""
     time = problem.runs[0].weak.samples.time
     repeats = KNOWN / float(time[-1] - time[0]) - 1.0
-    own, other = (one.after(one, repeats) for one in expected(problem, truth, rival))
+    own, other = (one.after(one, repeats) for one in expected(problem, looked(problem, truth), looked(problem, rival)))
     return 0.5 * float(other.misfit[-1] - own.misfit[-1])
 
 

@@ -9,9 +9,9 @@ again, and recorded with noise; the robot time after which the odds for the trut
 All motions are cycles of 2 s, from rest to rest, run again and again. The D-optimal one has the designed one's planner,
 its budget and its first draws. Random ones are drawn as the package's random policy draws them, velocities through
 random knots up to the joints' limits: six, and each seed repeats one of them. The last column is of runs that take
-another of the six each time instead. The controller reads the joints without noise, so that a motion's seeds share one simulation; noise is
-on all that is recorded. Odds along a run are those of its noisy data, each explanation refitted to first order about
-its best numbers for the data without noise.
+another of the six each time instead. The controller reads the joints without noise, so that a motion's seeds share one
+simulation; noise is on all that is recorded. Odds along a run are those of its noisy data, each explanation refitted to
+first order about its best numbers for the data without noise.
 
 What was finished stands in the folder and is not done again.
 """
