@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram
 
 from drake_cafim.diagrams import contouring, hefting, pinching, rubbing
-from drake_cafim.diagrams.concealing import Concealed
+from drake_cafim.diagrams.concealing import Concealed, known
 from drake_cafim.diagrams.configured import configured
 from drake_cafim.diagrams.showing import View
 from drake_cafim.diagrams.world import WorldKind, start_context
@@ -54,6 +54,8 @@ class Stage:
     task: Task
     config: Any
     view: View
+    effects: tuple[Concealed, ...] = ()
+    """`effects:` of the scenario, which its world has."""
 
     def diagram(
         self,
@@ -65,7 +67,9 @@ class Stage:
     ) -> Diagram:
         """A world of this kind, as the scenario's `build_world` documents it."""
         build = _WORLDS[self.name].build
-        return build(self.config, self.task.truth, kind, seed=seed, concealed=concealed, meshcat=meshcat)
+        return build(
+            self.config, self.task.truth, kind, seed=seed, concealed=(*self.effects, *concealed), meshcat=meshcat
+        )
 
     def world(self, kind: WorldKind, seed: int, concealed: Sequence[Concealed] = ()) -> World:
         """The same as a world for `experiment.run`, its joints recorded at every step of the plant."""
@@ -106,4 +110,4 @@ def stage_of(scenario: Scenario, source: str) -> Stage:
     values = dict(scenario.task)
     model = configure(task.model, values.pop("model", {}), f"{source}: task: model")
     task = replace(configure(task, values, f"{source}: task"), model=model)
-    return Stage(name, task, config, packaged.view(config))
+    return Stage(name, task, config, packaged.view(config), known(scenario.effects, source))

@@ -20,6 +20,7 @@ from drake_cafim.effects.effect import Effect, Place, Strength
 from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.physics import Physics
+from drake_cafim.scenario.schema import EffectEntry
 
 
 @dataclass(frozen=True)
@@ -29,11 +30,29 @@ class Concealed:
     effect: str
     at: str
     parameters: Mapping[str, float] = field(default_factory=dict)
+    asked: str = "--conceal"
+    """Where it stands, as messages say it."""
 
     @property
     def address(self) -> str:
         """What was asked for, as messages say it."""
-        return f"--conceal {self.effect}@{self.at}"
+        return f"{self.asked} {self.effect}@{self.at}"
+
+
+def known(entries: Sequence[EffectEntry], source: str) -> tuple[Concealed, ...]:
+    """What a scenario's `effects:` put into its world; `source` names the file.
+
+    A push that came in one recording does not come again.
+    """
+    return tuple(
+        Concealed(one.effect, one.at, {**one.parameters, **_interval(one)}, f"{source}: effects:")
+        for one in entries
+        if one.recording is None
+    )
+
+
+def _interval(entry: EffectEntry) -> dict[str, float]:
+    return dict(zip(("start", "stop"), entry.interval, strict=False))
 
 
 def conceal(plant: MultibodyPlant, robot: ModelInstanceIndex, effects: Sequence[Concealed]) -> AffectedRobot:
@@ -44,8 +63,7 @@ def conceal(plant: MultibodyPlant, robot: ModelInstanceIndex, effects: Sequence[
     """
     tree = _tree(plant.GetModelInstanceName(robot))
     gravity = np.array(plant.gravity_field().gravity_vector(), dtype=float)
-    known = [_effect(one, tree) for one in effects]
-    affected = AffectedRobot(tree, Physics(tree, gravity).with_effects(known))
+    affected = AffectedRobot(tree, Physics(tree, gravity).with_effects([_effect(one, tree) for one in effects]))
     affected.prepare(plant)
     return affected
 
@@ -73,11 +91,11 @@ def _effect(one: Concealed, tree: Tree) -> Effect:
         raise InputError(f"{one.address}: a world cannot have this effect, expected one of {', '.join(names)}")
     kind = effect_named(one.effect)
     _check_place(one, kind, tree)
-    known = [strength.name for strength in (*kind.strengths, *kind.shapes)]
+    valid = [strength.name for strength in (*kind.strengths, *kind.shapes)]
     lacking = [s.name for s in kind.strengths if _needed(s, kind) and s.name not in one.parameters]
-    if lacking or not set(one.parameters) <= set(known):
+    if lacking or not set(one.parameters) <= set(valid):
         found = ", ".join(sorted(one.parameters)) or "no parameters"
-        raise InputError(f"{one.address}: found {found}, expected {', '.join(known)}")
+        raise InputError(f"{one.address}: found {found}, expected {', '.join(valid)}")
     values = {s.name: s.nominal for s in kind.strengths} | dict(one.parameters)
     effect = kind(one.at, values)
     if not effect.plausible():

@@ -40,10 +40,12 @@ class RubbingConfig:
             posture=[0.76762, -0.71942, -0.55014, -2.8727, 1.50897, 2.04824, 1.90331],
             rod=0.16,
             tip_radius=0.04,
-            # soft: pi E d^2 is the planner's 100 N/m times d at d = 1 cm
-            tip=Surface(modulus=3200.0, dissipation=0.5, point_stiffness=1e9, friction=1.0, resolution=0.02),
+            # soft: at d = 3 cm, as far as the workspace lets it press, the force at rest is 100 N/m times d
+            tip=Surface(modulus=2300.0, dissipation=0.5, point_stiffness=1e9, friction=1.0, resolution=0.02),
             tracking=TrackingConfig(ramp=0.02, acceleration=10.0),
-            workspace=Workspace(lower=[0.0, 0.5], upper=[0.55, 1.0]),
+            # pressed in as far as its centre, a soft ball no longer pushes: the paper's 0 m is 0.01 m here; braking is
+            # within the reference's acceleration
+            workspace=Workspace(lower=[0.01, 0.5], upper=[0.55, 1.0], braking_at_lower=8.0, braking_at_upper=8.0),
         )
     )
     # with `truth: stiffness`, its point stiffness is that, and the tip's modulus in proportion

@@ -92,7 +92,7 @@ def run(
     options = Options(**{name: value for name, value in chosen.items() if name not in ("jobs", "scheduler")})
     request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal))
     check_request(request)
-    folder = prepare_folder(out, "run", resume=resume, overwrite=overwrite)
+    folder = _folder(out, "run", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
         record = run_command(request, folder, progress, resume=resume)
     _print(record, as_json, f"{table(record)}\n{folder / 'replay.html'}")
@@ -129,7 +129,7 @@ def diagnose(
         return
     if not recordings:
         raise InputError("diagnose: no --recording was given, expected at least one file")
-    folder = prepare_folder(out, "diagnose", resume=resume, overwrite=overwrite)
+    folder = _folder(out, "diagnose", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
         report = diagnose_command(scenario, recordings, held_out, folder, progress, replay=replay, mcap=mcap)
     _print(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
@@ -164,7 +164,7 @@ def discriminate(
 
     request = DiscriminateRequest(scenario, report, between, duration, criterion, planner, seed, replay)
     request.check()
-    folder = prepare_folder(out, "discriminate", resume=resume, overwrite=overwrite)
+    folder = _folder(out, "discriminate", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
         result = discriminate_command(request, folder, progress, resume=resume)
     _print(result, as_json, f"{in_words(result)}\n{folder / result['next_experiment']['file']}")
@@ -186,7 +186,7 @@ def estimate(
     """Estimate the scenario's unknown parameters from recordings."""
     from drake_cafim.commands.estimate import estimate_command
 
-    folder = prepare_folder(out, "estimate", resume=resume, overwrite=overwrite)
+    folder = _folder(out, "estimate", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
         report = estimate_command(scenario, recordings, folder, progress)
     lines = [
@@ -213,7 +213,7 @@ def study(
     from drake_cafim.commands.study import find_study, study_command
 
     find_study(name)
-    folder = prepare_folder(out, f"study-{name}", resume=resume, overwrite=overwrite)
+    folder = _folder(out, f"study-{name}", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
         record, text = study_command(name, folder, jobs, progress, short=short)
     _print(record, as_json, f"{text}\n\n{folder / 'study.html'}")
@@ -240,7 +240,7 @@ def import_(
     """
     from drake_cafim.commands.importing import import_command
 
-    folder = prepare_folder(out, "import", resume=resume, overwrite=overwrite)
+    folder = _folder(out, "import", resume=resume, overwrite=overwrite)
     found = import_command(files, folder, scenario=scenario, period=period)
     _print(found, as_json, "\n".join(one["text"] for one in found))
 
@@ -269,7 +269,7 @@ def replay(
     from drake_cafim.commands.replay import replay_command
     from drake_cafim.report.replay import make_meshcat
 
-    path = out or prepare_folder(None, "replay", resume=False, overwrite=False) / "replay.html"
+    path = out or _folder(None, "replay", resume=False, overwrite=False) / "replay.html"
     if path.exists() and not overwrite:
         raise InputError(f"--out {path}: the file is there already; give --overwrite or another name")
     meshcat = make_meshcat() if live else None
@@ -281,6 +281,18 @@ def replay(
         click.echo(f"{meshcat.web_url()}  pause and speed: Open Controls, Animations; Ctrl-C ends it", err=True)
         with suppress(KeyboardInterrupt):
             threading.Event().wait()
+
+
+def _folder(out: Path | None, command: str, *, resume: bool, overwrite: bool) -> Path:
+    """The folder that a command writes to; where it comes to nothing, it leaves none behind."""
+    folder = prepare_folder(out, command, resume=resume, overwrite=overwrite)
+
+    def leave_nothing_empty() -> None:
+        with suppress(OSError):  # not empty
+            folder.rmdir()
+
+    click.get_current_context().call_on_close(leave_nothing_empty)
+    return folder
 
 
 @contextmanager

@@ -169,7 +169,6 @@ class _Loop:
             builder.Connect(command, self.guard.GetInputPort("command"))
             builder.Connect(state, self.guard.GetInputPort("measured_state"))
             builder.Connect(force, self.guard.GetInputPort("measured_force"))
-            builder.Connect(self.estimator.GetOutputPort("belief"), self.guard.GetInputPort("belief"))
             command = self.guard.GetOutputPort("command")
         builder.Connect(command, self.plant.GetInputPort("command"))
         sources = {
@@ -195,9 +194,11 @@ class _Loop:
         start: Context = self.world.start_context(number)
         self.plant.GetMyMutableContextFromRoot(root).SetStateAndParametersFrom(start)
         self.design.begin_experiment(self.design.GetMyMutableContextFromRoot(root), number)
+        estimating = self.estimator.GetMyMutableContextFromRoot(root)
+        self.estimator.begin_experiment(estimating, number)
         if self.guard is not None:
-            self.guard.begin_experiment(self.guard.GetMyMutableContextFromRoot(root))
-        self.estimator.begin_experiment(self.estimator.GetMyMutableContextFromRoot(root), number)
+            belief = self.estimator.belief(estimating)
+            self.guard.begin_experiment(self.guard.GetMyMutableContextFromRoot(root), belief)
         logs: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.sinks.items()}
         recorders: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.recorders.items()}
         for log in (*logs.values(), *recorders.values()):

@@ -127,3 +127,4 @@ def test_unusable_input_is_one_sentence_and_status_two(folder: Path, arguments: 
     done = cafim(*arguments, folder=folder)
     assert done.returncode == 2
     assert said in done.stderr.strip().splitlines()[-1] and "Traceback" not in done.stderr
+    assert not list(folder.glob("cafim-out/*"))

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from corrected_rig import scene_of
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
+from recoveries.models import scene_of
 
 from drake_cafim.corrected.brakes import GAIN
 from drake_cafim.typing import Array

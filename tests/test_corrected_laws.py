@@ -5,21 +5,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from corrected_rig import ARM, CONTINUOUS, PRESS, ROLLER, STAGE, scene_of
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from recoveries.cases import REMEMBERING
+from recoveries.models import ARM, PRESS, ROLLER, STAGE, scene_of
+from recoveries.rig import CONTINUOUS
 
 from drake_cafim.corrected.corrected_plant import CorrectedPlant
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.effects.actuator import Effort
-from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.effects.effect import JointSamples
-from drake_cafim.effects.joint import JointCoulombFriction
-from drake_cafim.effects.link import Payload
 from drake_cafim.errors import InputError
-from drake_cafim.scenario.scenario_yaml import as_yaml
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
@@ -63,18 +61,6 @@ SENSOR: list[tuple[str, str, dict[str, float]]] = [
     ("sensor_drift", "wrench.wrist.fz", {"rate": 0.5}),
     ("sensor_misalignment", "wrench.wrist", {"roll": 0.1, "pitch": 0.2, "yaw": -0.3}),
 ]
-REMEMBERING = {
-    "actuator_delay",
-    "actuator_lag",
-    "joint_elasticity",
-    "joint_backlash",
-    "contact_presliding",
-    "contact_viscoelastic_relaxation",
-    "sensor_delay",
-    "sensor_lag",
-    "clock_skew",
-}
-"""Those of test_corrected_memory.py."""
 NOW = 0.3
 """s"""
 
@@ -251,24 +237,6 @@ def test_unknowns_and_effects_are_one_inertia(tmp_path: Path) -> None:
     found = drake_acceleration(scene, q, v, u, CONTINUOUS)
     # a change of moments alone rides on a nanogram
     np.testing.assert_allclose(found, expected_acceleration(scene, q, v, u), rtol=1e-7)
-
-
-def test_a_corrected_scenario_comes_back_from_its_file(tmp_path: Path) -> None:
-    unknown = [{"parameter": "mass", "body": "l2", "mean": 1.1, "std": 0.1}]
-    effects = (
-        Payload("l3", {"mass": 0.6, "x": 0.2, "y": 0.0, "z": 0.1}),
-        ExternalDisturbance("l2", {"x": 4.0, "y": -3.0, "z": 7.0, "start": 0.1, "stop": 0.5}, "a.parquet"),
-        JointCoulombFriction("lift", {"torque": 0.4, "slip_velocity": 0.0015}),
-    )
-    found = scene_of(tmp_path, ARM, unknown=unknown).corrected(np.array([1.3]), effects)
-    (tmp_path / "out").mkdir()
-    path = tmp_path / "out" / "scenario.corrected.yaml"
-    path.write_text(as_yaml(found.scenario, tmp_path, path.parent))
-    read = Scene.load(path)
-    assert read.physics.body_forces == found.physics.body_forces
-    q, v, u = np.array([0.1, 0.5, -0.4]), np.array([0.6, -0.3, 0.8]), np.array([0.5, -1.0, 0.2])
-    accelerations = [drake_acceleration(scene, q, v, u, CONTINUOUS) for scene in (found, read)]
-    np.testing.assert_allclose(accelerations[1], accelerations[0], rtol=1e-9)
 
 
 def test_a_scene_that_is_faced_anew_has_its_effects_once(tmp_path: Path) -> None:

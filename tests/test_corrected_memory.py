@@ -4,11 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from corrected_rig import CONTINUOUS, PRESS, STAGE, Rig, rig, scene_of
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
+from recoveries.cases import CASES, REMEMBERING, Case
+from recoveries.models import PRESS, STAGE, scene_of
+from recoveries.rig import CONTINUOUS, Rig, rig
 from scipy.integrate import solve_ivp
 
 from drake_cafim.corrected.clock import Clock
@@ -166,20 +168,21 @@ def test_rotor_and_link_swing_as_the_law_says(
     assert np.sqrt(np.mean((recording["v.j"] - velocities) ** 2)) < tolerance * size
 
 
-def test_the_memory_is_the_contexts(tmp_path: Path) -> None:
+@pytest.mark.parametrize("config", [CONTINUOUS, MultibodyPlantConfig(time_step=1e-3)], ids=["continuous", "discrete"])
+@pytest.mark.parametrize("case", [case for case in CASES if case.name in REMEMBERING], ids=lambda case: case.name)
+def test_the_memory_is_the_contexts(case: Case, config: MultibodyPlantConfig, tmp_path: Path) -> None:
     """A Context that is copied in the middle goes on as the first does, and initializing again changes nothing."""
-    effect = JointElasticity("j", {"stiffness": 150.0, "damping": 0.2})
-    for config in (CONTINUOUS, MultibodyPlantConfig(time_step=1e-3)):
-        one = swung(effect, config, tmp_path)
-        plant = one.corrected.plant
-        again = Simulator(one.diagram, one.simulator.get_context().Clone())
-        again.get_mutable_integrator().set_maximum_step_size(5e-4)
-        again.Initialize()
-        ends = []
-        for simulator in (one.simulator, again):
-            simulator.AdvanceTo(0.62)
-            ends.append(plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(simulator.get_context())))
-        np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
+    one = rig(case.scene(tmp_path, True), case.desired(1), config=config)
+    one.simulator.AdvanceTo(0.04)
+    again = Simulator(one.diagram, one.simulator.get_context().Clone())
+    again.get_mutable_integrator().set_maximum_step_size(5e-4)
+    again.Initialize()
+    port = one.corrected.measured["channels"]
+    ends = []
+    for simulator in (one.simulator, again):
+        simulator.AdvanceTo(0.06)
+        ends.append(port.Eval(port.get_system().GetMyContextFromRoot(simulator.get_context())))
+    np.testing.assert_allclose(ends[0], ends[1], rtol=1e-6, atol=1e-6)
 
 
 def test_a_rotor_needs_inertia(tmp_path: Path) -> None:

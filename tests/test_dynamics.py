@@ -87,11 +87,19 @@ def test_tree_keeps_limits_and_names_what_it_lacks(branched: MultibodyPlant) -> 
         tree.joint_index("elbow")
 
 
-def test_floating_bodies_are_refused_with_a_sentence() -> None:
+def test_one_body_may_float_and_two_are_refused_with_a_sentence() -> None:
     plant = MultibodyPlant(0.0)
-    Parser(plant).AddModelsFromString(f"<robot name='r'>{LINK.format(name='a', x=0, m=1)}</robot>", "urdf")
+    parser = Parser(plant)
+    parser.AddModelsFromString(f"<robot name='r'>{LINK.format(name='a', x=0.1, m=1)}</robot>", "urdf")
     plant.Finalize()
-    with pytest.raises(InputError, match="QuaternionFloatingJoint is not supported"):
+    tree = tree_of(plant)
+    mass, center, _ = tree.lumps
+    assert tree.floating and tree.joints == () and mass[0] == 1.0 and center[0, 0] == pytest.approx(0.1)
+    plant = MultibodyPlant(0.0)
+    for name in "ab":
+        Parser(plant).AddModelsFromString(f"<robot name='{name}'>{LINK.format(name=name, x=0, m=1)}</robot>", "urdf")
+    plant.Finalize()
+    with pytest.raises(InputError, match="bodies a, b move and nothing holds them all"):
         tree_of(plant)
 
 

@@ -5,18 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
+from scipy.stats import multivariate_normal
 
 from drake_cafim.belief import Belief
 from drake_cafim.commands.run import RunRequest, check_request
-from drake_cafim.design.force_guard import (
-    Gains,
-    GuardConfig,
-    contact_force,
-    first_gains,
-    guarded_command,
-    hypotheses,
-    learn_gains,
+from drake_cafim.design.force_belief import (
+    FilterConfig,
+    ForceBelief,
+    _placed_anew,
+    first_force_belief,
+    learn,
+    predicted_forces,
 )
+from drake_cafim.design.force_guard import GuardConfig, guarded_command
 from drake_cafim.design.guard_system import ForceGuard
 from drake_cafim.errors import InputError
 from drake_cafim.experiment import Options, run
@@ -28,58 +29,93 @@ from drake_cafim.tasks.rubbing import rubbing
 CONFIG = GuardConfig()
 
 
-def test_gains_are_the_kalman_filters():
-    """Without drift: a regression of the measured on the predicted forces, with the first gain as its prior."""
-    config, random = GuardConfig(drift=0.0), np.random.default_rng(0)
-    sigma = np.array([2.0, 0.5])
-    predicted = random.normal(size=(40, 3, 2))
-    measured = 1.7 * predicted[:, 0] + sigma * random.normal(size=(40, 2))
-    gains = first_gains(3, config)
-    for one, force in zip(predicted, measured, strict=True):
-        gains = learn_gains(gains, one, force, sigma, 0.02, config)
-    for k in range(3):
-        x, y = (predicted[:, k] / sigma).ravel(), (measured / sigma).ravel()
+def certain(theta, mean=1.0, variance=1e-12):
+    return ForceBelief(np.array([theta]), np.zeros(1), np.full(1, mean), np.full(1, variance))
+
+
+def test_gains_are_the_kalman_filters_and_weights_the_evidence():
+    """Without drift: each hypothesis is a regression of the measured on its forces, the first gain its prior."""
+    config, random = FilterConfig(drift=0.0, points=3, fewest=0.0), np.random.default_rng(0)
+    model = pinching().model
+    depths = random.uniform(0.012, 0.019, 30)
+    theta = np.array([[600.0, 0.0], [700.0, 0.0], [2000.0, 0.0]])
+    belief = ForceBelief(theta, np.zeros(3), np.ones(3), np.full(3, config.gain_std**2))
+    force = 1.2 * 600.0 * (0.020 - depths) + model.force_std * random.normal(size=30)
+    for depth, one in zip(depths, force, strict=True):
+        belief = learn(model, belief, np.array([depth, 0.0]), np.array([one]), config)
+    y, evidence = force / model.force_std, []
+    for k, (stiffness, _) in enumerate(theta):
+        x = stiffness * (0.020 - depths) / model.force_std
         precision = 1.0 / config.gain_std**2 + x @ x
-        assert gains.variance[k] == pytest.approx(1.0 / precision)
-        assert gains.mean[k] == pytest.approx((1.0 / config.gain_std**2 + x @ y) / precision)
-    assert abs(gains.mean[0] - 1.7) < 4.0 * np.sqrt(gains.variance[0])
+        assert belief.variance[k] == pytest.approx(1.0 / precision)
+        assert belief.mean[k] == pytest.approx((1.0 / config.gain_std**2 + x @ y) / precision)
+        evidence.append(multivariate_normal.logpdf(y, x, np.eye(30) + config.gain_std**2 * np.outer(x, x)))
+    np.testing.assert_allclose(np.diff(belief.log_weight), np.diff(evidence), rtol=1e-9)
 
 
 def test_without_contact_nothing_is_learned_and_the_past_fades():
-    gains = Gains(np.array([2.0]), np.array([0.01]))
-    for _ in range(200):
-        gains = learn_gains(gains, np.zeros((1, 2)), np.array([50.0, 50.0]), np.ones(2), 0.02, CONFIG)
-    assert gains.mean[0] == 2.0 and gains.variance[0] == pytest.approx(CONFIG.gain_std**2)
-
-
-def test_hypotheses_lie_on_the_principal_axes_within_bounds():
     model = pinching().model
-    belief = Belief(model.parameters.names, np.array([600.0, 9.0]), np.array([[900.0, 30.0], [30.0, 4.0]]))
-    points = hypotheses(model, belief, 2.0)
-    assert points.shape == (5, 2)
-    away = points - belief.mean
-    distance = np.einsum("ki,ij,kj->k", away, np.linalg.inv(belief.covariance), away)
-    np.testing.assert_allclose(distance, [0.0, 4.0, 4.0, 4.0, 4.0], atol=1e-9)
-    assert (hypotheses(model, belief, 1e3)[:, 1] >= 0.0).all()
+    belief = certain([800.0, 10.0], mean=1.3, variance=0.01)
+    config = FilterConfig(points=1)
+    for _ in range(200):
+        belief = learn(model, belief, np.array([0.03, 0.0]), np.array([5.0]), config)
+    assert belief.mean[0] == 1.3 and belief.variance[0] == pytest.approx(config.gain_std**2)
+
+
+def test_a_face_that_is_not_felt_is_believed_no_more():
+    """The tip stands where a long box would push it away with 5 N, and feels noise alone."""
+    model, config, random = contouring().model, FilterConfig(), np.random.default_rng(0)
+    force = first_force_belief(model, Belief.prior(model.parameters), config)
+    assert force.theta.shape == (config.points, 2)
+    # a point below the bound is moved to it
+    np.testing.assert_allclose(force.weight @ force.theta, model.parameters.mean, rtol=2e-3)
+    robot = np.array([0.5 + 0.5 * 0.20, 0.0, 0.0, 0.0])
+    for _ in range(60):
+        force = learn(model, force, robot, 3.0 * random.standard_normal(2), config)
+    # what is still believed of the force there, but for 5 %, is less than at first
+    weight, felt = force.weight, force.mean * predicted_forces(model, robot, force.theta)[:, 0]
+    assert weight[np.abs(felt) > 5.0].sum() < 0.05
+
+
+def test_placing_anew_keeps_the_mean_and_widens_by_the_spacing():
+    random = np.random.default_rng(1)
+    model = pinching().model
+    old = ForceBelief(
+        np.array([800.0, 10.0]) + random.normal(size=(40, 2)),
+        random.normal(size=40),
+        1.0 + 0.1 * random.normal(size=40),
+        np.full(40, 0.02),
+    )
+    new = _placed_anew(model, old)
+    np.testing.assert_allclose(new.theta.mean(axis=0), old.weight @ old.theta)
+    np.testing.assert_allclose(new.mean.mean(), old.weight @ old.mean)
+    assert (new.log_weight == 0.0).all()
+    away = old.theta - old.weight @ old.theta
+    expected = old.weight @ away**2 + 40 ** (-2 / 3) * old.theta.var(axis=0)
+    np.testing.assert_allclose(new.theta.var(axis=0), expected)
+    again = ForceBelief.from_vector(new.vector(), 40)
+    np.testing.assert_array_equal(again.theta, new.theta)
+    np.testing.assert_array_equal(again.variance, new.variance)
 
 
 def test_what_it_lets_through_is_all_of_a_mild_command_and_never_too_much():
-    model, sure = pinching().model, Gains(np.ones(1), np.full(1, 1e-12))
+    model = pinching().model
     theta = np.array([800.0, 10.0])
     free, pressed = np.array([0.030, 0.0]), np.array([0.0105, 0.0])
 
-    def allowed(robot, command, gains=sure):
-        return guarded_command(model, theta[np.newaxis], gains, robot, np.array([command]), 10.0, CONFIG)[0]
+    def allowed(robot, command, belief=None):
+        belief = certain(theta) if belief is None else belief
+        return guarded_command(model, belief, robot, np.array([command]), 10.0, CONFIG)[0]
 
     assert allowed(free, -0.3) == pytest.approx(-0.3)
     assert allowed(pressed, 0.1) == pytest.approx(0.1)
     deeper = allowed(pressed, -0.3)  # 7.6 N already
     assert deeper > -0.3
     reached = pressed + np.array([model.period * deeper, deeper])
-    assert contact_force(model, reached, theta)[0] <= 10.0
-    assert allowed(pressed, -0.3, Gains(np.array([1.3]), np.array([0.04]))) > max(deeper, 0.0)  # it goes back
+    assert predicted_forces(model, reached, theta[np.newaxis])[0, 0] <= 10.0
+    assert allowed(pressed, -0.3, certain(theta, 1.3, 0.04)) > max(deeper, 0.0)  # it goes back
     near = np.array([0.021, 0.0])
-    assert allowed(near, -0.3, first_gains(1, CONFIG)) > allowed(near, -0.3)
+    assert allowed(near, -0.3, certain(theta, 1.0, 0.16)) > allowed(near, -0.3)
 
 
 @pytest.mark.parametrize("scale", [0.5, 0.7])
@@ -112,20 +148,18 @@ def test_the_system_holds_what_it_learned_and_forgets_it():
     simulator = Simulator(guard)
     context = simulator.get_mutable_context()
     belief = Belief.prior(model.parameters)
-    values = {"command": command, "measured_state": robot, "measured_force": [8.0], "belief": belief.vector()}
-    for name, value in values.items():
+    for name, value in {"command": command, "measured_state": robot, "measured_force": [8.0]}.items():
         guard.GetInputPort(name).FixValue(context, np.array(value))
-    guard.begin_experiment(context)
+    guard.begin_experiment(context, belief)
     simulator.AdvanceTo(9.5 * model.period)
-    points = hypotheses(model, belief, CONFIG.spread)
-    predicted, gains = np.stack([contact_force(model, robot, point) for point in points]), first_gains(5, CONFIG)
-    expected = [guarded_command(model, points, gains, robot, command, 10.0, CONFIG)]
+    force = first_force_belief(model, belief, CONFIG.filter)
+    expected = [guarded_command(model, force, robot, command, 10.0, CONFIG)]
     for _ in range(10):
-        gains = learn_gains(gains, predicted, np.array([8.0]), model.noise_std, model.period, CONFIG)
-    expected.append(guarded_command(model, points, gains, robot, command, 10.0, CONFIG))
+        force = learn(model, force, robot, np.array([8.0]), CONFIG.filter)
+    expected.append(guarded_command(model, force, robot, command, 10.0, CONFIG))
     output = guard.GetOutputPort("command")
     np.testing.assert_allclose(output.Eval(context), expected[1])
-    guard.begin_experiment(context)
+    guard.begin_experiment(context, belief)
     np.testing.assert_allclose(output.Eval(context), expected[0])
     assert expected[0] != expected[1]
 

@@ -124,6 +124,9 @@ def test_ties_and_gains() -> None:
     assert more.standing == "holds" and more.low < 3.0 < more.high
     assert ratio_of_medians(sample, [3.0 * value for value in sample]).standing == "does not hold"
     assert ratio_of_medians(sample, [0.0] * 40).value == np.inf
+    # more by half, but five seeds that spread threefold do not tell
+    spread = [1.0, 1.5, 3.0, 0.5, 4.0]
+    assert ratio_of_medians(spread, [1.0, 0.6, 3.0, 0.5, 1.8]).standing == "ties"
     assert require("x", 1.0, 1.5).standing == "does not hold"
     assert require("x", 1.0, 1.5, at_most=True).standing == "holds"
 

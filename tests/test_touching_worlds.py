@@ -32,7 +32,7 @@ from drake_cafim.typing import Array
 
 # commands (m/s, steps): each motion finds what it touches, presses and slides or lets go
 MOTIONS: dict[str, Sequence[tuple[Sequence[float], int]]] = {
-    "rubbing": [((-0.5, 0.0), 46), ((-0.2, 0.0), 10), ((0.0, 0.4), 20), ((0.0, -0.4), 20), ((0.0, 0.0), 10)],
+    "rubbing": [((-0.5, 0.0), 46), ((-0.1, 0.0), 10), ((0.0, 0.4), 20), ((0.0, -0.4), 20), ((0.0, 0.0), 10)],
     "contouring": [((0.0, 0.3), 5), ((0.0, 0.0), 4), ((0.1, 0.0), 4), ((0.0, -0.3), 4), ((0.0, 0.0), 4)],
     "pinching": [((-0.2,), 2), ((-0.1,), 3), ((0.0,), 10), ((0.2,), 3), ((0.0,), 8)],
 }

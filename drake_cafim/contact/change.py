@@ -34,6 +34,11 @@ class ContactChange:
     memory: ClassVar[int] = 0
     """How many numbers it remembers."""
 
+    @property
+    def reach(self) -> float:
+        """From how far outside, m, it is felt."""
+        return 0.0
+
     def recall(self, time: Array, touch: Touch, at: Touch) -> Array:
         """The memory (N, m) at samples at `time` (N,) s, of all the samples before each.
 

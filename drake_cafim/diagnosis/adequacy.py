@@ -27,9 +27,8 @@ def by_run(problem: Problem, rows: Array) -> Iterator[tuple[int, Array]]:
     """Each recording's whitened rows as (M, r)."""
     start = 0
     for index, run in enumerate(problem.runs):
-        shape = (len(run.weak.samples.windows), run.weak.rows_per_window)
-        stop = start + shape[0] * shape[1]
-        yield index, rows[start:stop].reshape(shape)
+        stop = start + run.shape[0] * run.shape[1]
+        yield index, rows[start:stop].reshape(run.shape)
         start = stop
 
 
@@ -37,7 +36,7 @@ def adequacy(problem: Problem, residual: Array, fitted: int) -> Adequacy:
     """How well `residual` (whitened rows, then prior rows) agrees with unit white noise; `fitted` strengths."""
     rows = residual[: problem.rows]
     p_values: list[float] = []
-    total = np.zeros(problem.runs[0].weak.rows_per_window)
+    total = np.zeros(problem.runs[0].shape[1])
     count = 0
     for _, z in by_run(problem, rows):
         total += np.sum(z**2, axis=0)

@@ -24,10 +24,12 @@ from drake_cafim.diagnosis.samples import samples_of
 from drake_cafim.diagnosis.search import Outcome, Settings, inclusion, key_of, search
 from drake_cafim.diagnosis.slow_channels import bridged
 from drake_cafim.diagnosis.stated_noise import noise_of
+from drake_cafim.diagnosis.tosses.prepared import PreparedTosses, prepare_tosses
 from drake_cafim.diagnosis.verdict import (
     Comparison,
     Explanation,
     Kind,
+    Location,
     Mismatch,
     NominalParameter,
     Quality,
@@ -87,11 +89,10 @@ def examine(
     settings = settings or Settings()
     progress("reading noise and laying windows")
     prepared = prepare(scene.knowing(effects), recordings, held_out)
-    scene, weak = prepared.scene, prepared.weak
     if prepared.mistakes:
         # physics that would make up for a mistake of the data is none
         settings = replace(settings, most_effects=0)
-    outcome = search(Problem.of(scene, weak, Model(scene.priors.mean)), settings, progress)
+    outcome = search(prepared.problem(), settings, progress)
     return _verdict(prepared, outcome, settings, progress), outcome
 
 
@@ -106,12 +107,28 @@ class Prepared:
     mistakes: tuple[str, ...]
     noise_remarks: tuple[str, ...]
 
+    def problem(self) -> Problem:
+        """The recordings' whitened equations, under the model as given."""
+        return Problem.of(self.scene, self.weak, Model(self.scene.priors.mean))
 
-def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Prepared:
-    """The recordings' weak forms under the noise that was stated or, where it was not, is seen.
+    def locate(self, problem: Problem, lacking: Model) -> tuple[Location, ...]:
+        """Where the recordings differ from `lacking`."""
+        return locate(problem, lacking)
+
+    def qualities(self, model: Model) -> list[Quality]:
+        """How `model` does on the recordings, and on those held out where there are any."""
+        return _qualities([self.weak, self.held_out] if self.held_out else [self.weak], self.scene, model)
+
+
+def prepare(
+    scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()
+) -> Prepared | PreparedTosses:
+    """The recordings' weak forms, or a thrown body's poses, under the noise that was stated or, where not, is seen.
 
     Raises `InputError` for recordings that lack what the scene needs.
     """
+    if scene.tree.floating:
+        return prepare_tosses(scene, recordings, held_out, _notes(recordings))
     scene = _facing(scene, recordings)
     std, notes = noise_of(scene, recordings)
     stated = stated_memories(scene, list(std))
@@ -156,13 +173,12 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
     `InputError` for recordings that lack what the scene needs.
     """
     prepared = prepare(scene, recordings)
-    scene, weak = prepared.scene, prepared.weak
-    problem = Problem.of(scene, weak, Model(scene.priors.mean))
+    scene, problem = prepared.scene, prepared.problem()
     progress("fitting the unknown parameters")
     fitted = unbiased_fit(problem, problem.nominal())
     progress("simulating")
     models = [Model(scene.priors.mean), fitted.model, fitted.model]
-    return Estimate(_parameters(scene, fitted), _comparisons([weak], scene, models)[0])
+    return Estimate(_parameters(scene, fitted), _comparisons(prepared, models)[0])
 
 
 def _facing(scene: Scene, recordings: Sequence[Recording]) -> Scene:
@@ -171,16 +187,16 @@ def _facing(scene: Scene, recordings: Sequence[Recording]) -> Scene:
     return scene.facing(q[np.flatnonzero(np.all(np.isfinite(q), axis=1))[0]])
 
 
-def _verdict(prepared: Prepared, outcome: Outcome, settings: Settings, progress: Progress) -> Verdict:
-    scene, weak, held = prepared.scene, prepared.weak, prepared.held_out
+def _verdict(prepared: Prepared | PreparedTosses, outcome: Outcome, settings: Settings, progress: Progress) -> Verdict:
+    scene = prepared.scene
     best, kind = _decided(outcome, settings)
     # where the mismatch is: of the nominal physics at the numbers that the explanation found, or of what remains
     lacking = best.model if kind == "unexplained" else Model(best.model.unknown)
-    locations = () if kind == "none" else locate(outcome.nominal_problem, lacking)
+    locations = () if kind == "none" else prepared.locate(outcome.nominal_problem, lacking)  # type: ignore[arg-type]
     corrected = scene.corrected(best.model.unknown, best.model.effects)
     progress("simulating with and without the effects")
     models = [Model(scene.priors.mean), outcome.nominal.model, best.model]
-    train, *held_out = _comparisons([weak, held] if held else [weak], scene, models)
+    train, *held_out = _comparisons(prepared, models)
     return Verdict(
         kind=kind,
         mismatch=Mismatch(kind != "none", outcome.detection_p_value, locations),
@@ -261,14 +277,14 @@ def _parameters(scene: Scene, best: Fit) -> tuple[NominalParameter, ...]:
     )
 
 
-def _comparisons(groups: Sequence[list[WeakForm]], scene: Scene, models: list[Model]) -> list[Comparison]:
+def _comparisons(prepared: Prepared | PreparedTosses, models: list[Model]) -> list[Comparison]:
     """Each group of recordings under the three models."""
     found: list[list[Quality]] = []
     for k, model in enumerate(models):
         # where nothing is missing, two of the three are the same
         same = [j for j in range(k) if models[j].effects == model.effects and np.all(models[j].vector == model.vector)]
-        found.append(found[same[0]] if same else _qualities(groups, scene, model))
-    return [Comparison(*(one[k] for one in found)) for k in range(len(groups))]
+        found.append(found[same[0]] if same else prepared.qualities(model))
+    return [Comparison(*(one[k] for one in found)) for k in range(len(found[0]))]
 
 
 def _qualities(groups: Sequence[list[WeakForm]], scene: Scene, model: Model) -> list[Quality]:

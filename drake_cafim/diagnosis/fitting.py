@@ -1,6 +1,7 @@
 """Maximum a posteriori fits of a model's numbers to whitened rows."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -22,8 +23,6 @@ NOTHING_KNOWN = 1e12
 UNSEEN = 0.01
 """Of a whitened row: what a number's usual size must move the rows by, all together, to be fitted."""
 LEAST_WORTH = 10.0
-LEAST_GAIN = 2.5e-4
-"""Of ½ χ²; where a step promises less, the minimum is reached."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +37,8 @@ class Fit:
     data_rows: int
     unbiased: bool = False
     """Whether the noise that regressors share with the residual was reckoned with."""
-
-    @property
-    def echo(self) -> bool:
-        """Whether what was fitted is an echo of noise, of which nothing is known."""
-        return self.unbiased and bool(np.any(np.diag(self.covariance) >= NOTHING_KNOWN))
+    echo: bool = False
+    """Whether what was fitted is an echo of noise, of which nothing is known."""
 
     @property
     def chi_square(self) -> float:
@@ -82,6 +78,8 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
     A controller hands the noise on to the efforts, and so to what they drive (closed-loop identification; Ljung,
     System Identification, 1999, §13.4).
     """
+    if not problem.regressors_noisy:
+        return replace(fit(problem, model, iterations), unbiased=True)
     n = len(model.vector)
     model, residual, jacobian = _minimised(problem, model, np.zeros(n), iterations)
     information = jacobian.T @ jacobian
@@ -92,14 +90,18 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
         offset, excess = _shared_noise(problem, model, residual, jacobian)
         corrected = _minimised(problem, model, offset, 4, worth)
         if not float(offset @ (corrected[0].vector - first)) < worth:
-            return Fit(model, residual, jacobian, np.diag(np.full(n, NOTHING_KNOWN)), problem.rows, unbiased=True)
+            nothing = np.diag(np.full(n, NOTHING_KNOWN))
+            return Fit(model, residual, jacobian, nothing, problem.rows, unbiased=True, echo=True)
         model, residual, jacobian = corrected
         information = jacobian.T @ jacobian - excess
         # the noise that is shared grows with the numbers themselves, so a large correction is made again
         if np.all(np.abs(model.vector - before) * np.linalg.norm(jacobian, axis=0) < CORRECTED):
             break
-    covariance = _inverse(_without_noise_alone(information, jacobian))
-    return Fit(model, residual, jacobian, covariance, problem.rows, unbiased=True)
+    raw = np.einsum("ij,ij->j", jacobian, jacobian)
+    empty = np.diag(information) < NOISE_ALONE * raw
+    covariance = _inverse(_without(information, empty, raw))
+    echo = bool(np.any(np.diag(covariance)[empty] >= NOTHING_KNOWN))
+    return Fit(model, residual, jacobian, covariance, problem.rows, unbiased=True, echo=echo)
 
 
 def _worth(problem: Problem, model: Model, residual: Array) -> float:
@@ -110,13 +112,11 @@ def _worth(problem: Problem, model: Model, residual: Array) -> float:
     return 0.5 * float(without @ without - residual @ residual) + LEAST_WORTH
 
 
-def _without_noise_alone(information: Array, jacobian: Array) -> Array:
-    """The information without what a number owes to noise in its own regressor.
+def _without(information: Array, empty: np.ndarray[Any, np.dtype[np.bool_]], raw: Array) -> Array:
+    """The information without what the `empty` numbers owe to noise in their own regressors, of sizes `raw`².
 
     A gain of a channel that holds nothing but noise is such a number: nothing is known of it.
     """
-    raw = np.einsum("ij,ij->j", jacobian, jacobian)
-    empty = np.diag(information) < NOISE_ALONE * raw
     if not np.any(empty):
         return information
     kept = information.copy()
@@ -158,7 +158,7 @@ def _minimised(
         gained = residual @ residual - trial_residual @ trial_residual
         model, residual = trial, trial_residual
         jacobian = problem.jacobian(model)
-        if abs(gained) < 1e-3 + 1e-5 * (residual @ residual) / len(residual):
+        if abs(gained) < 2.0 * _least_gain(problem, residual) + 1e-5 * (residual @ residual) / len(residual):
             break
     return model, residual, jacobian
 
@@ -174,11 +174,11 @@ def _step(
     scaled = np.where(unseen, 0.0, jacobian / scale)
     normal, gradient = scaled.T @ scaled, np.where(unseen, 0.0, scaled.T @ residual - offset / scale)
     start = 0.5 * float(residual @ residual)
-    reach = _reach(model)
+    least_gain, reach = _least_gain(problem, residual), _reach(model)
     for _ in range(8):
         damped = normal + damping * np.eye(len(scale))
         step = -np.linalg.solve(damped, gradient)
-        if -0.5 * float(gradient @ step) < LEAST_GAIN:
+        if -float(gradient @ step) < least_gain:
             break
         step = np.clip(step, -reach * scale, reach * scale)
         trial = _kept_near(problem, model.at(model.vector + step / scale))
@@ -191,14 +191,20 @@ def _step(
             taken[free] = -np.linalg.solve(damped[np.ix_(free, free)], toward)
             trial = _kept_near(problem, model.at(model.vector + taken / scale))
         if not all(effect.plausible() for effect in trial.effects):
-            damping = max(damping * 10.0, 1e-6)
+            damping = max(damping * 10.0, problem.least_damping)
             continue
         trial_residual = problem.residual(trial)
         moved = float(offset @ (trial.vector - model.vector))
         if np.all(np.isfinite(trial_residual)) and 0.5 * float(trial_residual @ trial_residual) - moved < start:
             return trial, trial_residual, max(damping * 0.1, 1e-9)
-        damping = max(damping * 10.0, 1e-6)
+        damping = max(damping * 10.0, problem.least_damping)
     return None, residual, damping
+
+
+def _least_gain(problem: Problem, residual: Array) -> float:
+    """Of χ²: what a step must promise to be worth taking."""
+    beyond = max(float(residual @ residual) - len(residual), 0.0)
+    return problem.least_gain + problem.slack * beyond
 
 
 def _reach(model: Model) -> Array:

@@ -60,7 +60,7 @@ def locate(problem: Problem, model: Model) -> tuple[Location, ...]:
                 kind, label = place
                 # the share of a place is divided over the recordings in which it shows
                 shown = sum((*place, r.weak.samples.recording.name) in found for r in problem.runs)
-                locations.append(Location(kind, label, share / shown, _united(intervals), name, words))
+                locations.append(Location(kind, label, share / shown, united(intervals), name, words))
     return tuple(locations)
 
 
@@ -101,7 +101,7 @@ def places_of(problem: Problem) -> list[tuple[str, str]]:
     return places
 
 
-def _united(intervals: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+def united(intervals: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
     """The intervals in order, those that touch made one."""
     united: list[tuple[float, float]] = []
     for start, stop in sorted(intervals):

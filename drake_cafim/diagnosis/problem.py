@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -33,6 +33,16 @@ class Run:
     whiten: Whitening
     jacobian: sp.csr_matrix
     labels: tuple[tuple[str, slice], ...]
+
+    @property
+    def name(self) -> str:
+        """Of the recording."""
+        return self.weak.samples.recording.name
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Windows, and rows of each."""
+        return (len(self.weak.samples.windows), self.weak.rows_per_window)
 
     @property
     def rows(self) -> int:
@@ -74,10 +84,19 @@ class Problem:
 
     scene: Scene
     runs: tuple[Run, ...]
+    regressors_noisy: ClassVar[bool] = True
+    """Whether the slopes by a model's numbers hold noise of the measurement."""
+    least_gain: ClassVar[float] = 5e-4
+    """Of χ²; where a step promises less, the minimum is reached."""
+    slack: ClassVar[float] = 0.0
+    """Of what χ² is beyond noise; as `least_gain`, where far too much is left to be exact about."""
+    least_damping: ClassVar[float] = 1e-6
+    """Of a step after one that failed."""
     _unknown_columns: dict[int, Array] = field(default_factory=dict, repr=False, compare=False)
     found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
     """The last residual that was searched for pushes, and what was found."""
     _sensor_columns: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
+    _last_rewhitened: list[tuple[Model, "Problem"]] = field(default_factory=list, repr=False, compare=False)
 
     @classmethod
     def of(cls, scene: Scene, weak: Sequence[WeakForm], model: Model) -> "Problem":
@@ -90,8 +109,10 @@ class Problem:
         return cls(scene, tuple(runs))
 
     def rewhitened(self, model: Model) -> "Problem":
-        """The same recordings under another model's covariance."""
-        return Problem.of(self.scene, [run.weak for run in self.runs], model)
+        """The same recordings under another model's covariance; the last one is kept."""
+        if not self._last_rewhitened or self._last_rewhitened[0][0] is not model:
+            self._last_rewhitened[:] = [(model, Problem.of(self.scene, [run.weak for run in self.runs], model))]
+        return self._last_rewhitened[0][1]
 
     @cached_property
     def noisier(self) -> "Problem":

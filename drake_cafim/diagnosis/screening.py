@@ -11,6 +11,10 @@ from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.plane_looks import plane_looks
 from drake_cafim.diagnosis.problem import Problem, Run
 from drake_cafim.diagnosis.pulses import Push, strongest_pushes
+from drake_cafim.diagnosis.tosses.looks import hypotheses as toss_hypotheses
+from drake_cafim.diagnosis.tosses.looks import looks as toss_looks
+from drake_cafim.diagnosis.tosses.problem import TossProblem
+from drake_cafim.diagnosis.tosses.pulses import strongest_pushes as strongest_tosses
 from drake_cafim.effects.actuator import (
     ActuatorDeadZone,
     ActuatorDelay,
@@ -53,6 +57,8 @@ OF_COMMANDS = (ActuatorSaturation, ActuatorDeadZone, ActuatorDelay, ActuatorLag)
 
 def hypotheses(problem: Problem) -> tuple[Effect, ...]:
     """Every effect of the vocabulary at every place of the scene where it can be."""
+    if isinstance(problem, TossProblem):
+        return toss_hypotheses(problem)
     found: list[Effect] = []
     channels = _channels(problem)
     for effect in problem.scene.vocabulary:
@@ -104,7 +110,7 @@ def _best_look(problem: Problem, at: Fit, effect: Effect, basis: Array, residual
         if built is not None and built.plausible():
             best = Candidate(built, gain, len(effect.strengths), 0)
     if isinstance(effect, ExternalDisturbance):
-        trials += _pushes(problem, at)[1]
+        trials += (strongest_tosses(problem, at) if isinstance(problem, TossProblem) else _pushes(problem, at))[1]
     return None if best is None else Candidate(best.effect, best.gain, best.strengths, trials)
 
 
@@ -164,6 +170,9 @@ def _projected(columns: Array, basis: Array, residual: Array) -> tuple[Array, fl
 
 def looks(problem: Problem, at: Fit, effect: Effect) -> Iterator[tuple[Array, Callable[[Array], Effect | None]]]:
     """Whitened columns (R, c) along which the effect moves the rows, and the effect that coefficients stand for."""
+    if isinstance(problem, TossProblem):
+        yield from toss_looks(problem, at, effect)
+        return
     physics = at.model.physics(problem.scene)
     if isinstance(effect, JointForce):
         yield from _force_looks(problem, physics, effect)

@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.robust import wald_p_value
 from drake_cafim.diagnosis.screening import Candidate, hypotheses, screen
+from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.effect import Effect
 from drake_cafim.typing import Array
 
@@ -21,6 +22,8 @@ LOOKED_AT = 8
 SUSPICIOUS = 0.05
 PROMISING = 0.1
 """Candidates whose first look gains less than this share of the best one's are not refitted."""
+FAR_LESS = 0.5
+"""Of what an explanation takes off χ²."""
 COMPETES = 100.0
 """Information criterion, in units of the noise that is left, beyond which an explanation has lost."""
 RIVALS = 3
@@ -216,6 +219,8 @@ def _gain_under_its_noise(problem: Problem, before: Fit, after: Fit) -> float:
     An effect that moves the inertia also moves how much noise reaches the rows; under the whitening of `before` it may
     gain by that alone.
     """
+    if not problem.regressors_noisy:
+        return before.chi_square - after.chi_square
     own = problem.rewhitened(after.model)
     return unbiased_fit(own, before.model).chi_square - unbiased_fit(own, after.model).chi_square
 
@@ -235,7 +240,7 @@ def _expand(state: _State, depth: int) -> None:
         promising = [c for c in candidates if c.gain > PROMISING * candidates[0].gain]
         for candidate in promising[: state.settings.refined]:
             key = frozenset({*present, candidate.effect.key})
-            if key in found:
+            if key in found or _settled(state, parent, found.values(), candidate):
                 continue
             state.progress(f"{depth} effect{'s' * (depth > 1)}: {candidate.effect.name} at {candidate.effect.at}")
             one = fit(state.problem, parent.model.with_effects([candidate.effect]))
@@ -246,6 +251,20 @@ def _expand(state: _State, depth: int) -> None:
     for one in (*ranked[state.settings.beam :], *kept):
         state.pool.add(one)
     state.frontier = state.ranked(kept)
+
+
+def _settled(state: _State, parent: Fit, found: Iterable[Fit], candidate: Candidate) -> bool:
+    """Whether one of `found` leaves nothing but noise, and the candidate's look, free of noise, gains far less.
+
+    What does not become a rival need not be fitted.
+    """
+    if state.problem.regressors_noisy:
+        return False
+    return any(
+        candidate.gain < FAR_LESS * (parent.chi_square - one.chi_square)
+        and adequacy(state.problem, one.residual, one.strengths).p_value > state.settings.false_alarm_rate
+        for one in found
+    )
 
 
 def _fit_rivals(state: _State, best: Fit) -> None:
@@ -263,7 +282,7 @@ def _fit_rivals(state: _State, best: Fit) -> None:
             model = parent.model.with_effects([candidate.effect])
             key = frozenset(effect.key for effect in model.effects)
             # a first look that gains far less than what was lost does not become a rival by refinement
-            if key not in state.pool.fits and candidate.gain > 0.5 * needed:
+            if key not in state.pool.fits and candidate.gain > FAR_LESS * needed:
                 one = _reshaped(state.problem, fit(state.problem, model))
                 if state.problem.plausible(one.model):
                     state.pool.add(one)
@@ -379,9 +398,15 @@ def _accepted(state: _State, before: Fit, after: Fit) -> bool:
 
 
 def _repeated(problem: Problem, before: Fit, after: Fit) -> bool:
-    """Whether the recordings, all but a quarter of them, are better explained by `after`."""
+    """Whether `after` explains the recordings that the new effects act in better, all but a quarter of them."""
+    known = {effect.key for effect in before.model.effects}
+    new = [effect for effect in after.model.effects if effect.key not in known]
+    pushed = [effect.recording if isinstance(effect, ExternalDisturbance) else None for effect in new]
     left, had = by_run(problem, after.residual[: problem.rows]), by_run(problem, before.residual[: problem.rows])
-    better = [np.sum(a**2) < np.sum(b**2) for (_, a), (_, b) in zip(left, had, strict=True)]
+    better = []
+    for run, (_, a), (_, b) in zip(problem.runs, left, had, strict=True):
+        if None in pushed or run.name in pushed:
+            better.append(np.sum(a**2) < np.sum(b**2))
     return bool(np.mean(better) >= REPEATS)
 
 

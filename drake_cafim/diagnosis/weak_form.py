@@ -6,7 +6,7 @@ For each window w and joint k, in exact arithmetic and with the true physics, al
     dynamic     −∫ ẇ p_k dt − ∫ w (∂T/∂q_k + gravity + joint forces + contact + u)_k dt,     p = M(q) v
     wrench      ∫ w (measured − predicted contact wrench) dt
 
-The noise of the samples reaches them to first order through the Jacobian that `noise_jacobian` returns.
+The noise of the samples reaches them to first order through the Jacobian of `noise_jacobian`.
 """
 
 from dataclasses import dataclass, field, replace
@@ -25,10 +25,9 @@ from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.local_polynomial import local_polynomial
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS
-from drake_cafim.scenario.physics import Physics
+from drake_cafim.scenario.physics import FreeResponse, Physics
 from drake_cafim.typing import Array
 
-POSITION_STEP, VELOCITY_STEP = 1e-6, 1e-5
 CHANNEL_REACH = 0.04
 """s on either side over which a channel is smoothed before its slopes are taken."""
 
@@ -67,6 +66,7 @@ class WeakForm:
     _changes: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
     _smooth: list[tuple[_Prepared, Motion]] = field(default_factory=list, repr=False, compare=False)
     _drives: dict[tuple[object, ...], tuple[RotorDrive, ...]] = field(default_factory=dict, repr=False, compare=False)
+    _responses: dict[tuple[object, ...], FreeResponse] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def joints(self) -> int:
@@ -166,10 +166,14 @@ class WeakForm:
     def rotor_drives(self, physics: Physics) -> tuple[RotorDrive, ...]:
         """What drives each joint's twist between rotor and link; kept for the last physics but its couplings."""
         effects = (*physics.joint_forces, *physics.actuators, *physics.sensors, *physics.body_forces)
-        key = (
+        inertial = (
             inertial_parameters(physics.tree).tobytes(),
             physics.gravity.tobytes(),
             physics.rotor_inertias.tobytes(),
+            *((effect.key, *effect.values.values()) for effect in physics.sensors),
+        )
+        key = (
+            *inertial,
             physics.dampings.tobytes(),
             *((effect.key, *effect.values.values()) for effect in effects),
             *((contact.name, str(contact)) for contact in physics.contacts),
@@ -177,12 +181,14 @@ class WeakForm:
         if key not in self._drives:
             self._drives.clear()
             prepared, time = self._prepared(physics), self.samples.time
+            if inertial not in self._responses:
+                self._responses.clear()
+                # the joints' masses may differ from those that the motion was prepared with
+                self._responses[inertial] = physics.free_response(replace(prepared.moving, tree=physics.tree))
             u = prepared.measured.u
             effort = np.stack([self.effort(physics, j, u).means(time) for j in range(self.joints)], axis=1)
             joints = self.joint_samples(prepared.measured)
-            # the joints' masses may differ from those that the motion was prepared with
-            moving = replace(prepared.moving, tree=physics.tree)
-            self._drives[key] = physics.rotor_drives(time, moving, effort, joints)
+            self._drives[key] = physics.rotor_drives(time, self._responses[inertial], effort, joints)
         return self._drives[key]
 
     def coupling_rows(self, physics: Physics, coupling: JointCoupling) -> Array:
@@ -305,119 +311,14 @@ class WeakForm:
         """Generalized forces (N, n) of what pushes the bodies."""
         return moving.project(physics.body_wrenches(moving, self.samples.time, self.samples.recording.name))
 
-    def _pointwise(self, physics: Physics, q: Array, v: Array, memory: Array) -> tuple[Array, Array]:
-        """Momentum (N, n) and what the windows weigh, force then predicted wrenches (N, n + 6 s).
+    def touched_and_pushed(self, physics: Physics, moving: Motion, memory: Array) -> Array:
+        """Forces at the joints then predicted wrenches (N, n + 6 s), by contacts and by what pushes the bodies.
 
         `memory` (N, m) is what the contacts remember.
         """
-        moving = motion(physics.tree, q, v)
-        momentum, force = physics.momentum_and_force(moving)
         wrench = physics.contact_wrenches(moving, memory) if physics.contacts else None
-        if wrench is not None:
-            force = force + moving.project(wrench)
+        force = np.zeros_like(moving.q) if wrench is None else moving.project(wrench)
         if physics.body_forces:
             force = force + self._pushed(physics, moving)
         readings = [sensor.reading(moving, self._on(sensor, moving, wrench)) for sensor in self.sensors]
-        return momentum, np.concatenate([force, *readings], axis=1)
-
-    def noise_jacobian(self, physics: Physics) -> tuple[sp.csr_matrix, list[tuple[str, slice]]]:
-        """∂rows/∂samples as a sparse (M r, columns), and which slice belongs to which recording column.
-
-        Slices are N wide; rows run window after window. By central differences of the point-wise terms, and the
-        analytic slopes of the joint laws.
-        """
-        s, n = self.samples, self.joints
-        measured = self.measurement(physics)
-        q, v = measured.q_hat, measured.v_hat
-        joints = self.joint_samples(measured)
-        memory = self.contact_memory(physics)
-        _, d_q_law, d_v_law = physics.applied_at_joints(joints)
-        blocks: list[sp.csr_matrix] = []
-        labels: list[tuple[str, slice]] = []
-
-        def add(name: str, block: sp.csr_matrix) -> None:
-            # the last correction made is the first that the rows see
-            for effect in reversed(physics.sensors):
-                moved = effect.channels((name,)) and not name.startswith("wrench.")
-                correction = effect.correction(s.time) if moved else None
-                if correction is not None:
-                    block = sp.csr_matrix(block @ correction)
-            if name in s.bridges:
-                block = sp.csr_matrix(block @ s.bridges[name])
-            start = sum(b.shape[1] for b in blocks)
-            blocks.append(block)
-            labels.append((name, slice(start, start + block.shape[1])))
-
-        readings = [
-            self._reading_windows(physics, sensor, axis) for sensor in self.sensors for axis in WRENCH_COMPONENTS
-        ]
-        for j, name in enumerate(physics.tree.joint_names):
-            by_q = self._difference(physics, q, v, memory, j, POSITION_STEP, position=True)
-            by_v = self._difference(physics, q, v, memory, j, VELOCITY_STEP, position=False)
-            by_q[1][:, j] += d_q_law[:, j]
-            by_v[1][:, j] += d_v_law[:, j]
-            from_q = self._block(by_q[0], by_q[1], readings, kinematic=j, rate=True)
-            from_v = self._block(by_v[0], by_v[1], readings, kinematic=j, rate=False)
-            if s.differentiate is None:
-                add(f"q.{name}", from_q)
-                add(f"v.{name}", from_v)
-            else:
-                add(f"q.{name}", sp.csr_matrix(from_q + from_v @ s.differentiate))
-            if s.std[f"u.{name}"] > 0.0:
-                add(f"u.{name}", self._place(-self.held(s.time), self.kinematic_rows + j))
-        for i, sensor in enumerate(self.sensors):
-            for k, axis in enumerate(WRENCH_COMPONENTS):
-                row = self.kinematic_rows + n + 6 * i + k
-                add(f"wrench.{sensor.name}.{axis}", self._place(s.windows.value, row))
-        scale = np.ones(self.rows_per_window)
-        scale[self.dynamic] = 1.0 / physics.effort_gains
-        scaling = sp.diags_array(np.tile(scale, len(s.windows)))
-        return sp.csr_matrix(scaling @ sp.hstack(blocks)), labels
-
-    def _difference(
-        self, physics: Physics, q: Array, v: Array, memory: Array, j: int, step: float, position: bool
-    ) -> tuple[Array, Array]:
-        shift = np.zeros(self.joints)
-        shift[j] = step
-        ahead = self._pointwise(physics, q + shift if position else q, v if position else v + shift, memory)
-        behind = self._pointwise(physics, q - shift if position else q, v if position else v - shift, memory)
-        return (ahead[0] - behind[0]) / (2.0 * step), (ahead[1] - behind[1]) / (2.0 * step)
-
-    def _reading_windows(self, physics: Physics, sensor: WrenchSensor, axis: str) -> sp.csr_matrix:
-        """The windows (M, N) over a predicted reading: a sensor that is late mixes its times."""
-        windows = self.samples.windows.value
-        for effect in reversed(physics.sensors):
-            if effect.channels((f"wrench.{sensor.name}.{axis}",)):
-                writing = effect.writing(self.samples.time)
-                windows = windows if writing is None else sp.csr_matrix(windows @ writing)
-        return windows
-
-    def _block(
-        self, momentum: Array, force: Array, readings: list[sp.csr_matrix], kinematic: int, rate: bool
-    ) -> sp.csr_matrix:
-        """Rows' derivative by one column of samples from the point-wise ones."""
-        windows = self.samples.windows
-        parts: list[sp.csr_matrix] = []
-        for k in range(self.kinematic_rows):
-            own = (windows.rate if rate else windows.value) if k == kinematic else sp.csr_matrix(windows.value.shape)
-            parts.append(own)
-        for k in range(self.joints):
-            parts.append(-windows.rate @ sp.diags_array(momentum[:, k]) - windows.value @ sp.diags_array(force[:, k]))
-        for k, reading in enumerate(readings, self.joints):
-            parts.append(-reading @ sp.diags_array(force[:, k]))
-        return self._interleave(parts)
-
-    def _place(self, matrix: sp.csr_matrix, row: int) -> sp.csr_matrix:
-        coo = sp.coo_matrix(matrix)
-        shape = (len(self.samples.windows) * self.rows_per_window, matrix.shape[1])
-        return sp.csr_matrix((coo.data, (coo.row * self.rows_per_window + row, coo.col)), shape=shape)
-
-    def _interleave(self, parts: list[sp.csr_matrix]) -> sp.csr_matrix:
-        rows, columns, data = [], [], []
-        for k, part in enumerate(parts):
-            coo = sp.coo_matrix(part)
-            rows.append(coo.row * self.rows_per_window + k)
-            columns.append(coo.col)
-            data.append(coo.data)
-        shape = (len(self.samples.windows) * self.rows_per_window, parts[0].shape[1])
-        return sp.csr_matrix((np.concatenate(data), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+        return np.concatenate([force, *readings], axis=1)

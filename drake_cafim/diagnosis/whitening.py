@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from scipy.linalg import lapack
 
 from drake_cafim.diagnosis.coloured_noise import covariance
+from drake_cafim.diagnosis.noise_jacobian import noise_jacobian
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -36,7 +37,7 @@ class Whitening:
 
 def whitening(weak: WeakForm, physics: Physics) -> tuple[Whitening, sp.csr_matrix, list[tuple[str, slice]]]:
     """The whitening of one recording's rows under `physics`, with the noise Jacobian it was made from."""
-    jacobian, labels = weak.noise_jacobian(physics)
+    jacobian, labels = noise_jacobian(weak, physics)
     spread = sp.coo_matrix(row_covariance(weak, jacobian, labels))
     lower = spread.row >= spread.col
     row, column, value = spread.row[lower], spread.col[lower], spread.data[lower]

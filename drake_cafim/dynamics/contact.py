@@ -41,6 +41,11 @@ class SphereContact:
         return replace(self, parameters=replace(self.parameters, **{name: value}))
 
     @property
+    def points(self) -> Array:
+        """(K, 3) m in frame J: centres of the spheres that may touch; those of radius 0 are points."""
+        return self.p_JC[None]
+
+    @property
     def memory(self) -> int:
         """How many numbers the changes remember."""
         return sum(change.memory for change in self.changes)

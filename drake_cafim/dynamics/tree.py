@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PrismaticJoint, RevoluteJoint
+from pydrake.multibody.tree import PrismaticJoint, QuaternionFloatingJoint, RevoluteJoint
 from pydrake.systems.framework import Context
 
 from drake_cafim.errors import InputError
@@ -17,6 +17,7 @@ from drake_cafim.typing import Array
 OneAxisJoint: TypeAlias = RevoluteJoint | PrismaticJoint
 
 FIXED = -1  # the joint index of what stands still in the world
+FREE = 0  # the index of the frame of a body that floats: there are then no joints
 
 
 @dataclass(frozen=True)
@@ -62,15 +63,19 @@ class Body:
 
 @dataclass(frozen=True)
 class Tree:
-    """Joints in an order in which parents come first, and the bodies that ride them."""
+    """Joints in an order in which parents come first, and the bodies that ride them.
+
+    Of a `floating` body there are no joints: it is frame `FREE` itself, with what is welded to it.
+    """
 
     joints: tuple[Joint, ...]
     bodies: tuple[Body, ...]
+    floating: bool = False
 
     @cached_property
     def lumps(self) -> tuple[Array, Array, Array]:
         """What rides each joint itself: mass (n,) kg, centre of mass (n, 3) m, inertia about it (n, 3, 3), frame J."""
-        n = len(self.joints)
+        n = 1 if self.floating else len(self.joints)
         mass, center, inertia = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
         for joint in range(n):
             riding = [body for body in self.bodies if body.joint == joint]
@@ -120,12 +125,15 @@ class Tree:
 
 
 def tree_of(plant: MultibodyPlant, locked: Mapping[str, float] | None = None) -> Tree:
-    """The tree of a finalized plant whose joints are revolute, prismatic or welds.
+    """The tree of a finalized plant whose joints are revolute, prismatic or welds, or of one body that floats.
 
     Joints keep the order of the plant's velocities; those of `locked` are welds at that position, rad or m.
     Raises `InputError` for any other kind of joint, and for a locked joint that the plant lacks.
     """
     locked = locked or {}
+    joints_of_plant = [plant.get_joint(i) for i in plant.GetJointIndices()]
+    if any(isinstance(joint, QuaternionFloatingJoint) for joint in joints_of_plant):
+        return _floating(plant)
     context = plant.CreateDefaultContext()
     zero: Array = np.zeros(plant.num_positions())
     plant.SetPositions(context, zero)
@@ -152,6 +160,25 @@ def tree_of(plant: MultibodyPlant, locked: Mapping[str, float] | None = None) ->
         _body(plant, context, moving, name, rides[name]) for name in rides if name != plant.world_body().name()
     )
     return Tree(joints, bodies)
+
+
+def _floating(plant: MultibodyPlant) -> Tree:
+    """The tree of the one body that floats; the others are welded to it or to the world."""
+    joints = [plant.get_joint(i) for i in plant.GetJointIndices()]
+    moving = [joint for joint in joints if joint.num_velocities() > 0]
+    if len(moving) != 1:
+        names = ", ".join(joint.child_body().name() for joint in moving)
+        raise InputError(f"bodies {names} move and nothing holds them all: expected one floating body, or a `weld:`")
+    context = plant.CreateDefaultContext()
+    X_JW = plant.EvalBodyPoseInWorld(context, moving[0].child_body()).inverse()
+    rides = _rides(plant, {moving[0].name(): FREE})
+    bodies = []
+    for name, frame in rides.items():
+        if name == plant.world_body().name():
+            continue
+        X_WB = plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name))
+        bodies.append(_placed(plant, name, frame, X_JW.multiply(X_WB) if frame == FREE else X_WB))
+    return Tree((), tuple(bodies), floating=True)
 
 
 def _lock(plant: MultibodyPlant, context: Context, name: str, position: float) -> None:
@@ -233,9 +260,13 @@ def _moving_frame(context: Context, moving: Sequence[OneAxisJoint], joint: int) 
 
 
 def _body(plant: MultibodyPlant, context: Context, moving: Sequence[OneAxisJoint], name: str, joint: int) -> Body:
-    body = plant.GetBodyByName(name)
     X_WJ = _moving_frame(context, moving, joint)
-    X_JB = X_WJ.inverse().multiply(plant.EvalBodyPoseInWorld(context, body))
+    X_JB = X_WJ.inverse().multiply(plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(name)))
+    return _placed(plant, name, joint, X_JB)
+
+
+def _placed(plant: MultibodyPlant, name: str, joint: int, X_JB: RigidTransform) -> Body:
+    body = plant.GetBodyByName(name)
     M_BBo_B = body.default_spatial_inertia()
     about_center = M_BBo_B.Shift(M_BBo_B.get_com())
     return Body(

@@ -13,6 +13,9 @@ from drake_cafim.effects.contact import ContactEffect, ContactLook, pressing
 from drake_cafim.effects.effect import Strength
 from drake_cafim.typing import Array
 
+FELT = 12.0
+"""Ranges of a pull beyond which it is not felt."""
+
 
 @dataclass(frozen=True)
 class ContactNonlinearStiffness(ContactEffect):
@@ -72,6 +75,10 @@ class ContactAdhesion(ContactEffect):
         "sensor_bias": "a constant pull during lasting contact is an offset of the force; the axes tell them apart",
         "actuator_bias": "during lasting contact a constant pull acts on the axis as an effort does",
     }
+
+    @property
+    def reach(self) -> float:
+        return FELT * self.values["range"]
 
     def pull(self, touch: Touch) -> Array:
         decay = np.exp(np.minimum(touch.penetration, 0.0) / self.values["range"])

@@ -99,6 +99,12 @@ class SensorGainError(SensorEffect):
         "payload": "at a joint that inertia dominates, more motion and more mass look alike",
     }
 
+    @classmethod
+    def sites(cls, columns: Sequence[str]) -> Iterator[str]:
+        # a pose that is read too large is so along all axes: its unit of length is wrong
+        yield from (column for column in columns if not column.startswith(("u.", "pose.")))
+        yield from (sensor for sensor in whole_sensors(columns) if sensor.startswith("pose."))
+
     def measured(self, time: Array, true: Array) -> Array:
         return self.values["gain"] * true
 

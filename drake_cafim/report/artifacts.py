@@ -8,6 +8,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.samples import samples_of
 from drake_cafim.diagnosis.search import Outcome
+from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.verdict import Verdict
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.output import write_text
@@ -40,6 +41,9 @@ def write_artifacts(
     none was held out. With `mcap` every recording is written as MCAP too, its residuals as channels.
     """
     progress("writing the report")
+    # a thrown body has no joints to draw a replay from
+    thrown = isinstance(outcome.problem, TossProblem)
+    replay, mcap = replay and not thrown, mcap and not thrown
     scene = verdict.corrected
     files = {"corrected_scenario": CORRECTED, "html": PAGE}
     report = report_of(verdict, (), None, files | ({"replay": REPLAY} if replay else {}))

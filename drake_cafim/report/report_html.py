@@ -12,8 +12,10 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from drake_cafim.diagnosis.forecast import forecast
+from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.samples import samples_of
 from drake_cafim.diagnosis.search import Outcome
+from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.verdict import Comparison, Location, NominalParameter, Verdict
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.effects.effect import Effect, Place
@@ -28,6 +30,7 @@ from drake_cafim.report.missing import residual_maps, row_labels
 from drake_cafim.report.next_experiment import next_experiment
 from drake_cafim.report.remains_figure import remains_figure
 from drake_cafim.report.residual_figure import residual_figure, worst_first
+from drake_cafim.report.toss_pictures import ROWS, recordings_of, shown_recording, toss_contest, toss_maps
 from drake_cafim.scenario.physics import Physics
 
 TEMPLATE, REPORT = "report.html.j2", "report.json"
@@ -55,10 +58,14 @@ def render(verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], co
     )
     corrected = verdict.corrected.physics
     without = _without(verdict, outcome)
-    maps = residual_maps(outcome.problem, without, corrected)
+    if isinstance(outcome.problem, TossProblem):
+        unknown = np.array([one.value for one in verdict.parameters])
+        effects = tuple(one.effect for one in verdict.explanation)
+        maps, labels = toss_maps(outcome.problem, Model(unknown), Model(unknown, effects)), list(ROWS)
+    else:
+        maps, labels = residual_maps(outcome.problem, without, corrected), row_labels(outcome.problem)
     shown = worst_first(maps)
     changed = bool(verdict.explanation)
-    labels = row_labels(outcome.problem)
     return environment.get_template(TEMPLATE).render(
         colours=colours,
         wording=wording,
@@ -135,7 +142,7 @@ def unit_of(verdict: Verdict, column: str) -> str:
     kind, _, name = column.partition(".")
     if kind in ("wrench", "pose"):
         last = name.rsplit(".", 1)[-1]
-        force, torque = ("N", "N m") if kind == "wrench" else ("m", "1")
+        force, torque = ("N", "N m") if kind == "wrench" else ("m", "rad" if last == "rotation" else "1")
         return force if last in ("fx", "fy", "fz", "x", "y", "z") else torque
     tree = verdict.corrected.tree
     joint = tree.joints[tree.joint_index(name)]
@@ -179,7 +186,9 @@ def _effects(verdict: Verdict, outcome: Outcome, without: Physics, corrected: Ph
                     }
                     for name, value in one.values.items()
                 ],
-                "picture": law_picture(evidence_of(one.effect, outcome.problem, others, corrected)),
+                "picture": None
+                if isinstance(outcome.problem, TossProblem)
+                else law_picture(evidence_of(one.effect, outcome.problem, others, corrected)),
                 "reference": one.effect.reference,
             }
         )
@@ -194,7 +203,7 @@ def _unit(verdict: Verdict, effect: Effect, unit: str) -> str:
 
 def _remains(verdict: Verdict, outcome: Outcome, corrected: Physics) -> list[dict[str, str]]:
     """What is left at the places where most of it is, for a verdict that leaves something."""
-    if verdict.kind != "unexplained":
+    if verdict.kind != "unexplained" or isinstance(outcome.problem, TossProblem):
         return []
     names = list(dict.fromkeys(one["name"] for one in _places(verdict.mismatch.locations)))
     figures = [(name, remains_figure(outcome.problem, corrected, name)) for name in names[:2]]
@@ -205,23 +214,25 @@ def _forecast(
     verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], corrected: Physics
 ) -> dict[str, Any] | None:
     """The picture of simulations of a second each, on the first held-out recording or else the first one fitted to."""
-    run = outcome.problem.runs[0]
-    scene = outcome.problem.scene
-    weak = run.weak
-    comparison = verdict.train
-    if held_out and verdict.held_out is not None:
-        weak = WeakForm(samples_of(scene, held_out[0], weak.samples.std), scene.wrench_sensors)
-        comparison = verdict.held_out
+    comparison = verdict.held_out if held_out and verdict.held_out is not None else verdict.train
     if not comparison.nominal.rmse:
         return None
-    nominal = forecast(weak, outcome.nominal.model.physics(scene))
-    contest = Contest(nominal, forecast(weak, corrected) if verdict.explanation else None)
+    if isinstance(outcome.problem, TossProblem):
+        recording = shown_recording(outcome.problem, held_out)
+        contest = toss_contest(outcome.problem, verdict, outcome.nominal.model, recording)
+    else:
+        scene, weak = outcome.problem.scene, outcome.problem.runs[0].weak
+        if comparison is verdict.held_out:
+            weak = WeakForm(samples_of(scene, held_out[0], weak.samples.std), scene.wrench_sensors)
+        recording = weak.samples.recording
+        nominal = forecast(weak, outcome.nominal.model.physics(scene))
+        contest = Contest(nominal, forecast(weak, corrected) if verdict.explanation else None)
     corrected_quality = comparison.corrected if verdict.explanation else None
-    columns = telling_columns(comparison.nominal, corrected_quality, nominal.measured, 3)
+    columns = telling_columns(comparison.nominal, corrected_quality, contest.nominal.measured, 3)
     units = {column: unit_of(verdict, column) for column in columns}
     return {
         "svg": forecast_figure(contest, columns, units),
-        "recording": wording.short(weak.samples.recording.name),
+        "recording": wording.short(recording.name),
         "channels": len(comparison.nominal.rmse),
         "shown": len(columns),
     }
@@ -260,7 +271,7 @@ def _factor(nominal: float, corrected: float) -> str:
 
 def _files(outcome: Outcome, held_out: Sequence[Recording]) -> list[str]:
     """What each recording is, in words."""
-    fitted = [run.weak.samples.recording for run in outcome.problem.runs]
+    fitted = recordings_of(outcome)
     told = []
     for one, use in [*((one, "") for one in fitted), *((one, "; held out") for one in held_out)]:
         step = f", every {wording.rounded(1e3 * float(np.median(np.diff(one.time))))} ms" if len(one) > 1 else ""

@@ -22,6 +22,15 @@ from drake_cafim.typing import Array
 
 
 @dataclass(frozen=True)
+class FreeResponse:
+    """The rigid robot along a motion: mobility M⁻¹ (N, n, n), and the force (N, n) that keeps v̇ = 0."""
+
+    moving: Motion
+    mobility: Array
+    bias: Array
+
+
+@dataclass(frozen=True)
 class Physics:
     """A model with numbers: tree, gravity (3,) m/s² world, contacts, and effects with their values."""
 
@@ -132,22 +141,27 @@ class Physics:
             force = force + moving.project(self.body_wrenches(moving))
         return force + self.applied_at_joints(joints)[0], M
 
+    def free_response(self, moving: Motion) -> FreeResponse:
+        """How the rigid robot would answer to forces along a motion."""
+        inertias = moving.link_inertias
+        M = mass_matrix(moving, inertias) + np.diag(self.rotor_inertias)
+        mobility = np.asarray(np.linalg.inv(M), dtype=float)
+        return FreeResponse(moving, mobility, bias_force(moving, inertias, self.gravity))
+
     def rotor_drives(
-        self, time: Array, moving: Motion, effort: Array, joints: Sequence[JointSamples]
+        self, time: Array, response: FreeResponse, effort: Array, joints: Sequence[JointSamples]
     ) -> tuple[RotorDrive, ...]:
         """What would drive each joint's twist if its rotor were coupled to it by a law; the other joints are rigid.
 
         `effort` (N, n) acts from each of `time` (N,) s to the next. With A = M⁻¹ of the rigid robot, taking the rotor
         J of a joint off its link makes its mobility b = a/(1 − J a), a the diagonal of A (Sherman, Morrison).
         """
-        inertias = moving.link_inertias
-        M = mass_matrix(moving, inertias) + np.diag(self.rotor_inertias)
-        force = self.applied_at_joints(joints)[0] - bias_force(moving, inertias, self.gravity)
+        moving, A = response.moving, response.mobility
+        force = self.applied_at_joints(joints)[0] - response.bias
         if self.contacts:
             force = force + moving.project(self.contact_wrenches(moving, self.contact_memory(time, moving, moving)))
         if self.body_forces:
             force = force + moving.project(self.body_wrenches(moving))
-        A: Array = np.asarray(np.linalg.inv(M), dtype=float)
         # held efforts change at the samples, all else is smooth: taken in the middle of each interval
         A, drift = _in_the_middle(A), _in_the_middle(np.einsum("nij,nj->ni", A, force))
         own = np.diagonal(A, axis1=1, axis2=2)

@@ -8,31 +8,38 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 
 from drake_cafim.contact.law import ContactLaw, ContactParameters
+from drake_cafim.dynamics.box_contact import BoxContact
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import motion
-from drake_cafim.dynamics.tree import FIXED, Tree
+from drake_cafim.dynamics.tree import FIXED, FREE, Tree
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.schema import ContactPair
 from drake_cafim.typing import Array
+
+ABOVE = np.array([0.0, 0.0, 1e3])
+"""m; where a floating body is before it lands."""
 
 
 def contact_of(
     pair: ContactPair, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree, q: Array, source: str
 ) -> SphereContact:
-    """The contact of the pair's sphere with the other body's plane.
+    """The contact of the pair's sphere, or of the box of a floating body, with the other body's plane.
 
-    Of a box the face is taken that the sphere stands before at positions `q` (n,). Raises `InputError` where the
-    pair is not a moving sphere against a fixed box, half-space or `ground`.
+    Of a fixed box the face is taken that the sphere stands before at positions `q` (n,), and before a floating body
+    the upper one. Raises `InputError` where the pair is not a moving sphere (or floating box) against a fixed box,
+    half-space or `ground`.
     """
     names = tuple(pair.bodies)
     for moving, still in (names, names[::-1]):
         sphere = _sphere(moving, plant, scene_graph, tree)
-        if sphere is None:
+        box = _box(moving, plant, scene_graph, tree)
+        if sphere is None and box is None:
             continue
-        joint, p_JC, radius = sphere
-        zero = np.zeros((1, len(tree.joints)))
-        p_WC, _ = motion(tree, q[None], zero).point(joint, p_JC)
-        plane = _plane(pair, still, plant, scene_graph, tree, p_WC[0])
+        stands = ABOVE
+        if sphere is not None and not tree.floating:
+            zero = np.zeros((1, len(tree.joints)))
+            stands = motion(tree, q[None], zero).point(sphere[0], sphere[1])[0][0]
+        plane = _plane(pair, still, plant, scene_graph, tree, stands)
         if plane is None:
             continue
         parameters = ContactParameters(
@@ -44,11 +51,30 @@ def contact_of(
             resistance=pair.resistance,
         )
         law = ContactLaw(pair.law)  # type: ignore[arg-type]
-        return SphereContact((moving, still), joint, p_JC, radius, plane[0], plane[1], law, parameters)
+        if sphere is not None:
+            joint, p_JC, radius = sphere
+            return SphereContact((moving, still), joint, p_JC, radius, plane[0], plane[1], law, parameters)
+        assert box is not None
+        p_JG, R_JG, size = box
+        return BoxContact((moving, still), FREE, p_JG, 0.0, plane[0], plane[1], law, parameters, (), size, R_JG)
     raise InputError(
-        f"{source}: contact {'/'.join(names)}: expected a body with one collision sphere that moves, against a body "
-        "with one collision box or half-space that stands still, or ground:"
+        f"{source}: contact {'/'.join(names)}: expected a body with one collision sphere that moves, or a floating one "
+        "with one collision box, against a body with one collision box or half-space that stands still, or ground:"
     )
+
+
+def _box(name: str, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree) -> tuple[Array, Array, Array] | None:
+    """p_JG, R_JG and extents of the one collision box of a floating body."""
+    if not tree.floating or not plant.HasBodyNamed(name) or name == "world" or tree.body(name).joint != FREE:
+        return None
+    body, inspector = tree.body(name), scene_graph.model_inspector()
+    ids = plant.GetCollisionGeometriesForBody(plant.GetBodyByName(name))
+    shapes = [inspector.GetShape(i) for i in ids]
+    if len(shapes) != 1 or not isinstance(shapes[0], Box):
+        return None
+    X_BG = inspector.GetPoseInFrame(ids[0])
+    p_JG = body.p_JB + body.R_JB @ np.array(X_BG.translation())
+    return p_JG, body.R_JB @ np.array(X_BG.rotation().matrix()), np.array(shapes[0].size(), dtype=float)
 
 
 def _sphere(name: str, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree) -> tuple[int, Array, float] | None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drake_cafim.dynamics.box_contact import EXTENTS, BoxContact
 from drake_cafim.dynamics.tree import Body
 from drake_cafim.errors import InputError
 from drake_cafim.parameters import Parameter, Parameters
@@ -14,8 +15,9 @@ from drake_cafim.typing import Array
 
 BODY_PARAMETERS = {"mass": "kg", "com_x": "m", "com_y": "m", "com_z": "m", "inertia": "1"}
 JOINT_PARAMETERS = {"damping": "N m s/rad", "rotor_inertia": "kg m^2"}
+SIZES = {"length": "m", "width": "m", "height": "m", "radius": "m"}
 CONTACT_PARAMETERS = {"stiffness": "N/m", "damping": "N s/m", "dissipation": "s/m", "friction": "1"}
-_POSITIVE = ("mass", "inertia", "damping", "rotor_inertia", "stiffness", "dissipation", "friction")
+_POSITIVE = (*SIZES, "mass", "inertia", "damping", "rotor_inertia", "stiffness", "dissipation", "friction")
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,10 @@ class UnknownParameter:
 
     def apply(self, physics: Physics, value: float) -> Physics:
         """The physics with this number set."""
+        if self.kind == "body" and self.parameter in SIZES:
+            sized = (one.with_parameter(self.parameter, value) if one.bodies[0] == self.at else one
+                     for one in physics.contacts)  # fmt: skip
+            return replace(physics, contacts=tuple(sized))
         if self.kind == "body":
             body = physics.tree.body(self.at)
             return replace(physics, tree=physics.tree.with_bodies([_changed(body, self.parameter, value)]))
@@ -66,7 +72,7 @@ def unknown_parameters(entries: Sequence[Unknown], physics: Physics, source: str
 
 def _unknown(entry: Unknown, physics: Physics, source: str) -> UnknownParameter:
     if entry.body is not None:
-        kind, at, valid = "body", entry.body, BODY_PARAMETERS
+        kind, at, valid = "body", entry.body, BODY_PARAMETERS | _sizes(physics, entry.body)
         present = _body_value(physics, entry)
     elif entry.joint is not None:
         kind, at, valid = "joint", entry.joint, JOINT_PARAMETERS
@@ -94,7 +100,19 @@ def _body_value(physics: Physics, entry: Unknown) -> float:
     body = physics.tree.body(entry.body or "")
     values = {"mass": body.mass, "inertia": 1.0}
     values |= {f"com_{axis}": float(x) for axis, x in zip("xyz", body.p_BBcm, strict=True)}
+    for contact in physics.contacts:
+        if contact.bodies[0] == entry.body and isinstance(contact, BoxContact):
+            values |= dict(zip(EXTENTS, contact.size.tolist(), strict=True))
+        elif contact.bodies[0] == entry.body:
+            values["radius"] = contact.radius
     return values.get(entry.parameter, np.nan)
+
+
+def _sizes(physics: Physics, body: str) -> dict[str, str]:
+    """The sizes that the body's shape has, where it is in contact with something."""
+    shapes = [contact for contact in physics.contacts if contact.bodies[0] == body]
+    names = {name for one in shapes for name in (EXTENTS if isinstance(one, BoxContact) else ("radius",))}
+    return {name: SIZES[name] for name in SIZES if name in names}
 
 
 def _contact_name(bodies: Sequence[str], physics: Physics, source: str) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from drake_cafim.studies.averaging import averaging, averaging_cells
@@ -42,6 +43,7 @@ class Study:
 
 STUDIES: Mapping[str, Study] = {
     "requirements": Study(requirement_cells, requirements),
+    "requirements-robots": Study(partial(requirement_cells, world="model"), requirements),
     "claims": Study(claim_cells, claims),
     "convergence": Study(convergence_cells, convergence),
     "robustness": Study(robustness_cells, robustness),

@@ -113,7 +113,7 @@ def noise(results: Mapping[Cell, Any]) -> Findings:
             rows.append((f"{sigma:g}", *errors, str(gain)))
             if name == "hefting" and sigma == min(SIGMAS):
                 text = f"gain over random {gain} at {sigma:g} of the noise"
-                standing = "holds" if gain.standing == "ties" else "does not hold"
+                standing = "holds" if gain.alike else "does not hold"
                 claims.append(Claim("Hefting would tie with random if the sensor were less noisy", text, standing))  # type: ignore[arg-type]
         header = ("noise", "contact-aware, %", "finite-difference, %", "random, %", "information over random")
         tables.append(Table(f"{name}: median final error", header, tuple(rows)))

@@ -59,11 +59,16 @@ class Ratio:
         return f"{self.value:.3g} ({self.low:.3g}–{self.high:.3g})"
 
     @property
+    def alike(self) -> bool:
+        """Within .8–1.25."""
+        return 0.8 <= self.value <= 1.25
+
+    @property
     def standing(self) -> Standing:
-        """`ties` within .8–1.25, `holds` where the first is more."""
-        if 0.8 <= self.value <= 1.25:
+        """`holds` where the first is more; `ties` if alike, and where the interval does not tell which is more."""
+        if self.alike or self.low <= 1.0 <= self.high:
             return "ties"
-        return "holds" if self.value > 1.25 and self.low > 1.0 else "does not hold"
+        return "holds" if self.value > 1.25 else "does not hold"
 
 
 def ratio_of_medians(first: Sequence[float], second: Sequence[float], draws: int = 2000) -> Ratio:

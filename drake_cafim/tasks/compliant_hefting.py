@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.contact.law import ContactLaw, ContactParameters
-from drake_cafim.contact.normal import NormalLaw
+from drake_cafim.contact.normal import NormalLaw, normal_force_derivatives
 from drake_cafim.sensitivity.model import Jacobians, Start
 from drake_cafim.tasks.hefting import Hefting
 from drake_cafim.typing import Array
@@ -46,11 +46,18 @@ class CompliantHefting(Hefting):
 
     def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
         penetration, rate = motion[..., 0] - state[..., 0], motion[..., 1] - state[..., 1]
-        exact = ContactLaw(self.law, self.smoothing).derivatives(
-            penetration, rate, np.zeros((*rate.shape, 1)), self._parameters
+        exact = normal_force_derivatives(
+            self.law,
+            penetration,
+            rate,
+            stiffness=self.stiffness,
+            damping=self.damping,
+            dissipation=self.dissipation,
+            smoothing=self.smoothing,
         )
-        slope = -np.stack([exact.normal["penetration"], exact.normal["rate"]], axis=-1)[..., np.newaxis, :]
-        return Jacobians(exact.normal_force[..., np.newaxis], slope, np.zeros((1, 1)), np.zeros((*rate.shape, 1, 1)))
+        slope = np.empty((*rate.shape, 1, 2))
+        slope[..., 0, 0], slope[..., 0, 1] = -exact.wrt_penetration, -exact.wrt_rate
+        return Jacobians(exact.force[..., np.newaxis], slope, np.zeros((1, 1)), np.zeros((*rate.shape, 1, 1)))
 
     def step(self, state: Array, motion: Array, following: Array, force: Array, theta: Array) -> Array:
         h = self.period / self.substeps

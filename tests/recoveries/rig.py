@@ -1,20 +1,16 @@
-"""Scenes of the corrected plant's tests: an arm of three joints, a tool on a stage before a wall, and a controller."""
+"""A scene in Drake under a controller or under recorded efforts, and its recording."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 
 from drake_cafim.corrected.corrected_plant import CorrectedPlant
-from drake_cafim.diagnosis.diagnose import prepare
-from drake_cafim.diagnosis.initial_state import state_at
 from drake_cafim.dynamics.motion import bias_force, mass_matrix, motion
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.recordings.recording import Recording
@@ -25,93 +21,6 @@ from drake_cafim.typing import Array
 PERIOD = 0.002
 """s, of controllers and recordings."""
 CONTINUOUS = MultibodyPlantConfig(time_step=0.0)
-LINK = """<link name="{name}"><inertial><origin xyz="{x} 0.01 -0.02"/><mass value="{mass}"/>
-<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0.001" ixz="0" iyz="0"/></inertial></link>"""
-JOINT = """<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>
-<origin xyz="{origin}"/><axis xyz="{axis}"/><limit lower="-9" upper="9" effort="900" velocity="90"/>
-<dynamics damping="0.1"/></joint>
-<transmission name="{name}_t"><type>transmission_interface/SimpleTransmission</type><joint name="{name}">
-<hardwareInterface>EffortJointInterface</hardwareInterface></joint><actuator name="{name}">
-<drake:rotor_inertia value="0.04"/><drake:gear_ratio value="1"/></actuator></transmission>"""
-ARM = (
-    '<robot name="arm" xmlns:drake="http://drake.mit.edu"><link name="base"/>'
-    + "".join(LINK.format(name=n, x=x, mass=m) for n, x, m in (("l1", 0.0, 2.0), ("l2", 0.2, 1.5), ("l3", 0.15, 1.0)))
-    + "".join(
-        JOINT.format(name=n, parent=p, child=c, origin=o, axis=a)
-        for n, p, c, o, a in (
-            ("turn", "base", "l1", "0 0 0.3", "0 0 1"),
-            ("lift", "l1", "l2", "0.05 0 0.1", "0 1 0"),
-            ("elbow", "l2", "l3", "0.4 0 0", "0 1 0"),
-        )
-    )
-    + "</robot>"
-)
-STAGE_LINK = """<link name="{name}"><inertial><mass value="{mass}"/>
-<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>{more}</link>"""
-STAGE_JOINT = """<joint name="{name}" type="prismatic"><parent link="{parent}"/><child link="{child}"/>
-<axis xyz="{axis}"/><limit lower="-9" upper="9" effort="900" velocity="90"/></joint>"""
-BALL = """<collision name="ball"><geometry><sphere radius="0.02"/></geometry><drake:proximity_properties>
-<drake:compliant_hydroelastic/><drake:hydroelastic_modulus value="1e7"/><drake:mesh_resolution_hint value="0.005"/>
-<drake:mu_dynamic value="0.4"/></drake:proximity_properties></collision>"""
-WALL = """<collision name="wall"><origin xyz="0 0 -0.05"/><geometry><box size="1 1 0.1"/></geometry>
-<drake:proximity_properties><drake:rigid_hydroelastic/><drake:mesh_resolution_hint value="1"/>
-<drake:mu_dynamic value="0.4"/></drake:proximity_properties></collision>"""
-STAGE = (
-    '<robot name="stage" xmlns:drake="http://drake.mit.edu"><link name="base"/>'
-    + STAGE_LINK.format(name="wall", mass=1.0, more=WALL)
-    + "".join(
-        STAGE_LINK.format(name=n, mass=m, more=more)
-        for n, m, more in (("bridge", 2.0, ""), ("carriage", 1.0, ""), ("tool", 0.8, BALL))
-    )
-    + "".join(
-        STAGE_JOINT.format(name=n, parent=p, child=c, axis=a)
-        for n, p, c, a in (
-            ("x", "base", "bridge", "1 0 0"),
-            ("y", "bridge", "carriage", "0 1 0"),
-            ("z", "carriage", "tool", "0 0 1"),
-        )
-    )
-    + '<joint name="mount" type="fixed"><parent link="base"/><child link="wall"/></joint></robot>'
-)
-ROLLER = (
-    '<robot name="roller" xmlns:drake="http://drake.mit.edu"><link name="base"/>'
-    + STAGE_LINK.format(name="wall", mass=1.0, more=WALL)
-    + "".join(
-        STAGE_LINK.format(name=n, mass=m, more=more)
-        for n, m, more in (("bridge", 2.0, ""), ("lifter", 1.0, ""), ("tool", 0.8, BALL))
-    )
-    + "".join(
-        STAGE_JOINT.format(name=n, parent=p, child=c, axis=a).replace("prismatic", kind)
-        for n, p, c, a, kind in (
-            ("x", "base", "bridge", "1 0 0", "prismatic"),
-            ("z", "bridge", "lifter", "0 0 1", "prismatic"),
-            ("roll", "lifter", "tool", "0 1 0", "revolute"),
-        )
-    )
-    + '<joint name="mount" type="fixed"><parent link="base"/><child link="wall"/></joint></robot>'
-)
-NOISE = {"q": {"std": 1e-4}, "v": {"std": 2e-3}}
-PRESS = {
-    "channels": {
-        "q": {"std": 2e-6},
-        "v": {"std": 2e-4},
-        "wrench.wrist": {"body": "tool", "frame": "tool", "std": {"force": 0.02, "torque": 0.001}},
-    },
-    "contact": [
-        {"bodies": ["tool", "wall"], "stiffness": 4000.0, "damping": 40.0, "friction": 0.4, "slip_velocity": 0.004}
-    ],
-}
-
-
-def scene_of(folder: Path, model: str, *effects: Mapping[str, Any], **more: Any) -> Scene:
-    """The scene of a model's text with these entries of `effects:` and other keys of a scenario."""
-    (folder / "model.urdf").write_text(model)
-    raw = {"model": "model.urdf", "weld": [{"body": "base"}], "channels": NOISE, **more, "effects": list(effects)}
-    path = folder / "scenario.yaml"
-    path.write_text(yaml.safe_dump(raw))
-    return Scene.load(path)
-
-
 Desired = Callable[[float], tuple[Array, Array, Array]]
 """Time s to positions, velocities and accelerations (n,)."""
 
@@ -232,54 +141,37 @@ def rig(
     for name in "qv":
         builder.Connect(corrected.measured[name], controller.GetInputPort(name))
     builder.Connect(controller.get_output_port(), corrected.effort)
+    one = logged(builder, corrected, period, integrator_step)
+    q, v, _ = desired(0.0)
+    place(corrected, one.simulator, q, v)
+    return one
+
+
+def logged(builder: DiagramBuilder, corrected: CorrectedPlant, period: float, integrator_step: float) -> Rig:
+    """The built Diagram with a log of all channels; a continuous plant is integrated in steps of `integrator_step`."""
     sink = LogVectorOutput(corrected.measured["channels"], builder, publish_period=period)
     diagram = builder.Build()
     simulator = Simulator(diagram)
-    if config.time_step == 0.0:
+    if corrected.plant.time_step() == 0.0:
         settings = SimulatorConfig(
             integration_scheme="runge_kutta3", max_step_size=integrator_step, use_error_control=False
         )
         ApplySimulatorConfig(settings, simulator)
-    q, v, _ = desired(0.0)
-    place(corrected, simulator, q, v)
     return Rig(diagram, corrected, simulator, sink)
 
 
-LOOK_BACK, HORIZON = 0.05, 1.0
-"""s"""
-
-
-def followed(scene: Scene, recording: Recording, integrator_step: float = 5e-4) -> dict[str, float]:
-    """Root mean square of the scene's simulation in Drake against the recording over 1 s, by column with noise.
-
-    Open loop in the recorded efforts; the state at the horizon's start is that which a diagnosis finds in the 50 ms
-    before it, through which the scene is simulated first, for what it remembers.
-    """
-    prepared = prepare(scene, [recording])
-    [weak] = prepared.weak
-    start = int(np.searchsorted(recording.time, recording.time[0] + LOOK_BACK))
-    q, v, *_ = state_at(weak.samples, weak.measurement(scene.physics), start)
+def replayed(scene: Scene, recording: Recording, start: Array, duration: float, integrator_step: float) -> Recording:
+    """What the scene does for `duration` s under the recording's efforts, from its positions and velocities (2n,)."""
     builder = DiagramBuilder()
     corrected = scene.add_to(builder, CONTINUOUS)
     replay = builder.AddSystem(Replay(recording, corrected.joints))
     builder.Connect(replay.get_output_port(), corrected.effort)
-    sink = LogVectorOutput(corrected.measured["channels"], builder, publish_period=PERIOD)
-    simulator = Simulator(builder.Build())
-    settings = SimulatorConfig(
-        integration_scheme="runge_kutta3", max_step_size=integrator_step, use_error_control=False
-    )
-    ApplySimulatorConfig(settings, simulator)
-    measured = weak.measurement(scene.physics)
-    simulator.get_mutable_context().SetTime(float(recording.time[0]))
-    place(corrected, simulator, measured.q[0], measured.v[0])
-    simulator.AdvanceTo(float(recording.time[start]))
-    place(corrected, simulator, q, v)
-    simulator.AdvanceTo(float(recording.time[start]) + HORIZON)
-    log = from_vector_log(sink.FindLog(simulator.get_context()), corrected.columns, "Drake")
-    rows = slice(start + 1, len(log))
-    np.testing.assert_allclose(log.time[rows], recording.time[rows], atol=1e-9)
-    noisy = [column for column in corrected.columns if scene.std(column)]
-    return {c: float(np.sqrt(np.mean((log[c][rows] - recording[c][rows]) ** 2))) for c in noisy}
+    one = logged(builder, corrected, PERIOD, integrator_step)
+    one.simulator.get_mutable_context().SetTime(float(recording.time[0]))
+    place(corrected, one.simulator, *np.split(start, 2))
+    # of the last sample the effort is not in the log yet
+    one.simulator.AdvanceTo(float(recording.time[0]) + duration + PERIOD)
+    return one.recording("replayed")
 
 
 def place(corrected: CorrectedPlant, simulator: Simulator, q: Array, v: Array) -> None:

@@ -1,0 +1,126 @@
+"""How the noise of the samples reaches the rows: their slopes in every recorded sample."""
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from drake_cafim.diagnosis.balance_slopes import balance_slopes
+from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.dynamics.contact import WrenchSensor
+from drake_cafim.dynamics.motion import motion
+from drake_cafim.recordings.recording import WRENCH_COMPONENTS
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+POSITION_STEP, VELOCITY_STEP = 1e-6, 1e-5
+
+
+def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, list[tuple[str, slice]]]:
+    """∂rows/∂samples as a sparse (M r, columns), and which slice belongs to which recording column.
+
+    Slices are N wide; rows run window after window.
+    """
+    s, n = weak.samples, weak.joints
+    measured = weak.measurement(physics)
+    q, v = measured.q_hat, measured.v_hat
+    joints = weak.joint_samples(measured)
+    memory = weak.contact_memory(physics)
+    _, d_q_law, d_v_law = physics.applied_at_joints(joints)
+    rigid = balance_slopes(replace(weak.motion(physics), tree=physics.tree), physics)
+    blocks: list[sp.csr_matrix] = []
+    labels: list[tuple[str, slice]] = []
+
+    def add(name: str, block: sp.csr_matrix) -> None:
+        # the last correction made is the first that the rows see
+        for effect in reversed(physics.sensors):
+            moved = effect.channels((name,)) and not name.startswith("wrench.")
+            correction = effect.correction(s.time) if moved else None
+            if correction is not None:
+                block = sp.csr_matrix(block @ correction)
+        if name in s.bridges:
+            block = sp.csr_matrix(block @ s.bridges[name])
+        start = sum(b.shape[1] for b in blocks)
+        blocks.append(block)
+        labels.append((name, slice(start, start + block.shape[1])))
+
+    readings = [_reading_windows(weak, physics, sensor, axis) for sensor in weak.sensors for axis in WRENCH_COMPONENTS]
+    for j, name in enumerate(physics.tree.joint_names):
+        step = np.eye(n)[j]
+        by_q = _felt_slope(weak, physics, memory, (q, v), (POSITION_STEP * step, 0.0 * step))
+        by_v = _felt_slope(weak, physics, memory, (q, v), (0.0 * step, VELOCITY_STEP * step))
+        by_q[:, :n] += rigid.force_by_q[:, :, j]
+        by_v[:, :n] += rigid.force_by_v[:, :, j]
+        by_q[:, j] += d_q_law[:, j]
+        by_v[:, j] += d_v_law[:, j]
+        from_q = _block(weak, rigid.momentum_by_q[:, :, j], by_q, readings, kinematic=j, rate=True)
+        from_v = _block(weak, rigid.momentum_by_v[:, :, j], by_v, readings, kinematic=j, rate=False)
+        if s.differentiate is None:
+            add(f"q.{name}", from_q)
+            add(f"v.{name}", from_v)
+        else:
+            add(f"q.{name}", sp.csr_matrix(from_q + from_v @ s.differentiate))
+        if s.std[f"u.{name}"] > 0.0:
+            add(f"u.{name}", _place(weak, -weak.held(s.time), weak.kinematic_rows + j))
+    for i, sensor in enumerate(weak.sensors):
+        for k, axis in enumerate(WRENCH_COMPONENTS):
+            row = weak.kinematic_rows + n + 6 * i + k
+            add(f"wrench.{sensor.name}.{axis}", _place(weak, s.windows.value, row))
+    scale = np.ones(weak.rows_per_window)
+    scale[weak.dynamic] = 1.0 / physics.effort_gains
+    scaling = sp.diags_array(np.tile(scale, len(s.windows)))
+    return sp.csr_matrix(scaling @ sp.hstack(blocks)), labels
+
+
+def _felt_slope(
+    weak: WeakForm, physics: Physics, memory: Array, at: tuple[Array, Array], step: tuple[Array, Array]
+) -> Array:
+    """The slope of `touched_and_pushed` along a step in (q, v), by central differences, (N, n + 6 s)."""
+    if not physics.contacts and not physics.body_forces:
+        return np.zeros((len(at[0]), weak.joints + 6 * len(weak.sensors)))
+    ahead, behind = (motion(physics.tree, at[0] + sign * step[0], at[1] + sign * step[1]) for sign in (1.0, -1.0))
+    change = weak.touched_and_pushed(physics, ahead, memory) - weak.touched_and_pushed(physics, behind, memory)
+    return np.asarray(change / (2.0 * np.sum(step)))
+
+
+def _reading_windows(weak: WeakForm, physics: Physics, sensor: WrenchSensor, axis: str) -> sp.csr_matrix:
+    """The windows (M, N) over a predicted reading: a sensor that is late mixes its times."""
+    windows = weak.samples.windows.value
+    for effect in reversed(physics.sensors):
+        if effect.channels((f"wrench.{sensor.name}.{axis}",)):
+            writing = effect.writing(weak.samples.time)
+            windows = windows if writing is None else sp.csr_matrix(windows @ writing)
+    return windows
+
+
+def _block(
+    weak: WeakForm, momentum: Array, force: Array, readings: list[sp.csr_matrix], kinematic: int, rate: bool
+) -> sp.csr_matrix:
+    """Rows' derivative by one column of samples from the point-wise ones."""
+    windows = weak.samples.windows
+    parts: list[sp.csr_matrix] = []
+    for k in range(weak.kinematic_rows):
+        own = (windows.rate if rate else windows.value) if k == kinematic else sp.csr_matrix(windows.value.shape)
+        parts.append(own)
+    for k in range(weak.joints):
+        parts.append(-windows.rate @ sp.diags_array(momentum[:, k]) - windows.value @ sp.diags_array(force[:, k]))
+    for k, reading in enumerate(readings, weak.joints):
+        parts.append(-reading @ sp.diags_array(force[:, k]))
+    return _interleave(weak, parts)
+
+
+def _place(weak: WeakForm, matrix: sp.csr_matrix, row: int) -> sp.csr_matrix:
+    coo = sp.coo_matrix(matrix)
+    shape = (len(weak.samples.windows) * weak.rows_per_window, matrix.shape[1])
+    return sp.csr_matrix((coo.data, (coo.row * weak.rows_per_window + row, coo.col)), shape=shape)
+
+
+def _interleave(weak: WeakForm, parts: list[sp.csr_matrix]) -> sp.csr_matrix:
+    rows, columns, data = [], [], []
+    for k, part in enumerate(parts):
+        coo = sp.coo_matrix(part)
+        rows.append(coo.row * weak.rows_per_window + k)
+        columns.append(coo.col)
+        data.append(coo.data)
+    shape = (len(weak.samples.windows) * weak.rows_per_window, parts[0].shape[1])
+    return sp.csr_matrix((np.concatenate(data), (np.concatenate(rows), np.concatenate(columns))), shape=shape)

@@ -1,0 +1,123 @@
+"""Recordings of tosses cut into short arcs, each with a first guess of the state that it begins with.
+
+A whole toss is too sensitive to how it begins, after the first impact, for a fit to find its way; an arc is not.
+"""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drake_cafim.diagnosis.tosses.free_body import State
+from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack
+from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product
+from drake_cafim.typing import Array
+
+DURATION = 0.2
+"""s of an arc, about."""
+FEWEST = 8
+"""Samples of an arc."""
+AROUND = 0.012
+"""s on either side of an arc's first sample over which its state is guessed."""
+SHIFT = 0.2
+"""Of an arc's duration, by which its ends may be moved to where the motion is smooth."""
+LATE = 2.5
+"""Median sampling times: a longer pause ends an arc."""
+
+Piece = tuple[int, int, int]
+"""Which track, its first sample, and its last + 1."""
+
+
+@dataclass(frozen=True)
+class Arcs:
+    """B arcs of up to S samples: `recording` (B,), `sample` (B, S) of it (the last repeated), `counts` (B,).
+
+    `times` (B, S) s, `p` (B, S, 3), `quaternion` (B, S, 4) measured, `start` (B) guessed.
+    """
+
+    tracks: tuple[PoseTrack, ...]
+    recording: np.ndarray[Any, np.dtype[np.int64]]
+    sample: np.ndarray[Any, np.dtype[np.int64]]
+    counts: np.ndarray[Any, np.dtype[np.int64]]
+    times: Array
+    p: Array
+    quaternion: Array
+    start: State
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(track.recording.name for track in self.tracks)
+
+    @property
+    def held(self) -> np.ndarray[Any, np.dtype[np.bool_]]:
+        """(B, S) which samples are there."""
+        return np.arange(self.times.shape[1]) < self.counts[:, None]
+
+
+def arcs_of(tracks: Sequence[PoseTrack], noise: PoseNoise, duration: float = DURATION) -> Arcs:
+    """The tracks cut into arcs of about `duration` s, where the motion is smooth."""
+    pieces: list[Piece] = []
+    for index, track in enumerate(tracks):
+        misfit = _local_states(track, noise)[1]
+        pieces += [(index, first, stop) for first, stop in _cuts(track.time, misfit, duration)]
+    return joined_arcs(tracks, noise, pieces)
+
+
+def joined_arcs(tracks: Sequence[PoseTrack], noise: PoseNoise, pieces: Sequence[Piece]) -> Arcs:
+    """The arcs of these pieces of the tracks."""
+    local = [_local_states(track, noise)[0] for track in tracks]
+    starts = [local[index][[first]] for index, first, _ in pieces]
+    counts = np.array([stop - first for _, first, stop in pieces])
+    columns = np.minimum(np.arange(int(counts.max())), counts[:, None] - 1)
+    sample = np.array([first for _, first, _ in pieces])[:, None] + columns
+    recording = np.array([index for index, _, _ in pieces])
+    taken = [(tracks[r], own) for r, own in zip(recording, sample, strict=True)]
+    times, p, quaternion = (
+        np.stack([getattr(track, name)[own] for track, own in taken]) for name in ("time", "p", "quaternion")
+    )
+    start = State(*(np.concatenate([getattr(s, k) for s in starts]) for k in ("p", "quaternion", "v", "w")))
+    return Arcs(tuple(tracks), recording, sample, counts, times, p, quaternion, start)
+
+
+def _cuts(time: Array, misfit: Array, duration: float) -> list[tuple[int, int]]:
+    """First and last + 1 sample of each arc; arcs of one stretch are about as long as each other."""
+    steps = np.diff(time)
+    breaks = np.flatnonzero(steps > LATE * np.median(steps))
+    found: list[tuple[int, int]] = []
+    for begin, end in itertools.pairwise([0, *(breaks + 1).tolist(), len(time)]):
+        if end - begin < FEWEST:
+            continue
+        span = time[end - 1] - time[begin]
+        count = max(1, min(round(span / duration), (end - begin) // FEWEST))
+        edges = [begin]
+        for k in range(1, count):
+            middle = time[begin] + span * k / count
+            low, high = np.searchsorted(time, middle + np.array([-SHIFT, SHIFT]) * span / count)
+            low = max(int(low), edges[-1] + FEWEST // 2)
+            high = max(int(high), low + 1)
+            edges.append(low + int(np.argmin(misfit[low:high])))
+        found += itertools.pairwise([*edges, end])
+    return found
+
+
+def _local_states(track: PoseTrack, noise: PoseNoise) -> tuple[State, Array]:
+    """The state at each sample by a cubic through its neighbours, and how badly it fits them."""
+    time = track.time
+    N = len(time)
+    n = int(np.clip(np.round(2.0 * AROUND / np.median(np.diff(time))) + 1, 7, N))
+    first = np.clip(np.arange(N) - n // 2, 0, N - n)
+    near = first[:, None] + np.arange(n)
+    scale = np.max(np.abs(time[near] - time[:, None]), axis=1)
+    t = (time[near] - time[:, None]) / scale[:, None]
+    powers = t[:, :, None] ** np.arange(4)
+    turned = logarithm(product(track.quaternion[near], inverse(track.quaternion)[:, None, :]))
+    values = np.concatenate([track.p[near] - track.p[:, None], turned], axis=2)
+    inverse_powers = np.linalg.pinv(powers)
+    coefficients = inverse_powers @ values
+    misfit = np.sum(((values - powers @ coefficients) / noise.std) ** 2, axis=(1, 2))
+    value, slope = coefficients[:, 0], coefficients[:, 1] / scale[:, None]
+    quaternion = product(exponential(value[:, 3:]), track.quaternion)
+    quaternion = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    return State(track.p + value[:, :3], quaternion, slope[:, :3], slope[:, 3:]), misfit

@@ -1,0 +1,217 @@
+"""Simulation of many short flights at once, each with steps of its own that end on its samples and its touch-downs.
+
+ROS34PW2, a Rosenbrock method of order 3 that asks for no exact Jacobian (Rang, Angermann, BIT 45, 2005): friction
+near rest and the damper are taken implicitly, springs explicitly. Which points touch is held during a step, so that
+no step sees a force jump.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State, stacked
+from drake_cafim.dynamics.rotations import crossing, rate, rotation_matrices
+from drake_cafim.typing import Array
+
+GAMMA = 4.3586652150845900e-01
+ALPHA = (
+    (),
+    (8.7173304301691801e-01,),
+    (8.4457060015369423e-01, -1.1299064236484185e-01),
+    (0.0, 0.0, 1.0),
+)
+SHIFT = (
+    (),
+    (-8.7173304301691801e-01,),
+    (-9.0338057013044082e-01, 5.4180672388095326e-02),
+    (2.4212380706095346e-01, -1.2232505839045147e00, 5.4526025533510214e-01),
+)
+WEIGHTS = np.array([2.4212380706095346e-01, -1.2232505839045147e00, 1.5452602553351020e00, GAMMA])
+EMBEDDED = np.array([3.7810903145819369e-01, -9.6042292212423178e-02, 5.0000000000000000e-01, 2.1793326075422950e-01])
+SHARE = 1.0
+"""1/s: how much of a sample's noise, m and rad, a step may be off in speed, m/s and rad/s."""
+LONGEST, SHORTEST = 5e-3, 1e-7
+"""s"""
+LANDED = 1e-6
+"""m by which a point may be past its touch-down when it is seen."""
+MOST_STEPS = 20000
+
+
+@dataclass(frozen=True)
+class Fine:
+    """The steps of all flights, flight after flight: F steps that begin at `time` (F,) s and last `step` (F,) s.
+
+    `flight` (F,) is whose each is, `mode` (F, K) which points touch during it, `memory` (F, K, m) at its beginning.
+    """
+
+    flight: np.ndarray[Any, np.dtype[np.int64]]
+    time: Array
+    step: Array
+    state: State
+    mode: Flags
+    memory: Array
+
+
+@dataclass(frozen=True)
+class Flights:
+    """States (B · S) at the samples of B flights, S of the longest, and the steps between; `shape` is (B, S)."""
+
+    at_samples: State
+    shape: tuple[int, int]
+    fine: Fine
+
+
+def fly(
+    body: FreeBody, start: State, times: Array, counts: Any, recording: Any, names: tuple[str, ...],
+    std: Array, memory: Array | None = None,
+) -> Flights:  # fmt: skip
+    """Flights from `start` (B) at times[:, 0] through the first `counts` (B,) of their `times` (B, S) s.
+
+    `std` (6,) is the noise of a sample, m and rad, below which errors may stay; `recording` (B,) tells whose each is
+    among `names`; `memory` (B, K, m) is what the contact's points remember at first.
+    """
+    B, S = times.shape
+    depth, sinking = body.depths(start)
+    mode, allowed = depth > 0.0, SHARE * std
+    memory = np.zeros((B, body.points, body.memory)) if memory is None else memory.copy()
+    now = State(start.p.copy(), start.quaternion.copy(), start.v.copy(), start.w.copy())
+    out = State(*(np.zeros((B, S, k)) for k in (3, 4, 3, 3)))
+    _store(out, np.arange(B), np.zeros(B, dtype=int), now)
+    time, following = times[:, 0].copy(), np.ones(B, dtype=int)
+    usual = np.full(B, 1e-3)
+    trail: list[tuple[Any, ...]] = []
+    alive = np.flatnonzero(counts > 1)
+    for _ in range(MOST_STEPS):
+        if len(alive) == 0:
+            break
+        here, touching, remembered = now[alive], mode[alive], memory[alive]
+        moment = Moment(time[alive], recording[alive], names)
+        left = times[alive, following[alive]] - time[alive]
+        first = body.acceleration(here, touching, remembered, moment)
+        landing = _time_to_land(body, here, touching, first)
+        step = np.minimum(np.minimum(usual[alive], left), np.maximum(landing, SHORTEST))
+        # a crumb of a step before a sample is left to the one before
+        step = np.where(left - step < 1e-9, left, step)
+        ended, error = _step(body, here, touching, remembered, moment, first, step, allowed)
+        deep, sinking = body.depths(ended)
+        past = np.max(np.where(touching, -np.inf, deep), axis=1, initial=-np.inf) > LANDED
+        good = (error < 1.0) & ~past | (step <= SHORTEST)
+        grown = np.clip(0.9 * np.maximum(error, 1e-8) ** (-1.0 / 3.0), 0.2, 4.0)
+        # a step cut short by a sample or a landing says little of the next one
+        wanted = np.where(
+            good, np.maximum(step * grown, np.where(step < usual[alive], usual[alive], 0.0)), step * grown
+        )
+        wanted = np.where(past & (error < 1.0), 0.5 * step, wanted)
+        usual[alive] = np.clip(wanted, SHORTEST, LONGEST)
+        rows = alive[good]
+        if len(rows) == 0:
+            continue
+        trail.append((rows, time[rows], step[good], here[good], touching[good], remembered[good]))
+        ended = ended[good]
+        time[rows] += step[good]
+        _store(now, rows, None, ended)
+        deep, sinking = deep[good], sinking[good]
+        held = touching[good]
+        fresh = np.where(held, (deep > 0.0) | (sinking > 0.0), (deep > -1e-8) & (sinking > 0.0))
+        if body.memory:
+            memory[rows] = remember(body, remembered[good], ended, held, step[good]) * fresh[:, :, None]
+        mode[rows] = fresh
+        done = np.abs(times[rows, following[rows]] - time[rows]) < 1e-12
+        arrived = rows[done]
+        time[arrived] = times[arrived, following[arrived]]
+        _store(out, arrived, following[arrived], now[arrived])
+        following[arrived] += 1
+        alive = alive[following[alive] < counts[alive]]
+    return Flights(
+        State(*(x.reshape(B * S, -1) for x in (out.p, out.quaternion, out.v, out.w))), (B, S), _fine(trail, body)
+    )
+
+
+def _store(into: State, rows: Any, columns: Any, state: State) -> None:
+    where = rows if columns is None else (rows, columns)
+    into.p[where], into.quaternion[where], into.v[where], into.w[where] = state.p, state.quaternion, state.v, state.w
+
+
+def remember(body: FreeBody, memory: Array, ended: State, mode: Flags, elapsed: Array) -> Array:
+    """The points' memory (B, K, m) `elapsed` (B,) s later, at the states that it led to."""
+    result = np.zeros_like(memory)
+    rows, columns = np.nonzero(mode)
+    if len(rows) and body.contact is not None:
+        lever = body.levers(rotation_matrices(ended.quaternion))[rows, :, columns]
+        touch = body.touch(ended[rows], lever, mode[rows, columns])
+        zero = np.zeros(len(rows))
+        result[rows, columns] = body.contact.ahead(memory[rows, columns], touch, elapsed[rows], zero)
+    return result
+
+
+def _time_to_land(body: FreeBody, state: State, mode: Flags, acceleration: Array) -> Array:
+    """(B,) s until the first point that does not touch would, falling as it does now."""
+    if body.points == 0:
+        return np.full(len(state), np.inf)
+    assert body.contact is not None
+    n = body.contact.normal
+    R = rotation_matrices(state.quaternion)
+    depth, sinking = body.depths(state, body.levers(R))
+    # of a point that turns with the body n·(ω̇ × r + ω × (ω × r)) counts as well
+    turning = crossing(state.w)
+    around = acceleration[:, 3:] @ crossing(n[None])[0].T + (n @ turning[:, None] @ turning)[:, 0]
+    speeding = -(acceleration[:, :3] @ n)[:, None] - (around[:, None] @ body.centers(R))[:, 0]
+    gap = np.maximum(-depth, 0.0)
+    root = np.sqrt(np.maximum(sinking**2 + 2.0 * speeding * gap, 0.0))
+    reach = sinking + root
+    falls = (~mode) & (sinking**2 + 2.0 * speeding * gap > 0.0) & (reach > 1e-9) & (depth < -1e-8)
+    landing = np.where(falls, 2.0 * gap / np.where(falls, reach, 1.0), np.inf)
+    return np.asarray(np.min(landing, axis=1), dtype=float)
+
+
+def _step(
+    body: FreeBody, state: State, mode: Flags, memory: Array, moment: Moment, first: Array, step: Array, allowed: Array
+) -> tuple[State, Array]:
+    """The states a step later, and the largest error of each (B,) in units of what is allowed."""
+    h = step[:, None]
+    A = body.damping(state, mode, memory)
+    inverse = None if A is None else np.linalg.inv(np.eye(6) - (GAMMA * h)[:, :, None] * A)
+    u = np.concatenate([state.v, state.w], axis=1)
+    slopes: list[tuple[Array, Array, Array]] = []
+    for i in range(4):
+        at, on, late = state, u, moment
+        if i:
+            p = state.p + h * sum(a * k[0] for a, k in zip(ALPHA[i], slopes, strict=False))
+            q = state.quaternion + h * sum(a * k[1] for a, k in zip(ALPHA[i], slopes, strict=False))
+            on = u + h * sum(a * k[2] for a, k in zip(ALPHA[i], slopes, strict=False))
+            at = State(p, q / np.linalg.norm(q, axis=1, keepdims=True), on[:, :3], on[:, 3:])
+            late = Moment(moment.time + sum(ALPHA[i]) * step, moment.recording, moment.names)
+        if i == 0:
+            change = first
+        else:
+            kept = memory
+            if body.memory:
+                kept = remember(body, memory, at, mode, sum(ALPHA[i]) * step)
+            change = body.acceleration(at, mode, kept, late)
+        if A is not None and inverse is not None:
+            if i:
+                shifted = sum(g * k[2] for g, k in zip(SHIFT[i], slopes, strict=False))
+                change = change + h * (A @ np.asarray(shifted)[..., None])[..., 0]
+            change = (inverse @ change[..., None])[..., 0]
+        slopes.append((on[:, :3], rate(at.quaternion, on[:, 3:]), change))
+    p, q, ended = (
+        base + h * sum(b * k[j] for b, k in zip(WEIGHTS, slopes, strict=True))
+        for j, base in ((0, state.p), (1, state.quaternion), (2, u))
+    )
+    missed = h * sum(b * k[2] for b, k in zip(WEIGHTS - EMBEDDED, slopes, strict=True))
+    error = np.max(np.abs(missed) / allowed, axis=1)
+    error = np.where(np.isfinite(error), error, 1e6)
+    return State(p, q / np.linalg.norm(q, axis=1, keepdims=True), ended[:, :3], ended[:, 3:]), error
+
+
+def _fine(trail: list[tuple[Any, ...]], body: FreeBody) -> Fine:
+    if not trail:
+        empty = np.zeros(0)
+        none = State(*(np.zeros((0, k)) for k in (3, 4, 3, 3)))
+        shape = (0, body.points, body.memory)
+        return Fine(np.zeros(0, dtype=int), empty, empty, none, np.zeros(shape[:2], dtype=bool), np.zeros(shape))
+    flight, time, step, mode, memory = (np.concatenate([one[k] for one in trail]) for k in (0, 1, 2, 4, 5))
+    state = stacked([one[3] for one in trail])
+    order = np.lexsort((time, flight))
+    return Fine(flight[order], time[order], step[order], state[order], mode[order], memory[order])

@@ -1,0 +1,256 @@
+"""The equations of motion of one free body in contact with a plane, over many states at once.
+
+The state is the pose of the body's origin, its velocity and the angular velocity, all in the world; with the mass m,
+the centre of mass c from the origin and the inertia I about the origin (Featherstone, Rigid Body Dynamics
+Algorithms, 2008, §2.13):
+
+    m v̇ + ω̇ × m c = F − ω × (ω × m c),      m c × v̇ + I ω̇ = τ − ω × I ω
+
+Simulations call this tens of thousands of times for a few dozen bodies: matrix products, not many small operations.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from drake_cafim.contact.change import Touch, surface_axes
+from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.dynamics.motion import skew
+from drake_cafim.dynamics.rotations import crossing, rotation_matrices
+from drake_cafim.dynamics.tree import FREE
+from drake_cafim.effects.body import ExternalDisturbance
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+Flags: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
+
+
+@dataclass(frozen=True)
+class State:
+    """B states: origin `p` (B, 3) m, `quaternion` (B, 4), `v` (B, 3) m/s of the origin, `w` (B, 3) rad/s; world."""
+
+    p: Array
+    quaternion: Array
+    v: Array
+    w: Array
+
+    def __len__(self) -> int:
+        return len(self.p)
+
+    def __getitem__(self, rows: Any) -> "State":
+        return State(self.p[rows], self.quaternion[rows], self.v[rows], self.w[rows])
+
+
+def stacked(states: "list[State]") -> State:
+    """The states one after the other."""
+    return State(*(np.concatenate([getattr(one, name) for one in states]) for name in ("p", "quaternion", "v", "w")))
+
+
+@dataclass(frozen=True)
+class Moment:
+    """When and where states were: `time` (B,) s, and the index (B,) of their recording among `names`."""
+
+    time: Array
+    recording: np.ndarray[Any, np.dtype[np.int64]]
+    names: tuple[str, ...]
+
+    def __getitem__(self, rows: Any) -> "Moment":
+        return Moment(self.time[rows], self.recording[rows], self.names)
+
+
+@dataclass(frozen=True)
+class FreeBody:
+    """What `physics` says of the body that floats."""
+
+    physics: Physics
+
+    @cached_property
+    def inertial(self) -> tuple[float, Array, Array, Array]:
+        """Mass, centre of mass (3,), inertia (3, 3) about the origin, and the inverse (6, 6) of all; body axes."""
+        masses, centers, inertias = self.physics.tree.lumps
+        m, c = float(masses[FREE]), centers[FREE]
+        C = skew(c)
+        about_origin: Array = inertias[FREE] - m * C @ C
+        spatial = np.zeros((6, 6))
+        spatial[:3, :3], spatial[:3, 3:] = m * np.eye(3), -m * C
+        spatial[3:, :3], spatial[3:, 3:] = m * C, about_origin
+        return m, c, about_origin, np.asarray(np.linalg.inv(spatial), dtype=float)
+
+    @cached_property
+    def contact(self) -> SphereContact | None:
+        """The body's contact; one is what a toss has."""
+        return self.physics.contacts[0] if self.physics.contacts else None
+
+    @cached_property
+    def _points(self) -> Array:
+        """(3, K) m, the points that may touch, as columns in the body frame."""
+        return np.zeros((3, 0)) if self.contact is None else np.ascontiguousarray(self.contact.points.T)
+
+    @cached_property
+    def _below(self) -> Array:
+        """(3, 1) m, from a sphere's centre to its deepest point."""
+        return np.zeros((3, 1)) if self.contact is None else -self.contact.radius * self.contact.normal[:, None]
+
+    @cached_property
+    def _axes(self) -> Array:
+        return surface_axes(self.contact.normal) if self.contact is not None else np.eye(3)
+
+    @property
+    def points(self) -> int:
+        """How many points may touch."""
+        return int(self._points.shape[1])
+
+    @property
+    def memory(self) -> int:
+        """How many numbers each point remembers."""
+        return 0 if self.contact is None else self.contact.memory
+
+    @cached_property
+    def pulls(self) -> bool:
+        """Whether the contact is felt before it touches."""
+        return self._reach > 0.0
+
+    @cached_property
+    def _reach(self) -> float:
+        return max((change.reach for change in self.contact.changes), default=0.0) if self.contact else 0.0
+
+    def centers(self, R: Array) -> Array:
+        """(B, 3, K) m, from the origin to the spheres' centres, or to the points, that turn with the body."""
+        return np.asarray(R @ self._points)
+
+    def levers(self, R: Array) -> Array:
+        """(B, 3, K) m, from the origin to the points that may touch."""
+        return np.asarray(R @ self._points + self._below)
+
+    def depths(self, state: State, levers: Array | None = None) -> tuple[Array, Array]:
+        """How deep each point is, (B, K) m, and how fast it goes deeper, (B, K) m/s."""
+        if self.contact is None:
+            return np.zeros((len(state), 0)), np.zeros((len(state), 0))
+        n = self.contact.normal
+        if levers is None:
+            levers = self.levers(rotation_matrices(state.quaternion))
+        depth = float(self.contact.point @ n) - (state.p @ n)[:, None] - n @ levers
+        # n·(v + ω × r) = n·v + (n × ω)·r
+        across = state.w @ crossing(n[None])[0].T
+        rate = -(state.v @ n)[:, None] - (across[:, None] @ levers)[:, 0]
+        return depth, rate
+
+    def touch(self, state: State, lever: Array, points: Flags) -> Touch:
+        """How points at `lever` (B, 3) from the origins meet the plane; those of `points` (B,) are taken to touch."""
+        contact = self.contact
+        assert contact is not None
+        n, turning = contact.normal, crossing(state.w)
+        v = state.v + (turning @ lever[:, :, None])[:, :, 0]
+        rate = -(v @ n)
+        position = state.p + lever
+        depth = float(contact.point @ n) - position @ n
+        held = np.where(points, np.maximum(depth, 1e-15), np.minimum(depth, 0.0))
+        # the deepest point of a sphere stays below its centre, a corner turns with the body
+        spinning = turning @ self._below[:, 0]
+        spin = state.w - (state.w @ n)[:, None] * n
+        return Touch(held, rate, v + rate[:, None] * n, position, spin, spinning, self._axes)
+
+    def acceleration(self, state: State, mode: Flags, memory: Array, moment: Moment) -> Array:
+        """(B, 6): v̇ then ω̇ in the world, the points of `mode` (B, K) touching; `memory` is (B, K, m)."""
+        R = rotation_matrices(state.quaternion)
+        m, c, inertia, inverse = self.inertial
+        wrench = np.zeros((len(state), 2, 3))
+        wrench[:, 0] = m * self.physics.gravity
+        if self.contact is not None and (self.pulls or mode.any()):
+            self._push(wrench, state, R, mode, memory)
+        for effect in self.physics.body_forces:
+            self._disturb(wrench, effect, state, R, moment)
+        w_B = (state.w[:, None] @ R)[:, 0]
+        turning = crossing(w_B)
+        wrench_B = wrench @ R
+        wrench_B[:, 1] -= (turning @ (w_B @ inertia)[:, :, None])[:, :, 0]
+        if np.any(c):
+            wrench_B[:, 0] -= m * (turning @ (turning @ c)[:, :, None])[:, :, 0]
+            wrench_B[:, 1] += m * (self.physics.gravity @ R) @ skew(c).T
+        moved_B = (wrench_B.reshape(-1, 6) @ inverse).reshape(-1, 2, 3)
+        return np.asarray((moved_B @ np.swapaxes(R, 1, 2)).reshape(-1, 6))
+
+    def _disturb(self, wrench: Array, effect: Any, state: State, R: Array, moment: Moment) -> None:
+        body = self.physics.tree.body(effect.at)
+        lever = R @ (body.p_JB + body.R_JB @ effect.point(body))
+        recording = effect.recording if isinstance(effect, ExternalDisturbance) else None
+        v = state.v + (crossing(state.w) @ lever[:, :, None])[:, :, 0]
+        force = effect.force(state.p + lever, v, moment.time, recording)
+        if recording is not None:
+            force = force * np.array([name == recording for name in moment.names])[moment.recording, None]
+        wrench[:, 0] += force
+        wrench[:, 1] += (crossing(lever) @ force[:, :, None])[:, :, 0]
+
+    def _felt(self, state: State, levers: Array, mode: Flags) -> Flags:
+        """The points that are felt (B, K): those that touch, and those that are near enough to be pulled."""
+        if not self.pulls or self.contact is None:
+            return mode
+        n = self.contact.normal
+        depth = float(self.contact.point @ n) - (state.p @ n)[:, None] - n @ levers
+        return mode | (depth > -self._reach)
+
+    def _push(self, wrench: Array, state: State, R: Array, mode: Flags, memory: Array) -> None:
+        """Add the contact's force and torque about the origin to `wrench` (B, 2, 3)."""
+        contact = self.contact
+        assert contact is not None
+        levers = self.levers(R)
+        felt = self._felt(state, levers, mode)
+        rows, columns = felt.nonzero()
+        lever = levers[rows, :, columns]
+        touch = self.touch(state[rows], lever, mode[rows, columns])
+        force, moment = contact.force(touch, memory[rows, columns])
+        both = np.empty((len(rows), 2, 3))
+        both[:, 0] = force
+        both[:, 1] = (crossing(lever) @ force[:, :, None])[:, :, 0] + moment
+        _add(wrench, rows, both)
+
+    def damping(self, state: State, mode: Flags, memory: Array) -> Array | None:
+        """∂(v̇, ω̇)/∂(v, ω) (B, 6, 6) by what makes contacts stiff: friction near rest, and the damper; None for none."""
+        contact = self.contact
+        if contact is None or not mode.any():
+            return None
+        n = contact.normal
+        R = rotation_matrices(state.quaternion)
+        rows, columns = mode.nonzero()
+        lever = self.levers(R)[rows, :, columns]
+        touch = self.touch(state[rows], lever, mode[rows, columns])
+        force, _ = contact.force(touch, memory[rows, columns])
+        pushing = force @ n
+        speed = np.sqrt(np.einsum("bi,bi->b", touch.slip, touch.slip))
+        along = touch.slip / np.maximum(speed, 1e-12)[:, None]
+        across, onward = _friction_slopes(contact, np.maximum(pushing, 0.0), speed)
+        slope = across[:, None, None] * (np.eye(3) - np.outer(n, n))
+        slope += ((onward - across)[:, None] * along)[:, :, None] * along[:, None, :]
+        slope += np.where(pushing > 0.0, contact.parameters.damping, 0.0)[:, None, None] * np.outer(n, n)
+        turning = crossing(lever)
+        arm = np.empty((len(rows), 3, 6))
+        arm[:, :, :3], arm[:, :, 3:] = np.eye(3), -turning
+        wrench = np.zeros((len(state), 6, 6))
+        _add(wrench, rows, -np.swapaxes(arm, 1, 2) @ slope @ arm)
+        turned = np.zeros((len(state), 6, 6))
+        turned[:, :3, :3] = turned[:, 3:, 3:] = R
+        inverse = turned @ self.inertial[3] @ np.swapaxes(turned, 1, 2)
+        return np.asarray(inverse @ wrench)
+
+
+def _friction_slopes(contact: SphereContact, pushing: Array, speed: Array) -> tuple[Array, Array]:
+    """By how much friction grows with slip across and along its direction, N s/m."""
+    friction = pushing * contact.parameters.friction
+    if contact.parameters.slip_velocity is not None:
+        ratio = np.maximum(speed / contact.parameters.slip_velocity, 1e-6)
+        level = np.tanh(ratio)
+        width = contact.parameters.slip_velocity
+        return friction * level / (ratio * width), friction * (1.0 - level**2) / width
+    resistance = float(contact.parameters.resistance or 0.0)
+    rubbing = resistance * speed > friction
+    return np.where(rubbing, friction / np.maximum(speed, 1e-12), resistance), np.where(rubbing, 0.0, resistance)
+
+
+def _add(into: Array, rows: Any, values: Array) -> None:
+    """Add `values` to the rows of `into`, of which one may be named several times."""
+    if len(rows) < 2 or (rows[1:] > rows[:-1]).all():
+        into[rows] += values
+    else:
+        np.add.at(into, rows, values)

@@ -1,0 +1,85 @@
+"""Recordings of tosses made ready for a diagnosis."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drake_cafim.diagnosis.coloured_noise import seen_memories, step_of, widened
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.tosses.arcs import arcs_of
+from drake_cafim.diagnosis.tosses.location import locate_tosses
+from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack, noise_of_poses, track_of, tracked_body, unrolled
+from drake_cafim.diagnosis.tosses.problem import TossProblem
+from drake_cafim.diagnosis.tosses.quality import qualities
+from drake_cafim.diagnosis.verdict import Location, Quality
+from drake_cafim.errors import InputError
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.scenario.scene import Scene
+
+
+@dataclass(frozen=True)
+class PreparedTosses:
+    """Tracks of one body, those held out, and what was noticed while reading them."""
+
+    scene: Scene
+    body: str
+    noise: PoseNoise
+    tracks: tuple[PoseTrack, ...]
+    held_out: tuple[PoseTrack, ...]
+    notes: tuple[str, ...]
+    mistakes: tuple[str, ...]
+    noise_remarks: tuple[str, ...]
+
+    def problem(self) -> TossProblem:
+        """The recordings' likelihood, white under the model as given."""
+        arcs = arcs_of(self.tracks, self.noise)
+        return TossProblem.settled(self.scene, arcs, self.noise, Model(self.scene.priors.mean))
+
+    def locate(self, problem: TossProblem, lacking: Model) -> tuple[Location, ...]:
+        """Where the recordings differ from `lacking`."""
+        return locate_tosses(problem, lacking)
+
+    def qualities(self, model: Model) -> list[Quality]:
+        """How `model` does on the recordings, and on those held out where there are any."""
+        groups = [self.tracks, self.held_out] if self.held_out else [self.tracks]
+        return qualities(groups, self.noise, model.physics(self.scene), self.body)
+
+
+def prepare_tosses(
+    scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Recording], notes: Sequence[str]
+) -> PreparedTosses:
+    """The recordings' poses under the noise that was stated or, where it was not, is seen.
+
+    Raises `InputError` for recordings that lack the pose, and for scenes that are more than a thrown body.
+    """
+    if len(scene.physics.contacts) > 1:
+        names = ", ".join(one.name for one in scene.physics.contacts)
+        raise InputError(f"{scene.name}: a floating body with the contacts {names}: expected at most one")
+    body = tracked_body(scene, [*recordings, *held_out])
+    tracks = tuple(track_of(one, body) for one in recordings)
+    noise, told = noise_of_poses(scene, body, tracks)
+    noise, remarks = _with_memory(scene, noise, tracks, body)
+    held = tuple(track_of(one, body) for one in held_out)
+    return PreparedTosses(scene, body, noise, tracks, held, (*told, *notes), (), remarks)
+
+
+def _with_memory(
+    scene: Scene, noise: PoseNoise, tracks: Sequence[PoseTrack], body: str
+) -> tuple[PoseNoise, tuple[str, ...]]:
+    """The noise with the memory that it shows, where the scenario says that it is white."""
+    if any(noise.memory):
+        return noise, ()
+    columns = {f"{part}.{axis}": std for part, std in (("position", noise.position), ("rotation", noise.rotation))
+               for axis in "xyz"}  # fmt: skip
+    spread = []
+    for track in tracks:
+        turns = unrolled(track.quaternion)
+        values = {f"position.{axis}": track.p[:, k] for k, axis in enumerate("xyz")}
+        values |= {f"rotation.{axis}": turns[:, k] for k, axis in enumerate("xyz")}
+        spread.append(Recording(track.recording.name, track.time, values))
+    estimated = set(columns) if scene.std(f"pose.{body}.x") is None else set()
+    memories, told = seen_memories(spread, columns, {}, estimated)
+    std = widened(columns, memories, estimated, step_of(spread))
+    position, rotation = (memories[part].time if part in memories else 0.0 for part in ("position.x", "rotation.x"))
+    remarks = tuple(one.replace("noise of position", f"noise of the position of pose.{body}").replace(
+        "noise of rotation", f"noise of the rotation of pose.{body}") for one in told)  # fmt: skip
+    return PoseNoise(std["position.x"], std["rotation.x"], (position, rotation)), remarks

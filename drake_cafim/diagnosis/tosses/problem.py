@@ -1,0 +1,168 @@
+"""Tosses against a scene: the likelihood of tracked poses by multiple shooting, as whitened innovations.
+
+Each arc is simulated from a state of its own, which is fitted with whatever a model says; the rows are what its
+samples say beyond that state. Regressors come from simulations and hold no noise of the measurement.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.tosses.arcs import Arcs
+from drake_cafim.diagnosis.tosses.columns import number_columns
+from drake_cafim.diagnosis.tosses.free_body import FreeBody, State
+from drake_cafim.diagnosis.tosses.poses import PoseNoise
+from drake_cafim.diagnosis.tosses.settling import Settled, settled_from
+from drake_cafim.diagnosis.tosses.shots import Shot
+from drake_cafim.dynamics.tree import FREE
+from drake_cafim.scenario.scene import Scene
+from drake_cafim.typing import Array
+
+CORRECTIONS = 2
+"""Steps of the arcs' beginnings, at most, when a model's numbers change."""
+FIRST = 2
+"""Samples of an arc that its initial state takes up."""
+
+
+@dataclass(frozen=True)
+class TossRun:
+    """One recording's part of the rows: `windows` samples of six rows each."""
+
+    name: str
+    windows: int
+    time: Array
+    """(windows,) s of the samples."""
+    rows_per_window: ClassVar[int] = 6
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return (self.windows, self.rows_per_window)
+
+    @property
+    def rows(self) -> int:
+        return self.windows * self.rows_per_window
+
+
+@dataclass(frozen=True)
+class Lead:
+    """A model's arcs, and what other numbers would have its samples say of their beginnings: (B, 12, n) a number."""
+
+    vector: Array
+    settled: Settled
+    by_numbers: Array
+
+
+@dataclass(frozen=True)
+class TossProblem(Problem):
+    """Arcs of one scene. Vectors over rows hold all recordings', then one row a prior."""
+
+    runs: tuple[TossRun, ...] = ()  # type: ignore[assignment]
+    arcs: Arcs = None  # type: ignore[assignment]
+    noise: PoseNoise = None  # type: ignore[assignment]
+    base: Settled = None  # type: ignore[assignment]
+    _shots: dict[Any, Settled] = field(default_factory=dict, repr=False, compare=False)
+    _leads: dict[Any, Lead] = field(default_factory=dict, repr=False, compare=False)
+
+    regressors_noisy: ClassVar[bool] = False
+    least_gain: ClassVar[float] = 0.05
+    slack: ClassVar[float] = 1e-3
+    least_damping: ClassVar[float] = 1e-2
+
+    @classmethod
+    def settled(
+        cls, scene: Scene, arcs: Arcs, noise: PoseNoise, model: Model, start: State | None = None
+    ) -> "TossProblem":
+        """The problem whose rows are white under `model`."""
+        base = settled_from(arcs, noise, model.physics(scene), start or arcs.start)
+        return cls(scene, _runs(arcs), arcs=arcs, noise=noise, base=base)
+
+    def rewhitened(self, model: Model) -> "TossProblem":
+        """The same arcs under another model."""
+        return self.settled(self.scene, self.arcs, self.noise, model, self.shot(model).start)
+
+    @property
+    def rows(self) -> int:
+        return sum(run.rows for run in self.runs)
+
+    def plausible(self, model: Model) -> bool:
+        return all(effect.plausible() for effect in model.effects)
+
+    def residual(self, model: Model) -> Array:
+        innovations = self.base.innovation(self.shot(model).rows[..., None])[0]
+        priors = self.scene.priors
+        return np.concatenate([self.ordered(innovations)[:, 0], (model.unknown - priors.mean) / priors.std])
+
+    def jacobian(self, model: Model) -> Array:
+        settled = self._settled(model)
+        innovations, carried = self.base.innovation(number_columns(self.scene, settled.shot, model))
+        self._leads[_kind(model)] = Lead(model.vector, settled, carried)
+        columns = self.ordered(innovations)
+        priors = np.zeros((len(model.unknown), columns.shape[1]))
+        priors[:, : len(model.unknown)] = np.diag(1.0 / self.scene.priors.std)
+        return np.concatenate([columns, priors])
+
+    @property
+    def body(self) -> str:
+        """The tracked body."""
+        return next(body.name for body in self.scene.tree.bodies if body.joint == FREE)
+
+    def innovations(self, rows: Array) -> Array:
+        """Columns (R, k) of whitened rows (B, S, 6, k)."""
+        return self.ordered(self.base.innovation(rows)[0])
+
+    def ordered(self, innovations: Array) -> Array:
+        """(R, k) of innovations (B, S, 6, k): recording after recording, arc after arc, sample after sample."""
+        return np.asarray(innovations[counted(self.arcs)].reshape(-1, innovations.shape[3]), dtype=float)
+
+    def shot(self, model: Model) -> Shot:
+        """The arcs under `model`, from states that fit it; the last few are kept."""
+        return self._settled(model).shot
+
+    def _settled(self, model: Model) -> Settled:
+        key = (_kind(model), model.vector.tobytes())
+        if key not in self._shots:
+            while len(self._shots) >= 6:
+                self._shots.pop(next(iter(self._shots)))
+            self._shots[key] = self._fitted(model)
+        return self._shots[key]
+
+    def _fitted(self, model: Model) -> Settled:
+        physics, before = model.physics(self.scene), self.base
+        memory = before.shot.memory_at_start(FreeBody(physics))
+        start = before.shot.start
+        lead = self._leads.get(_kind(model))
+        if lead is not None:
+            before = lead.settled
+            start = before.moved_start(lead.by_numbers @ (model.vector - lead.vector))
+        shot = Shot.of(self.arcs, self.noise, physics, start, memory)
+        settled = Settled.of(shot, self.base.innovation, before.damping)
+        for _ in range(CORRECTIONS):
+            if not np.any(settled.unsettled):
+                break
+            settled = settled.corrected(memory)
+        return settled
+
+
+def counted(arcs: Arcs) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """(B, S) the samples whose innovations count."""
+    return arcs.held & (np.arange(arcs.times.shape[1]) >= FIRST)
+
+
+def _runs(arcs: Arcs) -> tuple[TossRun, ...]:
+    keep = counted(arcs)
+    runs = []
+    for index, track in enumerate(arcs.tracks):
+        own = arcs.recording == index
+        runs.append(TossRun(track.recording.name, int(keep[own].sum()), arcs.times[own][keep[own]]))
+    return tuple(runs)
+
+
+def _kind(model: Model) -> tuple[Any, ...]:
+    """What models of the same effects with other strengths share."""
+    return tuple(
+        (*effect.key, getattr(effect, "recording", None), *(effect.values[one.name] for one in effect.shapes))
+        for effect in model.effects
+    )

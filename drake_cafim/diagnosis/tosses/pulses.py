@@ -1,0 +1,77 @@
+"""Where in the tosses a short push would explain most: matched filters for pulses of force at the body's origin."""
+
+import numpy as np
+
+from drake_cafim.diagnosis.fitting import Fit
+from drake_cafim.diagnosis.pulses import DURATIONS, SPACING, Push
+from drake_cafim.diagnosis.tosses.columns import force_rows
+from drake_cafim.diagnosis.tosses.problem import TossProblem
+from drake_cafim.diagnosis.tosses.shots import Shot
+from drake_cafim.dynamics.rotations import rotation_matrices
+from drake_cafim.effects.body import pulse
+from drake_cafim.typing import Array
+
+TOGETHER = 8
+"""Pulses whose rows are reckoned at once."""
+
+
+def strongest_pushes(problem: TossProblem, at: Fit) -> tuple[list[Push], int]:
+    """The strongest push of each recording, best first, beyond what `at` explains; and how many pulses were tried."""
+    known = problem.found_pushes
+    if not known or known[0] is not at.residual:
+        known[:] = [at.residual, *_searched(problem, at)]
+    return known[1], known[2]
+
+
+def _searched(problem: TossProblem, at: Fit) -> tuple[list[Push], int]:
+    """Arcs of different recordings are independent: each trial is one of all recordings at once."""
+    shot = problem.shot(at.model)
+    starts = [run.time[0] for run in problem.runs]
+    length = max(float(run.time[-1] - run.time[0]) for run in problem.runs)
+    trials = [
+        (float(start), float(duration))
+        for duration in DURATIONS
+        for start in np.arange(0.0, length - duration, SPACING * duration)
+    ]
+    basis = np.linalg.qr(at.jacobian)[0][: problem.rows] if at.jacobian.shape[1] else np.zeros((problem.rows, 0))
+    residual = at.residual[: problem.rows]
+    ends = np.cumsum([0, *(run.rows for run in problem.runs)])
+    best: dict[int, Push] = {}
+    for first in range(0, len(trials), TOGETHER):
+        own = trials[first : first + TOGETHER]
+        columns = problem.innovations(force_rows(shot, *_pushed(shot, own, starts)))
+        for k, (start, duration) in enumerate(own):
+            for run in range(len(problem.runs)):
+                part = slice(ends[run], ends[run + 1])
+                gain = _gain(columns[part, 3 * k : 3 * k + 3], residual[part], basis[part])
+                begin = starts[run] + start
+                if run not in best or gain > best[run].gain:
+                    best[run] = Push(run, begin, begin + duration, gain)
+    return sorted(best.values(), key=lambda push: -push.gain), len(trials) * len(problem.runs)
+
+
+def _pushed(shot: Shot, trials: list[tuple[float, float]], starts: list[float]) -> tuple[list[Array], list[Array]]:
+    """Accelerations (F, 6) by a unit pulse along each axis, three a trial, and that no landing is changed."""
+    f, body = shot.flights.fine, shot.body
+    R = rotation_matrices(f.state.quaternion)
+    # a force at the origin, in body axes: its columns of the inverse inertia
+    inverse = body.inertial[3][:, :3]
+    linear, angular = R @ inverse[:3] @ np.swapaxes(R, 1, 2), R @ inverse[3:] @ np.swapaxes(R, 1, 2)
+    unit = np.concatenate([linear, angular], axis=1)
+    since = f.time - np.array(starts)[shot.arcs.recording[f.flight]]
+    changes = []
+    for start, duration in trials:
+        weight = pulse(since, start, start + duration)
+        changes += [unit[:, :, axis] * weight[:, None] for axis in range(3)]
+    return changes, [np.zeros(len(shot.tangent.landings.row))] * len(changes)
+
+
+def _gain(columns: Array, residual: Array, basis: Array) -> float:
+    """χ² that the columns take off; the nuisance is projected out as far as this recording knows of it."""
+    left = columns - basis @ (basis.T @ columns)
+    normal = left.T @ left
+    normal[np.diag_indices(len(normal))] *= 1.0 + 1e-9
+    if not np.all(np.diag(normal) > 0.0):
+        return 0.0
+    along = left.T @ residual
+    return float(along @ np.linalg.solve(normal, along))

@@ -1,0 +1,92 @@
+"""How well a model does on tosses: one-step innovations, and simulations of up to a second."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drake_cafim.diagnosis.forecast import Forecast, root_mean_square
+from drake_cafim.diagnosis.tosses.arcs import Arcs, arcs_of, joined_arcs
+from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack
+from drake_cafim.diagnosis.tosses.problem import counted
+from drake_cafim.diagnosis.tosses.settling import settled_from
+from drake_cafim.diagnosis.tosses.shots import Shot
+from drake_cafim.diagnosis.verdict import Quality
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+HORIZON, LOOK_BACK = 1.0, 0.05
+"""s"""
+LOST = 1.0
+"""m (rad) that an error counts at most: a simulation that ran away says no more than that."""
+
+
+def qualities(groups: Sequence[Sequence[PoseTrack]], noise: PoseNoise, physics: Physics, body: str) -> list[Quality]:
+    """Of each group under `physics`; the recordings of all are simulated side by side."""
+    tracks = [track for group in groups for track in group]
+    likelihoods = _negative_log_likelihoods(tracks, noise, physics)
+    simulated = toss_forecasts(tracks, noise, physics, body)
+    result, first = [], 0
+    for group in groups:
+        own = slice(first, first + len(group))
+        result.append(Quality(float(np.mean(np.concatenate(likelihoods[own]))), root_mean_square(simulated[own])))
+        first = own.stop
+    return result
+
+
+def _negative_log_likelihoods(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physics) -> list[Array]:
+    """Of each recording's innovations, ln(2πσ²) included."""
+    arcs = arcs_of(tracks, noise)
+    settled = settled_from(arcs, noise, physics, arcs.start)
+    rows = settled.innovation(settled.shot.rows[..., None])[0][..., 0]
+    own = 0.5 * (np.sum(rows**2, axis=2) + settled.innovation.spread)
+    level = float(np.sum(np.log(noise.std) + 0.5 * np.log(2.0 * np.pi))) + _memory_level(arcs, noise)
+    keep = counted(arcs)
+    return [own[arcs.recording == index][keep[arcs.recording == index]] + level for index in range(len(tracks))]
+
+
+def _memory_level(arcs: Arcs, noise: PoseNoise) -> float:
+    """½ ln of the share of the noise that a sample does not have from the one before, summed over channels."""
+    known = noise.times > 0.0
+    if not np.any(known):
+        return 0.0
+    step = float(np.median(np.diff(arcs.times, axis=1)[arcs.held[:, 1:]]))
+    return float(np.sum(0.5 * np.log1p(-np.exp(-2.0 * step / noise.times[known]))))
+
+
+def toss_forecasts(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physics, body: str) -> list[Forecast]:
+    """Each recording simulated over windows of a second, each from the 50 ms before it.
+
+    Columns are the positions, m, and `pose.<body>.rotation`, the angle by which the prediction is turned, rad.
+    """
+    before, windows = [], []
+    for index, track in enumerate(tracks):
+        for start in _starts(track.time):
+            first = min(int(np.searchsorted(track.time, track.time[start] - LOOK_BACK - 1e-9)), max(start - 8, 0))
+            stop = int(np.searchsorted(track.time, track.time[start] + HORIZON + 1e-9, side="right"))
+            before.append((index, first, start + 1))
+            windows.append((index, first, stop))
+    look_back = joined_arcs(tracks, noise, before)
+    begun = settled_from(look_back, noise, physics, look_back.start).shot
+    whole = joined_arcs(tracks, noise, windows)
+    errors = Shot.of(whole, noise, physics, begun.start, begun.memory_at_start(begun.body)).errors
+    errors = np.where(np.isfinite(errors), np.clip(errors, -LOST, LOST), LOST)
+    later = whole.held & (np.arange(whole.times.shape[1]) >= (look_back.counts - 1)[:, None])
+    result = []
+    for index, track in enumerate(tracks):
+        own = np.flatnonzero(whole.recording == index)
+        window = np.concatenate([np.full(int(later[b].sum()), w) for w, b in enumerate(own)])
+        missed, p = (np.concatenate([values[b][later[b]] for b in own]) for values in (errors, whole.p))
+        predicted = {f"pose.{body}.{axis}": p[:, k] + missed[:, k] for k, axis in enumerate("xyz")}
+        measured = {f"pose.{body}.{axis}": p[:, k] for k, axis in enumerate("xyz")}
+        predicted[f"pose.{body}.rotation"] = np.linalg.norm(missed[:, 3:], axis=1)
+        measured[f"pose.{body}.rotation"] = np.zeros(len(missed))
+        time = np.concatenate([whole.times[b][later[b]] for b in own])
+        result.append(Forecast(track.recording.name, time, window, predicted, measured))
+    return result
+
+
+def _starts(time: Array) -> list[int]:
+    """Indices at which windows begin, one horizon apart, after the first look back; one window if it is short."""
+    first = time[0] + LOOK_BACK
+    count = max(1, int((time[-1] - first + 1e-9) / HORIZON))
+    return [int(np.searchsorted(time, first + k * HORIZON - 1e-9)) for k in range(count)]

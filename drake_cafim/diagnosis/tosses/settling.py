@@ -1,0 +1,109 @@
+"""The states that arcs begin with, brought to where they fit what was measured best.
+
+Gauss–Newton steps, each arc damped on its own (Levenberg, Marquardt): what slides for a moment bends too much for
+full ones. One simulation of all arcs serves a step of each.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from drake_cafim.diagnosis.tosses.arcs import Arcs
+from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, State
+from drake_cafim.diagnosis.tosses.innovation import Innovation
+from drake_cafim.diagnosis.tosses.poses import PoseNoise
+from drake_cafim.diagnosis.tosses.shots import Shot, chosen
+from drake_cafim.diagnosis.tosses.tangent import moved
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+ROUNDS = 8
+"""Steps, at most, with slopes taken anew after each."""
+SETTLED, NEAR = 0.1, 1.0
+"""χ² that a step may still promise, where slopes are taken anew and where not: the rows do not see it to first
+order. It counts in units of what the arc leaves, for where physics is missing no state fits."""
+FIRST_DAMPING, HARDER, EASIER = 1e-3, 100.0, 1.0 / 30.0
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A shot, and what its samples say of the states that the arcs should begin with.
+
+    `carried` (B, 12) is the misfit along the `innovation`'s triangles, `damping` (B,) what the next step is damped by,
+    and `near` the χ² that it may promise without being worth it.
+    """
+
+    shot: Shot
+    innovation: Innovation
+    carried: Array
+    damping: Array
+    near: float
+
+    @classmethod
+    def of(cls, shot: Shot, innovation: Innovation, damping: Array | None = None, near: float = NEAR) -> "Settled":
+        """What `innovation` makes of the shot."""
+        carried = innovation(shot.rows[..., None])[1][..., 0]
+        return cls(shot, innovation, carried, np.zeros(len(shot.start)) if damping is None else damping, near)
+
+    @cached_property
+    def cost(self) -> Array:
+        """(B,) χ² of each arc."""
+        cost = np.sum(self.shot.rows**2, axis=(1, 2))
+        return np.asarray(np.where(np.isfinite(cost), cost, np.inf))
+
+    @cached_property
+    def unsettled(self) -> Flags:
+        """(B,) the arcs that a step is worth taking for."""
+        change = self._change(self.carried)
+        left = self.carried + np.einsum("bij,bj->bi", self.innovation.triangle, change)
+        promised = np.sum(self.carried**2, axis=1) - np.sum(left**2, axis=1)
+        freedom = np.maximum(6 * self.shot.arcs.counts - 12, 1)
+        return np.asarray(promised > self.near * np.maximum(self.cost / freedom, 1.0))
+
+    def moved_start(self, added: Array) -> State:
+        """Where the arcs should begin when what the samples say is `added` (B, 12) to."""
+        return moved(self.shot.start, self._change(self.carried + added))
+
+    def corrected(self, memory: Array | None) -> "Settled":
+        """After a step of the arcs that are worth one; those that it makes worse stay, and go slower from then on."""
+        shot, wanted = self.shot, self.unsettled
+        start = moved(shot.start, np.where(wanted[:, None], self._change(self.carried), 0.0))
+        trial = Settled.of(Shot.of(shot.arcs, shot.noise, shot.physics, start, memory), self.innovation)
+        better = trial.cost < self.cost
+        slower = np.maximum(self.damping * HARDER, FIRST_DAMPING)
+        damping = np.where(wanted, np.where(better, self.damping * EASIER, slower), self.damping)
+        if np.all(better | ~wanted):
+            shot = trial.shot
+        elif np.any(better & wanted):
+            shot = chosen(better & wanted, trial.shot, shot)
+        return Settled.of(shot, self.innovation, damping, self.near)
+
+    def _change(self, carried: Array) -> Array:
+        """(B, 12) the damped step against `carried`."""
+        size = np.linalg.norm(self.innovation.triangle, axis=1)
+        scaled = self.innovation.triangle / size[:, None, :]
+        turned = np.swapaxes(scaled, 1, 2)
+        normal = turned @ scaled + self.damping[:, None, None] * np.eye(12)
+        return np.asarray(-np.linalg.solve(normal, turned @ carried[:, :, None])[..., 0] / size)
+
+
+def settled_from(arcs: Arcs, noise: PoseNoise, physics: Physics, start: State) -> Settled:
+    """The arcs from the states that fit `physics` best, by slopes that are taken anew each time.
+
+    `start` (B) is where to begin.
+    """
+    shot, body = Shot.of(arcs, noise, physics, start), FreeBody(physics)
+    memory = shot.memory_at_start(body)
+    if memory is not None:
+        shot = Shot.of(arcs, noise, physics, start, memory)
+    settled = Settled.of(shot, Innovation.of(shot.by_start), near=SETTLED)
+    for _ in range(ROUNDS):
+        if not np.any(settled.unsettled):
+            break
+        before, settled = settled.shot, settled.corrected(memory)
+        if settled.shot is not before:
+            memory = settled.shot.memory_at_start(body)
+            innovation = Innovation.of(settled.shot.by_start)
+            settled = Settled.of(settled.shot, innovation, settled.damping, SETTLED)
+    return replace(settled, near=NEAR)

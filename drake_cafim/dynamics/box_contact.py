@@ -1,0 +1,33 @@
+"""A box of a floating body against a plane: each of its corners is a point that may touch."""
+
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+
+from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.typing import Array
+
+EXTENTS = ("length", "width", "height")
+
+
+@dataclass(frozen=True)
+class BoxContact(SphereContact):
+    """Corners of a box of extents `size` (3,) m about `p_JC`, in axes G turned by `R_JG`; stiffness is per corner."""
+
+    size: Array = field(default_factory=lambda: np.zeros(3))
+    R_JG: Array = field(default_factory=lambda: np.eye(3))
+
+    @property
+    def points(self) -> Array:
+        """(8, 3) m, the corners in frame J."""
+        corners = 0.5 * self.size * np.array(list(product((-1.0, 1.0), repeat=3)))
+        return np.asarray(self.p_JC + corners @ self.R_JG.T, dtype=float)
+
+    def with_parameter(self, name: str, value: float) -> "SphereContact":
+        """The contact with one of its numbers replaced, `length`, `width` and `height` of the box among them."""
+        if name in EXTENTS:
+            size = self.size.copy()
+            size[EXTENTS.index(name)] = value
+            return replace(self, size=size)
+        return super().with_parameter(name, value)

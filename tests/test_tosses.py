@@ -1,0 +1,67 @@
+"""Diagnosis of thrown bodies: what is missing is named, and nothing where nothing is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.diagnose import diagnose, estimate
+from drake_cafim.diagnosis.tosses.arcs import arcs_of
+from drake_cafim.diagnosis.tosses.poses import PoseNoise, track_of
+from drake_cafim.diagnosis.tosses.settling import settled_from
+from drake_cafim.diagnosis.tosses.tangent import moved
+from drake_cafim.effects.body import AerodynamicDrag
+from drake_cafim.errors import InputError
+from drake_cafim.recordings.recording import Recording
+from tests.tosses import thrown, thrown_scene
+
+
+@pytest.mark.ci
+def test_a_ball_that_lacks_nothing_and_one_in_thick_air(tmp_path: Path) -> None:
+    scene = thrown_scene(tmp_path)
+    true = scene.physics_at(np.array([3150.0, 0.31]))
+    verdict = diagnose(scene, thrown(true, 1, count=2))
+    assert verdict.kind == "none", str(verdict)
+    shift = {one.parameter: (one.value - one.prior_mean) / one.std for one in verdict.parameters}
+    assert shift["stiffness"] > 2.0
+    recordings = thrown(true.with_effects([AerodynamicDrag("body", {"coefficient": 0.1})]), 2)
+    verdict = diagnose(scene, recordings[:2], held_out=recordings[2:])
+    assert verdict.kind == "explained", str(verdict)
+    (found,) = verdict.explanation
+    assert found.effect.key == ("aerodynamic_drag", "body")
+    assert found.values["coefficient"].value == pytest.approx(0.1, abs=4.0 * found.values["coefficient"].std)
+    assert verdict.held_out is not None
+    assert verdict.held_out.corrected.nll < verdict.held_out.nominal.nll
+    assert verdict.held_out.corrected.rmse["pose.body.x"] < verdict.held_out.nominal.rmse["pose.body.x"]
+
+
+def test_the_unknowns_of_a_toss_are_estimated(tmp_path: Path) -> None:
+    scene = thrown_scene(tmp_path)
+    found = estimate(scene, thrown(scene.physics_at(np.array([3300.0, 0.27])), 4, count=1))
+    for one, truth in zip(found.parameters, (3300.0, 0.27), strict=True):
+        assert one.value == pytest.approx(truth, abs=4.0 * one.std)
+
+
+def test_a_toss_without_its_pose_is_refused(tmp_path: Path) -> None:
+    scene = thrown_scene(tmp_path)
+    (recording,) = thrown(scene.physics, 5, count=1)
+    others = {name.replace("body", "hand"): values for name, values in recording.columns.items()}
+    with pytest.raises(InputError, match=r"expected columns pose\.body\.x.*found pose\.hand"):
+        diagnose(scene, [Recording("a.csv", recording.time, others)])
+    scaled = {n: 2.0 * v if n[-2:] in ("qw", "qx", "qy", "qz") else v for n, v in recording.columns.items()}
+    with pytest.raises(InputError, match="quaternion of length 2"):
+        diagnose(scene, [Recording("a.csv", recording.time, scaled)])
+
+
+def test_arcs_are_settled_from_a_wrong_beginning(tmp_path: Path) -> None:
+    """A ball that slides where it rolled, and the other way round, bends too much for full steps."""
+    scene = thrown_scene(tmp_path)
+    true = scene.physics_at(np.array([3000.0, 0.3]))
+    tracks = tuple(track_of(one, "body") for one in thrown(true, 6, count=2))
+    noise = PoseNoise(2e-4, 2e-3)
+    arcs = arcs_of(tracks, noise)
+    rng = np.random.default_rng(8)
+    wrong = moved(arcs.start, rng.normal(size=(len(arcs.counts), 12)) * np.repeat([1e-3, 0.01, 0.1, 5.0], 3))
+    settled = settled_from(arcs, noise, true, wrong)
+    assert not np.any(settled.unsettled)
+    np.testing.assert_allclose(settled.cost, 6.0 * arcs.counts, rtol=0.35)
