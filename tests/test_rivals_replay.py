@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +18,13 @@ SLIDE = """const loaded = setInterval(() => {{
   clearInterval(loaded);
   slider.value = {seconds};
   slider.dispatchEvent(new Event("input"));
-  setTimeout(() => {{
-    const told = [...document.querySelectorAll("#odds b")].map(one => one.textContent);
-    if (told.join() !== {told}) console.error("tells " + told.join());
-  }}, 1500);
-}}, 50);"""
+}}, 50);
+let told = "";
+const looking = setInterval(() => {{
+  told = [...document.querySelectorAll("#odds b")].map(one => one.textContent).join();
+  if (told === {told}) clearInterval(looking);
+}}, 50);
+setTimeout(() => {{ if (told !== {told}) console.error("tells " + told); }}, 2900);"""
 
 
 @pytest.fixture
@@ -45,6 +46,7 @@ def test_small_departures_are_drawn_larger_and_large_ones_as_they_are(replay: Ri
     times = magnified(replay.scene, replay.q, [small], 1.0)
     assert 100.0 <= times <= 1000.0
     assert magnified(replay.scene, replay.q, [times * small], 1.0) == 1.0
+    assert magnified(replay.scene, replay.q, [0.0 * small], 1.0) == 1.0
 
 
 @pytest.mark.ci
@@ -56,12 +58,6 @@ def test_the_page_tells_the_odds_at_the_time_that_it_shows(replay: RivalsReplay,
     courses = json.loads(re.search(r"const courses = (\[.*?\]), values", text)[1])  # type: ignore[index]
     assert courses[0] == [[0.0, 0.5, 1.0, 1.5, 2.0], [0.0, -0.7, 1.0, 3.5, 30.0]]
     early = open_page(page, SLIDE.format(seconds=0.6, told=json.dumps("1:2,1:1")))
-    late = open_page(page, SLIDE.format(seconds=1.99, told=json.dumps("33:1,7.4:1")))
+    late = open_page(page, SLIDE.format(seconds=1.8, told=json.dumps("33:1,7.4:1")))
     assert early.complaints == late.complaints == []
     assert early.picture != late.picture
-
-
-def test_runs_that_go_as_planned_are_drawn_as_they_are(replay: RivalsReplay, tmp_path: Path) -> None:
-    same = tuple(replace(run, q=replay.q) for run in replay.runs)
-    departures = [run.q - replay.q for run in same]
-    assert magnified(replay.scene, replay.q, departures, 1.0) >= 1.0

@@ -90,8 +90,9 @@ def magnified(scene: Scene, planned: Array, departures: list[Array], size: float
         # a link's end is as far from its joint as the size at most
         turned = 0.5 * size * np.max(np.abs(there.R_WJ - here.R_WJ))
         farthest = max(farthest, float(np.max(np.abs(there.p_WJ - here.p_WJ))), float(turned))
-    wanted = SEEN * size / max(farthest, 1e-12)
-    return max((one for one in TIMES if one <= wanted), default=1.0)
+    if farthest == 0.0:
+        return 1.0
+    return max((one for one in TIMES if one * farthest <= SEEN * size), default=1.0)
 
 
 def _at(frames: Array, time: Array, q: Array) -> Array:
