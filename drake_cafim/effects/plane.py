@@ -9,6 +9,7 @@ import numpy as np
 from drake_cafim.dynamics.tree import Body
 from drake_cafim.effects.body import BodyForce
 from drake_cafim.effects.effect import Strength
+from drake_cafim.effects.onset import Onset
 from drake_cafim.typing import Array
 
 FREE = 0.02
@@ -52,40 +53,29 @@ class UnmodeledContact(BodyForce):
     def point(self, body: Body) -> Array:
         return np.zeros(3)
 
-    def force(self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None) -> Array:
-        depth, rate, touching = self._touch(p_WP, v_WP)
-        push = np.where(touching, self.values["stiffness"] * depth + self.values["damping"] * rate, 0.0)
-        if time is not None and len(time) > 1:
-            push = self._mean_push(depth, rate, np.abs(rate) * np.gradient(time))
-        return np.asarray(push[:, None] * self.normal)
+    def force(
+        self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None, lasting: Array | float = 0.0
+    ) -> Array:
+        onset, rate = self._touch(p_WP, v_WP, lasting)
+        push = self.values["stiffness"] * onset.depth + self.values["damping"] * rate * onset.share
+        return np.asarray(np.maximum(push, 0.0)[:, None] * self.normal)
 
-    def _mean_push(self, depth: Array, rate: Array, swept: Array) -> Array:
-        """The push (N,) averaged over the depths `swept` (N,) m in the time that a sample stands for.
-
-        Where the body lands the push jumps, by d δ̇, and it matters when between two samples that is.
-        """
-        k, damping = self.values["stiffness"], self.values["damping"] * rate
-        least = np.maximum(0.0, -damping / max(k, 1e-12))
-        swept = np.maximum(swept, 1e-12)
-        lower, upper = (np.maximum(depth + side * swept, least) for side in (-0.5, 0.5))
-        return np.asarray((upper - lower) / swept * (0.5 * k * (lower + upper) + damping))
-
-    def slopes(self, p_WP: Array, v_WP: Array) -> Array:
+    def slopes(self, p_WP: Array, v_WP: Array, lasting: Array | float = 0.0) -> Array:
         """∂force/∂strengths (N, 3, 6); the length of the normal is no strength, and they know nothing of it."""
-        depth, rate, touching = self._touch(p_WP, v_WP)
+        onset, rate = self._touch(p_WP, v_WP, lasting)
         k, d, n = self.values["stiffness"], self.values["damping"], self.normal
-        push = k * depth + d * rate
+        push = k * onset.depth + d * rate * onset.share
         across = np.eye(3) - np.outer(n, n)
-        along = np.stack([np.full_like(depth, k), depth, rate], axis=1)
-        turned = -(k * p_WP + d * v_WP) @ across
+        by_depth = k * onset.share + d * rate * onset.slope
+        along = np.stack([by_depth, onset.depth, rate * onset.share], axis=1)
+        turned = -(by_depth[:, None] * p_WP + d * onset.share[:, None] * v_WP) @ across
         columns = np.concatenate([along, turned], axis=1)[:, None, :] * n[:, None]
         columns[:, :, 3:] += push[:, None, None] * across
-        return np.asarray(np.where(touching[:, None, None], columns, 0.0))
+        return np.asarray(np.where((push > 0.0)[:, None, None], columns, 0.0))
 
-    def _touch(self, p_WP: Array, v_WP: Array) -> tuple[Array, Array, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    def _touch(self, p_WP: Array, v_WP: Array, lasting: Array | float) -> tuple[Onset, Array]:
         depth, rate = self.values["offset"] - p_WP @ self.normal, -(v_WP @ self.normal)
-        pushing = self.values["stiffness"] * depth + self.values["damping"] * rate > 0.0
-        return depth, rate, np.logical_and(depth > 0.0, pushing)
+        return Onset.of(depth, 0.5 * np.abs(rate) * lasting), rate
 
     def plausible(self) -> bool:
         # a plane that is hardly felt at any depth is none
