@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.diagnose import diagnose, estimate
+from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine
 from drake_cafim.diagnosis.tosses.arcs import arcs_of
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, track_of
 from drake_cafim.diagnosis.tosses.settling import settled_from
@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.tosses.tangent import moved
 from drake_cafim.effects.body import AerodynamicDrag
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
+from drake_cafim.report.report_html import render
 from tests.tosses import thrown, thrown_scene
 
 
@@ -25,7 +26,7 @@ def test_a_ball_that_lacks_nothing_and_one_in_thick_air(tmp_path: Path) -> None:
     shift = {one.parameter: (one.value - one.prior_mean) / one.std for one in verdict.parameters}
     assert shift["stiffness"] > 2.0
     recordings = thrown(true.with_effects([AerodynamicDrag("body", {"coefficient": 0.1})]), 2)
-    verdict = diagnose(scene, recordings[:2], held_out=recordings[2:])
+    verdict, outcome = examine(scene, recordings[:2], held_out=recordings[2:])
     assert verdict.kind == "explained", str(verdict)
     (found,) = verdict.explanation
     assert found.effect.key == ("aerodynamic_drag", "body")
@@ -33,6 +34,10 @@ def test_a_ball_that_lacks_nothing_and_one_in_thick_air(tmp_path: Path) -> None:
     assert verdict.held_out is not None
     assert verdict.held_out.corrected.nll < verdict.held_out.nominal.nll
     assert verdict.held_out.corrected.rmse["pose.body.x"] < verdict.held_out.nominal.rmse["pose.body.x"]
+    page = render(verdict, outcome, recordings[2:], ["cafim", "diagnose"])
+    assert "turn about x" in page
+    assert "simulated − measured (m)" in page
+    assert "effort" not in page
 
 
 def test_the_unknowns_of_a_toss_are_estimated(tmp_path: Path) -> None:

@@ -222,7 +222,10 @@ class Problem:
         for run in self.runs:
             moving = run.weak.motion(physics)
             p_WP, v_WP = moving.point(body.joint, body.p_JB)
-            force = effect.slopes(p_WP, v_WP) if slopes else effect.force(p_WP, v_WP, None, None)[..., None]
+            if slopes:
+                force = effect.slopes(p_WP, v_WP, moving.lasting)
+            else:
+                force = effect.force(p_WP, v_WP, None, None, moving.lasting)[..., None]
             felt = np.einsum("nja,nak->njk", moving.force_at(body.joint, body.p_JB), force)
             result.append(run.whitened(run.pushed(felt, physics.effort_gains)))
         return np.concatenate(result)

@@ -19,7 +19,7 @@ from drake_cafim.typing import Array
 
 LOOKED_AT = 8
 """Candidates whose first look is followed by a fit before an alarm is raised."""
-SUSPICIOUS = 0.05
+SUSPICIOUS, CERTAIN = 0.05, 1e-12
 PROMISING = 0.1
 """Candidates whose first look gains less than this share of the best one's are not refitted."""
 FAR_LESS = 0.5
@@ -192,6 +192,9 @@ def _grown(state: _State, nominal: Fit) -> Fit:
 def _detection(problem: Problem, nominal: Fit, screened: Sequence[Candidate], trials: int) -> float:
     """p-value of "nothing is missing": the strongest score, or the worst of the goodness of fit."""
     fit_quality = adequacy(problem, nominal.residual, 0).p_value
+    if fit_quality < CERTAIN:
+        # whatever a look would say is no news
+        return 2.0 * fit_quality
     score = 1.0
     for candidate in screened[:LOOKED_AT]:
         p = float(chi2.sf(candidate.gain, candidate.strengths)) * trials
@@ -203,7 +206,7 @@ def _detection(problem: Problem, nominal: Fit, screened: Sequence[Candidate], tr
             if p < SUSPICIOUS:
                 p = max(p, trials * _luck(_gain_under_its_noise(problem, nominal, one), candidate.strengths))
         score = min(score, p)
-        if score < 1e-12:
+        if score < CERTAIN:
             break
     return float(min(1.0, 2.0 * min(fit_quality, score)))
 

@@ -146,9 +146,9 @@ class WeakForm:
         """
         u = 0.5 * (measured.u + np.concatenate([measured.u[:1], measured.u[:-1]]))
         v_std = np.sqrt(self.samples.v_std**2 + np.gradient(measured.v_hat, axis=0) ** 2 / (2.0 * np.pi))
-        return [
-            JointSamples(measured.q_hat[:, j], measured.v_hat[:, j], u[:, j], v_std[:, j]) for j in range(self.joints)
-        ]
+        q_reach = 0.5 * np.abs(np.gradient(measured.q_hat, axis=0))
+        columns = (measured.q_hat, measured.v_hat, u, v_std, q_reach)
+        return [JointSamples(*(column[:, j] for column in columns)) for j in range(self.joints)]
 
     def effort(self, physics: Physics, joint: int, u: Array) -> Effort:
         """What acts at a joint when `u` (N, n) is asked for."""
@@ -296,7 +296,7 @@ class WeakForm:
     def _prepare(self, physics: Physics) -> "_Prepared":
         measured = self._measured(physics)
         windows = self.samples.windows
-        moving = motion(physics.tree, measured.q_hat, measured.v_hat)
+        moving = replace(motion(physics.tree, measured.q_hat, measured.v_hat), lasting=np.gradient(self.samples.time))
         kinematic = np.zeros((len(windows), 0))
         if self.samples.velocity_measured:
             M = mass_matrix(moving, moving.link_inertias) + np.diag(physics.rotor_inertias)

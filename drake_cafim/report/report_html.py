@@ -75,6 +75,7 @@ def render(verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], co
         badge="check the recording" if verdict.data_mistakes else BADGES[verdict.kind],
         tone="mistake" if verdict.data_mistakes else verdict.kind,
         changed=changed,
+        thrown=isinstance(outcome.problem, TossProblem),
         tiles=_tiles(verdict),
         heat_map=residual_figure(shown, labels, with_after=changed),
         recordings=len(maps),

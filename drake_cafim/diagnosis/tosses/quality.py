@@ -6,7 +6,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.forecast import Forecast, root_mean_square
 from drake_cafim.diagnosis.tosses.arcs import Arcs, arcs_of, joined_arcs
-from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack
+from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack, unrolled
 from drake_cafim.diagnosis.tosses.problem import counted
 from drake_cafim.diagnosis.tosses.settling import settled_from
 from drake_cafim.diagnosis.tosses.shots import Shot
@@ -56,7 +56,8 @@ def _memory_level(arcs: Arcs, noise: PoseNoise) -> float:
 def toss_forecasts(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physics, body: str) -> list[Forecast]:
     """Each recording simulated over windows of a second, each from the 50 ms before it.
 
-    Columns are the positions, m, and `pose.<body>.rotation`, the angle by which the prediction is turned, rad.
+    Columns are the positions, m, and `pose.<body>.rotation`, rad: how far the body has turned since the window began,
+    to which a prediction adds the angle by which it is turned away.
     """
     before, windows = [], []
     for index, track in enumerate(tracks):
@@ -78,11 +79,17 @@ def toss_forecasts(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physi
         missed, p = (np.concatenate([values[b][later[b]] for b in own]) for values in (errors, whole.p))
         predicted = {f"pose.{body}.{axis}": p[:, k] + missed[:, k] for k, axis in enumerate("xyz")}
         measured = {f"pose.{body}.{axis}": p[:, k] for k, axis in enumerate("xyz")}
-        predicted[f"pose.{body}.rotation"] = np.linalg.norm(missed[:, 3:], axis=1)
-        measured[f"pose.{body}.rotation"] = np.zeros(len(missed))
+        turned = np.concatenate([_turned(whole.quaternion[b][later[b]]) for b in own])
+        predicted[f"pose.{body}.rotation"] = turned + np.linalg.norm(missed[:, 3:], axis=1)
+        measured[f"pose.{body}.rotation"] = turned
         time = np.concatenate([whole.times[b][later[b]] for b in own])
         result.append(Forecast(track.recording.name, time, window, predicted, measured))
     return result
+
+
+def _turned(quaternion: Array) -> Array:
+    """(N,) rad that the body has turned since the first of `quaternion` (N, 4)."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(unrolled(quaternion), axis=0), axis=1)))
 
 
 def _starts(time: Array) -> list[int]:
