@@ -12,7 +12,7 @@ from drake_cafim.design.planner import PlannerConfig
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.discrimination.closed_loop import measured, simulated
 from drake_cafim.discrimination.design import Designer, Effort
-from drake_cafim.discrimination.evidence import Course, expected, expected_log_odds, explain
+from drake_cafim.discrimination.evidence import Course, expected, expected_log_odds, explain, looked
 from drake_cafim.discrimination.hypotheses import Pair, named_pair
 from drake_cafim.discrimination.motions import Limits, Shape, control_points, inverse_dynamics, plan
 from drake_cafim.discrimination.outcome import log_odds, settled_after
@@ -134,7 +134,7 @@ def test_the_expected_odds_of_linear_rows_are_those_of_gaussians(linear: Linear)
     # no bound is met: the same law, of which a negative coefficient is no friction
     free = replace(linear, effects=linear.effects | {"joint_viscous_friction": _aligned(linear)})
     linear = free
-    own, other = expected(linear, truth, rival)
+    own, other = expected(linear, looked(linear, truth), looked(linear, rival))
     assert expected_log_odds(own, other)[-1] == pytest.approx(closed(truth) - closed(rival), abs=2e-3)
 
 
@@ -263,7 +263,7 @@ def test_a_designed_motion_beats_random_ones_and_its_run_says_so(scene: Scene) -
 def test_the_time_until_odds_are_settled_goes_on_over_repeats(scene: Scene) -> None:
     designer, pair = Designer.of(scene), faint(scene)
     problem = designer.problem(designer.motion(designer.random_commands(np.random.default_rng(5))))
-    own, other = expected(problem, pair.first, pair.second)
+    own, other = expected(problem, looked(problem, pair.first), looked(problem, pair.second))
     after_one = float(expected_log_odds(own, other)[-1])
     after_two = float(expected_log_odds(own.after(own), other.after(other))[-1])
     duration = designer.shape.duration
