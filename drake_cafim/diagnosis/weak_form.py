@@ -196,6 +196,18 @@ class WeakForm:
         drive = self.rotor_drives(physics)[physics.tree.joint_index(coupling.at)]
         return np.asarray(-drive.inertia * (self.samples.windows.rate @ coupling.twist_rate(drive)), dtype=float)
 
+    def start_rows(self, physics: Physics) -> Array:
+        """What is not known of the twists at the start adds to the rows, (M, r, c), in prior standard deviations."""
+        parts = []
+        for coupling in physics.couplings:
+            joint = physics.tree.joint_index(coupling.at)
+            drive = self.rotor_drives(physics)[joint]
+            slopes = self.samples.windows.rate @ coupling.twist_rate_by_start(drive)
+            rows = np.zeros((len(slopes), self.rows_per_window, slopes.shape[1]))
+            rows[:, self.dynamic.start + joint] = -drive.inertia * slopes / physics.effort_gains[joint]
+            parts.append(rows)
+        return np.concatenate(parts, axis=2)
+
     def trial_rows(self, physics: Physics, trial: JointCoupling) -> Array:
         """`coupling_rows` of a value to screen with, (M,); those of the first physics serve all later ones.
 

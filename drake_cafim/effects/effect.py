@@ -214,7 +214,7 @@ class Effect(ABC):
         )
 
     def reshaped(self) -> Iterator[Self]:
-        """The effect with each other value that its shapes may take."""
+        """Where else a better fit may lie: the effect with each other value that its shapes may take."""
         for shape in self.shapes:
             for value in shape.grid:
                 if value != self.values.get(shape.name, shape.nominal):

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -20,7 +20,7 @@ FREE = 0.02
 class UnmodeledContact(BodyForce):
     """max(0, k δ + d δ̇) n where δ = offset − n·p > 0, p the body's origin in the world; no friction.
 
-    Only the direction of (nx, ny, nz) counts.
+    Only the direction of (nx, ny, nz) counts; a fit makes it a unit vector.
     """
 
     name: ClassVar[str] = "unmodeled_contact"
@@ -38,6 +38,11 @@ class UnmodeledContact(BodyForce):
         "joint_hard_stop": "both push back beyond a position, one of the joint and one of the body in the world",
         "joint_spring": "a plane that is always touched is a spring",
     }
+
+    def with_values(self, values: Mapping[str, float] | Array) -> Self:
+        found = super().with_values(values)
+        unit = dict(zip(("nx", "ny", "nz"), found.normal.tolist(), strict=True))
+        return type(self)(self.at, {**found.values, **unit})
 
     @property
     def normal(self) -> Array:
