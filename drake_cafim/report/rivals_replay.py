@@ -2,6 +2,7 @@
 
 import html
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,9 +24,10 @@ PLANNED = "#5d6b7a"
 SEEN = 0.25
 """Of the model's size, by which departures from the plan are drawn at most; they are too small to be seen else."""
 TIMES = tuple(float(m * 10**k) for k in range(5) for m in (1, 2, 5))
-FLOOR, CEILING = np.log(1.0 / 50.0), np.log(1e4)
+FLOOR, CEILING = float(np.log(1.0 / 50.0)), float(np.log(1e4))
 """ln odds between which the picture of them is drawn."""
-WIDTH, HEIGHT, LEFT, BOTTOM = 320.0, 150.0, 52.0, 18.0
+WIDTH, HEIGHT, LEFT, BOTTOM = 320.0, 120.0, 52.0, 18.0
+POINTS = 250
 
 
 @dataclass(frozen=True)
@@ -102,45 +104,69 @@ def _at(frames: Array, time: Array, q: Array) -> Array:
 def _legend(replay: RivalsReplay, times: float) -> str:
     first, second = (html.escape(run.name) for run in replay.runs)
     rows = [(PLANNED, "the planned motion")]
-    drawn = "" if times == 1.0 else f", its departure from the plan drawn {times:.0f} times as large"
-    rows += [(colour, f"where {run.name} holds{drawn}") for run, colour in zip(replay.runs, COLOURS, strict=True)]
+    rows += [(colour, f"where {run.name} holds") for run, colour in zip(replay.runs, COLOURS, strict=True)]
+    if times > 1.0:
+        rows.append(("none", f"departures from the plan are drawn {times:.0f} times as large"))
     items = "".join(f'<li><i style="background:{color}"></i>{html.escape(text)}</li>' for color, text in rows)
     values = "".join(
         f'<li><i style="background:{colour}"></i>for {html.escape(run.name)}, where it holds: <b></b></li>'
         for run, colour in zip(replay.runs, COLOURS, strict=True)
     )
+    apart, departures = _departure_picture(replay)
     return (
         f'{STYLE}<div id="legend"><p>The motion that tells {first} from {second}, run in simulation where either '
-        f"holds.</p><ul>{items}</ul><p>Odds for the true one</p>{_picture(replay)}"
-        f'<ul id="odds">{values}</ul></div>'
+        f"holds.</p><ul>{items}</ul><p>{html.escape(apart)}</p>{departures}<p>Odds for the true one</p>"
+        f'{_odds_picture(replay)}<ul id="odds">{values}</ul></div>'
     )
 
 
-def _picture(replay: RivalsReplay) -> str:
+def _odds_picture(replay: RivalsReplay) -> str:
     """ln odds over time, up to the ceiling."""
+    marks = [
+        (float(np.log(odds)), text) for odds, text in ((0.05, "1:20"), (1.0, "1:1"), (20.0, "20:1"), (1e3, "1000:1"))
+    ]
+    return _picture(replay, [_from_start(run) for run in replay.runs], (FLOOR, CEILING), marks)
+
+
+def _departure_picture(replay: RivalsReplay) -> tuple[str, str]:
+    """The joint whose motions are most apart, in words, and how far from the plan it is over time."""
+    joints, (first, second) = replay.scene.tree.joints, replay.runs
+    j = int(np.argmax(np.max(np.abs(first.q - second.q), axis=0)))
+    clock = replay.time - replay.time[0]
+    every = slice(None, None, max(len(clock) // POINTS, 1))
+    courses = [(clock[every], 1e3 * (run.q - replay.q)[every, j]) for run in replay.runs]
+    most = max(float(np.max(np.abs(course))) for _, course in courses) or 1.0
+    marks = [(sign * most, f"{sign * most:.2g}") for sign in (-1.0, 1.0)] + [(0.0, "0")]
+    unit = "mm" if joints[j].prismatic else "mrad"
+    return f"{joints[j].name} off the plan ({unit})", _picture(replay, courses, (-1.1 * most, 1.1 * most), marks)
+
+
+def _picture(
+    replay: RivalsReplay,
+    courses: Sequence[tuple[Array, Array]],
+    bounds: tuple[float, float],
+    marks: Sequence[tuple[float, str]],
+) -> str:
+    """Courses over time in the rivals' colours, cut at the bounds, with a stroke for each mark and one for now."""
+    duration, tall = float(replay.time[-1] - replay.time[0]), HEIGHT - BOTTOM
+
+    def up(values: Array) -> Array:
+        return np.asarray(tall * (1.0 - (np.clip(values, *bounds) - bounds[0]) / (bounds[1] - bounds[0])))
+
     parts = []
-    for odds, label in ((1.0 / 20.0, "1:20"), (1.0, "1:1"), (20.0, "20:1"), (1000.0, "1000:1")):
-        y = _y(float(np.log(odds)))
-        dash = ' stroke-dasharray="4 3"' if odds == 20.0 else ""
-        parts.append(f'<path d="M{LEFT} {y:.1f}H{WIDTH}" stroke="#9aa5b1"{dash}/>')
-        parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{label}</text>')
-    for share in (0.0, 0.5, 1.0):
-        moment = share * float(replay.time[-1] - replay.time[0])
-        anchor = "middle" if 0.0 < share < 1.0 else ("start" if share == 0.0 else "end")
+    for value, text in marks:
+        y = float(up(np.array(value)))
+        parts.append(f'<path d="M{LEFT} {y:.1f}H{WIDTH}" stroke="#c3cad2"/>')
+        parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{text}</text>')
+    for share, anchor in ((0.0, "start"), (0.5, "middle"), (1.0, "end")):
         at = LEFT + share * (WIDTH - LEFT)
-        parts.append(f'<text x="{at}" y="{HEIGHT - 4}" text-anchor="{anchor}">{moment:.1f} s</text>')
-    for run, colour in zip(replay.runs, COLOURS, strict=True):
-        known, odds_course = _from_start(run)
-        x = LEFT + (WIDTH - LEFT) * known / float(replay.time[-1] - replay.time[0])
-        path = " ".join(f"{a:.1f},{_y(b):.1f}" for a, b in zip(x.tolist(), odds_course.tolist(), strict=True))
+        parts.append(f'<text x="{at}" y="{HEIGHT - 4}" text-anchor="{anchor}">{share * duration:.1f} s</text>')
+    for (time, values), colour in zip(courses, COLOURS, strict=True):
+        across = LEFT + (WIDTH - LEFT) * time / duration
+        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(across.tolist(), up(values).tolist(), strict=True))
         parts.append(f'<polyline points="{path}" fill="none" stroke="{colour}" stroke-width="2"/>')
-    parts.append(f'<path id="now" d="M{LEFT} 0V{HEIGHT - BOTTOM}" stroke="#1a212e"/>')
+    parts.append(f'<path class="now" d="M{LEFT} 0V{tall}" stroke="#1a212e"/>')
     return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" style="width:100%;font-size:11px">{"".join(parts)}</svg>'
-
-
-def _y(log_odds: float) -> float:
-    share = (float(np.clip(log_odds, FLOOR, CEILING)) - FLOOR) / (CEILING - FLOOR)
-    return float((HEIGHT - BOTTOM) * (1.0 - share))
 
 
 def _from_start(run: RivalRun) -> tuple[Array, Array]:
@@ -155,13 +181,14 @@ def _cursor(replay: RivalsReplay) -> str:
     return f"""<script>
 (function () {{
   const courses = {json.dumps(courses)}, values = document.querySelectorAll("#odds b");
-  const now = document.getElementById("now");
+  const strokes = document.querySelectorAll(".now");
   const words = x => x < 0 ? "1:" + number(-x) : number(x) + ":1";
   const number = x => x < Math.log(1e6) ? Number(Math.exp(x).toPrecision(2)) : "10^" + Math.round(x / Math.LN10);
   function show() {{
     if (viewer.animator && viewer.animator.duration > 0) {{
       const time = viewer.animator.time;
-      now.setAttribute("transform", `translate(${{{WIDTH - LEFT} * Math.min(time / {duration}, 1)}} 0)`);
+      const shift = `translate(${{{WIDTH - LEFT} * Math.min(time / {duration}, 1)}} 0)`;
+      strokes.forEach(one => one.setAttribute("transform", shift));
       courses.forEach(([known, odds], k) => {{
         values[k].textContent = words(odds[known.findLastIndex(one => one <= time + 1e-9)]);
       }});
