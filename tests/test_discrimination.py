@@ -18,7 +18,7 @@ from drake_cafim.discrimination.motions import Limits, Shape, control_points, in
 from drake_cafim.discrimination.outcome import log_odds, settled_after
 from drake_cafim.discrimination.planned import noise_of, problem_of
 from drake_cafim.discrimination.scores import Information, Odds, Soonest
-from drake_cafim.effects.actuator import ActuatorBias, ActuatorDelay
+from drake_cafim.effects.actuator import ActuatorBias, ActuatorDelay, ActuatorLag
 from drake_cafim.effects.coupling import JointElasticity
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointSpring, JointViscousFriction
@@ -222,7 +222,12 @@ def test_a_stiff_joint_moves_as_a_rigid_one_and_a_soft_one_does_not(scene: Scene
 
 
 @pytest.mark.parametrize(
-    "truth", [ActuatorDelay("elbow", {"delay": 0.006}), JointElasticity("elbow", {"stiffness": 60.0, "damping": 0.2})]
+    "truth",
+    [
+        ActuatorDelay("elbow", {"delay": 0.006}),
+        ActuatorLag("elbow", {"time_constant": 0.006}),
+        JointElasticity("elbow", {"stiffness": 60.0, "damping": 0.2}),
+    ],
 )
 def test_a_simulated_run_leaves_its_own_model_nothing_but_noise(scene: Scene, truth: Effect) -> None:
     shape, limits = Shape(points=15), Limits.of(scene.tree)
