@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from recoveries.cases import REMEMBERING
+from recoveries.instant import NOW, built, drake_acceleration, entry
 from recoveries.models import ARM, PRESS, ROLLER, STAGE, scene_of
 from recoveries.rig import CONTINUOUS
 
-from drake_cafim.corrected.corrected_plant import CorrectedPlant
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.catalogue import EFFECTS
@@ -61,23 +60,6 @@ SENSOR: list[tuple[str, str, dict[str, float]]] = [
     ("sensor_drift", "wrench.wrist.fz", {"rate": 0.5}),
     ("sensor_misalignment", "wrench.wrist", {"roll": 0.1, "pitch": 0.2, "yaw": -0.3}),
 ]
-NOW = 0.3
-"""s"""
-
-
-def built(
-    scene: Scene, config: MultibodyPlantConfig = CONTINUOUS, **more: Any
-) -> tuple[CorrectedPlant, Diagram, Context]:
-    """The scene alone in a Diagram with the input `effort`."""
-    builder = DiagramBuilder()
-    corrected = scene.add_to(builder, config, **more)
-    builder.ExportInput(corrected.effort, "effort")
-    diagram = builder.Build()
-    return corrected, diagram, diagram.CreateDefaultContext()
-
-
-def entry(name: str, at: str, values: dict[str, Any]) -> dict[str, Any]:
-    return {"effect": name, "at": at, **values}
 
 
 def expected_acceleration(scene: Scene, q: Array, v: Array, u: Array) -> Array:
@@ -92,19 +74,6 @@ def expected_acceleration(scene: Scene, q: Array, v: Array, u: Array) -> Array:
     force, M = physics.acceleration(moving, acting[None], joints)
     timed = moving.project(physics.body_wrenches(moving, np.array([NOW])) - physics.body_wrenches(moving))
     return np.asarray(np.linalg.solve(M[0], (force + timed)[0]))
-
-
-def drake_acceleration(scene: Scene, q: Array, v: Array, u: Array, config: MultibodyPlantConfig, **more: Any) -> Array:
-    corrected, diagram, context = built(scene, config, **more)
-    context.SetTime(NOW)
-    diagram.GetInputPort("effort").FixValue(context, u)
-    own = corrected.plant.GetMyMutableContextFromRoot(context)
-    corrected.plant.SetPositions(own, q)
-    corrected.plant.SetVelocities(own, v)
-    if config.time_step == 0.0:
-        return np.array(diagram.EvalTimeDerivatives(context).get_generalized_velocity().CopyToVector())
-    updated = corrected.plant.EvalUniquePeriodicDiscreteUpdate(own).value()
-    return np.asarray((updated[len(q) :] - v) / config.time_step)
 
 
 @pytest.mark.parametrize(("name", "at", "values"), [("", "", {}), *JOINT, *ACTUATOR, *LINK])

@@ -7,7 +7,7 @@ import pytest
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import LogVectorOutput
+from pydrake.systems.primitives import LogVectorOutput, Sine
 from recoveries.cases import CASES, REMEMBERING, Case
 from recoveries.models import PRESS, STAGE, scene_of
 from recoveries.rig import CONTINUOUS, Rig, rig
@@ -123,6 +123,40 @@ def test_contacts_remember(name: str, values: dict[str, float], tmp_path: Path) 
     np.testing.assert_allclose(found, expected, atol=0.02 * float(np.max(size)))
     without = scene_of(tmp_path, STAGE, **PRESS).physics.contacts[0].wrench(moving)
     assert np.max(np.abs(expected - without)) > 0.1 * np.max(size)
+
+
+@pytest.mark.parametrize("model", ["point", "hydroelastic"])
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("contact_presliding", {"distance": 3e-4}),
+        ("contact_viscoelastic_relaxation", {"stiffness": 4000.0, "time_constant": 0.03}),
+    ],
+)
+def test_drakes_own_contacts_remember(name: str, values: dict[str, float], model: str, tmp_path: Path) -> None:
+    """Beside Drake's contact acts what the law, with what it remembers of the whole way, has beyond the nominal one."""
+    scene = scene_of(tmp_path, STAGE, {"effect": name, "at": "tool/wall", **values}, **PRESS)
+    builder = DiagramBuilder()
+    corrected = scene.add_to(builder, MultibodyPlantConfig(time_step=1e-3, contact_model=model), contact="drake")
+    there_and_back = Sine([9.0, 6.0, 0.0], [60.0, 45.0, 1.0], [0.0, 1.0, 0.0])
+    builder.Connect(builder.AddSystem(there_and_back).get_output_port(0), corrected.effort)
+    wrench = builder.GetSubsystemByName("contact tool/wall").GetOutputPort("wrench")
+    ports = [builder.GetSubsystemByName("joint state").get_output_port(), wrench]
+    sinks = [LogVectorOutput(port, builder, publish_period=PERIOD) for port in ports]
+    simulator = Simulator(builder.Build())
+    plant = corrected.plant
+    own = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    plant.SetPositionsAndVelocities(own, [0.0, 0.0, 0.0195, 0.0, 0.0, -0.02])
+    simulator.AdvanceTo(0.15)
+    state, found = (sink.FindLog(simulator.get_context()).data().T for sink in sinks)
+    moving, time = motion(scene.tree, state[:, :3], state[:, 3:]), PERIOD * np.arange(len(state))
+    [contact], [nominal] = scene.physics.contacts, scene.nominal_contacts
+    touch = contact.touch(moving)
+    assert np.all(touch.penetration[-50:] > 0.0)
+    expected = contact.wrench(moving, contact.recall(time, touch, touch)) - nominal.wrench(moving)
+    size = float(np.max(np.abs(expected[:, 3:])))
+    assert size > 0.1
+    np.testing.assert_allclose(found, expected, atol=0.02 * size)
 
 
 ONE = """<robot name="one" xmlns:drake="http://drake.mit.edu"><link name="base"/><link name="l"><inertial>

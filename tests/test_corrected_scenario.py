@@ -4,25 +4,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from recoveries.cases import CASES, Case
 from recoveries.models import ARM, scene_of
+from recoveries.recovery import read_back
 from recoveries.rig import PERIOD, replayed
 
+from drake_cafim import recordings
+from drake_cafim.commands.run import RunRequest, load_stage, run_command
+from drake_cafim.diagnosis.diagnose import diagnose
+from drake_cafim.experiment import Options
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.scenario.scenario_yaml import as_yaml
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scenario.scene import DIAGRAMS, Scene
 from drake_cafim.typing import Array
 
 DURATION = 0.02
 """s"""
-
-
-def read_back(scene: Scene, folder: Path) -> Scene:
-    """The scene of the file that says what this one is."""
-    folder.mkdir()
-    path = folder / "scenario.corrected.yaml"
-    path.write_text(as_yaml(scene.scenario, scene.folder, folder))
-    return Scene.load(path)
 
 
 def moved(scene: Scene) -> Array:
@@ -61,3 +58,36 @@ def test_unknowns_shapes_and_known_effects_are_read_back(tmp_path: Path) -> None
     assert [one.name for one in found.physics.joint_forces] == ["joint_coulomb_friction", CASES[0].name]
     for other in (bare, bare.corrected(np.array([1.3]), []), scene_of(tmp_path, ARM, unknown=unknown)):
         assert np.max(np.abs(moved(other) - moved(found))) > 1e-5
+
+
+def test_a_world_has_the_effects_of_its_scenario(tmp_path: Path) -> None:
+    raw = yaml.safe_load((DIAGRAMS / "hefting.yaml").read_text())
+    raw["effects"] = [
+        {"effect": "joint_viscous_friction", "at": "joint2", "coefficient": 8.0},
+        {"effect": "external_disturbance", "at": "link4", "x": 9.0, "interval": [0.1, 0.3]},
+        {"effect": "external_disturbance", "at": "link4", "x": 9.0, "interval": [0.1, 0.3], "recording": "old.parquet"},
+    ]
+    path = tmp_path / "known.yaml"
+    path.write_text(yaml.safe_dump(raw))
+    effects = load_stage(str(path)).effects
+    assert [(one.effect, one.at, dict(one.parameters)) for one in effects] == [
+        ("joint_viscous_friction", "joint2", {"coefficient": 8.0}),
+        ("external_disturbance", "link4", {"x": 9.0, "start": 0.1, "stop": 0.3}),  # the other one was in that recording
+    ]
+    plants = [load_stage(name).diagram("model", 1).GetSubsystemByName("plant") for name in (str(path), "hefting")]
+    known, bare = (plant.GetJointByName("joint2").default_damping() for plant in plants)
+    assert known - bare == pytest.approx(8.0)
+
+
+@pytest.mark.ci
+def test_a_run_of_a_corrected_scenario_is_explained_by_it(tmp_path: Path) -> None:
+    """The world has the effects that the file knows, and a diagnosis with the same file finds no others."""
+    raw = yaml.safe_load((DIAGRAMS / "hefting.yaml").read_text())
+    raw["effects"] = [{"effect": "joint_viscous_friction", "at": "joint2", "coefficient": 8.0}]
+    path, out = tmp_path / "known.yaml", tmp_path / "out"
+    path.write_text(yaml.safe_dump(raw))
+    out.mkdir()
+    run_command(RunRequest(str(path), "drake", Options(seed=1, experiments=1)), out, lambda text: None)
+    recording = recordings.read(out / "experiment_1.parquet")
+    kinds = [diagnose(Scene.load(name), [recording]).kind for name in (str(path), "hefting")]
+    assert kinds == ["none", "explained"]

@@ -12,13 +12,13 @@ from drake_cafim.design.planner import PlannerConfig
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.discrimination.closed_loop import measured, simulated
 from drake_cafim.discrimination.design import Designer, Effort
-from drake_cafim.discrimination.evidence import Course, expected, expected_log_odds, explain
+from drake_cafim.discrimination.evidence import Course, expected, expected_log_odds, explain, looked
 from drake_cafim.discrimination.hypotheses import Pair, named_pair
 from drake_cafim.discrimination.motions import Limits, Shape, control_points, inverse_dynamics, plan
 from drake_cafim.discrimination.outcome import log_odds, settled_after
 from drake_cafim.discrimination.planned import noise_of, problem_of
 from drake_cafim.discrimination.scores import Information, Odds, Soonest
-from drake_cafim.effects.actuator import ActuatorBias, ActuatorDelay
+from drake_cafim.effects.actuator import ActuatorBias, ActuatorDelay, ActuatorLag
 from drake_cafim.effects.coupling import JointElasticity
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointSpring, JointViscousFriction
@@ -134,7 +134,7 @@ def test_the_expected_odds_of_linear_rows_are_those_of_gaussians(linear: Linear)
     # no bound is met: the same law, of which a negative coefficient is no friction
     free = replace(linear, effects=linear.effects | {"joint_viscous_friction": _aligned(linear)})
     linear = free
-    own, other = expected(linear, truth, rival)
+    own, other = expected(linear, looked(linear, truth), looked(linear, rival))
     assert expected_log_odds(own, other)[-1] == pytest.approx(closed(truth) - closed(rival), abs=2e-3)
 
 
@@ -222,7 +222,12 @@ def test_a_stiff_joint_moves_as_a_rigid_one_and_a_soft_one_does_not(scene: Scene
 
 
 @pytest.mark.parametrize(
-    "truth", [ActuatorDelay("elbow", {"delay": 0.006}), JointElasticity("elbow", {"stiffness": 60.0, "damping": 0.2})]
+    "truth",
+    [
+        ActuatorDelay("elbow", {"delay": 0.006}),
+        ActuatorLag("elbow", {"time_constant": 0.006}),
+        JointElasticity("elbow", {"stiffness": 60.0, "damping": 0.2}),
+    ],
 )
 def test_a_simulated_run_leaves_its_own_model_nothing_but_noise(scene: Scene, truth: Effect) -> None:
     shape, limits = Shape(points=15), Limits.of(scene.tree)
@@ -263,7 +268,7 @@ def test_a_designed_motion_beats_random_ones_and_its_run_says_so(scene: Scene) -
 def test_the_time_until_odds_are_settled_goes_on_over_repeats(scene: Scene) -> None:
     designer, pair = Designer.of(scene), faint(scene)
     problem = designer.problem(designer.motion(designer.random_commands(np.random.default_rng(5))))
-    own, other = expected(problem, pair.first, pair.second)
+    own, other = expected(problem, looked(problem, pair.first), looked(problem, pair.second))
     after_one = float(expected_log_odds(own, other)[-1])
     after_two = float(expected_log_odds(own.after(own), other.after(other))[-1])
     duration = designer.shape.duration

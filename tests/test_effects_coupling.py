@@ -26,6 +26,20 @@ def test_elastic_step_response(damping: float) -> None:
     assert np.allclose(rate, expected, atol=1e-10)
 
 
+def test_what_a_start_that_was_not_at_rest_adds() -> None:
+    """A joint that is twisted and turning at the first sample rings out about its balance."""
+    push, step = np.full(400, 5.0), 0.002
+    joint = JointElasticity("j", {"stiffness": 90.0, "damping": 0.3})
+    by_start = joint.twist_rate_by_start(drive(push, step))
+    balance, decay = 5.0 / (90.0 * MOBILITY), 0.5 * 0.3 * MOBILITY
+    square = 90.0 * MOBILITY
+    damped = np.sqrt(square - decay**2)
+    t = step * np.arange(400)
+    ring, turn = np.exp(-decay * t) * np.sin(damped * t) / damped, np.exp(-decay * t) * np.cos(damped * t)
+    assert np.allclose(by_start[:, 0], -square * balance * ring, atol=1e-10)
+    assert np.allclose(by_start[:, 1], np.sqrt(square) * balance * (turn - decay * ring), atol=1e-10)
+
+
 def test_stiff_coupling_moves_with_the_torque() -> None:
     """Far below the resonance ψ = g/(k m): the rate is in proportion to the compliance."""
     t = np.arange(3000) * 0.002

@@ -28,6 +28,11 @@ def test_the_plane_pushes_along_its_normal_and_never_pulls() -> None:
     np.testing.assert_allclose(plane.force(p, v, None, None), np.outer(expected, [0.6, 0.0, 0.8]), atol=1e-12)
 
 
+def test_a_fit_makes_the_normal_a_unit_vector() -> None:
+    effect = UnmodeledContact("link").with_values({**VALUES, "nx": 1.2, "nz": 1.6})
+    assert [effect.values[name] for name in ("nx", "ny", "nz")] == pytest.approx([0.6, 0.0, 0.8])
+
+
 def test_slopes_are_those_of_the_force() -> None:
     plane = UnmodeledContact("link", VALUES)
     rng = np.random.default_rng(3)

@@ -11,11 +11,12 @@ import numpy as np
 from drake_cafim.commands.inputs import read_report, report_file
 from drake_cafim.design.planner import PLANNERS, PlannerName
 from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.discrimination.closed_loop import measured, simulated
 from drake_cafim.discrimination.design import Designer, default_effort
 from drake_cafim.discrimination.hypotheses import Pair, named_pair, reported_pairs
 from drake_cafim.discrimination.motions import Motion, Shape
-from drake_cafim.discrimination.outcome import course, settled_after
+from drake_cafim.discrimination.outcome import course, odds_along, settled_after
 from drake_cafim.discrimination.planned import noise_of, problem_of
 from drake_cafim.discrimination.scores import Odds, Soonest, Value
 from drake_cafim.errors import InputError
@@ -23,8 +24,8 @@ from drake_cafim.output import replacing, write_text
 from drake_cafim.recordings import write
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.next_experiment import with_next_experiment
-from drake_cafim.report.recording_replay import RecordingReplay, write_recording_replay
 from drake_cafim.report.report_json import as_text, report_of
+from drake_cafim.report.rivals_replay import RivalRun, RivalsReplay, write_rivals_replay
 from drake_cafim.scenario.scene import Scene
 
 TRAJECTORY, REPORT, PAGE, REPLAY = "trajectory.parquet", "report.json", "report.html", "replay.html"
@@ -89,7 +90,7 @@ def discriminate_command(
         write(_trajectory(scene, planned), temporary)
     progress("trying it in simulation")
     runs = _Runs(scene, designer, planned, request.seed)
-    tried = [_tried(runs, pair) for pair in pairs]
+    trials = [_trials(runs, pair) for pair in pairs]
     result = dict(report)
     result["next_experiment"] = {
         "separates": [list(pair.names) for pair in pairs],
@@ -97,12 +98,13 @@ def discriminate_command(
         "file": TRAJECTORY,
         "duration": designer.shape.duration,
         "start": dict(zip(scene.tree.joint_names, planned.q[0].tolist(), strict=True)),
-        "simulated": tried,
+        "simulated": [[_told(one, pair) for one in both] for both, pair in zip(trials, pairs, strict=True)],
     }
     result["files"] = {**result.get("files", {}), "next_experiment": TRAJECTORY}
     if request.replay:
         progress("drawing the replay")
-        _write_replay(out / REPLAY, scene, runs, pairs[0])
+        first, second = (_seen(one, pairs[0]) for one in trials[0])
+        write_rivals_replay(out / REPLAY, RivalsReplay(scene, planned.time, planned.q, (first, second)))
         result["files"]["next_experiment_replay"] = REPLAY
     if request.report is not None:
         _carry_page(report_file(request.report).with_name(PAGE), out / PAGE, result["next_experiment"])
@@ -163,32 +165,44 @@ class _Runs:
     planned: Motion
     seed: int
 
-    def recording(self, truth: Model, name: str, number: int) -> Recording:
-        physics = truth.physics(self.scene)
-        run = simulated(physics, self.scene.physics, self.designer.limits, self.planned)
-        return measured(
-            self.scene, physics, run, noise_of(self.scene), np.random.default_rng([self.seed, number]), name
-        )
+    def run(self, truth: Model) -> Motion:
+        """The motion where `truth` holds."""
+        return simulated(truth.physics(self.scene), self.scene.physics, self.designer.limits, self.planned)
+
+    def problem(self, truth: Model, run: Motion, number: int) -> Problem:
+        """What the sensors write of it, with noise."""
+        random = np.random.default_rng([self.seed, number])
+        noisy = measured(self.scene, truth.physics(self.scene), run, noise_of(self.scene), random, TRAJECTORY)
+        return problem_of(self.scene, [noisy])
 
 
-def _tried(runs: _Runs, pair: Pair) -> list[dict[str, Any]]:
-    """For each of the two, were it true: the odds for it along the run, and when they are settled."""
-    found = []
-    moments = np.linspace(0.0, runs.planned.time[-1], MOMENTS + 1)[1:].tolist()
-    for number, (truth, name, sign) in enumerate(zip((pair.first, pair.second), pair.names, (1.0, -1.0), strict=True)):
-        problem = problem_of(runs.scene, [runs.recording(truth, name, number)])
-        along = course(problem, pair, moments)
-        when = settled_after(problem, pair, sign)
-        odds = [[float(t), float(sign * x)] for t, x in zip(along.time, along.log_odds, strict=True)]
-        found.append({"truth": name, "odds": odds, "settled_after": when if np.isfinite(when) else None})
-    return found
+@dataclass(frozen=True)
+class _Trial:
+    """A run where the explanation `name` of a pair holds, and `sign`, which makes ln odds those for it."""
+
+    name: str
+    sign: float
+    run: Motion
+    problem: Problem
 
 
-def _write_replay(path: Path, scene: Scene, runs: _Runs, pair: Pair) -> None:
-    """The motion as it goes where the first explanation holds, beside what the model alone makes of it."""
-    problem = problem_of(scene, [runs.recording(pair.first, TRAJECTORY, 0)])
-    first, second = pair.names
-    sentence = f"The motion that tells {first} from {second}, run in simulation where the former holds."
-    weak = problem.runs[0].weak
-    replay = RecordingReplay(scene, weak, scene.physics_at(pair.first.unknown), pair.first.physics(scene), {}, sentence)
-    write_recording_replay(path, replay)
+def _trials(runs: _Runs, pair: Pair) -> tuple[_Trial, _Trial]:
+    first, second = (runs.run(truth) for truth in (pair.first, pair.second))
+    return (
+        _Trial(pair.names[0], 1.0, first, runs.problem(pair.first, first, 0)),
+        _Trial(pair.names[1], -1.0, second, runs.problem(pair.second, second, 1)),
+    )
+
+
+def _told(trial: _Trial, pair: Pair) -> dict[str, Any]:
+    """The odds for the explanation that holds along the run, and when they are settled."""
+    time = trial.problem.runs[0].weak.samples.time
+    along = course(trial.problem, pair, np.linspace(0.0, time[-1] - time[0], MOMENTS + 1)[1:].tolist())
+    when = settled_after(trial.problem, pair, trial.sign)
+    odds = [[float(t), float(trial.sign * x)] for t, x in zip(along.time, along.log_odds, strict=True)]
+    return {"truth": trial.name, "odds": odds, "settled_after": when if np.isfinite(when) else None}
+
+
+def _seen(trial: _Trial, pair: Pair) -> RivalRun:
+    along = odds_along(trial.problem, pair)
+    return RivalRun(trial.name, trial.run.q, along.time, trial.sign * along.log_odds)

@@ -1,5 +1,6 @@
 """Dry friction that a discrete plant's solver takes implicitly, so that a joint at rest stays there.
 
+Drake 1.51 has no dry friction of joints; its `DoorHinge` has a smoothed one, with which a joint under load creeps.
 An explicit friction force of a discrete plant turns its sign at every step about rest. A second actuator that holds
 the joint at speed zero with at most T is in Drake a constraint of the contact solver: it sticks below T and slides
 above. A friction law is then a brake of the level that it has at rest, and what the law says beyond it.

@@ -79,6 +79,8 @@ def _felt_slope(
     if not physics.contacts and not physics.body_forces:
         return np.zeros((len(at[0]), weak.joints + 6 * len(weak.sensors)))
     ahead, behind = (motion(physics.tree, at[0] + sign * step[0], at[1] + sign * step[1]) for sign in (1.0, -1.0))
+    lasting = weak.motion(physics).lasting
+    ahead, behind = replace(ahead, lasting=lasting), replace(behind, lasting=lasting)
     change = weak.touched_and_pushed(physics, ahead, memory) - weak.touched_and_pushed(physics, behind, memory)
     return np.asarray(change / (2.0 * np.sum(step)))
 

@@ -52,6 +52,21 @@ class Run:
         """Rows (M, r) or (M, r, k), flattened window after window and whitened."""
         return self.whiten(rows.reshape(-1, *rows.shape[2:]))
 
+    def residual(self, physics: Physics) -> tuple[Array, float]:
+        """Whitened rows (R,), and ln det C of the covariance C = 1 + U Uᵀ that an unknown start leaves them with.
+
+        How twisted a soft joint is at the first sample nobody knows: U (R, c) is what that may change, and the rows are
+        multiplied by C^(−½).
+        """
+        rows = self.whitened(self.weak.residual(physics))
+        if not physics.couplings:
+            return rows, 0.0
+        U = self.whitened(self.weak.start_rows(physics))
+        spread, axes = np.linalg.eigh(U.T @ U)
+        spread = np.maximum(spread, 1e-12)
+        shrink = (1.0 - 1.0 / np.sqrt(1.0 + spread)) / spread
+        return rows - U @ (axes @ (shrink * (axes.T @ (U.T @ rows)))), float(np.sum(np.log1p(spread)))
+
     def pushed(self, force: Array, gains: Array) -> Array:
         """Rows (M, r, k) of generalized forces (N, n, k), at joints whose efforts count `gains` (n,) times."""
         windows = self.weak.samples.windows
@@ -174,7 +189,12 @@ class Problem:
 
     def data_rows(self, physics: Physics) -> Array:
         """Whitened rows of all recordings."""
-        return np.concatenate([run.whitened(run.weak.residual(physics)) for run in self.runs])
+        return np.concatenate([run.residual(physics)[0] for run in self.runs])
+
+    def start_cost(self, model: Model) -> float:
+        """ln det of what a model does not know of how the recordings began, of which a fit makes use."""
+        physics = model.physics(self.scene)
+        return sum(run.residual(physics)[1] for run in self.runs) if physics.couplings else 0.0
 
     def jacobian(self, model: Model) -> Array:
         """∂residual/∂(unknowns, strengths)."""
@@ -222,7 +242,10 @@ class Problem:
         for run in self.runs:
             moving = run.weak.motion(physics)
             p_WP, v_WP = moving.point(body.joint, body.p_JB)
-            force = effect.slopes(p_WP, v_WP) if slopes else effect.force(p_WP, v_WP, None, None)[..., None]
+            if slopes:
+                force = effect.slopes(p_WP, v_WP, moving.lasting)
+            else:
+                force = effect.force(p_WP, v_WP, None, None, moving.lasting)[..., None]
             felt = np.einsum("nja,nak->njk", moving.force_at(body.joint, body.p_JB), force)
             result.append(run.whitened(run.pushed(felt, physics.effort_gains)))
         return np.concatenate(result)

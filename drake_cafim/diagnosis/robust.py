@@ -8,12 +8,16 @@ from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.typing import Array
 
+LEAST = 1e-6
+"""Of the covariance under the stated noise, which is kept: what lies within one block, as a push, has no score there
+at the minimum, and the sandwich is zero but for rounding."""
+
 
 def block_covariance(problem: Problem, fitted: Fit) -> Array:
     """Covariance (n, n) of the numbers of `fitted` that allows for whatever correlation blocks of time have.
 
     The sandwich (JᵀJ)⁻¹ (Σ_b g_b g_bᵀ) (JᵀJ)⁻¹ with g_b = J_bᵀ z_b over blocks of four adequacy blocks
-    (Liang, Zeger, Biometrika 73(1), 1986), never less than the covariance under the stated noise.
+    (Liang, Zeger, Biometrika 73(1), 1986).
     """
     bread = fitted.covariance
     n = fitted.jacobian.shape[1]
@@ -30,7 +34,7 @@ def block_covariance(problem: Problem, fitted: Fit) -> Array:
         start += z.size
     meat *= blocks / max(blocks - n, 1)
     sandwich = bread @ meat @ bread
-    return np.asarray(sandwich, dtype=float)
+    return np.asarray(sandwich + LEAST * bread, dtype=float)
 
 
 def wald_p_value(problem: Problem, fitted: Fit, key: tuple[str, str]) -> float:

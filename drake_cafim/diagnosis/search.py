@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.adequacy import adequacy, by_run
+from drake_cafim.diagnosis.adequacy import adequacy
+from drake_cafim.diagnosis.evidence import accepted, criterion, gain_under_its_noise, luck, scale_of
 from drake_cafim.diagnosis.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.robust import wald_p_value
 from drake_cafim.diagnosis.screening import Candidate, hypotheses, screen
-from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.effect import Effect
 from drake_cafim.typing import Array
 
@@ -31,9 +31,6 @@ CONTENDERS, NEAR = 12, 10.0
 """Explanations fitted without bias before one is chosen, and by how much of the criterion they may look worse."""
 MOVED = 0.3
 """Prior standard deviations that an unknown may have moved before the noise is reckoned anew."""
-MISFIT, FAIR_PART, REPEATS = 1.5, 0.05, 0.75
-"""χ² per degree of freedom that is no longer noise, the share of it that an effect must then take away,
-and the share of the recordings in which it must do so."""
 
 Key = frozenset[tuple[str, str]]
 
@@ -68,25 +65,6 @@ class Pool:
 
 def key_of(one: Fit) -> Key:
     return frozenset(effect.key for effect in one.model.effects)
-
-
-def criterion(one: Fit, scale: float, trials: int) -> float:
-    """Extended Bayesian information criterion χ²/s² + k ln R + 2 m ln H, smaller is better.
-
-    k strengths over R rows (Schwarz, Ann. Statist. 6(2), 1978), and m effects chosen from H looks: a larger catalogue
-    offers more to find by chance (Chen, Chen, Biometrika 95(3), 2008).
-    `scale` s² widens the noise where even the best explanation leaves more than noise, so that a small gain over a
-    large misfit does not count as evidence (McCullagh, Nelder, Generalized Linear Models, 1989, §9.2). What is known
-    beforehand of an effect's odds, −2 ln of them, counts as well.
-    """
-    surprise = sum(effect.surprise for effect in one.model.effects)
-    cost = one.strengths * np.log(max(one.data_rows, 2)) + 2.0 * len(one.model.effects) * np.log(max(trials, 1))
-    return one.chi_square / scale + float(cost) + surprise
-
-
-def scale_of(one: Fit) -> float:
-    """s²: χ² per degree of freedom, at least 1."""
-    return max(1.0, one.chi_square / max(one.degrees_of_freedom, 1))
 
 
 @dataclass(frozen=True)
@@ -181,7 +159,7 @@ def _grown(state: _State, nominal: Fit) -> Fit:
         _expand(state, depth)
         for one in state.frontier:
             larger = unbiased_fit(state.problem, one.model)
-            if _accepted(state, best, larger):
+            if accepted(state.problem, best, larger, state.trials, state.settings.false_alarm_rate):
                 best = state.rewhiten(larger)
                 break
         else:
@@ -202,30 +180,13 @@ def _detection(problem: Problem, nominal: Fit, screened: Sequence[Candidate], tr
             # the linear look shares noise with the residual: only an unbiased fit may raise an alarm
             one = unbiased_fit(problem, nominal.model.with_effects([candidate.effect]))
             gained = nominal.chi_square - one.chi_square
-            p = trials * max(wald_p_value(problem, one, candidate.effect.key), _luck(gained, candidate.strengths))
+            p = trials * max(wald_p_value(problem, one, candidate.effect.key), luck(gained, candidate.strengths))
             if p < SUSPICIOUS:
-                p = max(p, trials * _luck(_gain_under_its_noise(problem, nominal, one), candidate.strengths))
+                p = max(p, trials * luck(gain_under_its_noise(problem, nominal, one), candidate.strengths))
         score = min(score, p)
         if score < CERTAIN:
             break
     return float(min(1.0, 2.0 * min(fit_quality, score)))
-
-
-def _luck(gain: float, strengths: int) -> float:
-    """Probability that this many strengths take so much off χ² where they stand for nothing."""
-    return float(chi2.sf(max(gain, 0.0), max(strengths, 1)))
-
-
-def _gain_under_its_noise(problem: Problem, before: Fit, after: Fit) -> float:
-    """What `after` takes off χ² when the rows are whitened under it.
-
-    An effect that moves the inertia also moves how much noise reaches the rows; under the whitening of `before` it may
-    gain by that alone.
-    """
-    if not problem.regressors_noisy:
-        return before.chi_square - after.chi_square
-    own = problem.rewhitened(after.model)
-    return unbiased_fit(own, before.model).chi_square - unbiased_fit(own, after.model).chi_square
 
 
 def _worth_more(state: _State, best: Fit) -> bool:
@@ -374,43 +335,6 @@ def _reshaped(problem: Problem, one: Fit) -> Fit:
             if trial.chi_square < one.chi_square:
                 one = trial
     return one
-
-
-def _accepted(state: _State, before: Fit, after: Fit) -> bool:
-    """Whether the larger explanation is more than the luck of the best of so many looks.
-
-    Where even the larger one leaves far more than noise, small gains mean little: the wrong law of one effect is
-    patched by others that are not there. It must then take away a fair part of what was left, again and again.
-    """
-    if scale_of(after) > MISFIT and not (
-        after.chi_square < (1.0 - FAIR_PART) * before.chi_square and _repeated(state.problem, before, after)
-    ):
-        return False
-    known = {effect.key for effect in before.model.effects}
-    new = [effect for effect in after.model.effects if effect.key not in known]
-    trials, settings = state.trials, state.settings
-    strengths = len(after.model.vector) - len(before.model.vector)
-    gain = (before.chi_square - after.chi_square) / scale_of(after)
-    least = strengths * np.log(max(after.data_rows, 2))
-    if _luck(gain, strengths) * trials > settings.false_alarm_rate or gain < least:
-        return False
-    if any(wald_p_value(state.problem, after, effect.key) * trials > settings.false_alarm_rate for effect in new):
-        return False
-    gain = _gain_under_its_noise(state.problem, before, after) / scale_of(after)
-    return _luck(gain, strengths) * trials <= settings.false_alarm_rate
-
-
-def _repeated(problem: Problem, before: Fit, after: Fit) -> bool:
-    """Whether `after` explains the recordings that the new effects act in better, all but a quarter of them."""
-    known = {effect.key for effect in before.model.effects}
-    new = [effect for effect in after.model.effects if effect.key not in known]
-    pushed = [effect.recording if isinstance(effect, ExternalDisturbance) else None for effect in new]
-    left, had = by_run(problem, after.residual[: problem.rows]), by_run(problem, before.residual[: problem.rows])
-    better = []
-    for run, (_, a), (_, b) in zip(problem.runs, left, had, strict=True):
-        if None in pushed or run.name in pushed:
-            better.append(np.sum(a**2) < np.sum(b**2))
-    return bool(np.mean(better) >= REPEATS)
 
 
 def inclusion(outcome: Outcome) -> dict[tuple[str, str], float]:

@@ -146,9 +146,9 @@ class WeakForm:
         """
         u = 0.5 * (measured.u + np.concatenate([measured.u[:1], measured.u[:-1]]))
         v_std = np.sqrt(self.samples.v_std**2 + np.gradient(measured.v_hat, axis=0) ** 2 / (2.0 * np.pi))
-        return [
-            JointSamples(measured.q_hat[:, j], measured.v_hat[:, j], u[:, j], v_std[:, j]) for j in range(self.joints)
-        ]
+        q_reach = 0.5 * np.abs(np.gradient(measured.q_hat, axis=0))
+        columns = (measured.q_hat, measured.v_hat, u, v_std, q_reach)
+        return [JointSamples(*(column[:, j] for column in columns)) for j in range(self.joints)]
 
     def effort(self, physics: Physics, joint: int, u: Array) -> Effort:
         """What acts at a joint when `u` (N, n) is asked for."""
@@ -195,6 +195,18 @@ class WeakForm:
         """What a coupling adds to its joint's dynamic row, (M,): −∫ ẇ J ψ̇ dt."""
         drive = self.rotor_drives(physics)[physics.tree.joint_index(coupling.at)]
         return np.asarray(-drive.inertia * (self.samples.windows.rate @ coupling.twist_rate(drive)), dtype=float)
+
+    def start_rows(self, physics: Physics) -> Array:
+        """What is not known of the twists at the start adds to the rows, (M, r, c), in prior standard deviations."""
+        parts = []
+        for coupling in physics.couplings:
+            joint = physics.tree.joint_index(coupling.at)
+            drive = self.rotor_drives(physics)[joint]
+            slopes = self.samples.windows.rate @ coupling.twist_rate_by_start(drive)
+            rows = np.zeros((len(slopes), self.rows_per_window, slopes.shape[1]))
+            rows[:, self.dynamic.start + joint] = -drive.inertia * slopes / physics.effort_gains[joint]
+            parts.append(rows)
+        return np.concatenate(parts, axis=2)
 
     def trial_rows(self, physics: Physics, trial: JointCoupling) -> Array:
         """`coupling_rows` of a value to screen with, (M,); those of the first physics serve all later ones.
@@ -296,7 +308,7 @@ class WeakForm:
     def _prepare(self, physics: Physics) -> "_Prepared":
         measured = self._measured(physics)
         windows = self.samples.windows
-        moving = motion(physics.tree, measured.q_hat, measured.v_hat)
+        moving = replace(motion(physics.tree, measured.q_hat, measured.v_hat), lasting=np.gradient(self.samples.time))
         kinematic = np.zeros((len(windows), 0))
         if self.samples.velocity_measured:
             M = mass_matrix(moving, moving.link_inertias) + np.diag(physics.rotor_inertias)

@@ -106,7 +106,7 @@ def _acting(physics: Physics, time: Array, u: Array) -> list[tuple[float, float,
     start, stop = float(time[-2]), float(time[-1])
     drives = []
     for j, name in enumerate(physics.tree.joint_names):
-        effort = Effort(time[:-1], u[:, j])
+        effort = Effort(time, np.append(u[:, j], u[-1, j]))  # a lag divides holds: the last one must have its length
         for effect in physics.actuators:
             if effect.at == name:
                 effort = effect.drive(effort)

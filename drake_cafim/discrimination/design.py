@@ -110,15 +110,20 @@ class Designer:
     def matched(self, pair: Pair, random: np.random.Generator) -> Pair:
         """The pair with the second model's strengths as an ordinary recording would leave them, were the first true.
 
-        In that recording the first shows at `SEEN` standard deviations, hardly more than it takes to be noticed; what
-        it does not say of the second's strengths, their priors do.
+        In that recording the first shows at `SEEN` standard deviations or less, hardly more than it takes to be
+        noticed; what it does not say of the second's strengths, their priors do. A second that can take over less than
+        half of what unknowns leave stays as it is: it would vanish.
         """
         problem = self.problem(self.ordinary_motion(random))
         nominal = problem.residual(problem.nominal())[: problem.rows]
         truth = problem.residual(pair.first)[: problem.rows]
         shown = float(np.linalg.norm(truth - nominal))
-        found = explain(problem, pair.second, truth, weight=SEEN / shown if shown > 0.0 else 1.0).model
-        return Pair(pair.first, Model(pair.first.unknown, found.effects))
+        weight = min(SEEN / max(shown, 1e-12), 1.0)
+        found = explain(problem, pair.second, truth, weight=weight)
+        neither = explain(problem, pair.common, truth, weight=weight)
+        if found.misfit > 0.5 * neither.misfit:
+            return pair
+        return Pair(pair.first, Model(pair.first.unknown, found.model.effects))
 
     def design(self, value: Value, random: np.random.Generator, progress: Progress = lambda text: None) -> Design:
         """The motion of most `value` that the planner finds."""

@@ -10,7 +10,7 @@ exact where the rows are linear (MacKay, Information Theory, 2003, ch. 28).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -114,30 +114,40 @@ def explain(
     the first `rows` count, where given, and all of them `weight` times.
     """
     count = problem.rows if rows is None else rows
+    here = looked(problem, model)
+    start = replace(here, rows=weight * (here.rows - instead)[:count], slopes=weight * here.slopes[:count])
+    return _improved(problem, start, instead, steps=steps, weight=weight)
 
-    def residual(one: Model, x: Array) -> Array:
-        return np.concatenate([weight * (problem.residual(one)[: problem.rows] - instead)[:count], x])
 
-    x = coordinates(problem, model)
-    z = residual(model, x)
+def looked(problem: Problem, model: Model) -> Explained:
+    """The model at the numbers that it has, whether or not they are its best."""
+    rows = problem.residual(model)[: problem.rows]
+    return Explained(model, coordinates(problem, model), rows, slopes(problem, model))
+
+
+def _improved(
+    problem: Problem, here: Explained, instead: Array | float, *, steps: int, weight: float = 1.0
+) -> Explained:
+    """Nearer the most probable numbers, as many rows of the data as `here` has being known."""
+    count = len(here.rows)
     damping = 1e-6
     for _ in range(steps):
-        J = np.concatenate([weight * slopes(problem, model)[:count], np.eye(len(x))])
-        information, gradient = J.T @ J, J.T @ z
+        information, gradient = np.eye(len(here.x)) + here.information, here.slopes.T @ here.rows + here.x
         gained = 0.0
         for _ in range(DAMPINGS):
             step = -np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
-            trial = model_at(problem, model, x + step)
+            trial = model_at(problem, here.model, here.x + step)
             reached = coordinates(problem, trial)
-            z_trial = residual(trial, reached)
-            gained = float(z @ z - z_trial @ z_trial)
+            rows = weight * (problem.residual(trial)[: problem.rows] - instead)[:count]
+            gained = here.misfit - float(rows @ rows + reached @ reached)
             if np.isfinite(gained) and gained >= 0.0:
-                model, x, z, damping = trial, reached, z_trial, max(0.1 * damping, 1e-9)
+                here = Explained(trial, reached, rows, weight * slopes(problem, trial)[:count])
+                damping = max(0.1 * damping, 1e-9)
                 break
             damping = max(10.0 * damping, 1e-3)
         if not gained > CONVERGED:
             break
-    return Explained(model, x, z[:count], weight * slopes(problem, model)[:count])
+    return here
 
 
 @dataclass(frozen=True)
@@ -167,30 +177,41 @@ class Course:
         information, slope, square = before.information[-1], before.slope[-1], before.square[-1]
         return Course(self.information + times * information, self.slope + times * slope, self.square + times * square)
 
+    def repeated(self, count: int) -> "Course":
+        """What is said after the whole motion was run once, twice and up to `count` times, instead of by window."""
+        times = 1.0 + np.arange(count)
+        information, slope = (np.multiply.outer(times, one[-1]) for one in (self.information, self.slope))
+        return Course(information, slope, times * self.square[-1])
+
+    @property
+    def misfit(self) -> Array:
+        """|z|² + |x|² (W,) at the most probable numbers."""
+        best = np.linalg.solve(self._posterior, self.slope[..., None])[..., 0]
+        return np.asarray(self.square - np.einsum("wi,wi->w", self.slope, best))
+
     @property
     def log_evidence(self) -> Array:
         """(W,) up to what all models share."""
-        posterior = np.eye(self.slope.shape[-1]) + self.information
-        best = np.linalg.solve(posterior, self.slope[..., None])[..., 0]
-        misfit = self.square - np.einsum("wi,wi->w", self.slope, best)
-        return np.asarray(-0.5 * (misfit + np.linalg.slogdet(posterior)[1]))
+        return np.asarray(-0.5 * (self.misfit + np.linalg.slogdet(self._posterior)[1]))
+
+    @property
+    def _posterior(self) -> Array:
+        return np.asarray(np.eye(self.slope.shape[-1]) + self.information)
 
     @property
     def fitted(self) -> Array:
         """tr F (I + F)⁻¹ (W,): how many numbers the rows determine, each of which takes one from |noise|²."""
-        k = self.slope.shape[-1]
-        return np.asarray(k - np.trace(np.linalg.inv(np.eye(k) + self.information), axis1=1, axis2=2))
+        return np.asarray(self.slope.shape[-1] - np.trace(np.linalg.inv(self._posterior), axis1=1, axis2=2))
 
 
-def expected(problem: Problem, truth: Model, rival: Model, *, steps: int = 2) -> tuple[Course, Course]:
+def expected(problem: Problem, truth: Explained, rival: Explained, *, steps: int = 2) -> tuple[Course, Course]:
     """The courses of both models along a planned motion, of the data that `truth` makes without noise.
 
-    `problem` holds the motion as the nominal model makes it: a model's rows on the data of `truth` are, to first order
-    in the data, its rows there less those of `truth`.
+    Both were `looked` at on it. `problem` holds the motion as the nominal model makes it: a model's rows on the data of
+    `truth` are, to first order in the data, its rows there less those of `truth`.
     """
-    instead = problem.residual(truth)[: problem.rows]
-    own = Explained(truth, coordinates(problem, truth), np.zeros(problem.rows), slopes(problem, truth))
-    return Course.of(problem, own), Course.of(problem, explain(problem, rival, instead, steps=steps))
+    best = _improved(problem, replace(rival, rows=rival.rows - truth.rows), truth.rows, steps=steps)
+    return Course.of(problem, truth, np.zeros_like(truth.rows)), Course.of(problem, best)
 
 
 def expected_log_odds(own: Course, other: Course) -> Array:

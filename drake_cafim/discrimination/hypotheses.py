@@ -29,12 +29,18 @@ class Pair:
     @property
     def names(self) -> tuple[str, str]:
         """What each says is missing, as EFFECT@PLACE, without what both say."""
-        common = {one.key for one in self.first.effects} & {one.key for one in self.second.effects}
+        common = {one.key for one in self.common.effects}
         sides = []
         for model in (self.first, self.second):
             own = [f"{name}@{at}" for name, at in (one.key for one in model.effects) if (name, at) not in common]
             sides.append(" + ".join(own) or "nothing more")
         return sides[0], sides[1]
+
+    @property
+    def common(self) -> Model:
+        """What both say is missing, as the first has it."""
+        both = {one.key for one in self.second.effects}
+        return Model(self.first.unknown, tuple(one for one in self.first.effects if one.key in both))
 
 
 def named_pair(scene: Scene, first: str, second: str) -> Pair:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.diagnosis.problem import Problem
-from drake_cafim.discrimination.evidence import explain
+from drake_cafim.discrimination.evidence import Course, explain
 from drake_cafim.discrimination.hypotheses import Pair
 from drake_cafim.discrimination.scores import TWENTY_TO_ONE
 from drake_cafim.typing import Array
@@ -47,6 +47,13 @@ def course(problem: Problem, pair: Pair, moments: Sequence[float]) -> OddsCourse
         known = int(np.searchsorted(time, moment + 1e-9, side="right"))
         found.append(log_odds(problem, pair, int(rows[known - 1])) if known else 0.0)
     return OddsCourse(np.array(moments, dtype=float), np.array(found))
+
+
+def odds_along(problem: Problem, pair: Pair) -> OddsCourse:
+    """The odds at the end of every window, to first order about what each explanation is for all of the recordings."""
+    time, _ = ends(problem)
+    first, second = (Course.of(problem, explain(problem, model)) for model in (pair.first, pair.second))
+    return OddsCourse(time, first.log_evidence - second.log_evidence)
 
 
 def settled_after(problem: Problem, pair: Pair, sign: float, threshold: float = TWENTY_TO_ONE) -> float:

@@ -1,7 +1,7 @@
 """What a planner maximises: the odds that a motion is expected to bring, or the information in it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -9,7 +9,14 @@ import numpy as np
 from drake_cafim.design.planner import Scored
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
-from drake_cafim.discrimination.evidence import Course, expected, expected_log_odds, slopes
+from drake_cafim.discrimination.evidence import (
+    Course,
+    Explained,
+    expected,
+    expected_log_odds,
+    looked,
+    slopes,
+)
 from drake_cafim.discrimination.hypotheses import Pair
 from drake_cafim.discrimination.motions import Limits, Shape, plan
 from drake_cafim.discrimination.planned import Bench
@@ -17,8 +24,8 @@ from drake_cafim.information import criterion
 from drake_cafim.typing import Array
 
 TWENTY_TO_ONE = float(np.log(20.0))
-REPEATS = tuple(range(24))
-"""Whole motions before the one in which odds are settled."""
+REPEATS = 24
+"""Motions after which odds are as if they went on rising evenly."""
 
 
 class Value(Protocol):
@@ -30,18 +37,39 @@ class Value(Protocol):
 
 
 @dataclass(frozen=True)
+class _Looks:
+    """Models along one planned motion, each looked at once."""
+
+    problem: Problem
+    _known: dict[int, Explained] = field(default_factory=dict)
+
+    def courses(self, pair: Pair) -> tuple[tuple[Course, Course], tuple[Course, Course]]:
+        """Of the true model and of its rival, if the pair's first is true, and if its second is."""
+        first, second = self._at(pair.first), self._at(pair.second)
+        return expected(self.problem, first, second), expected(self.problem, second, first)
+
+    def _at(self, model: Model) -> Explained:
+        if id(model) not in self._known:
+            self._known[id(model)] = looked(self.problem, model)
+        return self._known[id(model)]
+
+
+@dataclass(frozen=True)
 class Odds:
     """Expected log Bayes factor in favour of whichever is true: the smallest over the pairs and both directions."""
 
     pairs: tuple[Pair, ...]
 
     def __call__(self, problem: Problem) -> float:
-        return min(min(self.directions(problem, pair)) for pair in self.pairs)
+        looks = _Looks(problem)
+        return min(min(self._of(looks, pair)) for pair in self.pairs)
 
     def directions(self, problem: Problem, pair: Pair) -> tuple[float, float]:
         """If the pair's first is true, and if its second is."""
-        sides = ((pair.first, pair.second), (pair.second, pair.first))
-        first, second = (float(expected_log_odds(*expected(problem, *side))[-1]) for side in sides)
+        return self._of(_Looks(problem), pair)
+
+    def _of(self, looks: _Looks, pair: Pair) -> tuple[float, float]:
+        first, second = (float(expected_log_odds(*side)[-1]) for side in looks.courses(pair))
         return first, second
 
 
@@ -55,29 +83,33 @@ class Soonest:
     """More than is asked for: noise spreads odds, and a motion that only just gets there often does not."""
 
     def __call__(self, problem: Problem) -> float:
-        return 1.0 / max(max(self.directions(problem, pair)) for pair in self.pairs)
+        looks = _Looks(problem)
+        return 1.0 / max(max(self._of(looks, pair)) for pair in self.pairs)
 
     def directions(self, problem: Problem, pair: Pair) -> tuple[float, float]:
         """Robot time s if the pair's first is true, and if its second is."""
-        sides = ((pair.first, pair.second), (pair.second, pair.first))
-        first, second = (self._time(problem, *expected(problem, *side)) for side in sides)
+        return self._of(_Looks(problem), pair)
+
+    def _of(self, looks: _Looks, pair: Pair) -> tuple[float, float]:
+        first, second = (self._time(looks.problem, *side) for side in looks.courses(pair))
         return first, second
 
     def _time(self, problem: Problem, own: Course, other: Course) -> float:
-        time = problem.runs[0].weak.samples.time
-        duration = float(time[-1] - time[0])
-        ends = problem.runs[0].weak.samples.windows.starts + problem.runs[0].weak.samples.windows.width - time[0]
-        for repeats in REPEATS:
-            reached = expected_log_odds(own.after(own, repeats), other.after(other, repeats))
-            over = np.flatnonzero(reached >= self.log_odds)
-            if len(over):
-                k = int(over[0])
-                low = float(reached[k - 1]) if k else 0.0
-                # between windows as if odds rose evenly: a planner follows slopes
-                share = float(np.clip((self.log_odds - low) / max(reached[k] - low, 1e-12), 0.0, 1.0))
-                begun = float(ends[k - 1]) if k else 0.0
-                return repeats * duration + begun + share * (float(ends[k]) - begun)
-        return (REPEATS[-1] + 1) * duration * max(self.log_odds / max(float(reached[-1]), 1e-3), 1.0)
+        windows = problem.runs[0].weak.samples.windows
+        duration = float(windows.time[-1] - windows.time[0])
+        whole = expected_log_odds(own.repeated(REPEATS), other.repeated(REPEATS))
+        enough = np.flatnonzero(whole >= self.log_odds)
+        if not len(enough):
+            return REPEATS * duration * max(self.log_odds / max(float(whole[-1]), 1e-3), 1.0)
+        repeats = int(enough[0])
+        reached = expected_log_odds(own.after(own, repeats), other.after(other, repeats))
+        ends = windows.starts + windows.width - windows.time[0]
+        k = int(np.flatnonzero(reached >= self.log_odds)[0])
+        low = float(reached[k - 1]) if k else (float(whole[repeats - 1]) if repeats else 0.0)
+        # between windows as if odds rose evenly: a planner follows slopes
+        share = float(np.clip((self.log_odds - low) / max(reached[k] - low, 1e-12), 0.0, 1.0))
+        begun = float(ends[k - 1]) if k else 0.0
+        return repeats * duration + begun + share * (float(ends[k]) - begun)
 
 
 @dataclass(frozen=True)

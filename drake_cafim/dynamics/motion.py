@@ -45,6 +45,8 @@ class Motion:
     p_WJ: Array
     axes: Array
     velocities: Array
+    lasting: Array | float = 0.0
+    """s that each sample stands for, (N,); zero for a moment."""
 
     @cached_property
     def axes_rate(self) -> Array:

@@ -24,10 +24,13 @@ class BodyForce(Effect):
         """p_BP (3,) m, where the force acts."""
 
     @abstractmethod
-    def force(self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None) -> Array:
+    def force(
+        self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None, lasting: Array | float = 0.0
+    ) -> Array:
         """f_P_W (N, 3) N at positions (N, 3) m and velocities (N, 3) m/s of the point.
 
-        `time` (N,) s and `recording` are None outside of recordings.
+        `time` (N,) s and `recording` are None outside of recordings; `lasting` s is the time that a sample stands for,
+        over which a force that sets in at a place is averaged.
         """
 
 
@@ -46,7 +49,9 @@ class AerodynamicDrag(BodyForce):
     def point(self, body: Body) -> Array:
         return body.p_BBcm
 
-    def force(self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None) -> Array:
+    def force(
+        self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None, lasting: Array | float = 0.0
+    ) -> Array:
         speed = np.linalg.norm(v_WP, axis=1, keepdims=True)
         return np.asarray(-self.values["coefficient"] * speed * v_WP)
 
@@ -78,7 +83,9 @@ class ExternalDisturbance(BodyForce):
     def point(self, body: Body) -> Array:
         return np.zeros(3)
 
-    def force(self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None) -> Array:
+    def force(
+        self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None, lasting: Array | float = 0.0
+    ) -> Array:
         if time is None or (self.recording is not None and recording != self.recording):
             return np.zeros_like(v_WP)
         peak = np.array([self.values["x"], self.values["y"], self.values["z"]])

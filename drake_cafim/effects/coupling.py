@@ -55,6 +55,10 @@ class JointCoupling(Effect):
     def twist_rate(self, drive: RotorDrive) -> Array:
         """ψ̇ (N,) at the samples, from rest in balance with the first push."""
 
+    def twist_rate_by_start(self, drive: RotorDrive) -> Array:
+        """∂ψ̇/∂start (N, c) of what is not known of the twist at the first sample, in its prior standard deviations."""
+        return np.zeros((len(drive.time), 0))
+
     @abstractmethod
     def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
         """Values to screen with; `drive` holds all recordings, one after the other."""
@@ -94,23 +98,27 @@ class JointElasticity(JointCoupling):
         return torque / self.values["stiffness"]
 
     def twist_rate(self, drive: RotorDrive) -> Array:
-        stiffness, damping = self.vector
-        steps = np.diff(drive.time)
-        pull, drag = stiffness * drive.mobility, damping * drive.mobility
-        phi = _transition(pull[:-1], drag[:-1], steps)
-        rest = drive.push / pull
-        # about the balance point of each interval the motion is free: x' = Φ (x − x_e) + x_e
-        n = len(drive.time)
-        band = np.zeros((4, 2 * n))
-        band[0] = 1.0
-        band[2, 0 : 2 * n - 2 : 2], band[1, 1 : 2 * n - 2 : 2] = -phi[0], -phi[1]
-        band[3, 0 : 2 * n - 2 : 2], band[2, 1 : 2 * n - 2 : 2] = -phi[2], -phi[3]
-        right = np.zeros(2 * n)
+        phi, rest = self._stepped(drive)
+        right = np.zeros((2 * len(drive.time), 1))
         right[0] = rest[0]
-        right[2::2] = rest[:-1] * (1.0 - phi[0])
-        right[3::2] = -rest[:-1] * phi[2]
-        state, _ = lapack.dtbtrs(band, right[:, None], uplo="L")
-        return np.asarray(state[1::2, 0], dtype=float)
+        right[2::2, 0] = rest[:-1] * (1.0 - phi[0])
+        right[3::2, 0] = -rest[:-1] * phi[2]
+        return np.asarray(_carried_on(phi, right)[1::2, 0], dtype=float)
+
+    def twist_rate_by_start(self, drive: RotorDrive) -> Array:
+        # a recording may begin in the middle of a motion, and its joint ring as far as the hardest push twists it
+        phi, rest = self._stepped(drive)
+        twist = float(np.max(np.abs(rest)))
+        right = np.zeros((2 * len(drive.time), 2))
+        right[0, 0] = twist
+        right[1, 1] = twist * float(np.sqrt(self.values["stiffness"] * np.mean(drive.mobility)))
+        return np.asarray(_carried_on(phi, right)[1::2], dtype=float)
+
+    def _stepped(self, drive: RotorDrive) -> tuple[tuple[Array, Array, Array, Array], Array]:
+        """Φ of each interval, and the balance point x_e (N,) about which the motion is free: x' = Φ (x − x_e) + x_e."""
+        stiffness, damping = self.vector
+        pull, drag = stiffness * drive.mobility, damping * drive.mobility
+        return _transition(pull[:-1], drag[:-1], np.diff(drive.time)), drive.push / pull
 
     def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
         mobility = float(np.mean(drive.mobility))
@@ -120,11 +128,25 @@ class JointElasticity(JointCoupling):
             for ratio in (0.05, 0.2):
                 yield {"stiffness": stiffness, "damping": 4.0 * np.pi * ratio * float(frequency) / mobility}
 
+    def reshaped(self) -> Iterator["JointElasticity"]:
+        # of a joint that rings out at the start, each frequency explains some periods
+        for factor in (0.35, 0.6, 1.6, 2.8):
+            yield self.with_values({**self.values, "stiffness": factor * self.values["stiffness"]})
+
     def scaled(self, values: Mapping[str, float], coefficient: float) -> "JointElasticity | None":
         # far above the motion's frequencies the twist is in proportion to the compliance
         if not 0.02 < coefficient < 3.0:
             return None
         return self.with_values({**values, "stiffness": values["stiffness"] / min(coefficient, 1.5)})
+
+
+def _carried_on(phi: tuple[Array, Array, Array, Array], right: Array) -> Array:
+    """The states (2 N, c), ψ and ψ̇ in turn, that each follow from the one before by Φ and `right` (2 N, c)."""
+    band = np.zeros((4, len(right)))
+    band[0] = 1.0
+    band[2, 0:-2:2], band[1, 1:-2:2] = -phi[0], -phi[1]
+    band[3, 0:-2:2], band[2, 1:-2:2] = -phi[2], -phi[3]
+    return np.asarray(lapack.dtbtrs(band, right, uplo="L")[0], dtype=float)
 
 
 def _transition(pull: Array, drag: Array, step: Array) -> tuple[Array, Array, Array, Array]:

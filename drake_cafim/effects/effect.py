@@ -79,13 +79,16 @@ class JointSamples:
     u: Array
     v_std: Array | float = 0.0
     """What is not known of v; a force that bends sharply in v is averaged over it."""
+    q_reach: Array | float = 0.0
+    """How far q gets within half the time that a sample stands for; a force that sets in on the way is averaged."""
 
 
 def joined(samples: Sequence[JointSamples]) -> JointSamples:
     """The samples of several recordings, one after the other."""
-    stds = [np.broadcast_to(np.asarray(one.v_std, dtype=float), one.v.shape) for one in samples]
-    q, v, u = (np.concatenate([getattr(one, name) for one in samples]) for name in "qvu")
-    return JointSamples(q, v, u, np.concatenate(stds))
+    names = ("q", "v", "u", "v_std", "q_reach")
+    return JointSamples(
+        *(np.concatenate([np.broadcast_to(getattr(one, name), one.q.shape) for one in samples]) for name in names)
+    )
 
 
 @dataclass(frozen=True)
@@ -211,7 +214,7 @@ class Effect(ABC):
         )
 
     def reshaped(self) -> Iterator[Self]:
-        """The effect with each other value that its shapes may take."""
+        """Where else a better fit may lie: the effect with each other value that its shapes may take."""
         for shape in self.shapes:
             for value in shape.grid:
                 if value != self.values.get(shape.name, shape.nominal):

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
 from drake_cafim.dynamics.tree import Body
 from drake_cafim.effects.body import BodyForce
 from drake_cafim.effects.effect import Strength
+from drake_cafim.effects.onset import Onset
 from drake_cafim.typing import Array
 
 FREE = 0.02
@@ -19,7 +20,7 @@ FREE = 0.02
 class UnmodeledContact(BodyForce):
     """max(0, k δ + d δ̇) n where δ = offset − n·p > 0, p the body's origin in the world; no friction.
 
-    Only the direction of (nx, ny, nz) counts.
+    Only the direction of (nx, ny, nz) counts; a fit makes it a unit vector.
     """
 
     name: ClassVar[str] = "unmodeled_contact"
@@ -38,6 +39,11 @@ class UnmodeledContact(BodyForce):
         "joint_spring": "a plane that is always touched is a spring",
     }
 
+    def with_values(self, values: Mapping[str, float] | Array) -> Self:
+        found = super().with_values(values)
+        unit = dict(zip(("nx", "ny", "nz"), found.normal.tolist(), strict=True))
+        return type(self)(self.at, {**found.values, **unit})
+
     @property
     def normal(self) -> Array:
         """The unit normal (3,), out of what is in the way."""
@@ -47,27 +53,29 @@ class UnmodeledContact(BodyForce):
     def point(self, body: Body) -> Array:
         return np.zeros(3)
 
-    def force(self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None) -> Array:
-        depth, rate, touching = self._touch(p_WP, v_WP)
-        push = np.where(touching, self.values["stiffness"] * depth + self.values["damping"] * rate, 0.0)
-        return np.asarray(push[:, None] * self.normal)
+    def force(
+        self, p_WP: Array, v_WP: Array, time: Array | None, recording: str | None, lasting: Array | float = 0.0
+    ) -> Array:
+        onset, rate = self._touch(p_WP, v_WP, lasting)
+        push = self.values["stiffness"] * onset.depth + self.values["damping"] * rate * onset.share
+        return np.asarray(np.maximum(push, 0.0)[:, None] * self.normal)
 
-    def slopes(self, p_WP: Array, v_WP: Array) -> Array:
+    def slopes(self, p_WP: Array, v_WP: Array, lasting: Array | float = 0.0) -> Array:
         """∂force/∂strengths (N, 3, 6); the length of the normal is no strength, and they know nothing of it."""
-        depth, rate, touching = self._touch(p_WP, v_WP)
+        onset, rate = self._touch(p_WP, v_WP, lasting)
         k, d, n = self.values["stiffness"], self.values["damping"], self.normal
-        push = k * depth + d * rate
+        push = k * onset.depth + d * rate * onset.share
         across = np.eye(3) - np.outer(n, n)
-        along = np.stack([np.full_like(depth, k), depth, rate], axis=1)
-        turned = -(k * p_WP + d * v_WP) @ across
+        by_depth = k * onset.share + d * rate * onset.slope
+        along = np.stack([by_depth, onset.depth, rate * onset.share], axis=1)
+        turned = -(by_depth[:, None] * p_WP + d * onset.share[:, None] * v_WP) @ across
         columns = np.concatenate([along, turned], axis=1)[:, None, :] * n[:, None]
         columns[:, :, 3:] += push[:, None, None] * across
-        return np.asarray(np.where(touching[:, None, None], columns, 0.0))
+        return np.asarray(np.where((push > 0.0)[:, None, None], columns, 0.0))
 
-    def _touch(self, p_WP: Array, v_WP: Array) -> tuple[Array, Array, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    def _touch(self, p_WP: Array, v_WP: Array, lasting: Array | float) -> tuple[Onset, Array]:
         depth, rate = self.values["offset"] - p_WP @ self.normal, -(v_WP @ self.normal)
-        pushing = self.values["stiffness"] * depth + self.values["damping"] * rate > 0.0
-        return depth, rate, np.logical_and(depth > 0.0, pushing)
+        return Onset.of(depth, 0.5 * np.abs(rate) * lasting), rate
 
     def plausible(self) -> bool:
         # a plane that is hardly felt at any depth is none

@@ -8,6 +8,7 @@ import numpy as np
 
 from drake_cafim.effects.effect import Force, JointSamples, Start, Strength
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.onset import Onset
 from drake_cafim.typing import Array
 
 MOST_PERIODS = 40.0
@@ -81,14 +82,16 @@ class JointHardStop(JointForce):
         position, stiffness, damping = self.vector
         side = self.values.get("side", 1.0)
         depth, rate = side * (joint.q - position), side * joint.v
-        push = stiffness * depth + damping * rate
-        touching = (depth > 0.0) & (push > 0.0)
-        d_strengths = np.stack([np.full_like(depth, side * stiffness), -depth, -rate], axis=1) * side
+        onset = Onset.of(depth, joint.q_reach)
+        push = stiffness * onset.depth + damping * rate * onset.share
+        touching = push > 0.0
+        by_depth = stiffness * onset.share + damping * rate * onset.slope
+        d_strengths = np.stack([side * by_depth, -onset.depth, -rate * onset.share], axis=1) * side
         zero = np.zeros_like(depth)
         return Force(
             np.where(touching, -side * push, 0.0),
-            np.where(touching, -stiffness, 0.0),
-            np.where(touching, -damping, 0.0),
+            np.where(touching, -by_depth, 0.0),
+            np.where(touching, -damping * onset.share, 0.0),
             zero,
             np.where(touching[:, None], d_strengths, 0.0),
         )

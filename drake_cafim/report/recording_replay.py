@@ -75,8 +75,8 @@ def render(replay: RecordingReplay, meshcat: Meshcat) -> str:
     shapes = link_shapes(replay.scene, moving, size)
     meshcat.Delete(ROOT)
     meshcat.DeleteRecording()
-    set_stage(meshcat, _camera(moving, size))
-    _draw_model(meshcat, f"{ROOT}/world", [s for s in shapes if s.joint == FIXED], None)
+    set_stage(meshcat, camera_for(moving, size))
+    draw_model(meshcat, f"{ROOT}/world", [s for s in shapes if s.joint == FIXED], None)
     meshcat.StartRecording(frames_per_second=FRAME_RATE, set_visualizations_while_recording=False)
     carried = [shape for shape in shapes if shape.joint != FIXED]
     models = [("recording", moving, None), ("nominal", _simulated(replay, replay.nominal, frames), NOMINAL)]
@@ -84,15 +84,15 @@ def render(replay: RecordingReplay, meshcat: Meshcat) -> str:
         models.append(("corrected", _simulated(replay, replay.corrected, frames), CORRECTED))
     clock = frames - frames[0]
     for name, motion, color in models:
-        _draw_model(meshcat, f"{ROOT}/{name}", carried, color)
-        _move_model(meshcat, f"{ROOT}/{name}", motion, clock)
+        draw_model(meshcat, f"{ROOT}/{name}", carried, color)
+        move_model(meshcat, f"{ROOT}/{name}", motion, clock)
     arrows = [(CONTACT, "contact", contact_arrows(weak, replay.corrected or replay.nominal, moving, frames, size))]
     arrows.append(
-        (_rgba(NOMINAL), "lacking", lacking_arrows(weak, replay.nominal, moving, frames, size, beside=replay.nominal))
+        (rgba(NOMINAL), "lacking", lacking_arrows(weak, replay.nominal, moving, frames, size, beside=replay.nominal))
     )
     if replay.corrected is not None:
         remaining = lacking_arrows(weak, replay.corrected, moving, frames, size, beside=replay.nominal)
-        arrows.append((_rgba(CORRECTED), "remaining", remaining))
+        arrows.append((rgba(CORRECTED), "remaining", remaining))
     for color_, kind, those in arrows:
         _draw_arrows(meshcat, f"{ROOT}/{kind}", those, color_, clock, size)
     _draw_places(meshcat, replay, moving, clock, size)
@@ -108,18 +108,19 @@ def _simulated(replay: RecordingReplay, physics: Physics, frames: Array) -> Moti
     return placed(physics, simulated_frames(replay.weak, physics, frames))
 
 
-def _draw_model(meshcat: Meshcat, path: str, shapes: Sequence[LinkShape], color: str | None) -> None:
+def draw_model(meshcat: Meshcat, path: str, shapes: Sequence[LinkShape], color: str | None) -> None:
     """The shapes under one path a joint; in one transparent `color` where it is given."""
     for index, one in enumerate(shapes):
         place = f"{path}/joint{one.joint}/shape{index}"
-        meshcat.SetObject(place, one.shape, one.color if color is None else _rgba(color, GHOST))
+        meshcat.SetObject(place, one.shape, one.color if color is None else rgba(color, GHOST))
         meshcat.SetTransform(place, one.X_JG)
         if color is not None:  # within the recording's own shapes where the two coincide
             slimmer = [0.8, 0.8, 0.995] if isinstance(one.shape, Cylinder) else [0.92, 0.92, 0.92]
             meshcat.SetProperty(place, "scale", slimmer)
 
 
-def _move_model(meshcat: Meshcat, path: str, motion: Motion, clock: Array) -> None:
+def move_model(meshcat: Meshcat, path: str, motion: Motion, clock: Array) -> None:
+    """Record the poses of all joints at the times `clock` (F,) s."""
     for j in range(motion.q.shape[1]):
         for frame, time in enumerate(clock):
             pose = RigidTransform(_rotation(motion.R_WJ[frame, j]), motion.p_WJ[frame, j])
@@ -172,7 +173,7 @@ def _place(replay: RecordingReplay, name: str) -> tuple[int, Array] | None:
     return None
 
 
-def _camera(moving: Motion, size: float) -> Camera:
+def camera_for(moving: Motion, size: float) -> Camera:
     """Looks across the plane in which most of the motion is, from somewhat above."""
     points = cloud(moving)
     center = 0.5 * (points.min(axis=0) + points.max(axis=0))
@@ -191,7 +192,8 @@ def _triple(values: Array) -> tuple[float, float, float]:
     return float(values[0]), float(values[1]), float(values[2])
 
 
-def _rgba(color: str, opacity: float = 1.0) -> Rgba:
+def rgba(color: str, opacity: float = 1.0) -> Rgba:
+    """The colour that #rrggbb names."""
     red, green, blue = (int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
     return Rgba(red, green, blue, opacity)
 

@@ -126,7 +126,7 @@ class Physics:
         for effect in self.body_forces:
             body = self.tree.body(effect.at)
             p_WP, v_WP = moving.point(body.joint, body.p_JB + body.R_JB @ effect.point(body))
-            force = effect.force(p_WP, v_WP, time, recording)
+            force = effect.force(p_WP, v_WP, time, recording, moving.lasting)
             total[:, body.joint] += np.concatenate([np.cross(p_WP, force), force], axis=1)
         return total
 

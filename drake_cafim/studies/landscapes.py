@@ -150,6 +150,7 @@ def _figure(name: str, across: Array, up: Array, values: Array, labels: tuple[st
         axes = figure.subplots()
         filled = axes.contourf(across, up, values, levels=14, cmap="cividis")
         figure.colorbar(filled, ax=axes)
+        axes.locator_params(axis="x", nbins=5)  # more would run into each other
         axes.set_xlabel(labels[0])
         axes.set_ylabel(labels[1])
         axes.set_title(name)

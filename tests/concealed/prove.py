@@ -47,6 +47,10 @@ def opened(out: Path) -> list[dict[str, Any]]:
     return [json.loads(path.read_text()) for path in sorted((out / "opened").glob("*.json"))]
 
 
+PAGE_EVERY = 25
+"""Trials after which the page is written anew, since hours pass."""
+
+
 def prepare(out: Path, resume: bool, overwrite: bool) -> None:
     """An empty folder, or one to go on in."""
     if out.exists() and any(out.iterdir()) and not resume:
@@ -115,8 +119,9 @@ def main(arguments: list[str] | None = None) -> int:
     diagnose = [str(Path(part).absolute()) if Path(part).exists() else part for part in options.diagnose]
     work = (delayed(attempt)(trial, diagnose, options.out, options.limit, options.keep) for trial in trials)
     results = Parallel(n_jobs=options.jobs, return_as="generator_unordered", batch_size=1)(work)
-    for _ in tqdm(results, total=len(trials), desc="trials", file=sys.stderr):
-        pass
+    for number, _ in enumerate(tqdm(results, total=len(trials), desc="trials", file=sys.stderr), 1):
+        if number % PAGE_EVERY == 0:
+            write_results(options.out, known, time.perf_counter() - started)
     scores = write_results(options.out, known, time.perf_counter() - started)
     for figure in figures(scores):
         value = "–" if figure.value is None else f"{figure.value:.3f}"

@@ -96,7 +96,7 @@ def coupled(name: str, at: str, rate: float, **values: float) -> Case:
     return Case(name, at, values, step=2.5e-4, rate=rate, settling=0.3)
 
 
-def press(name: str, at: str, step: float = 1e-3, **values: float) -> Case:
+def press(name: str, at: str, step: float = 1e-3, **values: Any) -> Case:
     return Case(name, at, values, STAGE, (0.0, 0.0, 0.0192), (0.03, 0.03, 0.0015), step, 60.0, more=PRESS)
 
 
@@ -104,7 +104,7 @@ CASES = [
     joint("joint_viscous_friction", "turn", coefficient=0.5),
     joint("joint_coulomb_friction", "lift", 1e-4, torque=0.5),
     joint("joint_asymmetric_coulomb_friction", "elbow", 1e-4, torque_positive=0.3, torque_negative=0.15),
-    joint("joint_stribeck_friction", "elbow", 1e-4, coulomb=0.3, static=0.7, velocity=0.3),
+    joint("joint_stribeck_friction", "lift", 1e-4, coulomb=0.3, static=0.7, velocity=0.3),
     joint("joint_load_dependent_friction", "lift", 1e-4, torque=0.3, coefficient=0.06),
     joint("joint_spring", "turn", stiffness=3.0, rest=0.3),
     Case(
@@ -116,14 +116,19 @@ CASES = [
     joint("torque_ripple", "turn", amplitude=0.4, cycles=21.0, phase=0.7),
     joint("actuator_delay", "lift", delay=0.0063),
     joint("actuator_lag", "elbow", time_constant=0.008),
-    joint("actuator_saturation", "lift", limit=13.0),
+    joint("actuator_saturation", "lift", limit=8.0),
     joint("actuator_gain_error", "elbow", gain=0.9),
     joint("actuator_bias", "lift", torque=0.5),
     joint("actuator_dead_zone", "turn", width=0.3),
     joint("payload", "l3", mass=0.4, x=0.2, y=0.05, z=-0.05),
     joint("gravity_misalignment", "world", roll=0.05, pitch=-0.08),
     joint("aerodynamic_drag", "l3", coefficient=1.5),
-    Case("external_disturbance", "l3", {"x": 6.0, "y": -9.0, "z": 8.0, "interval": [1.2, 1.5], "recording": "seed 1"}),
+    # where all three directions are felt: an arm of three joints has no joint that is turned by a push along its links
+    replace(
+        press("external_disturbance", "tool", x=1.5, y=-2.0, z=1.0, interval=[1.2, 1.5], recording="seed 1"),
+        centre=(0.0, 0.0, 0.1),
+        size=(0.03, 0.03, 0.03),
+    ),
     joint("unmodeled_contact", "l3", 5e-4, offset=0.2, stiffness=500.0, damping=10.0, nx=0.0, ny=0.0, nz=1.0),
     press("contact_stribeck_friction", "tool/wall", static=0.7, velocity=0.03),
     press("contact_adhesion", "tool/wall", force=1.0, range=1e-3),

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_cafim.diagnosis.diagnose import examine
+from drake_cafim.diagnosis.diagnose import diagnose, examine
 from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.verdict import Verdict
+from drake_cafim.scenario.scenario_yaml import as_yaml
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
@@ -25,6 +26,8 @@ class Recovery:
 
     case: Case
     verdict: Verdict
+    again: Verdict | None
+    """On the same recordings, with the corrected scene as its file says it."""
     followed: Following | None
     """By the corrected scene; None where that lacks the effect."""
     bare: Following | None
@@ -59,20 +62,32 @@ class Recovery:
 
 
 def recovered(case: Case, folder: Path) -> Recovery:
-    """The case simulated, diagnosed and, where its effect was found, followed on a recording that was held out."""
+    """The case simulated and diagnosed.
+
+    Where its effect was found, the corrected scene is written, read back, diagnosed with, and followed on a recording
+    that was held out.
+    """
     for name in ("true", "bare"):
         (folder / name).mkdir()
     true, bare = case.scene(folder / "true", True), case.scene(folder / "bare", False)
-    verdict, outcome = examine(bare, case.training(true, bare))
-    found = Recovery(case, verdict, None, None)
+    train = case.training(true, bare)
+    verdict, outcome = examine(bare, train)
+    found = Recovery(case, verdict, None, None, None)
     if not found.named:
         return found
-    held = case.held_out(true)
-    start = start_of(verdict.corrected, held, case.step)
-    near = _nearby(bare, outcome.best)
-    followed = following(verdict.corrected, near, held, start, case.horizon, case.step)
+    corrected, held = read_back(verdict.corrected, folder / "out"), case.held_out(true)
+    start = start_of(corrected, held, case.step)
+    followed = following(corrected, _nearby(bare, outcome.best), held, start, case.horizon, case.step)
     without = following(bare, [], held, start, case.horizon, case.step)
-    return Recovery(case, verdict, followed, Following(without.error, followed.expected))
+    return Recovery(case, verdict, diagnose(corrected, train), followed, Following(without.error, followed.expected))
+
+
+def read_back(scene: Scene, folder: Path) -> Scene:
+    """The scene of the file that says what this one is."""
+    folder.mkdir()
+    path = folder / "scenario.corrected.yaml"
+    path.write_text(as_yaml(scene.scenario, scene.folder, folder))
+    return Scene.load(path)
 
 
 def _nearby(bare: Scene, best: Fit) -> list[Scene]:
@@ -96,4 +111,6 @@ def sentences(found: Recovery) -> Sequence[str]:
             result.append(f"{name} is {100 * error:.1f} % off")
     if found.followed is not None and not found.follows:
         result.append(f"follows with {found.followed.worst:.1f} times the expected error")
+    if found.again is not None and found.again.kind != "none":
+        result.append(f"with the corrected scene: {found.again}")
     return result

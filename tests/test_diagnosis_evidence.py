@@ -1,11 +1,11 @@
-"""What is admitted beside other things that are missing."""
+"""What counts as evidence beside other things that are missing."""
 
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from drake_cafim.diagnosis.search import _repeated
+from drake_cafim.diagnosis.evidence import repeated
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.typing import Array
@@ -22,7 +22,7 @@ def test_a_push_counts_in_the_recording_that_it_is_in() -> None:
     better_in_b = np.full(8, 10.1)
     better_in_b[2:4] = 1.0
     push = ExternalDisturbance("link2", {}, "b")
-    assert _repeated(RUNS, before, _fit(better_in_b, push))
-    assert not _repeated(RUNS, before, _fit(better_in_b, ExternalDisturbance("link2", {}, "c")))
-    assert not _repeated(RUNS, before, _fit(better_in_b, JointViscousFriction("elbow")))
-    assert not _repeated(RUNS, before, _fit(better_in_b, push, JointViscousFriction("elbow")))
+    assert repeated(RUNS, before, _fit(better_in_b, push))
+    assert not repeated(RUNS, before, _fit(better_in_b, ExternalDisturbance("link2", {}, "c")))
+    assert not repeated(RUNS, before, _fit(better_in_b, JointViscousFriction("elbow")))
+    assert not repeated(RUNS, before, _fit(better_in_b, push, JointViscousFriction("elbow")))

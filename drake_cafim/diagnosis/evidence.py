@@ -1,0 +1,86 @@
+"""What counts as evidence for an effect: criteria, and the tests that a larger explanation has to pass."""
+
+import numpy as np
+from scipy.stats import chi2
+
+from drake_cafim.diagnosis.adequacy import by_run
+from drake_cafim.diagnosis.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.robust import wald_p_value
+from drake_cafim.effects.body import ExternalDisturbance
+
+MISFIT, FAIR_PART, REPEATS = 1.5, 0.05, 0.75
+"""χ² per degree of freedom that is no longer noise, the share of it that an effect must then take away,
+and the share of the recordings in which it must do so."""
+
+
+def criterion(one: Fit, scale: float, trials: int) -> float:
+    """Extended Bayesian information criterion χ²/s² + k ln R + 2 m ln H, smaller is better.
+
+    k strengths over R rows (Schwarz, Ann. Statist. 6(2), 1978), and m effects chosen from H looks: a larger catalogue
+    offers more to find by chance (Chen, Chen, Biometrika 95(3), 2008).
+    `scale` s² widens the noise where even the best explanation leaves more than noise, so that a small gain over a
+    large misfit does not count as evidence (McCullagh, Nelder, Generalized Linear Models, 1989, §9.2). What is known
+    beforehand of an effect's odds, −2 ln of them, counts as well.
+    """
+    surprise = sum(effect.surprise for effect in one.model.effects)
+    cost = one.strengths * np.log(max(one.data_rows, 2)) + 2.0 * len(one.model.effects) * np.log(max(trials, 1))
+    return one.chi_square / scale + float(cost) + surprise
+
+
+def scale_of(one: Fit) -> float:
+    """s²: χ² per degree of freedom, at least 1."""
+    return max(1.0, one.chi_square / max(one.degrees_of_freedom, 1))
+
+
+def luck(gain: float, strengths: int) -> float:
+    """Probability that this many strengths take so much off χ² where they stand for nothing."""
+    return float(chi2.sf(max(gain, 0.0), max(strengths, 1)))
+
+
+def gain_under_its_noise(problem: Problem, before: Fit, after: Fit) -> float:
+    """What `after` takes off χ² when the rows are whitened under it.
+
+    An effect that moves the inertia also moves how much noise reaches the rows; under the whitening of `before` it may
+    gain by that alone.
+    """
+    if not problem.regressors_noisy:
+        return before.chi_square - after.chi_square
+    own = problem.rewhitened(after.model)
+    return unbiased_fit(own, before.model).chi_square - unbiased_fit(own, after.model).chi_square
+
+
+def accepted(problem: Problem, before: Fit, after: Fit, trials: int, rate: float) -> bool:
+    """Whether the larger explanation is more than the luck of the best of `trials` looks, at a false-alarm `rate`.
+
+    Where even the larger one leaves far more than noise, small gains mean little: the wrong law of one effect is
+    patched by others that are not there. It must then take away a fair part of what was left, again and again.
+    """
+    if scale_of(after) > MISFIT and not (
+        after.chi_square < (1.0 - FAIR_PART) * before.chi_square and repeated(problem, before, after)
+    ):
+        return False
+    known = {effect.key for effect in before.model.effects}
+    new = [effect for effect in after.model.effects if effect.key not in known]
+    strengths = len(after.model.vector) - len(before.model.vector)
+    gain = (before.chi_square - after.chi_square) / scale_of(after)
+    least = strengths * np.log(max(after.data_rows, 2))
+    if luck(gain, strengths) * trials > rate or gain < least:
+        return False
+    if any(wald_p_value(problem, after, effect.key) * trials > rate for effect in new):
+        return False
+    gain = gain_under_its_noise(problem, before, after) / scale_of(after)
+    return luck(gain, strengths) * trials <= rate
+
+
+def repeated(problem: Problem, before: Fit, after: Fit) -> bool:
+    """Whether `after` explains the recordings that the new effects act in better, all but a quarter of them."""
+    known = {effect.key for effect in before.model.effects}
+    new = [effect for effect in after.model.effects if effect.key not in known]
+    pushed = [effect.recording if isinstance(effect, ExternalDisturbance) else None for effect in new]
+    left, had = by_run(problem, after.residual[: problem.rows]), by_run(problem, before.residual[: problem.rows])
+    better = []
+    for run, (_, a), (_, b) in zip(problem.runs, left, had, strict=True):
+        if None in pushed or run.name in pushed:
+            better.append(np.sum(a**2) < np.sum(b**2))
+    return bool(np.mean(better) >= REPEATS)
