@@ -133,19 +133,21 @@ def _store(into: State, rows: Any, columns: Any, state: State) -> None:
     into.p[where], into.quaternion[where], into.v[where], into.w[where] = state.p, state.quaternion, state.v, state.w
 
 
-def remember(body: FreeBody, memory: Array, ended: State, mode: Flags, elapsed: Array) -> Array:
-    """The points' memory (B, K, m) `elapsed` (B,) s later, at the states that it led to.
+def remember(
+    body: FreeBody, memory: Array, ended: State, mode: Flags, elapsed: Array, asked: Flags | None = None
+) -> Array:
+    """The points' memory (B, K, m) `elapsed` (B,) s later, at the states that it led to; only of those `asked` for.
 
     What does not touch remembers where it is, and nothing else.
     """
-    B, K, m = memory.shape
-    if B * K == 0 or body.contact is None:
-        return np.zeros_like(memory)
-    rows, columns = np.repeat(np.arange(B), K), np.tile(np.arange(K), B)
-    lever = body.levers(rotation_matrices(ended.quaternion))[rows, :, columns]
-    touch = body.touch(ended[rows], lever, mode.ravel())
-    ahead = body.contact.ahead(memory.reshape(B * K, m), touch, np.repeat(elapsed, K), np.zeros(B * K))
-    return ahead.reshape(B, K, m)
+    result = np.zeros_like(memory)
+    rows, columns = np.nonzero(np.ones_like(mode) if asked is None else asked)
+    if len(rows) and body.contact is not None:
+        lever = body.levers(rotation_matrices(ended.quaternion))[rows, :, columns]
+        touch = body.touch(ended[rows], lever, mode[rows, columns])
+        zero = np.zeros(len(rows))
+        result[rows, columns] = body.contact.ahead(memory[rows, columns], touch, elapsed[rows], zero)
+    return result
 
 
 def _time_to_land(body: FreeBody, state: State, mode: Flags, acceleration: Array) -> Array:
@@ -190,7 +192,7 @@ def _step(
         else:
             kept = memory
             if body.memory:
-                kept = remember(body, memory, at, mode, sum(ALPHA[i]) * step)
+                kept = remember(body, memory, at, mode, sum(ALPHA[i]) * step, mode)
             change = body.acceleration(at, mode, kept, late)
         if A is not None and inverse is not None:
             if i:

@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from drake_cafim.cross import cross
 from drake_cafim.diagnosis.tosses.flight import Fine, remember
 from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State
-from drake_cafim.dynamics.rotations import exponential, product
+from drake_cafim.dynamics.rotations import exponential, product, rotation_matrices
 from drake_cafim.typing import Array
 
 SIZES = (1e-7,) * 3 + (1e-6,) * 3 + (1e-6,) * 3 + (1e-5,) * 3
@@ -17,13 +18,13 @@ PART = 1e-9
 """Of the largest of a memory's numbers, their finite step."""
 
 
-def remembering(body: FreeBody, fine: Fine, moment: Moment, transition: Array, forced: Array) -> tuple[Array, Array]:
+def remembering(body: FreeBody, fine: Fine, transition: Array, forced: Array) -> tuple[Array, Array]:
     """`transition` (F, 12, 12) and `forced` (F, 12, 6) of the steps, the memory carried along: (F, n, n), (F, n, 6).
 
     With z the memory at a step's beginning, δx₊ = T δx + Φ B δz and δz₊ = K δz + P δx₊, Φ `forced`, B = ∂a/∂z.
     """
     K, P = _kept(body, fine)
-    moved = np.concatenate([transition, forced @ _by_memory(body, fine, moment), forced], axis=2)
+    moved = np.concatenate([transition, forced @ _by_memory(body, fine), forced], axis=2)
     n = 12 + K.shape[2]
     remembered = P @ moved
     remembered[:, :, 12:n] += K
@@ -38,9 +39,10 @@ def midway(fine: Fine) -> State:
     return State(p, quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True), v, w)
 
 
-def midway_acceleration(body: FreeBody, fine: Fine, moment: Moment, state: State, memory: Array) -> Array:
-    """v̇ and ω̇ (F, 6) in the middle of steps that begin with `memory`, at `state` (F) there."""
-    return body.acceleration(state, fine.mode, remember(body, memory, state, fine.mode, 0.5 * fine.step), moment)
+def midway_acceleration(body: FreeBody, fine: Fine, moment: Moment, state: State) -> Array:
+    """v̇ and ω̇ (F, 6) in the middle of the steps, at `state` (F) there."""
+    memory = remember(body, fine.memory, state, fine.mode, 0.5 * fine.step, fine.mode)
+    return body.acceleration(state, fine.mode, memory, moment)
 
 
 def landed_sooner(body: FreeBody, state: State, before: Flags, after: Flags) -> Array:
@@ -67,34 +69,50 @@ def _sizes(fine: Fine) -> Array:
     return np.asarray(PART * np.where(largest > 0.0, largest, 1.0), dtype=float)
 
 
-def _by_memory(body: FreeBody, fine: Fine, moment: Moment) -> Array:
+def _by_memory(body: FreeBody, fine: Fine) -> Array:
     """∂(v̇, ω̇)/∂z (F, 6, K m) in the steps' middles, by the memory at their beginnings."""
-    state = midway(fine)
-    here = midway_acceleration(body, fine, moment, state, fine.memory)
-    columns = []
-    for point in range(body.points):
-        for k, size in enumerate(_sizes(fine)):
-            memory = fine.memory.copy()
-            memory[:, point, k] += size
-            columns.append((midway_acceleration(body, fine, moment, state, memory) - here) / size)
-    return np.stack(columns, axis=2)
+    contact, state = body.contact, midway(fine)
+    rows, columns = np.nonzero(fine.mode)
+    result = np.zeros((len(fine.time), 6, *fine.memory.shape[1:]))
+    if contact is None or len(rows) == 0:
+        return result.reshape(len(fine.time), 6, -1)
+    R = rotation_matrices(state.quaternion)
+    lever = body.levers(R)[rows, :, columns]
+    touch = body.touch(state[rows], lever, fine.mode[rows, columns])
+    turned = np.zeros((len(rows), 6, 6))
+    turned[:, :3, :3] = turned[:, 3:, 3:] = R[rows]
+    inverse = turned @ body.inertial[3] @ np.swapaxes(turned, 1, 2)
+
+    def pushed(memory: Array) -> Array:
+        ahead = contact.ahead(memory, touch, 0.5 * fine.step[rows], np.zeros(len(rows)))
+        force, torque = contact.force(touch, ahead)
+        wrench = np.concatenate([force, cross(lever, force) + torque], axis=1)
+        return np.asarray((inverse @ wrench[:, :, None])[..., 0])
+
+    memory = fine.memory[rows, columns]
+    here = pushed(memory)
+    for k, size in enumerate(_sizes(fine)):
+        other = memory.copy()
+        other[:, k] += size
+        result[rows, :, columns, k] = (pushed(other) - here) / size
+    return result.reshape(len(fine.time), 6, -1)
 
 
 def _kept(body: FreeBody, fine: Fine) -> tuple[Array, Array]:
-    """∂z₊/∂z (F, K m, K m) and ∂z₊/∂x₊ (F, K m, 12)."""
+    """∂z₊/∂z (F, K m, K m) and ∂z₊/∂x₊ (F, K m, 12), of the points that touch or are about to."""
     F, points, m = fine.memory.shape
-    ended = _ended(fine)
-    here = remember(body, fine.memory, ended, fine.mode, fine.step)
+    ended, asked = _ended(fine), fine.mode | np.roll(fine.mode, -1, axis=0)
+    here = remember(body, fine.memory, ended, fine.mode, fine.step, asked)
     kept = np.zeros((F, points, m, points, m))
     for k, size in enumerate(_sizes(fine)):
         memory = fine.memory.copy()
         memory[:, :, k] += size
-        change = (remember(body, memory, ended, fine.mode, fine.step) - here) / size
+        change = (remember(body, memory, ended, fine.mode, fine.step, asked) - here) / size
         for point in range(points):
             kept[:, point, :, point, k] = change[:, point]
     pushed = np.zeros((F, points, m, 12))
     for k, size in enumerate(FINE_SIZES):
-        change = remember(body, fine.memory, shifted(ended, k, size), fine.mode, fine.step) - here
+        change = remember(body, fine.memory, shifted(ended, k, size), fine.mode, fine.step, asked) - here
         pushed[..., k] = change / size
     return kept.reshape(F, points * m, points * m), pushed.reshape(F, points * m, 12)
 

@@ -131,12 +131,12 @@ class Tangent:
         """J (F, 12, 12) where contacts remember: at a step's beginning they do not know yet which way it goes."""
         f = self.fine
         state = midway(f)
-        here = midway_acceleration(self.body, f, self.moment, state, f.memory)
+        here = midway_acceleration(self.body, f, self.moment, state)
         J = np.zeros((len(f.time), 12, 12))
         J[:, :3, 6:9] = J[:, 3:6, 9:] = np.eye(3)
         J[:, 3:6, 3:6] = skew(state.w)
         for k, size in enumerate(FINE_SIZES):
-            moved_on = midway_acceleration(self.body, f, self.moment, shifted(state, k, size), f.memory)
+            moved_on = midway_acceleration(self.body, f, self.moment, shifted(state, k, size))
             J[:, 6:, k] = (moved_on - here) / size
         return J
 
@@ -153,7 +153,7 @@ class Tangent:
         both = np.linalg.solve(denominator, np.concatenate([identity + hJ / 3.0, forced], axis=2))
         transition, forced = both[:, :, :12], both[:, :, 12:]
         if self.body.memory:
-            transition, forced = remembering(self.body, self.fine, self.moment, transition, forced)
+            transition, forced = remembering(self.body, self.fine, transition, forced)
         landed, more = self.landings, transition.shape[1] - 12
         for row, gain, by_state in zip(landed.row, landed.gain, landed.by_state, strict=True):
             # the state jumps before the step, so that what the step makes of it is changed from the right
