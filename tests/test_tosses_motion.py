@@ -14,6 +14,9 @@ from drake_cafim.diagnosis.tosses.free_body import FreeBody, Moment, State
 from drake_cafim.diagnosis.tosses.innovation import Innovation
 from drake_cafim.diagnosis.tosses.tangent import Tangent, moved
 from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product, rotation_matrices
+from drake_cafim.effects.contact_friction import ContactPresliding
+from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.normal_contact import ContactViscoelasticRelaxation
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.scene import Scene
 from tests.tosses import BALL, BLOCK, SCENARIO, thrown_scene
@@ -104,6 +107,31 @@ def test_slopes_are_those_of_finite_steps_through_a_bounce(tmp_path: Path, shape
     change = (tangent.acceleration(stiffer[0]) - tangent.acceleration(stiffer[1])) / 60.0
     by_stiffness = tangent.propagated(np.zeros((1, 12, 1)), change[..., None])[..., :6, 0]
     assert np.max(np.abs(by_stiffness - finite)) < 0.1 * np.max(np.abs(finite))
+
+
+@pytest.mark.parametrize("shape", [BALL, BLOCK])
+@pytest.mark.parametrize(
+    "effect",
+    [
+        ContactPresliding("body/ground", {"distance": 3e-4}),
+        ContactViscoelasticRelaxation("body/ground", {"stiffness": 2000.0, "time_constant": 0.02}),
+    ],
+)
+def test_slopes_go_through_what_a_contact_remembers(tmp_path: Path, shape: str, effect: Effect) -> None:
+    body = FreeBody(thrown_scene(tmp_path, shape).physics.with_effects([effect]))
+    start = State(np.array([[0.0, 0.0, 0.07]]), exponential(np.array([[0.3, 0.2, 0.1]])), np.array([[0.3, 0.1, -0.5]]),
+                  np.array([[1.0, -2.0, 0.5]]))  # fmt: skip
+    times = np.arange(0.0, 0.08, 0.004)[None]
+    flights = _flown(body, start, times)
+    assert np.any(flights.fine.mode)
+    moment = Moment(flights.fine.time, np.zeros(len(flights.fine.time), dtype=int), ("a",))
+    by_start = Tangent(body, flights, times, moment).propagated(np.eye(12)[None], None)
+    for k, size in ((2, 1e-5), (6, 1e-3), (7, 1e-3), (10, 1e-2)):
+        step = np.zeros((1, 12))
+        step[0, k] = size
+        finite = _differences(_flown(body, moved(start, step), times), _flown(body, moved(start, -step), times))
+        finite /= 2.0 * size
+        assert np.max(np.abs(by_start[..., :6, k] - finite)) < 0.1 * np.max(np.abs(finite))
 
 
 def test_innovations_do_not_see_the_initial_state_and_keep_the_noise_white() -> None:

@@ -17,9 +17,7 @@ from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.tosses.pulses import strongest_pushes as strongest_tosses
 from drake_cafim.effects.actuator import (
     ActuatorDeadZone,
-    ActuatorDelay,
     ActuatorEffect,
-    ActuatorLag,
     ActuatorSaturation,
 )
 from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance, pulse
@@ -52,7 +50,7 @@ RAN_AWAY = 1e100
 """A hidden state that was simulated with a value it is not stable for."""
 LEAST_ECHO = 8.0
 """Gain of a coupling that is worth asking whether it is an echo of noise."""
-OF_COMMANDS = (ActuatorSaturation, ActuatorDeadZone, ActuatorDelay, ActuatorLag)
+OF_COMMANDS = (ActuatorSaturation, ActuatorDeadZone)
 
 
 def hypotheses(problem: Problem) -> tuple[Effect, ...]:

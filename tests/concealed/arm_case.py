@@ -21,6 +21,8 @@ from .truth import Channels, Concealed
 from .urdf import arm_urdf
 
 MEMBERS = len(RECORDINGS)
+OF_COMMANDS = ("actuator_saturation", "actuator_dead_zone")
+"""What an effort that is measured has been through, and what only a commanded one can show."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +148,8 @@ def make_arm(rng: np.random.Generator, size: int, kind: str, only: int | None = 
     duration = settings.step * settings.samples
     context = ArmContext(nominal, desired.q, desired.v, feedforward, duration, settings.has_velocity, RECORDINGS)
     effects = draw_effects(rng, context, kind)
+    if any(item.effect in OF_COMMANDS for item in effects):
+        settings = replace(settings, effort_std=0.0)
     effects = effects if only is None else (effects[only],)
     if settings.skip:
         effects = tuple(_shifted(item, settings.step * settings.skip) for item in effects)

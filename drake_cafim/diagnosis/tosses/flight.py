@@ -115,7 +115,7 @@ def fly(
         held = touching[good]
         fresh = np.where(held, (deep > 0.0) | (sinking > 0.0), (deep > -1e-8) & (sinking > 0.0))
         if body.memory:
-            memory[rows] = remember(body, remembered[good], ended, held, step[good]) * fresh[:, :, None]
+            memory[rows] = remember(body, remembered[good], ended, held, step[good])
         mode[rows] = fresh
         done = np.abs(times[rows, following[rows]] - time[rows]) < 1e-12
         arrived = rows[done]
@@ -134,15 +134,18 @@ def _store(into: State, rows: Any, columns: Any, state: State) -> None:
 
 
 def remember(body: FreeBody, memory: Array, ended: State, mode: Flags, elapsed: Array) -> Array:
-    """The points' memory (B, K, m) `elapsed` (B,) s later, at the states that it led to."""
-    result = np.zeros_like(memory)
-    rows, columns = np.nonzero(mode)
-    if len(rows) and body.contact is not None:
-        lever = body.levers(rotation_matrices(ended.quaternion))[rows, :, columns]
-        touch = body.touch(ended[rows], lever, mode[rows, columns])
-        zero = np.zeros(len(rows))
-        result[rows, columns] = body.contact.ahead(memory[rows, columns], touch, elapsed[rows], zero)
-    return result
+    """The points' memory (B, K, m) `elapsed` (B,) s later, at the states that it led to.
+
+    What does not touch remembers where it is, and nothing else.
+    """
+    B, K, m = memory.shape
+    if B * K == 0 or body.contact is None:
+        return np.zeros_like(memory)
+    rows, columns = np.repeat(np.arange(B), K), np.tile(np.arange(K), B)
+    lever = body.levers(rotation_matrices(ended.quaternion))[rows, :, columns]
+    touch = body.touch(ended[rows], lever, mode.ravel())
+    ahead = body.contact.ahead(memory.reshape(B * K, m), touch, np.repeat(elapsed, K), np.zeros(B * K))
+    return ahead.reshape(B, K, m)
 
 
 def _time_to_land(body: FreeBody, state: State, mode: Flags, acceleration: Array) -> Array:

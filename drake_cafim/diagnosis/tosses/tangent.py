@@ -3,7 +3,7 @@
 Between touch-downs δẋ = J δx + δa with δx = (δp, δθ, δv, δω), θ the small rotation about the world's axes, taken
 along the recorded steps by the L-stable Padé approximation (1, 2) of the exponential. At a touch-down the flights
 nearby land a little earlier or later, which adds (ẋ₊ − ẋ₋) δd/ḋ (saltation; Leine, Nijmeijer, Dynamics and
-Bifurcations of Non-Smooth Mechanical Systems, 2004, ch. 7).
+Bifurcations of Non-Smooth Mechanical Systems, 2004, ch. 7). What contacts remember is carried along beside the state.
 """
 
 from dataclasses import dataclass
@@ -15,12 +15,18 @@ import numpy as np
 from drake_cafim.cross import cross
 from drake_cafim.diagnosis.tosses.flight import Fine, Flights
 from drake_cafim.diagnosis.tosses.free_body import FreeBody, Moment, State
+from drake_cafim.diagnosis.tosses.memory_slopes import (
+    FINE_SIZES,
+    SIZES,
+    landed_sooner,
+    midway,
+    midway_acceleration,
+    remembering,
+    shifted,
+)
 from drake_cafim.dynamics.motion import skew
 from drake_cafim.dynamics.rotations import exponential, product, rotation_matrices
 from drake_cafim.typing import Array
-
-SIZES = (1e-7,) * 3 + (1e-6,) * 3 + (1e-6,) * 3 + (1e-5,) * 3
-"""Finite steps of p (m), θ (rad), v (m/s) and ω (rad/s)."""
 
 INSIDE = 2e-6
 """m"""
@@ -28,7 +34,7 @@ INSIDE = 2e-6
 
 @dataclass(frozen=True)
 class Landings:
-    """Touch-downs: the step that each opens, (E,), its point (E,), and what δd m adds to the state, (E, 12)."""
+    """Touch-downs: the step that each opens, (E,), its point (E,), and what δd m adds to state and memory, (E, n)."""
 
     row: np.ndarray[Any, np.dtype[np.int64]]
     point: np.ndarray[Any, np.dtype[np.int64]]
@@ -69,6 +75,11 @@ class Tangent:
         f = self.fine
         return body.acceleration(f.state, f.mode, f.memory if memory is None else memory, self.moment)
 
+    @property
+    def _size(self) -> int:
+        """Numbers of the state and of what the points remember."""
+        return 12 + self.body.points * self.body.memory
+
     @cached_property
     def landings(self) -> Landings:
         f = self.fine
@@ -77,7 +88,7 @@ class Tangent:
             fresh[1:] = f.mode[1:] & ~f.mode[:-1] & (f.flight[1:] == f.flight[:-1])[:, None]
         row, point = np.nonzero(fresh)
         if len(row) == 0 or self.body.contact is None:
-            return Landings(row, point, np.zeros((0, 12)), np.zeros((0, 12)))
+            return Landings(row, point, np.zeros((0, self._size)), np.zeros((0, 12)))
         state, n = f.state[row], self.body.contact.normal
         lever = self.body.levers(rotation_matrices(state.quaternion))[np.arange(len(row)), :, point]
         sinking = -np.einsum("ei,i->e", state.v + cross(state.w, lever), n)
@@ -87,8 +98,11 @@ class Tangent:
         after[np.arange(len(row)), point] = True
         jump = self.body.acceleration(state, after, f.memory[row], self.moment[row])
         jump = jump - self.body.acceleration(state, before, f.memory[row], self.moment[row])
-        gain = np.zeros((len(row), 12))
-        gain[:, 6:] = jump / np.maximum(sinking, 1e-3)[:, None]
+        gain = np.zeros((len(row), self._size))
+        gain[:, 6:12] = jump / np.maximum(sinking, 1e-3)[:, None]
+        if self.body.memory:
+            sooner = landed_sooner(self.body, state, before, after)
+            gain[:, 12:] = sooner / np.maximum(sinking, 1e-3)[:, None]
         by_state = np.zeros((len(row), 12))
         by_state[:, :3] = -n
         by_state[:, 3:6] = -cross(lever, np.broadcast_to(n, lever.shape))
@@ -98,6 +112,8 @@ class Tangent:
     def slopes(self) -> Array:
         """J (F, 12, 12) in the middle of each step."""
         f = self.fine
+        if self.body.memory:
+            return self._slopes_midway()
         # a point that has just landed is looked at where it presses, so that no step leaves the plane
         state = f.state
         if self.body.contact is not None:
@@ -107,24 +123,43 @@ class Tangent:
         J[:, :3, 6:9] = J[:, 3:6, 9:] = np.eye(3)
         J[:, 3:6, 3:6] = skew(f.state.w)
         for k, size in enumerate(SIZES):
-            moved = self.body.acceleration(_shifted(state, k, size), f.mode, f.memory, self.moment)
+            moved = self.body.acceleration(shifted(state, k, size), f.mode, f.memory, self.moment)
             J[:, 6:, k] = (moved - here) / size
         return self.middle(J)
 
+    def _slopes_midway(self) -> Array:
+        """J (F, 12, 12) where contacts remember: at a step's beginning they do not know yet which way it goes."""
+        f = self.fine
+        state = midway(f)
+        here = midway_acceleration(self.body, f, self.moment, state, f.memory)
+        J = np.zeros((len(f.time), 12, 12))
+        J[:, :3, 6:9] = J[:, 3:6, 9:] = np.eye(3)
+        J[:, 3:6, 3:6] = skew(state.w)
+        for k, size in enumerate(FINE_SIZES):
+            moved_on = midway_acceleration(self.body, f, self.moment, shifted(state, k, size), f.memory)
+            J[:, 6:, k] = (moved_on - here) / size
+        return J
+
     @cached_property
     def _steps(self) -> tuple[Array, Array]:
-        """What a step makes of the state before it, (F, 12, 12), and of an acceleration during it, (F, 12, 6)."""
+        """What a step makes of the state and the memory before it, (F, n, n), and of an acceleration on it, (F, n, 6).
+
+        n is 12 and as many as the contact's points remember.
+        """
         hJ = self.fine.step[:, None, None] * self.slopes
         identity = np.eye(12)
         denominator = identity - 2.0 / 3.0 * hJ + hJ @ hJ / 6.0
         forced = (self.fine.step[:, None, None] * (identity - hJ / 6.0))[:, :, 6:]
         both = np.linalg.solve(denominator, np.concatenate([identity + hJ / 3.0, forced], axis=2))
-        transition = both[:, :, :12]
-        landed = self.landings
+        transition, forced = both[:, :, :12], both[:, :, 12:]
+        if self.body.memory:
+            transition, forced = remembering(self.body, self.fine, self.moment, transition, forced)
+        landed, more = self.landings, transition.shape[1] - 12
         for row, gain, by_state in zip(landed.row, landed.gain, landed.by_state, strict=True):
             # the state jumps before the step, so that what the step makes of it is changed from the right
-            transition[row] = transition[row] + np.outer(transition[row] @ gain, by_state)
-        return transition, both[:, :, 12:]
+            jump = transition[row] @ gain
+            transition[row] = transition[row] + np.outer(jump, np.pad(by_state, (0, more)))
+        return transition, forced
 
     @cached_property
     def _order(self) -> tuple[Any, Any]:
@@ -159,9 +194,10 @@ class Tangent:
             bare = transition[landed.row] @ landed.gain[:, :, None]
             np.add.at(pushes, landed.row, bare * deeper[:, None, :])
         steps, sample = self._order
-        x = initial.copy()
+        x = np.zeros((B, transition.shape[1], initial.shape[2]))
+        x[:, :12] = initial
         result = np.zeros((B, S, 12, initial.shape[2]))
-        result[:, 0] = x
+        result[:, 0] = initial
         for rows in steps:
             alive = np.flatnonzero(rows >= 0)
             own = rows[alive]
@@ -169,21 +205,8 @@ class Tangent:
             if pushes is not None:
                 x[alive] += pushes[own]
             there = sample[own] >= 0
-            result[alive[there], sample[own[there]]] = x[alive[there]]
+            result[alive[there], sample[own[there]]] = x[alive[there], :12]
         return result
-
-
-def _shifted(state: State, k: int, size: float) -> State:
-    """The states with the k-th of their twelve numbers changed."""
-    step = np.zeros(3)
-    step[k % 3] = size
-    if k < 3:
-        return State(state.p + step, state.quaternion, state.v, state.w)
-    if k < 6:
-        return State(state.p, product(exponential(step), state.quaternion), state.v, state.w)
-    if k < 9:
-        return State(state.p, state.quaternion, state.v + step, state.w)
-    return State(state.p, state.quaternion, state.v, state.w + step)
 
 
 def moved(state: State, change: Array) -> State:

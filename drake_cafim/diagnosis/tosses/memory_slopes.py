@@ -1,0 +1,112 @@
+"""How what a contact remembers goes on with the motion, and the motion with it, to first order."""
+
+import numpy as np
+
+from drake_cafim.diagnosis.tosses.flight import Fine, remember
+from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State
+from drake_cafim.dynamics.rotations import exponential, product
+from drake_cafim.typing import Array
+
+SIZES = (1e-7,) * 3 + (1e-6,) * 3 + (1e-6,) * 3 + (1e-5,) * 3
+"""Finite steps of p (m), θ (rad), v (m/s) and ω (rad/s)."""
+FINE_SIZES = (1e-10,) * 3 + (1e-9,) * 3 + SIZES[6:]
+"""The same where a contact remembers: a step may slide by less than 1e-7 m, and its way has a kink at rest."""
+SOONER = 1e-8
+"""s"""
+PART = 1e-9
+"""Of the largest of a memory's numbers, their finite step."""
+
+
+def remembering(body: FreeBody, fine: Fine, moment: Moment, transition: Array, forced: Array) -> tuple[Array, Array]:
+    """`transition` (F, 12, 12) and `forced` (F, 12, 6) of the steps, the memory carried along: (F, n, n), (F, n, 6).
+
+    With z the memory at a step's beginning, δx₊ = T δx + Φ B δz and δz₊ = K δz + P δx₊, Φ `forced`, B = ∂a/∂z.
+    """
+    K, P = _kept(body, fine)
+    moved = np.concatenate([transition, forced @ _by_memory(body, fine, moment), forced], axis=2)
+    n = 12 + K.shape[2]
+    remembered = P @ moved
+    remembered[:, :, 12:n] += K
+    both = np.concatenate([moved, remembered], axis=1)
+    return both[:, :, :n], both[:, :, n:]
+
+
+def midway(fine: Fine) -> State:
+    """The states (F) in the middle of the steps."""
+    ended = _ended(fine)
+    p, quaternion, v, w = (0.5 * (getattr(fine.state, k) + getattr(ended, k)) for k in ("p", "quaternion", "v", "w"))
+    return State(p, quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True), v, w)
+
+
+def midway_acceleration(body: FreeBody, fine: Fine, moment: Moment, state: State, memory: Array) -> Array:
+    """v̇ and ω̇ (F, 6) in the middle of steps that begin with `memory`, at `state` (F) there."""
+    return body.acceleration(state, fine.mode, remember(body, memory, state, fine.mode, 0.5 * fine.step), moment)
+
+
+def landed_sooner(body: FreeBody, state: State, before: Flags, after: Flags) -> Array:
+    """How the memory (E, K m) changes with each second by which the points of `after`, not `before`, land sooner."""
+    nothing = np.zeros((len(state), body.points, body.memory))
+    none, moment = np.zeros(len(state)), np.full(len(state), SOONER)
+    turned = product(exponential(-SOONER * state.w), state.quaternion)
+    then = State(state.p - SOONER * state.v, turned, state.v, state.w)
+    sooner = remember(body, remember(body, nothing, then, before, none), state, after, moment)
+    change = np.where((after & ~before)[:, :, None], sooner - remember(body, nothing, state, before, none), 0.0)
+    return np.asarray(change.reshape(len(state), -1) / SOONER)
+
+
+def _ended(fine: Fine) -> State:
+    """The states (F) at the steps' ends; the last of a flight ends nowhere."""
+    F = len(fine.time)
+    follows = np.append(fine.flight[1:] == fine.flight[:-1], False)
+    return fine.state[np.arange(F) + follows]
+
+
+def _sizes(fine: Fine) -> Array:
+    """(m,) finite steps of what a point remembers."""
+    largest = np.max(np.abs(fine.memory), axis=(0, 1), initial=0.0)
+    return np.asarray(PART * np.where(largest > 0.0, largest, 1.0), dtype=float)
+
+
+def _by_memory(body: FreeBody, fine: Fine, moment: Moment) -> Array:
+    """∂(v̇, ω̇)/∂z (F, 6, K m) in the steps' middles, by the memory at their beginnings."""
+    state = midway(fine)
+    here = midway_acceleration(body, fine, moment, state, fine.memory)
+    columns = []
+    for point in range(body.points):
+        for k, size in enumerate(_sizes(fine)):
+            memory = fine.memory.copy()
+            memory[:, point, k] += size
+            columns.append((midway_acceleration(body, fine, moment, state, memory) - here) / size)
+    return np.stack(columns, axis=2)
+
+
+def _kept(body: FreeBody, fine: Fine) -> tuple[Array, Array]:
+    """∂z₊/∂z (F, K m, K m) and ∂z₊/∂x₊ (F, K m, 12)."""
+    F, points, m = fine.memory.shape
+    ended = _ended(fine)
+    here = remember(body, fine.memory, ended, fine.mode, fine.step)
+    kept = np.zeros((F, points, m, points, m))
+    for k, size in enumerate(_sizes(fine)):
+        memory = fine.memory.copy()
+        memory[:, :, k] += size
+        change = (remember(body, memory, ended, fine.mode, fine.step) - here) / size
+        for point in range(points):
+            kept[:, point, :, point, k] = change[:, point]
+    pushed = np.zeros((F, points, m, 12))
+    for k, size in enumerate(FINE_SIZES):
+        change = remember(body, fine.memory, shifted(ended, k, size), fine.mode, fine.step) - here
+        pushed[..., k] = change / size
+    return kept.reshape(F, points * m, points * m), pushed.reshape(F, points * m, 12)
+
+
+def shifted(state: State, k: int, size: float) -> State:
+    """The states with the k-th of their twelve numbers changed."""
+    step = np.zeros(3)
+    step[k % 3] = size
+    if k < 3:
+        return State(state.p + step, state.quaternion, state.v, state.w)
+    if k < 6:
+        return State(state.p, product(exponential(step), state.quaternion), state.v, state.w)
+    if k < 9:
+        return State(state.p, state.quaternion, state.v + step, state.w)
+    return State(state.p, state.quaternion, state.v, state.w + step)
