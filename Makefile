@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long prove ablations lint clean
+.PHONY: all demo test ci long prove ablations recoveries confusable lint clean
 
 all: demo
 
@@ -44,6 +44,14 @@ prove: $(STAMPS)/test
 # Known physics taken out of real machines, sealed and found again; DRAKE_CAFIM_DATA names the folder of the sets.
 ablations: $(STAMPS)/test
 	$(RUN)/python -m tests.concealed.ablate $(ABLATIONS)
+
+# Each effect of the vocabulary simulated by Drake, found again and followed: a row each.
+recoveries: $(STAMPS)/test
+	$(RUN)/python -m tests.recoveries.table $(RECOVERIES)
+
+# How long designed, D-optimal and random motions take to tell confusable pairs apart.
+confusable: $(STAMPS)/test
+	$(RUN)/python -m tests.benchmarks.discrimination $(CONFUSABLE)
 
 lint: $(STAMPS)/test
 	$(VENV)/bin/ruff check
