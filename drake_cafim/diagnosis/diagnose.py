@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_cafim.diagnosis.adequacy import adequacy
+from drake_cafim.diagnosis.adequacy import adequacy, by_run
 from drake_cafim.diagnosis.coloured_noise import (
     seen_memories,
     stated_memories,
@@ -42,11 +42,13 @@ from drake_cafim.effects.effect import Effect
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.units import unit_mistakes
 from drake_cafim.scenario.scene import Scene
+from drake_cafim.typing import Array
 
 RIVAL = 9.0
 """χ², in units of the noise that is left, by which a rival may fit worse: three standard deviations."""
 EXPLAINS = 0.5
-"""Under `unexplained`, effects are named only where together they take away more of the excess than they leave."""
+"""Under `unexplained`, effects are named only where they take away more of the excess than they leave, in the channel
+that they explain most of: another one may hold what nobody knows."""
 
 Progress = Callable[[str], None]
 
@@ -224,11 +226,17 @@ def _decided(outcome: Outcome, settings: Settings) -> tuple[Fit, Kind]:
     strengths = len(best.model.vector) - len(best.model.unknown)
     if best.model.effects and adequacy(outcome.problem, best.residual, strengths).p_value > settings.false_alarm_rate:
         return best, "explained"
-    before = outcome.nominal.chi_square / outcome.nominal.degrees_of_freedom - 1.0
-    after = best.chi_square / best.degrees_of_freedom - 1.0
-    if after > (1.0 - EXPLAINS) * before:
+    before, after = _excess(outcome.nominal_problem, outcome.nominal), _excess(outcome.problem, best)
+    most = int(np.argmax(before - after))
+    if after[most] > (1.0 - EXPLAINS) * before[most]:
         return outcome.nominal, "unexplained"
     return best, "unexplained"
+
+
+def _excess(problem: Problem, one: Fit) -> Array:
+    """What is beyond noise in each kind of row, (r,): the mean square of whitened rows less one."""
+    rows = np.concatenate([z for _, z in by_run(problem, one.residual[: problem.rows])])
+    return np.asarray(np.mean(rows**2, axis=0) - 1.0)
 
 
 def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Explanation, ...]:
