@@ -5,12 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.fitting import unbiased_fit
+from drake_cafim.diagnosis.fitting import fit, unbiased_fit
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.robust import wald_p_value
 from drake_cafim.diagnosis.samples import samples_of
 from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.effects.coupling import JointBacklash, JointCoupling, JointElasticity
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.effects.sensor import SensorGainError
 from drake_cafim.recordings.recording import Recording
@@ -19,13 +20,19 @@ from drake_cafim.scenario.scene import Scene
 MODEL = """<robot name="slider"><link name="base"/>
   <link name="block"><inertial><mass value="2.0"/>
     <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="rail" type="prismatic"><parent link="base"/><child link="block"/><axis xyz="1 0 0"/></joint></robot>"""
+  <joint name="rail" type="prismatic"><parent link="base"/><child link="block"/><axis xyz="1 0 0"/></joint>
+  <transmission name="drive"><type>transmission_interface/SimpleTransmission</type>
+    <joint name="rail"><hardwareInterface>EffortJointInterface</hardwareInterface></joint>
+    <actuator name="rail"><drake:rotor_inertia value="ROTOR"/><drake:gear_ratio value="1"/></actuator></transmission>
+</robot>"""
 NOISE = {"q.rail": 1e-4, "v.rail": 0.03, "u.rail": 0.0}
 
 
-def _problem(folder: Path, *, mass: float, friction: float, seed: int, still: bool = False) -> Problem:
+def _problem(
+    folder: Path, *, mass: float, friction: float, seed: int, still: bool = False, rotor: float = 0.0
+) -> Problem:
     """A sliding mass, solved exactly between the steps of its effort; the velocity is measured badly."""
-    (folder / "slider.urdf").write_text(MODEL)
+    (folder / "slider.urdf").write_text(MODEL.replace("ROTOR", str(rotor)))
     rng = np.random.default_rng(seed)
     h, N = 0.002, 1500
     time = h * np.arange(N)
@@ -74,3 +81,20 @@ def test_a_mass_is_not_drawn_to_zero_by_noise(tmp_path: Path, seed: int) -> None
     problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=seed)
     found = unbiased_fit(problem, problem.nominal())
     assert abs(found.model.unknown[0] - 2.0) < 4.0 * found.std[0]
+
+
+@pytest.mark.parametrize(
+    "coupling",
+    [
+        JointElasticity("rail", {"stiffness": 1e6, "damping": 500.0}),
+        JointBacklash("rail", {"gap": 0.0, "stiffness": 1e6, "damping": 500.0}),
+    ],
+)
+def test_a_stiff_coupling_is_a_rigid_one(tmp_path: Path, coupling: JointCoupling) -> None:
+    """Also where its law has no start to reckon with, as a gap's has not."""
+    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=3, rotor=0.5)
+    rigid = fit(problem, problem.nominal())
+    coupled = problem.residual(rigid.model.with_effects([coupling]))
+    assert float(coupled @ coupled) == pytest.approx(rigid.chi_square, abs=1.0)
+    fitted = fit(problem, rigid.model.with_effects([coupling]))
+    assert rigid.chi_square - 12.0 < fitted.chi_square < rigid.chi_square + 12.0

@@ -50,7 +50,7 @@ class Run:
 
     def whitened(self, rows: Array) -> Array:
         """Rows (M, r) or (M, r, k), flattened window after window and whitened."""
-        return self.whiten(rows.reshape(-1, *rows.shape[2:]))
+        return self.whiten(rows.reshape(self.rows, *rows.shape[2:]))
 
     def residual(self, physics: Physics) -> tuple[Array, float]:
         """Whitened rows (R,), and ln det C of the covariance C = 1 + U Uᵀ that an unknown start leaves them with.
@@ -59,9 +59,10 @@ class Run:
         multiplied by C^(−½).
         """
         rows = self.whitened(self.weak.residual(physics))
-        if not physics.couplings:
+        starts = self.weak.start_rows(physics) if physics.couplings else np.zeros((0, 0, 0))
+        if starts.shape[2] == 0:
             return rows, 0.0
-        U = self.whitened(self.weak.start_rows(physics))
+        U = self.whitened(starts)
         spread, axes = np.linalg.eigh(U.T @ U)
         spread = np.maximum(spread, 1e-12)
         shrink = (1.0 - 1.0 / np.sqrt(1.0 + spread)) / spread
