@@ -14,6 +14,7 @@ from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.effects.coupling import JointBacklash, JointCoupling, JointElasticity
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.effects.sensor import SensorGainError
+from drake_cafim.effects.transmission import JointHardStop
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import Scene
 
@@ -98,3 +99,11 @@ def test_a_stiff_coupling_is_a_rigid_one(tmp_path: Path, coupling: JointCoupling
     assert float(coupled @ coupled) == pytest.approx(rigid.chi_square, abs=1.0)
     fitted = fit(problem, rigid.model.with_effects([coupling]))
     assert rigid.chi_square - 12.0 < fitted.chi_square < rigid.chi_square + 12.0
+
+
+def test_of_what_no_row_sees_nothing_is_known(tmp_path: Path) -> None:
+    problem = _problem(tmp_path, mass=2.3, friction=0.0, seed=4)
+    stop = JointHardStop("rail", {"position": 100.0, "stiffness": 10.0, "damping": 0.1})
+    found = fit(problem, Model(problem.scene.priors.mean, (stop,)))
+    assert found.std[0] < 0.4 and np.all(found.std[1:] >= 1e6)
+    assert found.model.effects[0].values == stop.values

@@ -59,7 +59,9 @@ class Fit:
 
     @property
     def std(self) -> Array:
-        return np.asarray(np.sqrt(np.clip(np.diag(self.covariance), 0.0, None)), dtype=float)
+        """(n + k,) of unknowns and strengths; of what the rows do not see, that of nothing known."""
+        known = np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
+        return np.where(_unseen(self.model, self.jacobian), np.sqrt(NOTHING_KNOWN), known)
 
 
 def fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
@@ -174,7 +176,7 @@ def _step(
     """A model with a smaller objective, or None where no damping finds one."""
     scale = np.linalg.norm(jacobian, axis=0)
     # what the rows do not see stays where it is: its slope is rounding
-    unseen = scale * _sizes(model) < UNSEEN
+    unseen = _unseen(model, jacobian)
     scale[unseen] = 1.0
     scaled = np.where(unseen, 0.0, jacobian / scale)
     normal, gradient = scaled.T @ scaled, np.where(unseen, 0.0, scaled.T @ residual - offset / scale)
@@ -215,6 +217,12 @@ def _least_gain(problem: Problem, residual: Array) -> float:
 def _reach(model: Model) -> Array:
     """How far a step may take each number: where little is known of one, its slope says nothing from afar."""
     return STRIDE * _sizes(model)
+
+
+def _unseen(model: Model, jacobian: Array) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Which strengths hardly move a row at their usual size; unknowns always have a prior's."""
+    effect = np.linalg.norm(jacobian[:, len(model.unknown) :], axis=0) * _sizes(model)[len(model.unknown) :]
+    return np.concatenate([np.zeros(len(model.unknown), dtype=bool), effect < UNSEEN])
 
 
 def _sizes(model: Model) -> Array:
