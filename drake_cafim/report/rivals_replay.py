@@ -193,8 +193,7 @@ def _cursor(replay: RivalsReplay) -> str:
         values[k].textContent = words(odds[known.findLastIndex(one => one <= time + 1e-9)]);
       }});
     }}
-    requestAnimationFrame(show);
   }}
-  show();
+  setInterval(show, 40);
 }})();
 </script>"""
