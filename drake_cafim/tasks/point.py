@@ -23,6 +23,7 @@ class PointModel:
     workspace_lower: tuple[float, ...]
     workspace_upper: tuple[float, ...]
     speed_limit: float
+    careful_speed: float = np.inf  # m/s, of plans behind a force guard: what is met unexpectedly is felt in time
     acceleration_limit: float = np.inf  # m/s², in each coordinate, of a real arm
     substeps: int = 1
 
