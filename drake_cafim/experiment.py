@@ -217,9 +217,9 @@ class _Loop:
         self.design.begin_experiment(self.design.GetMyMutableContextFromRoot(root), number)
         estimating = self.estimator.GetMyMutableContextFromRoot(root)
         self.estimator.begin_experiment(estimating, number)
-        if self.guard is not None:
+        if self.guard is not None and number == 0:  # what it has felt, it knows in the experiments that follow
             belief = self.estimator.belief(estimating)
-            self.guard.begin_experiment(self.guard.GetMyMutableContextFromRoot(root), belief)
+            self.guard.begin(self.guard.GetMyMutableContextFromRoot(root), belief)
         logs: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.sinks.items()}
         recorders: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.recorders.items()}
         for log in (*logs.values(), *recorders.values()):

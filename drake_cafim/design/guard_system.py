@@ -38,7 +38,7 @@ class ForceGuard(LeafSystem):
         self.DeclareVectorOutputPort("command", axes, self._guard)
         self.DeclarePeriodicDiscreteUpdateEvent(model.period, 0.0, self._learn)
 
-    def begin_experiment(self, context: Context, belief: Belief) -> None:
+    def begin(self, context: Context, belief: Belief) -> None:
         """Forget in `context` (this system's own) what was felt: nothing is touched yet, and `belief` is all."""
         first = first_force_belief(self._model, belief, self._config.filter)
         state: Any = context.get_mutable_discrete_state()
