@@ -169,7 +169,8 @@ class Course:
         count = problem.runs[0].weak.rows_per_window
         J = explained.slopes.reshape(-1, count, len(explained.x))
         z = (here - explained.slopes @ explained.x).reshape(-1, count)
-        information, slope = np.einsum("wri,wrj->wij", J, J), np.einsum("wri,wr->wi", J, z)
+        Jt = J.transpose(0, 2, 1)
+        information, slope = Jt @ J, (Jt @ z[..., None])[..., 0]
         return cls(np.cumsum(information, axis=0), np.cumsum(slope, axis=0), np.cumsum(np.sum(z**2, axis=1)))
 
     def after(self, before: "Course", times: float = 1.0) -> "Course":
@@ -177,9 +178,8 @@ class Course:
         information, slope, square = before.information[-1], before.slope[-1], before.square[-1]
         return Course(self.information + times * information, self.slope + times * slope, self.square + times * square)
 
-    def repeated(self, count: int) -> "Course":
-        """What is said after the whole motion was run once, twice and up to `count` times, instead of by window."""
-        times = 1.0 + np.arange(count)
+    def repeated(self, times: Array) -> "Course":
+        """What is said after the whole motion was run each of `times` (K,), instead of by window."""
         information, slope = (np.multiply.outer(times, one[-1]) for one in (self.information, self.slope))
         return Course(information, slope, times * self.square[-1])
 
@@ -204,7 +204,7 @@ class Course:
         return np.asarray(self.slope.shape[-1] - np.trace(np.linalg.inv(self._posterior), axis1=1, axis2=2))
 
 
-def expected(problem: Problem, truth: Explained, rival: Explained, *, steps: int = 2) -> tuple[Course, Course]:
+def expected(problem: Problem, truth: Explained, rival: Explained, *, steps: int = 8) -> tuple[Course, Course]:
     """The courses of both models along a planned motion, of the data that `truth` makes without noise.
 
     Both were `looked` at on it. `problem` holds the motion as the nominal model makes it: a model's rows on the data of
