@@ -122,7 +122,8 @@ unknown:
 
 
 USUAL, QUICK = Shape(), Shape(spacing=0.04)
-"""The quick one is for explanations that are milliseconds apart: as many numbers in half the time."""
+"""The quick one is for explanations that are milliseconds apart: as many numbers in half the time. An elasticity that
+quick motions only just show would be stiffer than the steps of simulation can follow."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ GROUPS = (
     Group("bias, spring", ("actuator_bias@elbow", "joint_spring@elbow")),
     Group("dead zone, gain", ("actuator_dead_zone@elbow", "actuator_gain_error@elbow")),
     Group("lag, delay", ("actuator_lag@elbow", "actuator_delay@elbow"), ARM, COMMANDED_SCENARIO, QUICK),
-    Group("delay, elasticity", ("actuator_delay@elbow", "joint_elasticity@elbow"), ARM, COMMANDED_SCENARIO, QUICK),
+    Group("delay, elasticity", ("actuator_delay@elbow", "joint_elasticity@elbow"), ARM, COMMANDED_SCENARIO),
     Group(
         "gain, payload, load friction",
         ("actuator_gain_error@elbow", "payload@fore", "joint_load_dependent_friction@elbow"),
