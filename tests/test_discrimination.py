@@ -25,6 +25,7 @@ from drake_cafim.effects.joint import JointSpring, JointViscousFriction
 from drake_cafim.errors import InputError
 from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.scenario.scene import Scene
+from drake_cafim.scenario.unknown import applied
 from drake_cafim.typing import Array
 
 ARM = """<robot name="arm" xmlns:drake="http://drake.mit.edu">
@@ -300,6 +301,16 @@ def test_a_start_is_among_the_candidates(scene: Scene) -> None:
     np.testing.assert_array_equal(designer.commands(good.knots), good.commands)
     poor = np.zeros_like(good.knots)
     assert designer.design(odds, np.random.default_rng(1), starts=[poor]).value == good.value
+
+
+def test_physics_that_are_kept_are_those_of_their_unknowns(scene: Scene) -> None:
+    other = scene.corrected(scene.priors.mean + 0.01, ())
+    for k in range(300):
+        vector = scene.priors.mean + 1e-4 * (k % 200)
+        for one in (scene, other):
+            kept, fresh = one.physics_at(vector), applied(one.unknown, one.physics, vector)
+            assert kept.tree.bodies[1].mass == fresh.tree.bodies[1].mass
+    assert scene.physics_at(vector) is scene.physics_at(vector.copy())
 
 
 def test_runs_side_by_side_are_those_of_one_after_another(scene: Scene) -> None:

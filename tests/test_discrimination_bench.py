@@ -14,7 +14,7 @@ from drake_cafim.discrimination.hypotheses import parsed
 
 @pytest.mark.parametrize("group", GROUPS, ids=lambda one: one.slug)
 def test_every_explanation_shows_on_its_machine(group: Group, tmp_path: Path) -> None:
-    designer = Designer.of(group.scene(tmp_path))
+    designer = Designer.of(group.scene(tmp_path), group.shape)
     scene = designer.scene
     problem = designer.problem(random_motion(designer, np.random.default_rng(0)))
     nominal = problem.residual(problem.nominal())[: problem.rows]

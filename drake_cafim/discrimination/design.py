@@ -34,7 +34,7 @@ class Effort:
     """
 
     config: PlannerConfig
-    rounds: int = 30
+    rounds: int = 20
     planner: PlannerName = "predictive-sampling"
 
     def config_of(self, number: int) -> PlannerConfig:

@@ -6,15 +6,16 @@ prints the table. For each explanation of a group, were it true, each motion is 
 again, and recorded with noise; the robot time after which the odds for the truth against each of its rivals are over
 20 : 1 is counted. A group's time for a seed is that of the explanation that takes longest.
 
-All motions are cycles of 2 s, from rest to rest, run again and again. There are two D-optimal ones, of the most
-ln det F: in the scenario's unknown parameters, as experiments are designed that do not discriminate, and in all
-explanations' strengths too, which is harder to beat. They have the designed one's planner, its budget and its first
-draws; both are among the first candidates of the designed one's search, which maximises what motions are expected to
-bring and sees none of the noise that is counted here. Random ones are drawn as the package's random policy draws them,
-velocities through random knots up to the joints' limits: six, and each seed repeats one of them. The last column is of
-runs that take another of the six each time instead. The controller reads the joints without noise, so that a motion's
-seeds share one simulation; noise is on all that is recorded. Odds along a run are those of its noisy data, each
-explanation refitted to first order about its best numbers for the data without noise.
+All motions are cycles from rest to rest, of 2 s, and of 1 s where lag and delay are milliseconds apart, run again and
+again. There are two D-optimal ones, of the most ln det F: in the scenario's unknown parameters, as experiments are
+designed that do not discriminate, and in all explanations' strengths too, which is harder to beat. They have the
+designed one's planner, its budget and its first draws; both are among the first candidates of the designed one's
+search, which maximises what motions are expected to bring and sees none of the noise that is counted here. Random ones
+are drawn as the package's random policy draws them, velocities through random knots up to the joints' limits: six, and
+each seed repeats one of them. The last column is of runs that take another of the six each time instead. The controller
+reads the joints without noise, so that a motion's seeds share one simulation; noise is on all that is recorded. Odds
+along a run are those of its noisy data, each explanation refitted to first order about its best numbers for the data
+without noise.
 
 What was finished stands in the folder and is not done again.
 """
@@ -24,7 +25,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ from drake_cafim.cli import progress_line
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.discrimination.closed_loop import measured, noisy, simulated_together
-from drake_cafim.discrimination.design import Designer, Progress
+from drake_cafim.discrimination.design import Designer, Progress, default_effort
 from drake_cafim.discrimination.evidence import Course, Explained, explain, looked
 from drake_cafim.discrimination.motions import Motion
 from drake_cafim.discrimination.scores import TWENTY_TO_ONE, Information, Soonest, Value
@@ -45,6 +46,8 @@ from .confusable import GROUPS, Group, models, pairs, random_motion
 
 CYCLES = 64
 """Motions of a run after which it is given up."""
+ROUNDS = 30
+"""Of a search, half as many again as the package's own."""
 RANDOM_POOL = 6
 """Different random motions."""
 UNKNOWNS, STRENGTHS = "D-optimal in unknowns", "D-optimal in strengths too"
@@ -100,7 +103,8 @@ def settled(designer: Designer, cycles: Sequence[Cycle], random: np.random.Gener
 
 def measure(group: Group, seeds: int, out: Path, progress: Progress) -> dict[str, object]:
     """Settling times by policy: one list of seeds for each explanation."""
-    designer = Designer.of(group.scene(out / "machines" / group.slug))
+    effort = replace(default_effort(group.shape), rounds=ROUNDS)
+    designer = Designer.of(group.scene(out / "machines" / group.slug), group.shape, effort)
     progress(f"{group.name}: sizes")
     found = models(group, designer, np.random.default_rng(0))
     random = np.random.default_rng(1)
