@@ -13,7 +13,9 @@ from drake_cafim.diagrams.concealing import Concealed, known
 from drake_cafim.diagrams.configured import configured
 from drake_cafim.diagrams.showing import View
 from drake_cafim.diagrams.world import WorldKind, start_context
+from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.errors import InputError
+from drake_cafim.scenario.scene import Scene
 from drake_cafim.scenario.schema import Scenario
 from drake_cafim.tasks.compliant_hefting import CompliantHefting
 from drake_cafim.tasks.configure import configure
@@ -56,6 +58,8 @@ class Stage:
     view: View
     effects: tuple[Concealed, ...] = ()
     """`effects:` of the scenario, which its world has."""
+    contacts: tuple[SphereContact, ...] = ()
+    """`contact:` of the scenario."""
 
     def diagram(
         self,
@@ -65,11 +69,18 @@ class Stage:
         concealed: Sequence[Concealed] = (),
         meshcat: Meshcat | None = None,
     ) -> Diagram:
-        """A world of this kind, as the scenario's `build_world` documents it."""
+        """A world of this kind, as the scenario's `build_world` documents it.
+
+        Raises `InputError` for a change of contacts in world `model`, which has the planner's law for them.
+        """
+        together = [replace(one, contacts=self.contacts) for one in (*self.effects, *concealed)]
+        for one in together:
+            if one.touches and kind != "drake":
+                raise InputError(
+                    f"{one.address}: found --world {kind}, expected drake: the other has no contact to change"
+                )
         build = _WORLDS[self.name].build
-        return build(
-            self.config, self.task.truth, kind, seed=seed, concealed=(*self.effects, *concealed), meshcat=meshcat
-        )
+        return build(self.config, self.task.truth, kind, seed=seed, concealed=together, meshcat=meshcat)
 
     def world(self, kind: WorldKind, seed: int, concealed: Sequence[Concealed] = ()) -> World:
         """The same as a world for `experiment.run`, its joints recorded at every step of the plant."""
@@ -110,4 +121,5 @@ def stage_of(scenario: Scenario, source: str) -> Stage:
     values = dict(scenario.task)
     model = configure(task.model, values.pop("model", {}), f"{source}: task: model")
     task = replace(configure(task, values, f"{source}: task"), model=model)
-    return Stage(name, task, config, packaged.view(config), known(scenario.effects, source))
+    contacts = Scene.load(source).nominal_contacts if scenario.contact else ()
+    return Stage(name, task, config, packaged.view(config), known(scenario.effects, source), contacts)

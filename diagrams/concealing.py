@@ -8,10 +8,13 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.controllers import InverseDynamicsController
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import Adder, MatrixGain
 
 from drake_cafim.corrected.world import AffectedRobot
 from drake_cafim.diagrams.arm import add_model
+from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.tree import Tree, tree_of
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.catalogue import EFFECTS, effect_named
@@ -21,6 +24,9 @@ from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import EffectEntry
+from drake_cafim.typing import Array
+
+OF_CONTACTS = (ContactEffect, SurfaceEffect)
 
 
 @dataclass(frozen=True)
@@ -32,6 +38,13 @@ class Concealed:
     parameters: Mapping[str, float] = field(default_factory=dict)
     asked: str = "--conceal"
     """Where it stands, as messages say it."""
+    contacts: tuple[SphereContact, ...] = ()
+    """`contact:` of the scenario; effects of contacts and surfaces change one of them."""
+
+    @property
+    def touches(self) -> bool:
+        """Whether it is a change of a contact or of a surface."""
+        return any(kind.name == self.effect and issubclass(kind, OF_CONTACTS) for kind in EFFECTS)
 
     @property
     def address(self) -> str:
@@ -58,20 +71,44 @@ def _interval(entry: EffectEntry) -> dict[str, float]:
 def conceal(plant: MultibodyPlant, robot: ModelInstanceIndex, effects: Sequence[Concealed]) -> AffectedRobot:
     """The robot with `effects`, those that change the plant put into it before it is finalized.
 
-    Raises `InputError` for an effect that worlds cannot conceal, a joint, body or channel that the robot lacks, and for
-    parameters that are not the effect's own.
+    Raises `InputError` for an effect that worlds cannot conceal, a joint, body, contact or channel that there is not,
+    and for parameters that are not the effect's own.
     """
     tree = _tree(plant.GetModelInstanceName(robot))
     gravity = np.array(plant.gravity_field().gravity_vector(), dtype=float)
-    affected = AffectedRobot(tree, Physics(tree, gravity).with_effects([_effect(one, tree) for one in effects]))
+    contacts = next((one.contacts for one in effects if one.contacts), ())
+    physics = Physics(tree, gravity, contacts).with_effects([_effect(one, tree) for one in effects])
+    affected = AffectedRobot(tree, physics, contacts)
     affected.prepare(plant)
     return affected
 
 
-def connect_concealed(builder: DiagramBuilder, plant: MultibodyPlant, affected: AffectedRobot) -> None:
-    """Forces of what is concealed, beside those of the robot's control, which is in the builder."""
+def connect_concealed(
+    builder: DiagramBuilder, plant: MultibodyPlant, affected: AffectedRobot
+) -> list[tuple[int, OutputPort]]:
+    """Forces of what is concealed, beside those of the robot's control, which is in the builder.
+
+    The output is the wrenches (6,) of concealed changes of contacts, as `AffectedRobot.connect` has them.
+    """
     control = cast(InverseDynamicsController, builder.GetSubsystemByName("joint_control"))
-    affected.connect(builder, plant, control.get_output_port_control())
+    return affected.connect(builder, plant, control.get_output_port_control())
+
+
+def felt_at(
+    builder: DiagramBuilder, link: int, wrenches: Sequence[tuple[int, OutputPort]], axes: Array, felt: OutputPort
+) -> OutputPort:
+    """The force (ny,) N along `axes` (ny, 3) of W that is `felt` otherwise, with what `wrenches` exert on the link."""
+    own = [wrench for joint, wrench in wrenches if joint == link]
+    if not own:
+        return felt
+    total = builder.AddNamedSystem("force with what is concealed", Adder(1 + len(own), len(axes)))
+    builder.Connect(felt, total.get_input_port(0))
+    for number, wrench in enumerate(own, start=1):
+        gain = MatrixGain(as_array(np.pad(axes, ((0, 0), (3, 0)))))  # forces stand behind moments
+        along = builder.AddNamedSystem(f"concealed force {number}", gain)
+        builder.Connect(wrench, along.get_input_port())
+        builder.Connect(along.get_output_port(), total.get_input_port(number))
+    return total.get_output_port()
 
 
 def _tree(model: str) -> Tree:
@@ -85,8 +122,7 @@ def _tree(model: str) -> Tree:
 
 
 def _effect(one: Concealed, tree: Tree) -> Effect:
-    worlds = [kind for kind in EFFECTS if not issubclass(kind, ContactEffect | SurfaceEffect)]
-    names = [kind.name for kind in worlds if kind.name != "sensor_misalignment"]
+    names = [kind.name for kind in EFFECTS if kind.name != "sensor_misalignment"]
     if one.effect not in names:
         raise InputError(f"{one.address}: a world cannot have this effect, expected one of {', '.join(names)}")
     kind = effect_named(one.effect)
@@ -111,6 +147,13 @@ def _needed(strength: Strength, kind: type[Effect]) -> bool:
 
 
 def _check_place(one: Concealed, kind: type[Effect], tree: Tree) -> None:
+    if issubclass(kind, OF_CONTACTS):
+        if not any(kind(one.at).meets(contact) for contact in one.contacts):
+            sites = dict.fromkeys(kind.site(contact) for contact in one.contacts)
+            raise InputError(
+                f"{one.address}: the scenario's contacts (contact:) have it at {', '.join(sites) or 'no place'}"
+            )
+        return
     bodies = [body.name for body in tree.bodies if body.joint >= 0]
     channels = [f"{letter}.{name}" for letter in "qv" for name in tree.joint_names]
     places: dict[Place, tuple[str, Sequence[str]]] = {

@@ -13,7 +13,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from drake_cafim.diagrams.arm import add_model
 from drake_cafim.diagrams.arrays import as_array
-from drake_cafim.diagrams.concealing import Concealed, conceal, connect_concealed
+from drake_cafim.diagrams.concealing import Concealed, conceal, connect_concealed, felt_at
 from drake_cafim.diagrams.configured import load_section
 from drake_cafim.diagrams.control import JointGains, add_velocity_control
 from drake_cafim.diagrams.movers import JawMover
@@ -137,8 +137,9 @@ def build_world(
         force = _add_contact_sensor(builder, plant, jaws[0])
     else:
         force = _add_planner_contact(builder, plant, model, model.parameters.vector(theta), jaws, face, state)
+    added = connect_concealed(builder, plant, affected)
+    force = felt_at(builder, affected.nominal.body("left_jaw").joint, added, OUTWARDS, force)
     export_force(builder, force, std=model.noise_std.tolist(), period=model.period, seed=seed)
-    connect_concealed(builder, plant, affected)
     export_joints(builder, plant, gripper, affected)
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")

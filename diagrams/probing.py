@@ -13,7 +13,7 @@ from pydrake.systems.primitives import MatrixGain
 
 from drake_cafim.diagrams.arm import TOOL, add_arm, make_control_plant, pose_at
 from drake_cafim.diagrams.arrays import as_array
-from drake_cafim.diagrams.concealing import Concealed, conceal, connect_concealed
+from drake_cafim.diagrams.concealing import Concealed, conceal, connect_concealed, felt_at
 from drake_cafim.diagrams.control import JointGains, add_velocity_control
 from drake_cafim.diagrams.movers import ArmMover
 from drake_cafim.diagrams.objects import Surface, add_shape
@@ -124,11 +124,12 @@ def build_probing_world(
         builder.Connect(state.get_output_port(), law.get_input_port())
         builder.Connect(law.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
         force = law.GetOutputPort("contact_force")
+    added = connect_concealed(builder, plant, affected)
+    force = felt_at(builder, affected.nominal.body("flange").joint, added, coordinates.directions, force)
     reading = MatrixGain(_measured_rows(model))
     builder.AddNamedSystem("sensor_axes", reading)
     builder.Connect(force, reading.get_input_port())
     export_force(builder, reading.get_output_port(), std=model.noise_std.tolist(), period=model.period, seed=seed)
-    connect_concealed(builder, plant, affected)
     export_joints(builder, plant, instance, affected)
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")

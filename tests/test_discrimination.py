@@ -10,14 +10,14 @@ from scipy.stats import multivariate_normal
 
 from drake_cafim.design.planner import PlannerConfig
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.discrimination.closed_loop import measured, simulated
-from drake_cafim.discrimination.design import Designer, Effort
+from drake_cafim.discrimination.closed_loop import measured, simulated, simulated_together
+from drake_cafim.discrimination.design import Designer, Effort, default_effort
 from drake_cafim.discrimination.evidence import Course, expected, expected_log_odds, explain, looked
 from drake_cafim.discrimination.hypotheses import Pair, named_pair
 from drake_cafim.discrimination.motions import Limits, Shape, control_points, inverse_dynamics, plan
 from drake_cafim.discrimination.outcome import log_odds, settled_after
 from drake_cafim.discrimination.planned import noise_of, problem_of
-from drake_cafim.discrimination.scores import Information, Odds, Soonest
+from drake_cafim.discrimination.scores import Information, Odds, Soonest, passed
 from drake_cafim.effects.actuator import ActuatorBias, ActuatorDelay, ActuatorLag
 from drake_cafim.effects.coupling import JointElasticity
 from drake_cafim.effects.effect import Effect
@@ -25,6 +25,7 @@ from drake_cafim.effects.joint import JointSpring, JointViscousFriction
 from drake_cafim.errors import InputError
 from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.scenario.scene import Scene
+from drake_cafim.scenario.unknown import applied
 from drake_cafim.typing import Array
 
 ARM = """<robot name="arm" xmlns:drake="http://drake.mit.edu">
@@ -270,11 +271,59 @@ def test_the_time_until_odds_are_settled_goes_on_over_repeats(scene: Scene) -> N
     problem = designer.problem(designer.motion(designer.random_commands(np.random.default_rng(5))))
     own, other = expected(problem, looked(problem, pair.first), looked(problem, pair.second))
     after_one = float(expected_log_odds(own, other)[-1])
-    after_two = float(expected_log_odds(own.after(own), other.after(other))[-1])
     duration = designer.shape.duration
-    within = Soonest((pair,), log_odds=0.9 * after_one).directions(problem, pair)[0]
-    beyond = Soonest((pair,), log_odds=0.5 * (after_one + after_two)).directions(problem, pair)[0]
-    assert 0.0 < within < duration < beyond < 2.0 * duration
+    within, beyond = (Soonest((pair,), log_odds=x * after_one).directions(problem, pair)[0] for x in (0.2, 2.0))
+    assert 0.0 < within < duration < beyond
+    value = Soonest((pair,), log_odds=2.0 * after_one)
+    assert 1.0 / value(problem) > max(value.directions(problem, pair))
+
+
+def test_a_walk_has_passed_a_threshold_as_often_as_is_said() -> None:
+    random, threshold, count = np.random.default_rng(0), 3.0, 4000
+    steps = 0.002 + random.normal(size=(count, 3000)) * np.sqrt(0.004)
+    walks = np.maximum.accumulate(np.cumsum(steps, axis=1), axis=1)
+    means = np.array([1.0, 3.0, 6.0])
+    found = np.mean(walks[:, (500 * means - 1).astype(int)] >= threshold, axis=0)
+    # a walk that is looked at in steps misses some of its peaks
+    np.testing.assert_allclose(passed(means, threshold), found, atol=0.03)
+
+
+def test_a_start_is_among_the_candidates(scene: Scene) -> None:
+    designer, odds = (
+        replace(Designer.of(scene), effort=replace(default_effort(Shape()), rounds=0)),
+        Odds((faint(scene),)),
+    )
+    good = designer.design(odds, np.random.default_rng(1))
+    other = Information((faint(scene).first,))
+    assert designer.design(other, np.random.default_rng(1), starts=[good.knots]).value >= other(
+        designer.problem(good.planned)
+    )
+    np.testing.assert_array_equal(designer.commands(good.knots), good.commands)
+    poor = np.zeros_like(good.knots)
+    assert designer.design(odds, np.random.default_rng(1), starts=[poor]).value == good.value
+
+
+def test_physics_that_are_kept_are_those_of_their_unknowns(scene: Scene) -> None:
+    other = scene.corrected(scene.priors.mean + 0.01, ())
+    for k in range(300):
+        vector = scene.priors.mean + 1e-4 * (k % 200)
+        for one in (scene, other):
+            kept, fresh = one.physics_at(vector), applied(one.unknown, one.physics, vector)
+            assert kept.tree.bodies[1].mass == fresh.tree.bodies[1].mass
+    assert scene.physics_at(vector) is scene.physics_at(vector.copy())
+
+
+def test_runs_side_by_side_are_those_of_one_after_another(scene: Scene) -> None:
+    shape, limits, random = Shape(points=4), Limits.of(scene.tree), np.random.default_rng(3)
+    effects = [JointElasticity("elbow", {"stiffness": 60.0, "damping": 0.2}), ActuatorDelay("elbow", {"delay": 0.006})]
+    physics = scene.physics.with_effects(effects)
+    planned = [plan(shape, limits, scene.physics, random.uniform(-1.0, 1.0, (4, 2))) for _ in range(3)]
+    together = simulated_together(physics, scene.physics, limits, planned)
+    for one, run in zip(planned, together, strict=True):
+        alone = simulated(physics, scene.physics, limits, one)
+        np.testing.assert_allclose(run.q, alone.q, rtol=1e-10, atol=1e-13)
+        np.testing.assert_allclose(run.u, alone.u, rtol=1e-8, atol=1e-10)
+    assert np.max(np.abs(together[0].q - together[1].q)) > 0.1
 
 
 def test_information_counts_every_effect_once(scene: Scene) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from benchmarks.confusable import GROUPS, Group, random_motion, sized
-from benchmarks.discrimination import POLICIES, line, summary
+from benchmarks.discrimination import POLICIES, STRENGTHS, UNKNOWNS, line, summary
 
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.discrimination.design import Designer
@@ -14,7 +14,7 @@ from drake_cafim.discrimination.hypotheses import parsed
 
 @pytest.mark.parametrize("group", GROUPS, ids=lambda one: one.slug)
 def test_every_explanation_shows_on_its_machine(group: Group, tmp_path: Path) -> None:
-    designer = Designer.of(group.scene(tmp_path))
+    designer = Designer.of(group.scene(tmp_path), group.shape)
     scene = designer.scene
     problem = designer.problem(random_motion(designer, np.random.default_rng(0)))
     nominal = problem.residual(problem.nominal())[: problem.rows]
@@ -26,9 +26,11 @@ def test_every_explanation_shows_on_its_machine(group: Group, tmp_path: Path) ->
 def test_a_group_takes_as_long_as_its_longest_explanation() -> None:
     times = {policy: [[1.0, 2.0, 9.0], [3.0, 1.0, 1.0]] for policy in POLICIES}
     times["random"] = [[9.0, 9.0, 9.0], [9.0, 9.0, 9.0]]
-    times["D-optimal"] = [[4.0, 5.0, 6.0], [1.0, 1.0, 1.0]]
+    times[UNKNOWNS] = [[4.0, 5.0, 6.0], [1.0, 1.0, 1.0]]
+    times[STRENGTHS] = [[4.0, 4.0, 4.0], [1.0, 1.0, 1.0]]
     result = {"group": "one, other", "times": times}
-    assert summary(result) == {"designed": 3.0, "D-optimal": 5.0, "random": 9.0, "ever new": 3.0}
-    assert line(result).split()[-3:] == ["0.60", "holds", "1.00"]
-    times["random"] = [[8.0, 8.0, 8.0], [8.0, 8.0, 8.0]]
-    assert "does not" in line(result)
+    medians = {"designed": 3.0, UNKNOWNS: 5.0, STRENGTHS: 4.0, "random": 9.0, "ever new": 3.0}
+    assert summary(result) == medians
+    assert line(result).split(maxsplit=2)[2].split() == (
+        ["3.00", "5.00", "(0.60", "holds)", "4.00", "(0.75", "does", "not)", "9.00", "(0.33", "holds)", "1.00"]
+    )

@@ -133,7 +133,16 @@ def test_concealed_effect_is_in_the_world_and_in_no_model(
         (["hefting", "--policy", "bold"], "--policy bold: expected one of contact-aware"),
         (["hefting", "--world", "mujoco"], "expected one of drake, model"),
         (["hefting", "--experiments", "0"], "expected at least 1"),
-        (["hefting", "--conceal", "surface_offset@wall"], "expected one of joint_viscous_friction"),
+        (["hefting", "--conceal", "sensor_misalignment@wrist"], "expected one of joint_viscous_friction"),
+        (
+            ["hefting", "--conceal", "surface_offset@wall"],
+            "surface_offset@wall: the scenario's contacts (contact:) have",
+        ),
+        (["pinching_point", "--conceal", "contact_adhesion@jaw/ball"], "have it at left_tip/ball, right_tip/ball"),
+        (
+            ["pinching_point", "--world", "model", "--conceal", "surface_offset@ball", "offset=0.001"],
+            "found --world model, expected drake",
+        ),
         (["hefting", "--conceal", "rotor_inertia@elbow", "inertia=1"], "the robot's joints are joint1"),
         (["hefting", "--conceal", "rotor_inertia@joint1", "mass=1"], "found mass, expected inertia"),
         (["hefting", "--conceal", "joint_coulomb_friction@joint1", "torque=-1"], "expected 0 <= torque <= inf"),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine
+from drake_cafim.diagnosis.tosses import settling
 from drake_cafim.diagnosis.tosses.arcs import arcs_of
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, track_of
 from drake_cafim.diagnosis.tosses.settling import settled_from
@@ -14,7 +15,7 @@ from drake_cafim.effects.body import AerodynamicDrag
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.report_html import render
-from tests.tosses import thrown, thrown_scene
+from tests.tosses import BLOCK, thrown, thrown_scene
 
 
 @pytest.mark.ci
@@ -70,3 +71,18 @@ def test_arcs_are_settled_from_a_wrong_beginning(tmp_path: Path) -> None:
     settled = settled_from(arcs, noise, true, wrong)
     assert not np.any(settled.unsettled)
     np.testing.assert_allclose(settled.cost, 6.0 * arcs.counts, rtol=0.35)
+
+
+def test_an_arc_on_the_wrong_side_of_an_edge_begins_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A block that lands on another corner fits no better for a small change; where the arc before ended, it does."""
+    scene = thrown_scene(tmp_path, BLOCK)
+    true = scene.physics_at(np.array([3000.0, 0.3]))
+    noise = PoseNoise(2e-4, 2e-3)
+    arcs = arcs_of([track_of(one, "body") for one in thrown(true, 6, count=1)], noise)
+    off = np.random.default_rng(0).normal(size=(len(arcs.counts), 12)) * np.repeat([1e-3, 0.3, 0.1, 5.0], 3)
+    off[::2] = 0.0
+    wrong = moved(arcs.start, off)
+    settled = settled_from(arcs, noise, true, wrong)
+    np.testing.assert_allclose(settled.cost, 6.0 * arcs.counts, rtol=0.35)
+    monkeypatch.setattr(settling, "SECOND_LOOKS", 0)
+    assert np.any(settled_from(arcs, noise, true, wrong).cost > 100.0 * settled.cost)

@@ -134,6 +134,21 @@ def test_slopes_go_through_what_a_contact_remembers(tmp_path: Path, shape: str, 
         assert np.max(np.abs(by_start[..., :6, k] - finite)) < 0.1 * np.max(np.abs(finite))
 
 
+def test_a_winding_contact_is_simulated_as_well_as_it_is_measured(tmp_path: Path) -> None:
+    """Within half of a sample's noise after 0.2 s, during which it winds up and throws back the ball's spin."""
+    effect = ContactPresliding("body/ground", {"distance": 2e-3})
+    body = FreeBody(thrown_scene(tmp_path, BALL).physics.with_effects([effect]))
+    start = State(np.array([[0.0, 0.0, 0.07]]), exponential(np.array([[0.3, 0.2, 0.1]])), np.array([[0.3, 0.1, -0.5]]),
+                  np.array([[1.0, -2.0, 0.5]]))  # fmt: skip
+    times = np.arange(0.0, 0.2, 0.004)[None]
+    std = np.repeat([1e-4, 2e-3], 3)
+    count, recording = np.array([times.shape[1]]), np.zeros(1, dtype=int)
+    usual, exact = (fly(body, start, times, count, recording, ("a",), one) for one in (std, 1e-4 * std))
+    assert np.any(exact.fine.mode)
+    off = np.abs(_differences(usual, exact)) / std
+    assert np.max(off) < 0.5, np.max(off)
+
+
 def test_innovations_do_not_see_the_initial_state_and_keep_the_noise_white() -> None:
     rng = np.random.default_rng(7)
     slopes = 3e3 * rng.normal(size=(2, 9, 6, 12))

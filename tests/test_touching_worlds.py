@@ -14,6 +14,7 @@ from pydrake.systems.framework import Diagram
 
 from drake_cafim.diagrams import contouring, pinching, rubbing
 from drake_cafim.diagrams.catalogue import stage_of
+from drake_cafim.diagrams.concealing import Concealed
 from drake_cafim.diagrams.configured import load_section
 from drake_cafim.diagrams.movers import JawMover, rotation_error
 from drake_cafim.diagrams.pinching import PinchingConfig
@@ -181,6 +182,27 @@ def test_point_contact_is_a_scenario_of_its_own() -> None:
     scene = Scene.load("pinching_point")
     face = scene.physics.contacts[0]
     assert face.radius == 0.006 and face.law.normal == "paper"
+
+
+@pytest.mark.parametrize(
+    ("effect", "at", "parameters", "expected"),
+    [
+        ("surface_offset", "ball", {"offset": 1e-3}, lambda depth: 800.0 * 1e-3 + 0.0 * depth),
+        ("contact_nonlinear_stiffness", "left_tip/ball", {"cubic": 4e6}, lambda depth: 4e6 * depth**3),
+    ],
+)
+def test_a_concealed_change_of_a_contact_pushes_and_is_felt(
+    effect: str, at: str, parameters: dict[str, float], expected: Callable[[Array], Array]
+) -> None:
+    stage = stage_of(scenario_file(pinching_point), "pinching_point")
+    run = simulate(stage.diagram("drake", 0, concealed=[Concealed(effect, at, parameters)]), load("pinching"))
+    bare = simulate(stage.diagram("drake", 0), load("pinching"))
+    depth = 0.020 - run.state[:, 0]
+    still = (np.abs(run.state[:, 1]) < 2e-3) & (depth > 1e-3)
+    assert still.sum() >= 2
+    np.testing.assert_allclose(run.force[still, 0] - 800.0 * depth[still], expected(depth[still]), rtol=0.05, atol=0.02)
+    # it opens the jaws against their control, which knows nothing of it
+    assert np.max(run.state[:, 0] - bare.state[:, 0]) > 1e-5
 
 
 def test_friction_of_drakes_wall_is_the_truth() -> None:

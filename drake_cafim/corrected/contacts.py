@@ -1,5 +1,7 @@
 """A scenario's contact with all that it does beyond its law, as a system that gives spatial forces."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,19 @@ from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import Motion
 from drake_cafim.dynamics.tree import Body, Tree
 from drake_cafim.typing import Array
+
+
+def changed_contacts(
+    contacts: Sequence[SphereContact], nominal: Sequence[SphereContact]
+) -> list[tuple[SphereContact, SphereContact]]:
+    """The contacts that effects change, each with what it would be without them."""
+    pairs = []
+    for after, before in zip(contacts, nominal, strict=True):
+        before = replace(before, parameters=after.parameters)
+        moved = not (np.array_equal(after.point, before.point) and np.array_equal(after.normal, before.normal))
+        if after.changes or moved:
+            pairs.append((after, before))
+    return pairs
 
 
 class ContactSystem(LeafSystem):

@@ -1,9 +1,7 @@
 """A scene in a Diagram."""
 
-from dataclasses import replace
 from typing import Literal, TypeAlias, get_args
 
-import numpy as np
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import BodyIndex
@@ -11,10 +9,10 @@ from pydrake.systems.framework import DiagramBuilder
 
 from drake_cafim.corrected.brakes import connect_brakes
 from drake_cafim.corrected.clock import Clock
+from drake_cafim.corrected.contacts import changed_contacts
 from drake_cafim.corrected.corrected_plant import CorrectedPlant
 from drake_cafim.corrected.plant import change_plant, hold_joints
 from drake_cafim.corrected.wiring import Wiring
-from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.model_file import add_model
 from drake_cafim.scenario.scene import Scene
@@ -50,23 +48,12 @@ def add_scene(
     if contact == "scenario":
         wrenches = wiring.add_contacts([(one, None) for one in scene.physics.contacts])
     else:
-        wrenches = wiring.add_contacts(_changed(scene))
+        wrenches = wiring.add_contacts(changed_contacts(scene.physics.contacts, scene.nominal_contacts))
         wrenches += wiring.add_drake_contacts({sensor.joint for sensor in scene.wrench_sensors})
     wiring.close()
     bodies = [name.removeprefix("pose.") for name in scene.scenario.channels if name.startswith("pose.")]
     measured, columns = wiring.add_channels(scene.physics, asked, scene.wrench_sensors, bodies, wrenches)
     return CorrectedPlant(plant, scene_graph, scene.tree.joint_names, effort, measured, columns)
-
-
-def _changed(scene: Scene) -> list[tuple[SphereContact, SphereContact]]:
-    """The contacts that effects change, each with what it would be without them."""
-    pairs = []
-    for after, nominal in zip(scene.physics.contacts, scene.nominal_contacts, strict=True):
-        before = replace(nominal, parameters=after.parameters)
-        moved = not (np.array_equal(after.point, before.point) and np.array_equal(after.normal, before.normal))
-        if after.changes or moved:
-            pairs.append((after, before))
-    return pairs
 
 
 def _touch_nothing(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:

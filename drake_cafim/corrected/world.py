@@ -7,8 +7,10 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from drake_cafim.corrected.brakes import connect_brakes
 from drake_cafim.corrected.clock import Clock
+from drake_cafim.corrected.contacts import changed_contacts
 from drake_cafim.corrected.plant import change_plant
 from drake_cafim.corrected.wiring import Wiring
+from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.scenario.physics import Physics
 
@@ -23,27 +25,37 @@ class AffectedRobot:
 
     nominal: Tree
     physics: Physics
+    contacts: tuple[SphereContact, ...] = ()
+    """Those of `physics` without effects: what the plant's own contacts do already."""
 
     @property
     def untouched(self) -> bool:
-        """Whether there are no effects at the joints and bodies, or on what drives them."""
+        """Whether there are no effects at the joints, bodies and contacts, or on what drives them."""
         physics = self.physics
-        return not (physics.joint_forces or physics.actuators or physics.couplings or physics.body_forces)
+        changed = physics.joint_forces or physics.actuators or physics.couplings or physics.body_forces
+        return not (changed or changed_contacts(physics.contacts, self.contacts))
 
     def prepare(self, plant: MultibodyPlant) -> None:
         """Changes of inertia, gravity and damping, and brakes."""
         change_plant(plant, self.nominal, self.physics)
 
-    def connect(self, builder: DiagramBuilder, plant: MultibodyPlant, effort: OutputPort) -> None:
-        """Forces of the effects on the finalized plant, whose actuation gets the `effort` (n,) of these joints."""
+    def connect(
+        self, builder: DiagramBuilder, plant: MultibodyPlant, effort: OutputPort
+    ) -> list[tuple[int, OutputPort]]:
+        """Forces of the effects on the finalized plant, whose actuation gets the `effort` (n,) of these joints.
+
+        Wrenches (6,) about the world's origin that effects of contacts add are returned, each with its link's joint.
+        """
         connect_brakes(builder, plant)
         if self.untouched:
-            return
+            return []
         wiring = Wiring.around(builder, plant, self.physics.tree, _clock(plant))
         wiring.add_joint_forces(self.physics, wiring.driven(self.physics, effort))
         wiring.add_body_forces(self.physics, at_joints=True)
         wiring.take_away(effort)
+        wrenches = wiring.add_contacts(changed_contacts(self.physics.contacts, self.contacts))
         wiring.close()
+        return wrenches
 
     def measured(self, builder: DiagramBuilder, plant: MultibodyPlant, state: OutputPort) -> OutputPort:
         """The joints' `state` (2n,), positions then velocities, as the sensors write it."""

@@ -1,6 +1,6 @@
 """A planned motion run in simulation: the robot as a model has it, under a controller that knows the nominal model."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +28,7 @@ ROTOR_SHARE = 1e-9
 
 @dataclass(frozen=True)
 class _State:
-    """Positions and velocities (n,), rotors' (c,), and what contacts remember (m,)."""
+    """Positions and velocities (B, n), rotors' (B, c), and what contacts remember (B, m), in B runs side by side."""
 
     q: Array
     v: Array
@@ -43,22 +43,29 @@ def simulated(physics: Physics, nominal: Physics, limits: Limits, planned: Motio
     u = planned u + M(q) (ω² (q_planned − q) + 2 ω (v_planned − v)) with the `nominal` M, within the model's limits.
     The controller sees the link without noise.
     """
+    return simulated_together(physics, nominal, limits, [planned])[0]
+
+
+def simulated_together(
+    physics: Physics, nominal: Physics, limits: Limits, planned: Sequence[Motion]
+) -> tuple[Motion, ...]:
+    """`simulated` of motions at the same times, each by itself but all in the time that one takes."""
     most = limits.effort / MARGIN
-    count, n = planned.q.shape
-    q, v, u = np.empty((count, n)), np.empty((count, n)), np.empty((count, n))
+    time = planned[0].time
+    wanted_q, wanted_v, wanted_u = (np.stack([getattr(one, name) for one in planned], axis=1) for name in "qvu")
+    q, v, u = np.empty_like(wanted_q), np.empty_like(wanted_v), np.empty_like(wanted_u)  # (T, B, n)
     state = _start(physics, planned)
-    for k in range(count):
+    for k in range(len(time)):
         q[k], v[k] = state.q, state.v
-        moving = motion(nominal.tree, state.q[None], state.v[None])
-        M = mass_matrix(moving, moving.link_inertias)[0] + np.diag(nominal.rotor_inertias)
-        error = BANDWIDTH**2 * (planned.q[k] - state.q) + 2.0 * BANDWIDTH * (planned.v[k] - state.v)
-        u[k] = np.clip(planned.u[k] + M @ error, -most, most)
-        if k + 1 < count:
-            first = max(int(np.searchsorted(planned.time, planned.time[k] - PAST)), 0)
-            acting = _acting(physics, planned.time[first : k + 2], u[first : k + 1])
-            for edge, until, effort in acting:
+        moving = motion(nominal.tree, state.q, state.v)
+        M = mass_matrix(moving, moving.link_inertias) + np.diag(nominal.rotor_inertias)
+        error = BANDWIDTH**2 * (wanted_q[k] - state.q) + 2.0 * BANDWIDTH * (wanted_v[k] - state.v)
+        u[k] = np.clip(wanted_u[k] + (M @ error[..., None])[..., 0], -most, most)
+        if k + 1 < len(time):
+            first = max(int(np.searchsorted(time, time[k] - PAST)), 0)
+            for edge, until, effort in _acting(physics, time[first : k + 2], u[first : k + 1]):
                 state = _advanced(physics, state, effort, until - edge)
-    return Motion(planned.time, q, v, u)
+    return tuple(Motion(time, q[:, b], v[:, b], u[:, b]) for b in range(len(planned)))
 
 
 def measured(
@@ -80,43 +87,61 @@ def measured(
         on = effect.channels(tuple(columns))
         written = effect.measured(run.time, np.stack([columns[name] for name in on], axis=1))
         columns |= {name: written[:, k] for k, name in enumerate(on)}
-    memories = stated_memories(scene, list(std))
+    return noisy(scene, Recording(name, run.time, columns), std, random)
+
+
+def noisy(scene: Scene, clean: Recording, std: Mapping[str, float], random: np.random.Generator) -> Recording:
+    """The recording with noise of `std` on its channels, coloured where the scenario says so."""
+    memories, columns = stated_memories(scene, list(std)), dict(clean.columns)
     for column, spread in std.items():
         if spread > 0.0:
-            noise = spread * drawn(random, run.time, memories.get(column))
-            columns[column] = columns[column] + noise
-    return Recording(name, run.time, columns)
+            columns[column] = columns[column] + spread * drawn(random, clean.time, memories.get(column))
+    return Recording(clean.name, clean.time, columns)
 
 
-def _start(physics: Physics, planned: Motion) -> _State:
-    """At rest at the motion's start, each rotor twisted as far as the first effort asks for."""
-    q, v = planned.q[0].copy(), planned.v[0].copy()
+def _start(physics: Physics, planned: Sequence[Motion]) -> _State:
+    """At rest at each motion's start, each rotor twisted as far as the first effort asks for."""
+    q, v, u = (np.stack([getattr(one, name)[0] for one in planned]) for name in "qvu")
     theta = []
     for coupling in physics.couplings:
         j = physics.tree.joint_index(coupling.at)
-        push = float(planned.u[0, j])
-        gap = 0.5 * coupling.values["gap"] * float(np.sign(push)) if isinstance(coupling, JointBacklash) else 0.0
-        theta.append(q[j] + gap + push / coupling.values["stiffness"])
-    memory = physics.contact_memory(planned.time[:1], *(2 * [motion(physics.tree, q[None], v[None])]))[0]
-    return _State(q, v, np.array(theta), np.zeros(len(theta)), memory)
+        gap = 0.5 * coupling.values["gap"] * np.sign(u[:, j]) if isinstance(coupling, JointBacklash) else 0.0
+        theta.append(q[:, j] + gap + u[:, j] / coupling.values["stiffness"])
+    memory = [
+        physics.contact_memory(one.time[:1], *(2 * [motion(physics.tree, one.q[:1], one.v[:1])]))[0] for one in planned
+    ]
+    rotors = np.array(theta).reshape(-1, len(planned)).T
+    return _State(q, v, rotors, np.zeros_like(rotors), np.stack(memory))
 
 
 def _acting(physics: Physics, time: Array, u: Array) -> list[tuple[float, float, Array]]:
-    """The efforts (n,) that act from the last but one of `time` (K + 1,) s to the last, each from when until when."""
+    """The efforts (B, n) that act from the last but one of `time` (K + 1,) s to the last, each from when until when.
+
+    `u` (K, B, n) was asked for.
+    """
     start, stop = float(time[-2]), float(time[-1])
-    drives = []
-    for j, name in enumerate(physics.tree.joint_names):
-        effort = Effort(time, np.append(u[:, j], u[-1, j]))  # a lag divides holds: the last one must have its length
-        for effect in physics.actuators:
-            if effect.at == name:
-                effort = effect.drive(effort)
-        drives.append(effort)
-    edges = np.unique(np.concatenate([[start, stop], *(d.times[(d.times > start) & (d.times < stop)] for d in drives)]))
+    drives = [[_drive(physics, time, u[:, b, j], name) for j, name in enumerate(physics.tree.joint_names)]
+              for b in range(u.shape[1])]  # fmt: skip
+    changes = [d.times[(d.times > start) & (d.times < stop)] for joints in drives for d in joints]
+    edges = np.unique(np.concatenate([[start, stop], *changes]))
     found = []
     for edge, until in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        held = [d.values[max(int(np.searchsorted(d.times, edge, side="right")) - 1, 0)] for d in drives]
+        held = [[_held(d, edge) for d in joints] for joints in drives]
         found.append((edge, until, np.array(held)))
     return found
+
+
+def _drive(physics: Physics, time: Array, u: Array, joint: str) -> Effort:
+    """What the joint's actuator makes of `u` (K,); the last hold must have its length, since a lag divides holds."""
+    effort = Effort(time, np.append(u, u[-1]))
+    for effect in physics.actuators:
+        if effect.at == joint:
+            effort = effect.drive(effort)
+    return effort
+
+
+def _held(effort: Effort, at: float) -> float:
+    return float(effort.values[max(int(np.searchsorted(effort.times, at, side="right")) - 1, 0)])
 
 
 def _advanced(physics: Physics, state: _State, effort: Array, duration: float) -> _State:
@@ -131,45 +156,45 @@ def _advanced(physics: Physics, state: _State, effort: Array, duration: float) -
 def _step(physics: Physics, state: _State, effort: Array, h: float) -> _State:
     """The linearly implicit midpoint rule, as in the diagnosis, for links and rotors together.
 
-    A coupled joint's rotor is a degree of freedom of its own, which the effort drives and the coupling's torque ties to
-    the link; the slopes of that torque are taken implicitly.
+    A coupled joint's rotor is a degree of freedom of its own, which the effort (B, n) drives and the coupling's torque
+    ties to the link; the slopes of that torque are taken implicitly.
     """
-    n, c = len(state.q), len(physics.couplings)
+    (count, n), c = state.q.shape, len(physics.couplings)
     q = state.q + 0.5 * h * state.v
     theta = state.theta + 0.5 * h * state.omega
-    moving = motion(physics.tree, q[None], state.v[None])
+    moving = motion(physics.tree, q, state.v)
     inertias = moving.link_inertias
-    joints = [JointSamples(q[j : j + 1], state.v[j : j + 1], effort[j : j + 1]) for j in range(n)]
+    joints = [JointSamples(q[:, j], state.v[:, j], effort[:, j]) for j in range(n)]
     law, _, slope = physics.applied_at_joints(joints)
-    force = np.zeros(n + c)
-    force[:n] = effort + law[0] - bias_force(moving, inertias, physics.gravity)[0]
+    force = np.zeros((count, n + c))
+    force[:, :n] = effort + law - bias_force(moving, inertias, physics.gravity)
     memory = state.memory
     if physics.contacts:
         own = None
-        if len(memory):
-            elapsed, left = np.full(1, 0.5 * h), np.zeros(1)
-            own = physics.remembered(memory[None], moving, elapsed, left)
-            memory = physics.remembered(memory[None], moving, 2.0 * elapsed, elapsed)[0]
-        force[:n] += moving.project(physics.contact_wrenches(moving, own))[0]
+        if memory.shape[1]:
+            elapsed, left = np.full(count, 0.5 * h), np.zeros(count)
+            own = physics.remembered(memory, moving, elapsed, left)
+            memory = physics.remembered(memory, moving, 2.0 * elapsed, elapsed)
+        force[:, :n] += moving.project(physics.contact_wrenches(moving, own))
     if physics.body_forces:
-        force[:n] += moving.project(physics.body_wrenches(moving))[0]
-    M = np.zeros((n + c, n + c))
-    M[:n, :n] = mass_matrix(moving, inertias)[0] + np.diag(physics.rotor_inertias)
+        force[:, :n] += moving.project(physics.body_wrenches(moving))
+    M = np.zeros((count, n + c, n + c))
+    M[:, :n, :n] = mass_matrix(moving, inertias) + np.diag(physics.rotor_inertias)
     implicit = np.zeros_like(M)
-    implicit[np.arange(n), np.arange(n)] = 0.5 * h * slope[0]
+    implicit[:, np.arange(n), np.arange(n)] = 0.5 * h * slope
     for i, coupling in enumerate(physics.couplings):
         j, rotor = physics.tree.joint_index(coupling.at), n + i
         inertia = physics.rotor_inertias[j]
-        M[j, j] += ROTOR_SHARE - inertia
-        M[rotor, rotor] = inertia
-        torque, stiffness, damping = _torque(coupling, theta[i] - q[j], state.omega[i] - state.v[j])
-        force[j] += torque - effort[j]
-        force[rotor] = effort[j] - torque
+        M[:, j, j] += ROTOR_SHARE - inertia
+        M[:, rotor, rotor] = inertia
+        torque, stiffness, damping = _torque(coupling, theta[:, i] - q[:, j], state.omega[:, i] - state.v[:, j])
+        force[:, j] += torque - effort[:, j]
+        force[:, rotor] = effort[:, j] - torque
         tie = 0.5 * h * damping + 0.25 * h * h * stiffness
         for row, column, sign in ((j, j, -1.0), (j, rotor, 1.0), (rotor, j, 1.0), (rotor, rotor, -1.0)):
-            implicit[row, column] += sign * tie
-    change = np.linalg.solve(M - implicit, h * force)
-    v, omega = change[:n], change[n:]
+            implicit[:, row, column] += sign * tie
+    change = np.linalg.solve(M - implicit, h * force[..., None])[..., 0]
+    v, omega = change[:, :n], change[:, n:]
     return _State(
         state.q + h * (state.v + 0.5 * v),
         state.v + v,
@@ -179,12 +204,12 @@ def _step(physics: Physics, state: _State, effort: Array, h: float) -> _State:
     )
 
 
-def _torque(coupling: JointCoupling, twist: float, rate: float) -> tuple[float, float, float]:
-    """What the coupling exerts on its link, and its slopes in the twist and in its rate."""
+def _torque(coupling: JointCoupling, twist: Array, rate: Array) -> tuple[Array, Array, Array]:
+    """What the coupling exerts on its link (B,), and its slopes in the twist and in its rate."""
     stiffness, damping = coupling.values["stiffness"], coupling.values["damping"]
     half = 0.5 * coupling.values["gap"] if isinstance(coupling, JointBacklash) else 0.0
-    beyond = twist - float(np.clip(twist, -half, half))
+    beyond = twist - np.clip(twist, -half, half)
     torque = stiffness * beyond + damping * rate
-    if half > 0.0 and not torque * beyond > 0.0:
-        return 0.0, 0.0, 0.0
-    return torque, stiffness, damping
+    # teeth push and do not pull
+    meshed = np.asarray((half == 0.0) | (torque * beyond > 0.0), dtype=float)
+    return meshed * torque, meshed * stiffness, meshed * damping

@@ -1,6 +1,6 @@
 """The motion that tells two explanations apart, by the planners that design experiments."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from drake_cafim.design.planner import PlannerConfig, PlannerName, candidate_commands
 from drake_cafim.design.policies import make_planner
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.discrimination.evidence import explain
 from drake_cafim.discrimination.hypotheses import Pair
 from drake_cafim.discrimination.motions import Limits, Motion, Shape, plan
@@ -51,10 +51,11 @@ def default_effort(shape: Shape, planner: PlannerName = "predictive-sampling") -
 
 @dataclass(frozen=True)
 class Design:
-    """A planned motion, its commands (points, n), and what its planner's value of it is."""
+    """A planned motion, its commands (points, n), the knots (K, n) they go through, and its planner's value of it."""
 
     planned: Motion
     commands: Array
+    knots: Array
     value: float
 
 
@@ -80,7 +81,7 @@ class Designer:
         """The motion of `commands` (points, n)."""
         return plan(self.shape, self.limits, self.scene.physics, commands)
 
-    def problem(self, planned: Motion) -> Problem:
+    def problem(self, planned: Motion) -> WeakProblem:
         """The rows that the nominal model makes of it."""
         return self.bench.problem(planned)
 
@@ -99,6 +100,10 @@ class Designer:
         """The planner's knots (count, K, n) of splines through `smoothness` random ones."""
         knots = random.uniform(*self.bounds, size=(count, smoothness, len(self.limits.home)))
         return np.asarray(candidate_commands(knots, self.effort.config.knots, self.bounds))
+
+    def commands(self, knots: Array) -> Array:
+        """Commands (points, n) through knots (K, n)."""
+        return np.asarray(self._commands(knots[None])[0])
 
     def _commands(self, knots: Array) -> Array:
         return np.asarray(candidate_commands(knots, self.shape.points, self.bounds))
@@ -125,30 +130,42 @@ class Designer:
             return pair
         return Pair(pair.first, Model(pair.first.unknown, found.model.effects))
 
-    def design(self, value: Value, random: np.random.Generator, progress: Progress = lambda text: None) -> Design:
-        """The motion of most `value` that the planner finds."""
+    def design(
+        self,
+        value: Value,
+        random: np.random.Generator,
+        progress: Progress = lambda text: None,
+        starts: Sequence[Array] = (),
+    ) -> Design:
+        """The motion of most `value` that the planner finds; `starts`, knots (K, n), are among the first candidates."""
         effort = self.effort
-        best, knots = self._first(value, random)
+        best = self._first(value, random, starts)
         for number in range(effort.rounds):
             progress(f"designing, round {number + 1} of {effort.rounds}")
             planner = make_planner(effort.planner, effort.config_of(number))
-            found = planner(knots, self._score(value, best.planned), self.bounds, random)
-            planned = self.motion(found.commands)
-            worth = value(self.problem(planned))
-            if worth > best.value:
-                best, knots = Design(planned, found.commands, worth), found.knots
+            found = planner(best.knots, self._score(value, best.planned), self.bounds, random)
+            best = self._better(value, best, found.knots)
         return best
 
-    def _first(self, value: Value, random: np.random.Generator) -> tuple[Design, Array]:
-        """The best of some random motions, smooth and rough ones, and its knots."""
+    def _better(self, value: Value, best: Design, knots: Array) -> Design:
+        """The motion of `knots` if it is worth more, by its own whitening, than the best so far."""
+        found = self._design(value, knots)
+        return found if found.value > best.value else best
+
+    def _design(self, value: Value, knots: Array) -> Design:
+        commands = self.commands(knots)
+        planned = self.motion(commands)
+        return Design(planned, commands, knots, value(self.problem(planned)))
+
+    def _first(self, value: Value, random: np.random.Generator, starts: Sequence[Array]) -> Design:
+        """The best of some random motions, smooth and rough ones, and of `starts`."""
         config = self.effort.config
         kinds = dict.fromkeys((min(4, config.knots), (4 + config.knots) // 2, config.knots))
         knots = np.concatenate([self._random_knots(kind, config.candidates, random) for kind in kinds])
         commands = self._commands(knots)
         scored = self._score(value, self.motion(commands[0]))(commands)
-        first = int(np.argmax(scored.scores))
-        planned = self.motion(commands[first])
-        return Design(planned, commands[first], value(self.problem(planned))), knots[first]
+        found = [knots[int(np.argmax(scored.scores))], *starts]
+        return max((self._design(value, one) for one in found), key=lambda one: one.value)
 
     def _score(self, value: Value, reference: Motion) -> MotionScore:
         like = self.problem(reference) if self._alike else None

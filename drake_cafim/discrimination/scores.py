@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from scipy.special import log_ndtr, ndtr
 
 from drake_cafim.design.planner import Scored
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.discrimination.evidence import (
     Course,
     Explained,
@@ -24,14 +25,14 @@ from drake_cafim.information import criterion
 from drake_cafim.typing import Array
 
 TWENTY_TO_ONE = float(np.log(20.0))
-REPEATS = 24
-"""Motions after which odds are as if they went on rising evenly."""
+REPEATS: Array = np.asarray(3.0 * 1.2 ** np.arange(28), dtype=float)
+"""Of a motion, after which its odds are looked at: to some hundred runs, closely enough for an integral."""
 
 
 class Value(Protocol):
     """The worth of one planned motion."""
 
-    def __call__(self, problem: Problem) -> float:
+    def __call__(self, problem: WeakProblem) -> float:
         """Larger is better."""
         ...
 
@@ -40,7 +41,7 @@ class Value(Protocol):
 class _Looks:
     """Models along one planned motion, each looked at once."""
 
-    problem: Problem
+    problem: WeakProblem
     _known: dict[int, Explained] = field(default_factory=dict)
 
     def courses(self, pair: Pair) -> tuple[tuple[Course, Course], tuple[Course, Course]]:
@@ -60,11 +61,11 @@ class Odds:
 
     pairs: tuple[Pair, ...]
 
-    def __call__(self, problem: Problem) -> float:
+    def __call__(self, problem: WeakProblem) -> float:
         looks = _Looks(problem)
         return min(min(self._of(looks, pair)) for pair in self.pairs)
 
-    def directions(self, problem: Problem, pair: Pair) -> tuple[float, float]:
+    def directions(self, problem: WeakProblem, pair: Pair) -> tuple[float, float]:
         """If the pair's first is true, and if its second is."""
         return self._of(_Looks(problem), pair)
 
@@ -75,41 +76,58 @@ class Odds:
 
 @dataclass(frozen=True)
 class Soonest:
-    """The rate 1/s at which odds are settled: one over the robot time after which `log_odds` are expected for
-    whichever is true, the motion being run again and again."""
+    """The rate 1/s at which odds are settled: one over the robot time that passes, in the geometric mean over noise and
+    the motion being run again and again, until `log_odds` were reached for each explanation of the pairs, were it true.
+
+    Where rows are linear, noise makes of ln odds a normal walk with twice its mean m(t) for variance. The chance that
+    it has been beyond b is Φ((m − b)/√(2m)) + eᵇ Φ(−(m + b)/√(2m)) (Chhikara, Folks, The Inverse Gaussian Distribution,
+    1989). A mean over these chances is smooth in the motion, as the moment at which m passes b is not: m hardly rises
+    on a robot's way home. The geometric one, as a median, cares little about the few runs that never end.
+    """
 
     pairs: tuple[Pair, ...]
-    log_odds: float = 2.0 * TWENTY_TO_ONE
-    """More than is asked for: noise spreads odds, and a motion that only just gets there often does not."""
+    log_odds: float = TWENTY_TO_ONE
 
-    def __call__(self, problem: Problem) -> float:
+    def __call__(self, problem: WeakProblem) -> float:
         looks = _Looks(problem)
-        return 1.0 / max(max(self._of(looks, pair)) for pair in self.pairs)
+        settled = [one for pair in self.pairs for one in self._settled(looks, pair)]
+        return 1.0 / _waited(_moments(problem), np.prod(settled, axis=0))
 
-    def directions(self, problem: Problem, pair: Pair) -> tuple[float, float]:
-        """Robot time s if the pair's first is true, and if its second is."""
-        return self._of(_Looks(problem), pair)
-
-    def _of(self, looks: _Looks, pair: Pair) -> tuple[float, float]:
-        first, second = (self._time(looks.problem, *side) for side in looks.courses(pair))
+    def directions(self, problem: WeakProblem, pair: Pair) -> tuple[float, float]:
+        """Expected robot time s if the pair's first is true, and if its second is."""
+        first, second = (_waited(_moments(problem), one) for one in self._settled(_Looks(problem), pair))
         return first, second
 
-    def _time(self, problem: Problem, own: Course, other: Course) -> float:
-        windows = problem.runs[0].weak.samples.windows
-        duration = float(windows.time[-1] - windows.time[0])
-        whole = expected_log_odds(own.repeated(REPEATS), other.repeated(REPEATS))
-        enough = np.flatnonzero(whole >= self.log_odds)
-        if not len(enough):
-            return REPEATS * duration * max(self.log_odds / max(float(whole[-1]), 1e-3), 1.0)
-        repeats = int(enough[0])
-        reached = expected_log_odds(own.after(own, repeats), other.after(other, repeats))
-        ends = windows.starts + windows.width - windows.time[0]
-        k = int(np.flatnonzero(reached >= self.log_odds)[0])
-        low = float(reached[k - 1]) if k else (float(whole[repeats - 1]) if repeats else 0.0)
-        # between windows as if odds rose evenly: a planner follows slopes
-        share = float(np.clip((self.log_odds - low) / max(reached[k] - low, 1e-12), 0.0, 1.0))
-        begun = float(ends[k - 1]) if k else 0.0
-        return repeats * duration + begun + share * (float(ends[k]) - begun)
+    def _settled(self, looks: _Looks, pair: Pair) -> list[Array]:
+        """The chances (K,) that odds were settled by each moment, if the first is true, and if the second is."""
+        return [passed(_again_and_again(*side), self.log_odds) for side in looks.courses(pair)]
+
+
+def _moments(problem: WeakProblem) -> Array:
+    """Robot time s (K,): when windows of the first two runs are over, then when further runs are."""
+    windows = problem.runs[0].weak.samples.windows
+    duration = float(windows.time[-1] - windows.time[0])
+    ends = windows.starts + windows.width - windows.time[0]
+    return np.concatenate([ends, duration + ends, duration * REPEATS])
+
+
+def _again_and_again(own: Course, other: Course) -> Array:
+    """The log odds (K,) that are expected at `_moments`."""
+    again = [expected_log_odds(own, other), expected_log_odds(own.after(own), other.after(other))]
+    return np.concatenate([*again, expected_log_odds(own.repeated(REPEATS), other.repeated(REPEATS))])
+
+
+def passed(mean: Array, threshold: float) -> Array:
+    """The chances (K,) that a walk which is expected to be at `mean` (K,) has been beyond `threshold` (> 0)."""
+    mean = np.maximum(mean, 1e-3)
+    spread = np.sqrt(2.0 * mean)
+    chance = ndtr((mean - threshold) / spread) + np.exp(threshold + log_ndtr(-(mean + threshold) / spread))
+    return np.asarray(np.maximum.accumulate(chance))
+
+
+def _waited(moments: Array, settled: Array) -> float:
+    """exp E ln t s, from the chances that t is over at `moments` (K,) s; before the first of them nothing is."""
+    return float(moments[0] * np.exp(np.trapezoid(1.0 - settled, np.log(moments))))
 
 
 @dataclass(frozen=True)
@@ -118,11 +136,11 @@ class Information:
 
     models: Sequence[Model]
 
-    def __call__(self, problem: Problem) -> float:
+    def __call__(self, problem: WeakProblem) -> float:
         J = np.concatenate(list(self._columns(problem)), axis=1)
         return float(criterion("logdet", (J.T @ J)[None], np.eye(J.shape[1]))[0])
 
-    def _columns(self, problem: Problem) -> Iterator[Array]:
+    def _columns(self, problem: WeakProblem) -> Iterator[Array]:
         """Slopes in coordinates whose prior is a unit normal: of the unknowns, and of each effect once."""
         known: set[tuple[str, str]] = set()
         for number, model in enumerate(self.models):
@@ -142,9 +160,12 @@ class MotionScore:
     shape: Shape
     limits: Limits
     value: Value
-    like: Problem | None = None
+    like: WeakProblem | None = None
 
     def __call__(self, commands: Array) -> Scored:
-        planned = [plan(self.shape, self.limits, self.bench.scene.physics, one) for one in commands]
-        values = [self.value(self.bench.problem(one, self.like)) for one in planned]
-        return Scored(np.array(values), np.zeros((len(commands), 0, 0)))
+        return Scored(np.array([self.of(one) for one in commands]), np.zeros((len(commands), 0, 0)))
+
+    def of(self, commands: Array) -> float:
+        """Of one motion, (points, n)."""
+        planned = plan(self.shape, self.limits, self.bench.scene.physics, commands)
+        return self.value(self.bench.problem(planned, self.like))

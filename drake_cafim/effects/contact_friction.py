@@ -122,13 +122,14 @@ def _principal(tensor: Array) -> dict[str, float]:
 class ContactPresliding(ContactEffect):
     """Dahl's bristle z: ż = v − |v| z/distance in contact, and the friction is −μ λ z/distance.
 
-    It remembers z at a place p a little before: over a short way Δ in one direction, z → (z − δ) exp(−|Δ|/distance)
-    + δ with δ = distance Δ/|Δ| exactly.
+    It remembers z at a place p a little before, and how fast the body's spin slid there: over a short way Δ in one
+    direction, z → (z − δ) exp(−|Δ|/distance) + δ with δ = distance Δ/|Δ| exactly. Spin moves no place; the way that it
+    slides is its mean speed's.
     """
 
     name: ClassVar[str] = "contact_presliding"
     group: ClassVar[str | None] = FRICTION
-    memory: ClassVar[int] = 6
+    memory: ClassVar[int] = 9
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("distance", "m", 2e-4, lower=1e-7, upper=0.05),)
     difference_step: ClassVar[float] = 1e-3
     reference: ClassVar[str] = "Dahl, Aerospace Corporation TOR-0158(3107-18)-1, 1968"
@@ -142,27 +143,29 @@ class ContactPresliding(ContactEffect):
         moved = np.diff(touch.position, axis=0, prepend=touch.position[:1])
         moved = moved - (moved @ n)[:, None] * n
         # a body that turns slides with its spin, which its point's position does not show
-        turned = touch.spinning * np.diff(time, prepend=time[0])[:, None]
+        spinning = 0.5 * (touch.spinning + np.concatenate([touch.spinning[:1], touch.spinning[:-1]]))
+        turned = spinning * np.diff(time, prepend=time[0])[:, None]
         kept, added = self._slide(moved + turned)
         inside = pressing(touch)
         z = recursion(np.where(inside, kept, 0.0), np.where(inside[:, None], added, 0.0))
         before = np.concatenate([np.zeros((1, 3)), z[:-1]])
-        return np.concatenate([before, at.position - moved - turned], axis=1)
+        return np.concatenate([before, at.position - moved - turned, at.spinning], axis=1)
 
     def ahead(self, memory: Array, touch: Touch, elapsed: Array, left: Array) -> Array:
         n = touch.axes[:, 2]
-        moved = touch.position - memory[:, 3:]
+        moved = touch.position - memory[:, 3:6]
         coming = (touch.slip - touch.spinning) * left[:, None]
-        moved = moved - (moved @ n)[:, None] * n + coming + touch.spinning * elapsed[:, None]
+        turned = 0.5 * (memory[:, 6:] + touch.spinning) * elapsed[:, None]
+        moved = moved - (moved @ n)[:, None] * n + coming + turned
         kept, added = self._slide(moved)
         z = np.where(pressing(touch)[:, None], kept[:, None] * memory[:, :3] + added, 0.0)
-        return np.concatenate([z, touch.position + coming], axis=1)
+        return np.concatenate([z, touch.position + coming, touch.spinning], axis=1)
 
     def traction(
         self, law: ContactLaw, normal: Array, touch: Touch, parameters: ContactParameters, memory: Array
     ) -> Array:
         n = touch.axes[:, 2]
-        moved = touch.position - memory[:, 3:]
+        moved = touch.position - memory[:, 3:6]
         kept, added = self._slide(moved - (moved @ n)[:, None] * n)
         z = kept[:, None] * memory[:, :3] + added
         return np.asarray(-parameters.friction / self.values["distance"] * normal[:, None] * z)

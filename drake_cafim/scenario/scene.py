@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from drake_cafim.corrected.corrected_plant import CorrectedPlant
 
 DIAGRAMS = Path(__file__).parents[1] / "diagrams"
+PHYSICS_KEPT = 128
 _FORCE = ("fx", "fy", "fz")
 
 
@@ -126,8 +128,18 @@ class Scene:
         return priors(self.unknown)
 
     def physics_at(self, vector: Array) -> Physics:
-        """The physics with the unknowns at `vector` (n,)."""
-        return applied(self.unknown, self.physics, vector)
+        """The physics with the unknowns at `vector` (n,); the last ones are kept, since searches come back to them."""
+        known, key = self._physics_known, vector.tobytes()
+        found = known.get(key)
+        if found is None:
+            if len(known) >= PHYSICS_KEPT:
+                known.clear()
+            found = known[key] = applied(self.unknown, self.physics, vector)
+        return found
+
+    @cached_property
+    def _physics_known(self) -> dict[bytes, Physics]:
+        return {}
 
     def add_to(
         self,

@@ -48,6 +48,12 @@ def stacked(states: "list[State]") -> State:
     return State(*(np.concatenate([getattr(one, name) for one in states]) for name in ("p", "quaternion", "v", "w")))
 
 
+def picked(first: Flags, one: State, other: State) -> State:
+    """The states of `one` where `first` (B,) says so, and those of `other` elsewhere."""
+    names = ("p", "quaternion", "v", "w")
+    return State(*(np.where(first[:, None], getattr(one, k), getattr(other, k)) for k in names))
+
+
 @dataclass(frozen=True)
 class Moment:
     """When and where states were: `time` (B,) s, and the index (B,) of their recording among `names`."""

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from drake_cafim.contact.change import Touch
+from drake_cafim.diagnosis.evidence import MISFIT, scale_of
 from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.tosses.columns import difference, force_rows, sensor_rows
 from drake_cafim.diagnosis.tosses.problem import TossProblem
@@ -14,7 +15,7 @@ from drake_cafim.diagnosis.tosses.shots import Shot
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance
 from drake_cafim.effects.catalogue import EFFECTS
-from drake_cafim.effects.contact import ContactEffect
+from drake_cafim.effects.contact import ContactEffect, ContactLook
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.link import GravityMisalignment, Payload
 from drake_cafim.effects.sensor import SensorEffect
@@ -76,9 +77,24 @@ def looks(problem: TossProblem, at: Fit, effect: Effect) -> Iterator[Look]:
             stop = first + len(look.steps)
             yield columns[:, first:stop], look.build
             first = stop
+        if scale_of(at) > MISFIT:
+            yield from _simulated_looks(problem, at, effect, found)
     else:
         steps = [(step.ahead, step.behind, step.size) for step in effect.directions()]
         yield _columns(problem, shot, effect, steps), effect.from_directions
+
+
+def _simulated_looks(problem: TossProblem, at: Fit, effect: Effect, found: Sequence[ContactLook]) -> Iterator[Look]:
+    """Looks at effects that are there or not, by their own simulation.
+
+    Where a model is far off, what a law would change along its motion is not even in the direction in which the motion
+    would change: a contact that winds up like a spring throws back what a sliding one only slows.
+    """
+    for look in found:
+        whole = look.build(np.ones(len(look.steps)))
+        if len(look.steps) == 1 and whole is not None and whole.values == dict(look.steps[0].ahead):
+            rows = problem.residual(at.model.with_effects([whole]))[: problem.rows]
+            yield (rows - at.residual[: problem.rows])[:, None], look.build
 
 
 Step = tuple[Mapping[str, float], Mapping[str, float] | None, float]

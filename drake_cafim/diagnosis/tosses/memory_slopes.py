@@ -10,11 +10,11 @@ from drake_cafim.typing import Array
 
 SIZES = (1e-7,) * 3 + (1e-6,) * 3 + (1e-6,) * 3 + (1e-5,) * 3
 """Finite steps of p (m), θ (rad), v (m/s) and ω (rad/s)."""
-FINE_SIZES = (1e-10,) * 3 + (1e-9,) * 3 + SIZES[6:]
-"""The same where a contact remembers: a step may slide by less than 1e-7 m, and its way has a kink at rest."""
+FINE_SIZES = (1e-12,) * 3 + (1e-11,) * 3 + (1e-8,) * 3 + (1e-7,) * 3
+"""The same where a contact remembers: a step may slide by less than 1e-8 m, and its way has a kink at rest."""
 SOONER = 1e-8
 """s"""
-PART = 1e-9
+PART = 1e-11
 """Of the largest of a memory's numbers, their finite step."""
 
 

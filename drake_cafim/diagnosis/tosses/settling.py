@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from drake_cafim.diagnosis.tosses.arcs import Arcs
-from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, State
+from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, State, picked
 from drake_cafim.diagnosis.tosses.innovation import Innovation
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
 from drake_cafim.diagnosis.tosses.shots import Shot, chosen
@@ -23,6 +23,10 @@ ROUNDS = 8
 SETTLED, NEAR = 0.1, 1.0
 """χ² that a step may still promise, where slopes are taken anew and where not: the rows do not see it to first
 order. It counts in units of what the arc leaves, for where physics is missing no state fits."""
+FAR, NEARER = 3.0, 0.5
+"""χ² per degree of freedom, in units of other arcs' where physics is missing, beyond which an arc begins once more,
+and the share of it that must be left to stay so."""
+SECOND_LOOKS = 2
 FIRST_DAMPING, HARDER, EASIER = 1e-3, 100.0, 1.0 / 30.0
 
 
@@ -58,8 +62,7 @@ class Settled:
         change = self._change(self.carried)
         left = self.carried + np.einsum("bij,bj->bi", self.innovation.triangle, change)
         promised = np.sum(self.carried**2, axis=1) - np.sum(left**2, axis=1)
-        freedom = np.maximum(6 * self.shot.arcs.counts - 12, 1)
-        return np.asarray(promised > self.near * np.maximum(self.cost / freedom, 1.0))
+        return np.asarray(promised > self.near * np.maximum(self.cost / _freedom(self.shot.arcs), 1.0))
 
     def moved_start(self, added: Array) -> State:
         """Where the arcs should begin when what the samples say is `added` (B, 12) to."""
@@ -69,7 +72,7 @@ class Settled:
         """After a step of the arcs that are worth one; those that it makes worse stay, and go slower from then on."""
         shot, wanted = self.shot, self.unsettled
         start = moved(shot.start, np.where(wanted[:, None], self._change(self.carried), 0.0))
-        trial = Settled.of(Shot.of(shot.arcs, shot.noise, shot.physics, start, memory), self.innovation)
+        trial = Settled.of(shot.again(wanted, start, memory), self.innovation)
         better = trial.cost < self.cost
         slower = np.maximum(self.damping * HARDER, FIRST_DAMPING)
         damping = np.where(wanted, np.where(better, self.damping * EASIER, slower), self.damping)
@@ -91,8 +94,27 @@ class Settled:
 def settled_from(arcs: Arcs, noise: PoseNoise, physics: Physics, start: State) -> Settled:
     """The arcs from the states that fit `physics` best, by slopes that are taken anew each time.
 
-    `start` (B) is where to begin.
+    `start` (B) is where to begin. An arc that strikes an edge may settle on its wrong side; what is left far from the
+    samples then begins once more where the arc before it ended.
     """
+    settled = _settled_near(arcs, noise, physics, start)
+    for _ in range(SECOND_LOOKS):
+        left = settled.cost / _freedom(arcs)
+        far = _follows(arcs) & (left > FAR * max(1.0, float(np.median(left))))
+        if not np.any(far):
+            break
+        onwards = picked(far, _from_before(settled.shot), settled.shot.start)
+        other = _settled_near(arcs, noise, physics, onwards)
+        better = other.cost < NEARER * settled.cost
+        if not np.any(better):
+            break
+        shot = chosen(better, other.shot, settled.shot)
+        damping = np.where(better, other.damping, settled.damping)
+        settled = Settled.of(shot, Innovation.of(shot.by_start), damping)
+    return settled
+
+
+def _settled_near(arcs: Arcs, noise: PoseNoise, physics: Physics, start: State) -> Settled:
     shot, body = Shot.of(arcs, noise, physics, start), FreeBody(physics)
     memory = shot.memory_at_start(body)
     if memory is not None:
@@ -107,3 +129,24 @@ def settled_from(arcs: Arcs, noise: PoseNoise, physics: Physics, start: State) -
             innovation = Innovation.of(settled.shot.by_start)
             settled = Settled.of(settled.shot, innovation, settled.damping, SETTLED)
     return replace(settled, near=NEAR)
+
+
+def _freedom(arcs: Arcs) -> Array:
+    """(B,) rows of each arc less what its beginning takes."""
+    return np.asarray(np.maximum(6 * arcs.counts - 12, 1), dtype=float)
+
+
+def _follows(arcs: Arcs) -> Flags:
+    """(B,) whether the arc goes on with the recording of the one before it."""
+    return np.append(False, arcs.recording[1:] == arcs.recording[:-1])
+
+
+def _from_before(shot: Shot) -> State:
+    """(B) states at the arcs' beginnings if each went on from the last sample of the one before it."""
+    arcs = shot.arcs
+    B, S = shot.flights.shape
+    before = np.maximum(np.arange(B) - 1, 0)
+    last = arcs.counts[before] - 1
+    ended = shot.flights.at_samples[before * S + last]
+    between = (arcs.times[:, 0] - arcs.times[before, last])[:, None]
+    return moved(ended, np.concatenate([between * ended.v, between * ended.w, np.zeros((B, 6))], axis=1))

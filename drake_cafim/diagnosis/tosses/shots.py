@@ -1,14 +1,13 @@
 """Arcs simulated from given states, against what was measured, in units of the noise."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from drake_cafim.diagnosis.tosses.arcs import Arcs
 from drake_cafim.diagnosis.tosses.flight import Fine, Flights, fly
-from drake_cafim.diagnosis.tosses.free_body import FreeBody, Moment, State, stacked
+from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State, picked, stacked
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
 from drake_cafim.diagnosis.tosses.tangent import Tangent
 from drake_cafim.diagnosis.tosses.written import true_times, written, written_slopes
@@ -34,6 +33,23 @@ class Shot:
         body = FreeBody(physics)
         flights = fly(body, start, times, arcs.counts, arcs.recording, arcs.names, noise.std, memory)
         return cls(arcs, noise, physics, start, flights)
+
+    def again(self, which: Flags, start: State, memory: Array | None = None) -> "Shot":
+        """The shot with the arcs of `which` (B,) simulated again, from `start` (B)."""
+        rows = np.flatnonzero(which)
+        times = true_times(self.physics, self.arcs.times)[rows]
+        counts, recording = self.arcs.counts[rows], self.arcs.recording[rows]
+        remembered = None if memory is None else memory[rows]
+        flown = fly(self.body, start[rows], times, counts, recording, self.arcs.names, self.noise.std, remembered)
+        B, S = self.flights.shape
+        at_samples = self.flights.at_samples
+        places = np.arange(B * S).reshape(B, S)[rows].ravel()
+        parts = {k: getattr(at_samples, k).copy() for k in ("p", "quaternion", "v", "w")}
+        for k, values in parts.items():
+            values[places] = getattr(flown.at_samples, k)
+        new = replace(flown.fine, flight=rows[flown.fine.flight])
+        fine = _joined(_kept(self.flights.fine, ~which), new)
+        return replace(self, start=picked(which, start, self.start), flights=Flights(State(**parts), (B, S), fine))
 
     @cached_property
     def body(self) -> FreeBody:
@@ -106,26 +122,29 @@ class Shot:
         return self.recalled(body)[np.minimum(first, len(f.time) - 1)]
 
 
-def chosen(first: np.ndarray[Any, np.dtype[np.bool_]], one: Shot, other: Shot) -> Shot:
+def chosen(first: Flags, one: Shot, other: Shot) -> Shot:
     """The arcs of `one` where `first` (B,) says so, and those of `other` elsewhere."""
     B, S = one.flights.shape
-    start, at_samples = (
-        State(*(np.where(pick[:, None], getattr(a, k), getattr(b, k)) for k in ("p", "quaternion", "v", "w")))
-        for pick, a, b in (
-            (first, one.start, other.start),
-            (np.repeat(first, S), one.flights.at_samples, other.flights.at_samples),
-        )
-    )
-    a, b = one.flights.fine, other.flights.fine
-    from_a, from_b = first[a.flight], ~first[b.flight]
-    flight, time, step, mode, memory = (
-        np.concatenate([getattr(a, k)[from_a], getattr(b, k)[from_b]])
-        for k in ("flight", "time", "step", "mode", "memory")
-    )
-    state = stacked([a.state[from_a], b.state[from_b]])
-    order = np.lexsort((time, flight))
-    fine = Fine(flight[order], time[order], step[order], state[order], mode[order], memory[order])
+    start = picked(first, one.start, other.start)
+    at_samples = picked(np.repeat(first, S), one.flights.at_samples, other.flights.at_samples)
+    fine = _joined(_kept(one.flights.fine, first), _kept(other.flights.fine, ~first))
     return Shot(one.arcs, one.noise, one.physics, start, Flights(at_samples, (B, S), fine))
+
+
+def _kept(fine: Fine, flights: Flags) -> Fine:
+    """The steps of these flights (B,)."""
+    own = flights[fine.flight]
+    return Fine(fine.flight[own], fine.time[own], fine.step[own], fine.state[own], fine.mode[own], fine.memory[own])
+
+
+def _joined(a: Fine, b: Fine) -> Fine:
+    """The steps of both, flight after flight."""
+    flight, time, step, mode, memory = (
+        np.concatenate([getattr(a, k), getattr(b, k)]) for k in ("flight", "time", "step", "mode", "memory")
+    )
+    order = np.lexsort((time, flight))
+    state = stacked([a.state, b.state])[order]
+    return Fine(flight[order], time[order], step[order], state, mode[order], memory[order])
 
 
 def _onwards(fine: Fine) -> Array:
