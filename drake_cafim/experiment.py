@@ -10,7 +10,6 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import LogVectorOutput
 
 from drake_cafim.belief import Belief
-from drake_cafim.design.force_guard import GuardConfig
 from drake_cafim.design.guard_system import ForceGuard
 from drake_cafim.design.planner import PlannerConfig, PlannerName
 from drake_cafim.design.policies import PolicyName, make_policy
@@ -128,11 +127,10 @@ def force_limit(task: Task) -> float:
 
 
 def behind_guard(task: Task) -> PlanningModel:
-    """The task's model as plans behind a force guard know it: off the limit, and slow, or they would only be cut."""
+    """The task's model as plans behind a force guard know it: slow, or they would only be cut."""
     limited: Any = task.model  # every packaged model with a limit is a `PointModel`
     speed = min(limited.speed_limit, limited.careful_speed)
-    limit = GuardConfig().planned * force_limit(task)
-    return cast(PlanningModel, replace(limited, force_limit=limit, speed_limit=speed))
+    return cast(PlanningModel, replace(limited, speed_limit=speed))
 
 
 def _guarded(task: Task, options: Options, world: World) -> bool:

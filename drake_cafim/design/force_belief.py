@@ -25,7 +25,7 @@ class FilterConfig:
     """How little the model is believed."""
 
     points: int = 48  # hypotheses
-    gain_std: tuple[float, float] = (0.4, 0.4)  # of a and b, before any force was felt
+    gain_std: tuple[float, float] = (0.42, 0.3)  # of a and b, before any force was felt
     drift: float = 0.05  # 1/√s, std of a gain's random walk after a second
     fewest: float = 0.15  # part of the hypotheses; with weight on fewer, they are placed anew
 

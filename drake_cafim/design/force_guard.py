@@ -20,7 +20,6 @@ class GuardConfig:
     """How careful the guard is."""
 
     probability: float = 0.01  # of exceeding the limit at an instant, at worst of how the robot may follow
-    planned: float = 0.85  # of the limit, within which plans behind the guard keep the force that they expect
     ramp: float = 0.02  # s, the longest that the robot takes to follow a change of command
     shares: int = 12  # parts of a command that are tried, and as many of a retreat
     instants: int = 4  # of each period at which the force is looked at
