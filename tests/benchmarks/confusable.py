@@ -121,9 +121,10 @@ unknown:
 """
 
 
-USUAL, QUICK = Shape(), Shape(spacing=0.04)
-"""The quick one is for explanations that are milliseconds apart: as many numbers in half the time. An elasticity that
-quick motions only just show would be stiffer than the steps of simulation can follow."""
+USUAL, QUICK, SLOW = Shape(), Shape(spacing=0.04), Shape(spacing=0.16)
+"""As many numbers in half or twice the time. The quick one is for explanations that are milliseconds apart; an
+elasticity that quick motions only just show would be stiffer than the steps of simulation can follow. The slow one is
+for those that only differ in where the arm is, which it must have time to reach."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,7 @@ GROUPS = (
         "gain, payload, load friction",
         ("actuator_gain_error@elbow", "payload@fore", "joint_load_dependent_friction@elbow"),
     ),
-    Group("tilt, spring, payload", ("gravity_misalignment@world", "joint_spring@shoulder", "payload@fore")),
+    Group("tilt, spring, payload", ("gravity_misalignment@world", "joint_spring@shoulder", "payload@fore"), shape=SLOW),
     Group("stiffness, offset", ("contact_nonlinear_stiffness@tool/wall", "surface_offset@wall"), STAGE, STAGE_SCENARIO),
     Group(
         "Stribeck, presliding",
