@@ -45,10 +45,10 @@ class ContouringConfig:
             workspace=Workspace(lower=[0.3, -0.15], upper=[0.7, 0.15]),
         )
     )
-    # soft: the pressure grows over half the width, and the tip's force is the planner's 500 N/m times d at d = 5 mm
+    # soft: the pressure grows over half the width; at half the force limit the force is the planner's 500 N/m times d
     box: Surface = field(
         default_factory=lambda: Surface(
-            modulus=8.0e4, point_stiffness=500.0, dissipation=0.5, friction=0.0, resolution=0.02
+            modulus=5.0e4, point_stiffness=500.0, dissipation=0.5, friction=0.0, resolution=0.02
         )
     )
 

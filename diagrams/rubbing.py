@@ -37,22 +37,25 @@ class RubbingConfig:
     # the arm does not reach behind itself: x ends at 0.55 m, not at the paper's 1 m
     robot: ProbingArm = field(
         default_factory=lambda: ProbingArm(
-            posture=[0.76762, -0.71942, -0.55014, -2.8727, 1.50897, 2.04824, 1.90331],
-            rod=0.16,
+            # from here to the wall the joints' speeds and efforts allow most of what is commanded; the rod points at
+            # the wall, 12 degrees down
+            posture=[-2.0523, -1.2284, 1.522, -2.0797, 2.0121, 0.4472, 0.9845],
+            floor_height=-0.51275,
+            rod=0.26,
             tip_radius=0.04,
             # soft: at d = 3 cm, as far as the workspace lets it press, the force at rest is 100 N/m times d
             tip=Surface(modulus=2300.0, dissipation=0.5, point_stiffness=1e9, friction=1.0, resolution=0.02),
-            tracking=TrackingConfig(ramp=0.02, acceleration=10.0),
+            tracking=TrackingConfig(ramp=0.02, acceleration=14.0),
             # pressed in as far as its centre, a soft ball no longer pushes: the paper's 0 m is 0.01 m here; braking is
             # within the reference's acceleration
-            workspace=Workspace(lower=[0.01, 0.5], upper=[0.55, 1.0], braking_at_lower=8.0, braking_at_upper=8.0),
+            workspace=Workspace(lower=[0.01, 0.5], upper=[0.55, 1.0], braking_at_lower=11.0, braking_at_upper=11.0),
         )
     )
     # with `truth: stiffness`, its point stiffness is that, and the tip's modulus in proportion
     wall: Surface = field(default_factory=lambda: Surface(point_stiffness=100.0, dissipation=0.5))
     damping: float = Rubbing.damping  # N s/m, of world `model`
     measures_normal: bool = True  # else the sensor feels the tangential force alone
-    along: float = 0.3  # m, x of W where the tip meets the wall
+    along: float = 0.45239  # m, x of W where the tip meets the wall
 
 
 def load_config(path: Path | None = None) -> RubbingConfig:

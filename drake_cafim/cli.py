@@ -67,7 +67,11 @@ def common(function: Command) -> Command:
 @click.option(
     "--belief-samples", type=int, default=1, show_default=True, help="Score plans over so many points of the belief."
 )
-@click.option("--force-guard", is_flag=True, help="Cut commands so that measured forces keep within the force limit.")
+@click.option(
+    "--force-guard/--no-force-guard",
+    default=None,
+    help="Cut commands so that measured forces keep the force limit.  [default: contact-aware, where there is one]",
+)
 @click.option("--fisher", default="tangent", show_default=True, help="Or autodiff, finite-difference.")
 @click.option("--prior-scale", type=float, default=1.3, show_default=True, help="The prior's mean over the truth.")
 @click.option(

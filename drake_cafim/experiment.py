@@ -1,15 +1,16 @@
 """Algorithm 1 of the paper, closed: plan a motion that touches, execute it, estimate, and again."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, DiagramBuilder, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import LogVectorOutput
 
 from drake_cafim.belief import Belief
+from drake_cafim.design.force_guard import GuardConfig
 from drake_cafim.design.guard_system import ForceGuard
 from drake_cafim.design.planner import PlannerConfig, PlannerName
 from drake_cafim.design.policies import PolicyName, make_policy
@@ -20,6 +21,7 @@ from drake_cafim.estimation.system import CaMap
 from drake_cafim.information import Criterion
 from drake_cafim.kinematic_world import kinematic_world
 from drake_cafim.sensitivity.evaluator import Fisher, make_evaluator
+from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.sensitivity.tangent import TangentEvaluator
 from drake_cafim.tasks.task import Task
 from drake_cafim.typing import Array
@@ -36,7 +38,9 @@ class Options:
     fisher: Fisher = "tangent"
     planner_config: PlannerConfig = field(default_factory=PlannerConfig)
     belief_samples: int = 1  # points of the belief over which a plan's score is averaged; 1: its mode
-    force_guard: bool = False  # commands are cut so that the true force keeps within the task's force limit
+    # commands are cut so that the true force keeps within the task's limit; None: those of contact-aware, where a robot
+    # executes them and there is a limit
+    force_guard: bool | None = None
     experiments: int | None = None  # None: the task's own number
     until_std: float | None = None  # stop when every std is below this fraction of its estimate
     seed: int = 0
@@ -97,6 +101,7 @@ def run(
     """
     options = Options() if options is None else options
     world = kinematic_world(task, seed=options.seed) if world is None else world
+    options = replace(options, force_guard=_guarded(task, options, world))
     loop = _Loop(task, options, world)
     prior = Belief.prior(task.model.parameters)
     results: list[ExperimentResult] = []
@@ -122,10 +127,25 @@ def force_limit(task: Task) -> float:
     return float(limit)
 
 
+def behind_guard(task: Task) -> PlanningModel:
+    """The task's model as plans behind a force guard know it: off the limit, and slow, or they would only be cut."""
+    limited: Any = task.model  # every packaged model with a limit is a `PointModel`
+    speed = min(limited.speed_limit, limited.careful_speed)
+    limit = GuardConfig().planned * force_limit(task)
+    return cast(PlanningModel, replace(limited, force_limit=limit, speed_limit=speed))
+
+
+def _guarded(task: Task, options: Options, world: World) -> bool:
+    if options.force_guard is not None:
+        return options.force_guard
+    executed = options.policy == "contact-aware" and isinstance(world.system, Diagram)
+    return executed and getattr(task.model, "force_limit", None) is not None
+
+
 def _add_guard(builder: DiagramBuilder, task: Task, options: Options) -> ForceGuard | None:
     if not options.force_guard:
         return None
-    guard = ForceGuard(task.model, force_limit(task))
+    guard = ForceGuard(behind_guard(task), force_limit(task))
     builder.AddNamedSystem("guard", guard)
     return guard
 
@@ -137,9 +157,10 @@ class _Loop:
         self.task, self.world = task, world
         model = task.model
         self.evaluator = TangentEvaluator(model)  # of estimates; the planner's is the policy's
+        planned = behind_guard(task) if options.force_guard else model
         policy = make_policy(
             options.policy,
-            model,
+            planned,
             planner=options.planner,
             criterion=options.criterion,
             fisher=options.fisher,
@@ -196,9 +217,9 @@ class _Loop:
         self.design.begin_experiment(self.design.GetMyMutableContextFromRoot(root), number)
         estimating = self.estimator.GetMyMutableContextFromRoot(root)
         self.estimator.begin_experiment(estimating, number)
-        if self.guard is not None:
+        if self.guard is not None and number == 0:  # what it has felt, it knows in the experiments that follow
             belief = self.estimator.belief(estimating)
-            self.guard.begin_experiment(self.guard.GetMyMutableContextFromRoot(root), belief)
+            self.guard.begin(self.guard.GetMyMutableContextFromRoot(root), belief)
         logs: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.sinks.items()}
         recorders: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.recorders.items()}
         for log in (*logs.values(), *recorders.values()):

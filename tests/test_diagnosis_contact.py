@@ -15,8 +15,8 @@ from drake_cafim.diagnosis.forecast import forecasts, root_mean_square
 from drake_cafim.diagnosis.innovations import innovations
 from drake_cafim.diagnosis.location import locate
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.search import Settings, search
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scenario.scene import Scene
 
@@ -56,7 +56,7 @@ def test_a_wrong_contact_is_told_from_a_wrong_sensor(
     kind: str, seed: int, place: tuple[str, str], tmp_path: Path
 ) -> None:
     prepared = known(kind, seed, tmp_path, ("train_1",)).prepared
-    problem = Problem.of(prepared.scene, prepared.weak, Model(prepared.scene.priors.mean))
+    problem = WeakProblem.of(prepared.scene, prepared.weak, Model(prepared.scene.priors.mean))
     nominal = unbiased_fit(problem, problem.nominal()).model
     first = locate(problem, nominal)[0]
     assert (first.kind, first.name) == place
@@ -66,7 +66,7 @@ def test_a_wrong_contact_is_told_from_a_wrong_sensor(
 def test_the_truth_leaves_noise_and_simulations_follow_it(effect: str, tmp_path: Path) -> None:
     case = known(f"single:{effect}", 203, tmp_path, ("held_1",))
     [weak] = case.prepared.weak
-    problem = Problem.of(case.prepared.scene, [weak], case.model)
+    problem = WeakProblem.of(case.prepared.scene, [weak], case.model)
     rows = problem.residual(case.model)[: problem.rows]
     assert float(np.mean(rows**2)) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / len(rows)))
     physics = case.model.physics(case.prepared.scene)
@@ -82,7 +82,7 @@ def test_the_truth_leaves_noise_and_simulations_follow_it(effect: str, tmp_path:
 def test_named_and_measured(effect: str, tmp_path: Path) -> None:
     case = known(f"single:{effect}", 203, tmp_path)
     scene = case.prepared.scene
-    best = search(Problem.of(scene, case.prepared.weak, Model(scene.priors.mean)), Settings()).best
+    best = search(WeakProblem.of(scene, case.prepared.weak, Model(scene.priors.mean)), Settings()).best
     [truth] = case.truth["effects"]
     assert [one.key for one in best.model.effects] == [(truth["effect"], truth["at"])]
     [found] = best.model.effects

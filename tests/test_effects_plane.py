@@ -10,8 +10,8 @@ from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import prepare
 from drake_cafim.diagnosis.fitting import unbiased_fit
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.screening import screen
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.scene import Scene
@@ -56,7 +56,7 @@ def test_found_by_where_the_forces_point(tmp_path: Path) -> None:
     prepared = prepare(
         Scene.load(tmp_path / "scenario.yaml"), [recordings.read(tmp_path / f"train_{k}.parquet") for k in (1, 2, 3)]
     )
-    problem = Problem.of(prepared.scene, prepared.weak, Model(prepared.scene.priors.mean))
+    problem = WeakProblem.of(prepared.scene, prepared.weak, Model(prepared.scene.priors.mean))
     nominal = unbiased_fit(problem, problem.nominal())
     [truth] = case.truth["effects"]  # type: ignore[misc]
     [found] = screen(problem, nominal, [UnmodeledContact(truth["at"])])

@@ -5,12 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.fitting import fit, unbiased_fit
+from drake_cafim.diagnosis.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.robust import wald_p_value
 from drake_cafim.diagnosis.samples import samples_of
 from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.coupling import JointBacklash, JointCoupling, JointElasticity
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.effects.sensor import SensorGainError
@@ -31,7 +32,7 @@ NOISE = {"q.rail": 1e-4, "v.rail": 0.03, "u.rail": 0.0}
 
 def _problem(
     folder: Path, *, mass: float, friction: float, seed: int, still: bool = False, rotor: float = 0.0
-) -> Problem:
+) -> WeakProblem:
     """A sliding mass, solved exactly between the steps of its effort; the velocity is measured badly."""
     (folder / "slider.urdf").write_text(MODEL.replace("ROTOR", str(rotor)))
     rng = np.random.default_rng(seed)
@@ -55,7 +56,7 @@ def _problem(
            "unknown": [{"parameter": "mass", "body": "block", "mean": 2.0, "std": 0.4}]}  # fmt: skip
     scene = Scene.build(parse(raw, "test"), folder, "test")
     weak = WeakForm(samples_of(scene, Recording("a", time, columns), NOISE), ())
-    return Problem.of(scene, [weak], Model(scene.priors.mean))
+    return WeakProblem.of(scene, [weak], Model(scene.priors.mean))
 
 
 def test_estimates_are_centred_and_as_sure_as_they_say(tmp_path: Path) -> None:
@@ -107,3 +108,20 @@ def test_of_what_no_row_sees_nothing_is_known(tmp_path: Path) -> None:
     found = fit(problem, Model(problem.scene.priors.mean, (stop,)))
     assert found.std[0] < 0.4 and np.all(found.std[1:] >= 1e6)
     assert found.model.effects[0].values == stop.values
+
+
+@pytest.mark.parametrize(("along", "seen"), [(30.0, True), (0.0, False)])
+def test_a_push_is_judged_by_the_direction_that_is_felt(tmp_path: Path, along: float, seen: bool) -> None:
+    """However large it came out along the ones that are not, of which slopes know no more than rounding."""
+    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=0, still=True)
+    rng = np.random.default_rng(1)
+    felt = np.array([0.8, 0.0, 0.6])
+    force = along * felt + 500.0 * np.array([0.6, 0.0, -0.8])
+    columns = rng.normal(size=(problem.rows + 1, 6)) / np.sqrt(problem.rows)
+    columns[:, 1:4] = np.outer(columns[:, 1], felt) + 3e-6 * columns[:, 1:4]
+    columns[:, 2] = 1e-17 * columns[:, 0]
+    values = dict(zip("xyz", force, strict=True)) | {"start": 1.0, "stop": 1.1}
+    push = ExternalDisturbance("block", values, "a")
+    covariance = np.linalg.pinv(columns.T @ columns, rcond=1e-30, hermitian=True)
+    fitted = Fit(Model(np.array([2.0]), (push,)), rng.normal(size=len(columns)), columns, covariance, problem.rows)
+    assert (wald_p_value(problem, fitted, push.key) < 1e-6) is seen

@@ -9,8 +9,8 @@ from scipy.stats import binom
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import prepare
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.search import Settings, search
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.scenario.scene import Scene
 
 FIRST, COUNT = 5000, {"arm2": 30, "arm3": 10, "press": 10}
@@ -24,7 +24,7 @@ def _detected(rig: str, seed: int, folder: Path) -> float | None:
     case.write(folder)
     scene = Scene.load(folder / "scenario.yaml")
     prepared = prepare(scene, [recordings.read(folder / f"train_{k}.parquet") for k in (1, 2, 3)])
-    problem = Problem.of(prepared.scene, prepared.weak, Model(scene.priors.mean))
+    problem = WeakProblem.of(prepared.scene, prepared.weak, Model(scene.priors.mean))
     return search(problem, Settings(most_effects=0)).detection_p_value
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from drake_cafim.commands.inputs import read_report, report_file
 from drake_cafim.design.planner import PLANNERS, PlannerName
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.discrimination.closed_loop import measured, simulated
 from drake_cafim.discrimination.design import Designer, default_effort
 from drake_cafim.discrimination.hypotheses import Pair, named_pair, reported_pairs
@@ -169,7 +169,7 @@ class _Runs:
         """The motion where `truth` holds."""
         return simulated(truth.physics(self.scene), self.scene.physics, self.designer.limits, self.planned)
 
-    def problem(self, truth: Model, run: Motion, number: int) -> Problem:
+    def problem(self, truth: Model, run: Motion, number: int) -> WeakProblem:
         """What the sensors write of it, with noise."""
         random = np.random.default_rng([self.seed, number])
         noisy = measured(self.scene, truth.physics(self.scene), run, noise_of(self.scene), random, TRAJECTORY)
@@ -183,7 +183,7 @@ class _Trial:
     name: str
     sign: float
     run: Motion
-    problem: Problem
+    problem: WeakProblem
 
 
 def _trials(runs: _Runs, pair: Pair) -> tuple[_Trial, _Trial]:

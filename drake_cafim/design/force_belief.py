@@ -1,11 +1,13 @@
 """What the contact force may be, learned from measured, noisy forces by a filter that does not believe its model.
 
-Under each of a few hypotheses θ_k about the parameters, with weights w_k, the true force is s_k λ̂(θ_k), its gain
-s_k ~ N(m_k, v_k), at first N(1, `gain_std`²). A measured force corrects the gains, and the weights by what each
-hypothesis had expected of it: a face that should have been felt by now and was not loses its weight.
+Under each of a few hypotheses θ_k about the parameters, with weights w_k, the true force is λ̂ (a_k + b_k |λ̂|/L),
+λ̂ the force predicted with θ_k and L the force limit: too soft or too hard by a factor, and growing faster or slower
+than predicted, as Drake's hydroelastic contact does. The gains (a_k, b_k) are Gaussian, at first about (1, 0). A
+measured force corrects the gains, and the weights by what each hypothesis had expected of it: a face that should
+have been felt by now and was not loses its weight.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,25 +16,28 @@ from drake_cafim.design.averaging import sigma_points
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.typing import Array
 
+GAINS = 2
+"""Of each hypothesis: a, and b."""
+
 
 @dataclass(frozen=True)
 class FilterConfig:
     """How little the model is believed."""
 
-    points: int = 32  # hypotheses
-    gain_std: float = 0.4  # of the true force over the predicted one, before any was felt
-    drift: float = 0.5  # 1/√s, std of the gain's random walk after a second
-    fewest: float = 0.5  # part of the hypotheses; with weight on fewer, they are placed anew
+    points: int = 48  # hypotheses
+    gain_std: tuple[float, float] = (0.4, 0.4)  # of a and b, before any force was felt
+    drift: float = 0.05  # 1/√s, std of a gain's random walk after a second
+    fewest: float = 0.15  # part of the hypotheses; with weight on fewer, they are placed anew
 
 
 @dataclass(frozen=True)
 class ForceBelief:
-    """Hypotheses `theta` (m, n), their `log_weight` (m,), and the gains' `mean` and `variance`, (m,) each."""
+    """Hypotheses `theta` (m, n), their `log_weight` (m,), the gains' `mean` (m, 2) and `covariance` (m, 2, 2)."""
 
     theta: Array
     log_weight: Array
     mean: Array
-    variance: Array
+    covariance: Array
 
     @property
     def weight(self) -> Array:
@@ -41,22 +46,25 @@ class ForceBelief:
         return np.asarray(likely / likely.sum())
 
     def vector(self) -> Array:
-        """All of it, (m (n + 3),)."""
-        return np.concatenate([self.theta.ravel(), self.log_weight, self.mean, self.variance])
+        """All of it, (m (n + 7),)."""
+        return np.concatenate([self.theta.ravel(), self.log_weight, self.mean.ravel(), self.covariance.ravel()])
 
     @classmethod
     def from_vector(cls, vector: Array, count: int) -> "ForceBelief":
         """The inverse of `vector`, for `count` hypotheses."""
-        theta, rest = np.split(vector, [len(vector) - 3 * count])
-        log_weight, mean, variance = np.split(rest, 3)
-        return cls(theta.reshape(count, -1), log_weight, mean, variance)
+        ends = np.cumsum([count * GAINS**2, count * GAINS, count])
+        theta, log_weight, mean, covariance = np.split(vector, len(vector) - ends[::-1])
+        return cls(
+            theta.reshape(count, -1), log_weight, mean.reshape(count, -1), covariance.reshape(count, GAINS, GAINS)
+        )
 
 
 def first_force_belief(model: PlanningModel, belief: Belief, config: FilterConfig) -> ForceBelief:
     """Before any force was felt: equally likely hypotheses, spread as the belief is, inside the model's bounds."""
     theta = _clip(model, sigma_points(belief.mean, belief.covariance, config.points))
-    ones = np.ones(config.points)
-    return ForceBelief(theta, 0.0 * ones, ones, config.gain_std**2 * ones)
+    shape = (config.points, GAINS)
+    first = np.broadcast_to(np.diag(np.square(config.gain_std)), (*shape, GAINS))
+    return ForceBelief(theta, np.zeros(config.points), np.broadcast_to([1.0, 0.0], shape), first)
 
 
 def predicted_forces(model: PlanningModel, robot_states: Array, theta: Array) -> Array:
@@ -65,39 +73,58 @@ def predicted_forces(model: PlanningModel, robot_states: Array, theta: Array) ->
     return np.stack([model.contact(state, robot_states, point) for point in theta])
 
 
-def learn(
-    model: PlanningModel, before: ForceBelief, robot_state: Array, measured: Array, config: FilterConfig
-) -> ForceBelief:
-    """The belief a period later: a random walk of the gains, corrected by `measured` (nλ,) N at `robot_state`.
+def magnitude(belief: ForceBelief, forces: Array, limit: float) -> tuple[Array, Array]:
+    """Mean and variance (m, ...) of the true force along the predicted `forces` (m, ..., nλ), N and N²."""
+    size = np.linalg.norm(forces, axis=-1)
+    features = np.stack([size, size**2 / limit], axis=-1)
+    mean = np.einsum("m...i,mi->m...", features, belief.mean)
+    return mean, np.einsum("m...i,mij,m...j->m...", features, belief.covariance, features)
 
-    Where no force is predicted the gain is less certain by a period; never less than at first.
-    """
-    variance = np.minimum(before.variance + config.drift**2 * model.period, config.gain_std**2)
-    whitened = predicted_forces(model, robot_state, before.theta) / model.noise_std
-    innovation = measured / model.noise_std - before.mean[:, np.newaxis] * whitened
-    after = 1.0 / (1.0 / variance + (whitened**2).sum(axis=-1))
-    along = (whitened * innovation).sum(axis=-1)
-    # log N(innovation; 0, I + variance whitened whitenedᵀ), by Sherman and Morrison
-    surprise = (innovation**2).sum(axis=-1) - after * along**2 + np.log(variance / after)
-    learned = ForceBelief(before.theta, before.log_weight - 0.5 * surprise, before.mean + after * along, after)
+
+def learn(
+    model: PlanningModel,
+    before: ForceBelief,
+    robot_state: Array,
+    measured: Array,
+    limit: float,
+    config: FilterConfig,
+) -> ForceBelief:
+    """The belief a period later: a random walk of the gains, corrected by `measured` (nλ,) N at `robot_state`."""
+    forces = predicted_forces(model, robot_state, before.theta)
+    size = np.linalg.norm(forces, axis=-1, keepdims=True)
+    slope = np.stack([forces, forces * size / limit], axis=-1) / model.noise_std[:, np.newaxis]  # (m, nλ, 2)
+    prior = before.covariance + config.drift**2 * model.period * np.eye(GAINS)
+    innovation = measured / model.noise_std - np.einsum("myi,mi->my", slope, before.mean)
+    expected = slope @ prior @ slope.transpose(0, 2, 1) + np.eye(len(measured))
+    gain = np.linalg.solve(expected, slope @ prior).transpose(0, 2, 1)
+    surprise = np.einsum("my,my->m", innovation, np.linalg.solve(expected, innovation[..., np.newaxis])[..., 0])
+    log_weight = before.log_weight - 0.5 * (surprise + np.linalg.slogdet(expected)[1])
+    learned = ForceBelief(
+        before.theta,
+        log_weight,
+        before.mean + np.einsum("miy,my->mi", gain, innovation),
+        prior - gain @ slope @ prior,
+    )
     few = 1.0 / (learned.weight**2).sum() < config.fewest * config.points
     return _placed_anew(model, learned) if few else learned
 
 
 def _placed_anew(model: PlanningModel, old: ForceBelief) -> ForceBelief:
-    """As many equally likely hypotheses, θ and gain together of the same mean, their covariance no finer than before.
+    """As many equally likely hypotheses, θ and gains together of the same mean, their covariance no finer than before.
 
     Points that lay `spacing` apart, in units of their spread, tell no more than that.
     """
+    count, size = old.theta.shape
     points = np.column_stack([old.theta, old.mean])
-    count, size = points.shape
     spacing = count ** (-1.0 / size)
     centre = old.weight @ points
     covariance = (old.weight[:, np.newaxis] * (points - centre)).T @ (points - centre)
-    covariance = covariance + spacing**2 * np.cov(points.T, bias=True)
+    covariance[:size, :size] += spacing**2 * np.cov(old.theta.T, bias=True)
+    # gains that all agree would leave no spread to place them by
+    covariance += 1e-12 * np.trace(covariance) * np.eye(len(covariance))
     placed = sigma_points(centre, covariance, count)
-    same = replace(old, log_weight=np.zeros(count), variance=np.full(count, old.weight @ old.variance))
-    return replace(same, theta=_clip(model, placed[:, :-1]), mean=placed[:, -1])
+    gains = np.broadcast_to(np.einsum("m,mij->ij", old.weight, old.covariance), old.covariance.shape)
+    return ForceBelief(_clip(model, placed[:, :size]), np.zeros(count), placed[:, size:], gains)
 
 
 def _clip(model: PlanningModel, points: Array) -> Array:

@@ -7,9 +7,9 @@ the robot, which takes a while to follow, has come back from it.
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
-from drake_cafim.design.force_belief import FilterConfig, ForceBelief, predicted_forces
+from drake_cafim.design.force_belief import FilterConfig, ForceBelief, magnitude, predicted_forces
 from drake_cafim.design.policies import attainable
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.typing import Array
@@ -19,9 +19,10 @@ from drake_cafim.typing import Array
 class GuardConfig:
     """How careful the guard is."""
 
-    probability: float = 1e-3  # of exceeding the limit, at any instant
-    ramp: float = 0.05  # s, the longest that the robot takes to follow a change of command
-    shares: int = 16  # parts of a command that are tried, and as many of a retreat
+    probability: float = 0.01  # of exceeding the limit at an instant, at worst of how the robot may follow
+    planned: float = 0.85  # of the limit, within which plans behind the guard keep the force that they expect
+    ramp: float = 0.02  # s, the longest that the robot takes to follow a change of command
+    shares: int = 12  # parts of a command that are tried, and as many of a retreat
     instants: int = 4  # of each period at which the force is looked at
     filter: FilterConfig = field(default_factory=FilterConfig)
 
@@ -31,12 +32,19 @@ def guarded_command(
 ) -> Array:
     """The command (nu,) nearest to `command` that keeps the force within `limit` N; if none does, the mildest.
 
-    It goes from `command` to a stop, and from there to a retreat at full speed along the force that is felt now.
-    Commands and forces have the same axes; what is touched does not move.
+    What goes against the force that may be met is taken away first, so that sliding along it remains; then the
+    rest; then it retreats along that force, up to full speed. Commands and forces have the same axes; what is
+    touched does not move.
     """
-    retreat = _retreat(model, belief, robot_state)
-    shares = np.linspace(1.0, 0.0, config.shares)[:, np.newaxis]
-    commands = np.concatenate([shares * command, (1.0 - shares[1:]) * retreat])
+    away = _away(model, belief, robot_state, command, limit, config)
+    if not np.any(away):
+        return attainable(model, robot_state, command)
+    less = np.linspace(0.0, 1.0, config.shares)[:, np.newaxis]
+    against = min(float(command @ away), 0.0) * away
+    sliding = command - against
+    _, fastest = model.velocity_bounds
+    retreat = fastest * away
+    commands = np.concatenate([command - less * against, (1.0 - less[1:]) * sliding, less[1:] * retreat])
     # a robot that follows at once gets further in the first period, one that does not in the second
     followed = [_approach(robot_state, commands, retreat, model.period, ramp, config) for ramp in (1e-6, config.ramp)]
     risk = exceedance(model, belief, np.concatenate(followed, axis=1), limit).max(axis=-1)
@@ -45,20 +53,26 @@ def guarded_command(
 
 
 def exceedance(model: PlanningModel, belief: ForceBelief, robot_states: Array, limit: float) -> Array:
-    """Σ_k w_k P(s_k |λ̂(θ_k)| > `limit`), (...,), at robot states (..., 2 nu)."""
-    forces = np.linalg.norm(predicted_forces(model, robot_states, belief.theta), axis=-1)
-    shape = (-1, *[1] * (forces.ndim - 1))
-    room = limit / np.maximum(forces, 1e-9 * limit) - belief.mean.reshape(shape)
-    risk = norm.sf(room / np.sqrt(belief.variance).reshape(shape))
+    """P(|λ| > `limit`), (...,), at robot states (..., 2 nu)."""
+    mean, variance = magnitude(belief, predicted_forces(model, robot_states, belief.theta), limit)
+    risk = ndtr((mean - limit) / np.sqrt(np.maximum(variance, 1e-12 * limit**2)))
     return np.asarray(np.tensordot(belief.weight, risk, axes=1))
 
 
-def _retreat(model: PlanningModel, belief: ForceBelief, robot_state: Array) -> Array:
-    """Velocity (nu,) at full speed along the force expected now; zero without one."""
-    felt = (belief.weight * np.maximum(belief.mean, 0.0)) @ predicted_forces(model, robot_state, belief.theta)
-    size = float(np.linalg.norm(felt))
-    _, fastest = model.velocity_bounds
-    return np.asarray(fastest * felt / size if size > 0 else np.zeros_like(fastest))
+def _away(
+    model: PlanningModel, belief: ForceBelief, robot_state: Array, command: Array, limit: float, config: GuardConfig
+) -> Array:
+    """Unit vector (nu,) along the force that is expected on the way of `command`; zero where none is possible."""
+    way = _approach(robot_state, command[np.newaxis], command, model.period, 1e-6, config)[0]
+    forces = predicted_forces(model, np.concatenate([robot_state[np.newaxis], way]), belief.theta)
+    mean, variance = magnitude(belief, forces, limit)
+    size = np.linalg.norm(forces, axis=-1)
+    # as strong as it may be: a hypothesis that has been felt to push little turns the robot little
+    strong = np.maximum(mean, 0.0) + np.sqrt(variance)
+    gain = np.divide(strong, size, out=np.zeros_like(size), where=size > 0)
+    felt = np.einsum("m,ms,msi->i", belief.weight, gain, forces)
+    length = float(np.linalg.norm(felt))
+    return np.asarray(felt / length if length > 0 else felt)
 
 
 def _approach(

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from drake_cafim.belief import Belief
-from drake_cafim.design.force_belief import ForceBelief, first_force_belief, learn
+from drake_cafim.design.force_belief import GAINS, ForceBelief, first_force_belief, learn
 from drake_cafim.design.force_guard import GuardConfig, guarded_command
 from drake_cafim.sensitivity.model import PlanningModel
 
@@ -34,11 +34,11 @@ class ForceGuard(LeafSystem):
         self.DeclareVectorInputPort("measured_state", 2 * axes)
         self.DeclareVectorInputPort("measured_force", len(model.noise_std))
         self._robot = int(self.DeclareDiscreteState(2 * axes))
-        self._belief = int(self.DeclareDiscreteState(count * (len(model.parameters.names) + 3)))
+        self._belief = int(self.DeclareDiscreteState(count * (len(model.parameters.names) + 1 + GAINS + GAINS**2)))
         self.DeclareVectorOutputPort("command", axes, self._guard)
         self.DeclarePeriodicDiscreteUpdateEvent(model.period, 0.0, self._learn)
 
-    def begin_experiment(self, context: Context, belief: Belief) -> None:
+    def begin(self, context: Context, belief: Belief) -> None:
         """Forget in `context` (this system's own) what was felt: nothing is touched yet, and `belief` is all."""
         first = first_force_belief(self._model, belief, self._config.filter)
         state: Any = context.get_mutable_discrete_state()
@@ -54,7 +54,7 @@ class ForceGuard(LeafSystem):
     def _learn(self, context: Context, update: DiscreteValues) -> None:
         robot, measured = (np.array(self.get_input_port(index).Eval(context)) for index in (1, 2))
         before: Any = self._force_belief(context)
-        after = learn(self._model, before, robot, measured, self._config.filter)
+        after = learn(self._model, before, robot, measured, self._limit, self._config.filter)
         written: Any = update
         written.get_mutable_vector(self._robot).SetFromVector(robot)
         written.get_mutable_vector(self._belief).SetFromVector(after.vector())

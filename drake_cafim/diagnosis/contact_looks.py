@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_cafim.contact.change import Touch
 from drake_cafim.diagnosis.fitting import Fit
-from drake_cafim.diagnosis.problem import Problem, Run
+from drake_cafim.diagnosis.weak_problem import Run, WeakProblem
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.surface import SurfaceEffect
@@ -19,7 +19,7 @@ IMPROVEMENTS = 8
 
 
 def contact_looks(
-    problem: Problem, at: Fit, effect: ContactEffect | SurfaceEffect
+    problem: WeakProblem, at: Fit, effect: ContactEffect | SurfaceEffect
 ) -> Iterator[tuple[Array, Callable[[Array], Effect | None]]]:
     """Whitened columns (R, c) of the effect's looks, and the effect that coefficients stand for."""
     physics = at.model.physics(problem.scene)
@@ -51,7 +51,7 @@ def contact_looks(
         yield whole, lambda c: found if 0.3 < c[0] < 3.0 else None
 
 
-def _settled(problem: Problem, at: Fit, physics: Physics, effect: SurfaceEffect) -> SurfaceEffect:
+def _settled(problem: WeakProblem, at: Fit, physics: Physics, effect: SurfaceEffect) -> SurfaceEffect:
     """The surface that fits best with the model's numbers free to first order: the best of a grid, then improved."""
     basis = np.linalg.qr(at.jacobian)[0][: problem.rows]
     here = at.residual[: problem.rows]
@@ -80,7 +80,7 @@ def _settled(problem: Problem, at: Fit, physics: Physics, effect: SurfaceEffect)
     return best
 
 
-def _change(problem: Problem, physics: Physics, effect: SurfaceEffect) -> Array:
+def _change(problem: WeakProblem, physics: Physics, effect: SurfaceEffect) -> Array:
     """By how much the effect moves the whitened rows, (R,)."""
     changed = physics.with_effects([effect])
     parts = [run.weak.contact_rows(changed) - run.weak.contact_rows(physics) for run in problem.runs]

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.samples import samples_of
 from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.dynamics.motion import bias_force, motion
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.scenario.scene import Scene
@@ -38,7 +38,7 @@ def data_mistakes(scene: Scene, recordings: Sequence[Recording], std: dict[str, 
     """A sentence for the mistake that all recordings share; empty where there is none."""
     excerpts = [_excerpt(one) for one in recordings]
     given = [_weak(scene, one, std) for one in excerpts]
-    problem = Problem.of(scene, given[:1], Model(scene.priors.mean))
+    problem = WeakProblem.of(scene, given[:1], Model(scene.priors.mean))
     physics = Model(scene.priors.mean).physics(scene)
     rows = problem.data_rows(physics)
     as_given = float(rows @ rows)
@@ -122,5 +122,5 @@ def _weak(scene: Scene, recording: Recording, std: dict[str, float]) -> WeakForm
 
 def _chi_square(scene: Scene, weak: WeakForm) -> float:
     model = Model(scene.priors.mean)
-    rows = Problem.of(scene, [weak], model).data_rows(model.physics(scene))
+    rows = WeakProblem.of(scene, [weak], model).data_rows(model.physics(scene))
     return float(rows @ rows)

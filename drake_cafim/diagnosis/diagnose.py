@@ -38,6 +38,7 @@ from drake_cafim.diagnosis.verdict import (
     Verdict,
 )
 from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.effect import Effect
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.units import unit_mistakes
@@ -109,11 +110,11 @@ class Prepared:
     mistakes: tuple[str, ...]
     noise_remarks: tuple[str, ...]
 
-    def problem(self) -> Problem:
+    def problem(self) -> WeakProblem:
         """The recordings' whitened equations, under the model as given."""
-        return Problem.of(self.scene, self.weak, Model(self.scene.priors.mean))
+        return WeakProblem.of(self.scene, self.weak, Model(self.scene.priors.mean))
 
-    def locate(self, problem: Problem, lacking: Model) -> tuple[Location, ...]:
+    def locate(self, problem: WeakProblem, lacking: Model) -> tuple[Location, ...]:
         """Where the recordings differ from `lacking`."""
         return locate(problem, lacking)
 

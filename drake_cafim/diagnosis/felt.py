@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drake_cafim.diagnosis.problem import Problem, Run
+from drake_cafim.diagnosis.weak_problem import Run, WeakProblem
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -13,7 +13,7 @@ MISSED = 6.0
 """Standard deviations of a χ² by which the sensor itself must miss a force."""
 
 
-def wrong_contact(problem: Problem, physics: Physics) -> str | None:
+def wrong_contact(problem: WeakProblem, physics: Physics) -> str | None:
     """The contact whose law is wrong, seen by one wrench sensor and one contact; None where the sensor is.
 
     A contact that pushes otherwise than predicted is missed by the sensor and by the joints alike: with the sensor's

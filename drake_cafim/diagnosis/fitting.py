@@ -20,6 +20,8 @@ STRIDE = 3.0
 """Times the size of a number, or its typical one, that a step changes it by at most."""
 NOTHING_KNOWN = 1e12
 """Variance of numbers that are an echo of noise."""
+LEAST_KNOWN = 1e-13
+"""Of the information on what is known best; what is less is rounding."""
 UNSEEN = 0.01
 """Of a whitened row: what a number's usual size must move the rows by, all together, to be fitted."""
 LEAST_WORTH = 10.0
@@ -137,8 +139,10 @@ def _inverse(information: Array) -> Array:
     # numbers in their own units differ by many powers of ten: a cubic stiffness beside a coefficient of friction
     size = np.sqrt(np.abs(np.diag(information)))
     size[size == 0.0] = 1.0
-    scaled = information / np.outer(size, size)
-    return np.asarray(np.linalg.pinv(scaled, rcond=1e-14, hermitian=True) / np.outer(size, size), dtype=float)
+    known, axes = np.linalg.eigh(information / np.outer(size, size))
+    # of what is not seen nothing is known, which is the opposite of a pseudoinverse's zero
+    known = np.maximum(known, LEAST_KNOWN * np.max(known, initial=0.0))
+    return np.asarray((axes / known) @ axes.T / np.outer(size, size), dtype=float)
 
 
 def _shared_noise(problem: Problem, model: Model, residual: Array, jacobian: Array) -> tuple[Array, Array]:

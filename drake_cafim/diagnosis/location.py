@@ -7,8 +7,8 @@ from drake_cafim.diagnosis.adequacy import BLOCK
 from drake_cafim.diagnosis.condition import condition, seen_at
 from drake_cafim.diagnosis.felt import wrong_contact
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem, Run
 from drake_cafim.diagnosis.verdict import Location
+from drake_cafim.diagnosis.weak_problem import Run, WeakProblem
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -18,7 +18,7 @@ SIGNIFICANT = 1e-3
 """p-value, times the number of blocks, at which a stretch of time is called a mismatch."""
 
 
-def locate(problem: Problem, model: Model) -> tuple[Location, ...]:
+def locate(problem: WeakProblem, model: Model) -> tuple[Location, ...]:
     """The places by their share of the excess χ² under `model`, strongest first, with the intervals where it shows.
 
     Rows of the equation of motion stand for their joint, kinematic rows and wrench rows for their sensor; where sensor
@@ -64,7 +64,7 @@ def locate(problem: Problem, model: Model) -> tuple[Location, ...]:
     return tuple(locations)
 
 
-def _condition(problem: Problem, physics: Physics, place: tuple[str, str], rows: list[list[Array]]) -> str:
+def _condition(problem: WeakProblem, physics: Physics, place: tuple[str, str], rows: list[list[Array]]) -> str:
     """The condition of one place, by the strongest of its rows in each recording."""
     names = problem.scene.tree.joint_names
     label = place[1].removeprefix("v.").removeprefix("q.")
@@ -90,7 +90,7 @@ def standardised(run: Run, rows: Array) -> Array:
     return np.concatenate([result[:, :k], left / np.sqrt(variance)], axis=1)
 
 
-def places_of(problem: Problem) -> list[tuple[str, str]]:
+def places_of(problem: WeakProblem) -> list[tuple[str, str]]:
     """Kind and name of what each row of a window stands for, in the rows' order."""
     weak = problem.runs[0].weak
     names = problem.scene.tree.joint_names

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from drake_cafim.diagnosis.fitting import Fit
-from drake_cafim.diagnosis.problem import Problem, Run
+from drake_cafim.diagnosis.weak_problem import Run, WeakProblem
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.scenario.physics import Physics
@@ -21,7 +21,7 @@ IMPROVEMENTS = 10
 
 
 def plane_looks(
-    problem: Problem, at: Fit, effect: UnmodeledContact
+    problem: WeakProblem, at: Fit, effect: UnmodeledContact
 ) -> Iterator[tuple[Array, Callable[[Array], Effect | None]]]:
     """The plane that fits best as one column (R, 1), and the effect that it stands for."""
     physics = at.model.physics(problem.scene)
@@ -46,7 +46,7 @@ def _path(run: Run, physics: Physics, at: str) -> tuple[Array, Array, Array]:
     return *moving.point(body.joint, body.p_JB), moving.force_at(body.joint, body.p_JB)
 
 
-def _direction(problem: Problem, physics: Physics, at: str) -> Array | None:
+def _direction(problem: WeakProblem, physics: Physics, at: str) -> Array | None:
     """The unit vector along which the body is pushed in the windows that miss a force; None where none does."""
     spread, mean = np.zeros((3, 3)), np.zeros(3)
     for run in problem.runs:
@@ -73,7 +73,7 @@ def _direction(problem: Problem, physics: Physics, at: str) -> Array | None:
 
 
 def _best_of_grid(
-    problem: Problem, physics: Physics, effect: UnmodeledContact, normal: Array, here: Array, basis: Array
+    problem: WeakProblem, physics: Physics, effect: UnmodeledContact, normal: Array, here: Array, basis: Array
 ) -> tuple[UnmodeledContact | None, float]:
     """The best depth at which the plane begins, with the stiffness and damping that go with it, and its gain."""
     heights = np.concatenate([_path(run, physics, effect.at)[0] @ normal for run in problem.runs])
@@ -95,7 +95,7 @@ def _best_of_grid(
 
 
 def _improved(
-    problem: Problem, physics: Physics, start: UnmodeledContact, here: Array, basis: Array
+    problem: WeakProblem, physics: Physics, start: UnmodeledContact, here: Array, basis: Array
 ) -> UnmodeledContact:
     """The plane nearby that fits best with the model's numbers free to first order (Levenberg, Marquardt)."""
 

@@ -1,105 +1,40 @@
 """All recordings against one scene: whitened residuals and their derivatives by whatever a model may change."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
-import scipy.sparse as sp
 
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.samples import noisier
-from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.diagnosis.whitening import Whitening, row_covariance, whitening
-from drake_cafim.effects.contact import ContactEffect
-from drake_cafim.effects.effect import Effect, joined
-from drake_cafim.effects.joint import JointForce
-from drake_cafim.effects.plane import UnmodeledContact
-from drake_cafim.effects.sensor import SensorEffect
-from drake_cafim.effects.surface import SurfaceEffect
-from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
-OF_CONTACTS = (ContactEffect, SurfaceEffect)
 
-
-@dataclass(frozen=True)
-class Run:
-    """One recording's weak form, whitened under one model's covariance."""
-
-    weak: WeakForm
-    whiten: Whitening
-    jacobian: sp.csr_matrix
-    labels: tuple[tuple[str, slice], ...]
+class Rows(Protocol):
+    """One recording's part of the rows."""
 
     @property
     def name(self) -> str:
         """Of the recording."""
-        return self.weak.samples.recording.name
+        ...
 
     @property
     def shape(self) -> tuple[int, int]:
         """Windows, and rows of each."""
-        return (len(self.weak.samples.windows), self.weak.rows_per_window)
+        ...
 
     @property
     def rows(self) -> int:
-        return len(self.weak.samples.windows) * self.weak.rows_per_window
-
-    def whitened(self, rows: Array) -> Array:
-        """Rows (M, r) or (M, r, k), flattened window after window and whitened."""
-        return self.whiten(rows.reshape(self.rows, *rows.shape[2:]))
-
-    def residual(self, physics: Physics) -> tuple[Array, float]:
-        """Whitened rows (R,), and ln det C of the covariance C = 1 + U Uᵀ that an unknown start leaves them with.
-
-        How twisted a soft joint is at the first sample nobody knows: U (R, c) is what that may change, and the rows are
-        multiplied by C^(−½).
-        """
-        rows = self.whitened(self.weak.residual(physics))
-        starts = self.weak.start_rows(physics) if physics.couplings else np.zeros((0, 0, 0))
-        if starts.shape[2] == 0:
-            return rows, 0.0
-        U = self.whitened(starts)
-        spread, axes = np.linalg.eigh(U.T @ U)
-        spread = np.maximum(spread, 1e-12)
-        shrink = (1.0 - 1.0 / np.sqrt(1.0 + spread)) / spread
-        return rows - U @ (axes @ (shrink * (axes.T @ (U.T @ rows)))), float(np.sum(np.log1p(spread)))
-
-    def pushed(self, force: Array, gains: Array) -> Array:
-        """Rows (M, r, k) of generalized forces (N, n, k), at joints whose efforts count `gains` (n,) times."""
-        windows = self.weak.samples.windows
-        rows = np.zeros((len(windows), self.weak.rows_per_window, force.shape[2]))
-        weighed = (windows.value @ force.reshape(len(force), -1)).reshape(len(windows), *force.shape[1:])
-        rows[:, self.weak.dynamic] = -weighed / gains[:, None]
-        return rows
-
-    @cached_property
-    def covariance(self) -> Array:
-        """(M, r, r): each window's own rows."""
-        r = self.weak.rows_per_window
-        spread = row_covariance(self.weak, self.jacobian, self.labels)
-        starts = r * np.arange(len(self.weak.samples.windows))
-        return np.stack([spread[start : start + r, start : start + r].toarray() for start in starts])
-
-    def sensed(self, column: str, change: Array) -> Array:
-        """Whitened rows' change (R, k) when the recording's `column` changes by `change` (N, k)."""
-        return self.whiten(np.asarray(self._by_column[column] @ change))
-
-    @cached_property
-    def _by_column(self) -> dict[str, sp.csr_matrix]:
-        columns = sp.csc_matrix(self.jacobian)
-        return {name: sp.csr_matrix(columns[:, part]) for name, part in self.labels}
+        """How many."""
+        ...
 
 
-@dataclass(frozen=True)
-class Problem:
+class Problem(ABC):
     """Recordings of one scene. Vectors over rows hold all recordings', then one row a prior."""
 
     scene: Scene
-    runs: tuple[Run, ...]
+    runs: Sequence[Rows]
     regressors_noisy: ClassVar[bool] = True
     """Whether the slopes by a model's numbers hold noise of the measurement."""
     least_gain: ClassVar[float] = 5e-4
@@ -108,77 +43,37 @@ class Problem:
     """Of what χ² is beyond noise; as `least_gain`, where far too much is left to be exact about."""
     least_damping: ClassVar[float] = 1e-6
     """Of a step after one that failed."""
-    _unknown_columns: dict[int, Array] = field(default_factory=dict, repr=False, compare=False)
-    found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
-    """The last residual that was searched for pushes, and what was found."""
-    _sensor_columns: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
-    _last_rewhitened: list[tuple[Model, "Problem"]] = field(default_factory=list, repr=False, compare=False)
 
-    @classmethod
-    def of(cls, scene: Scene, weak: Sequence[WeakForm], model: Model) -> "Problem":
-        """The problem whitened under `model`."""
-        physics = model.physics(scene)
-        runs = []
-        for form in weak:
-            whiten, jacobian, labels = whitening(form, physics)
-            runs.append(Run(form, whiten, jacobian, tuple(labels)))
-        return cls(scene, tuple(runs))
-
+    @abstractmethod
     def rewhitened(self, model: Model) -> "Problem":
-        """The same recordings under another model's covariance; the last one is kept."""
-        if not self._last_rewhitened or self._last_rewhitened[0][0] is not model:
-            self._last_rewhitened[:] = [(model, Problem.of(self.scene, [run.weak for run in self.runs], model))]
-        return self._last_rewhitened[0][1]
+        """The same recordings under another model's covariance."""
 
-    @cached_property
+    @property
     def noisier(self) -> "Problem":
-        """The same recordings with their noise once more on top, under the same whitening."""
-        return self._with_more_noise(fed_back=False)
+        """The same recordings with their noise once more on top; asked for where `regressors_noisy`."""
+        raise NotImplementedError
 
-    @cached_property
+    @property
     def noisier_in_loop(self) -> "Problem":
-        """`noisier` with the efforts that the controller would have made of it.
+        """`noisier` with the efforts that a controller would have made of it; as `noisier`."""
+        raise NotImplementedError
 
-        The motion that those make obeys the equations, so residuals do not see them; regressors do.
-        """
-        return self._with_more_noise(fed_back=True)
+    @abstractmethod
+    def plausible(self, model: Model) -> bool:
+        """Whether every effect of the model still is what its name says."""
 
-    def _with_more_noise(self, fed_back: bool) -> "Problem":
-        runs = []
-        for index, run in enumerate(self.runs):
-            samples = noisier(run.weak.samples, np.random.default_rng(index), fed_back)
-            runs.append(replace(run, weak=WeakForm(samples, run.weak.sensors)))
-        return Problem(self.scene, tuple(runs))
+    @abstractmethod
+    def rows_of(self, model: Model) -> Array:
+        """Whitened rows of all recordings."""
+
+    @abstractmethod
+    def jacobian(self, model: Model) -> Array:
+        """∂residual/∂(unknowns, strengths)."""
 
     @property
     def rows(self) -> int:
         """Whitened data rows, priors aside."""
-        return sum(len(run.weak.samples.windows) * run.weak.rows_per_window for run in self.runs)
-
-    @property
-    def log_determinant(self) -> float:
-        return sum(run.whiten.log_determinant for run in self.runs)
-
-    def plausible(self, model: Model) -> bool:
-        """Whether every joint effect of the model still is what its name says, over all recordings."""
-        physics = model.physics(self.scene)
-        for effect in model.effects:
-            if not effect.plausible():
-                return False
-            if isinstance(effect, JointForce):
-                joint = self.scene.tree.joint_index(effect.at)
-                samples = [run.weak.joint_samples(run.weak.measurement(physics))[joint] for run in self.runs]
-                if not effect.plausible_over(joined(samples)):
-                    return False
-            if isinstance(effect, UnmodeledContact) and not self.touched_and_left(effect, physics):
-                return False
-        return True
-
-    def touched_and_left(self, effect: UnmodeledContact, physics: Physics) -> bool:
-        """Whether a plane in the way is one over all recordings."""
-        body = physics.tree.body(effect.at)
-        paths = [run.weak.motion(physics).point(body.joint, body.p_JB)[0] for run in self.runs]
-        return effect.touched_and_left(np.concatenate(paths))
+        return sum(run.rows for run in self.runs)
 
     def nominal(self) -> Model:
         """Unknowns at their prior means, no effects."""
@@ -186,122 +81,13 @@ class Problem:
 
     def residual(self, model: Model) -> Array:
         """Whitened rows of all recordings, then (value − mean)/std of each prior."""
-        return np.concatenate([self.data_rows(model.physics(self.scene)), self._prior_rows(model)])
+        return np.concatenate([self.rows_of(model), self.prior_rows(model)])
 
-    def data_rows(self, physics: Physics) -> Array:
-        """Whitened rows of all recordings."""
-        return np.concatenate([run.residual(physics)[0] for run in self.runs])
-
-    def start_cost(self, model: Model) -> float:
-        """ln det of what a model does not know of how the recordings began, of which a fit makes use."""
-        physics = model.physics(self.scene)
-        return sum(run.residual(physics)[1] for run in self.runs) if physics.couplings else 0.0
-
-    def jacobian(self, model: Model) -> Array:
-        """∂residual/∂(unknowns, strengths)."""
-        physics = model.physics(self.scene)
-        columns = [self._by_unknown(model, i) for i in range(len(model.unknown))]
-        for position, effect in enumerate(model.effects):
-            if isinstance(effect, JointForce):
-                law = self._force_columns(effect, physics)
-                columns += [self._padded(law[:, k]) for k in range(law.shape[1])]
-            elif isinstance(effect, SensorEffect):
-                sensed = self.sensor_columns(effect)
-                columns += [self._padded(sensed[:, k]) for k in range(sensed.shape[1])]
-            elif isinstance(effect, UnmodeledContact):
-                felt = self.plane_columns(effect, physics)
-                columns += [self._padded(felt[:, k]) for k in range(felt.shape[1])]
-            else:
-                columns += [self._by_strength(model, position, k) for k in range(len(effect.strengths))]
-        return np.stack(columns, axis=1) if columns else np.zeros((self.rows + len(model.unknown), 0))
-
-    def joint_columns(self, joint: int, columns: Sequence[Array]) -> Array:
-        """Whitened rows (R, k) of forces at a joint, one (N, k) array a recording."""
-        result = []
-        for run, column in zip(self.runs, columns, strict=True):
-            weak = run.weak
-            rows = np.zeros((len(weak.samples.windows), weak.rows_per_window, column.shape[1]))
-            rows[:, weak.dynamic.start + joint] = -(weak.samples.windows.value @ column)
-            result.append(run.whitened(rows))
-        return np.concatenate(result)
-
-    def sensor_columns(self, effect: SensorEffect) -> Array:
-        """Whitened rows (R, k) by an effect's strengths, through the rows' slopes in its channels' samples."""
-        if effect.key not in self._sensor_columns:
-            result = []
-            for run in self.runs:
-                on = effect.channels([name for name, _ in run.labels])
-                change = run.weak.sensor_change(effect, on)
-                result.append(-sum(run.sensed(name, change[:, k]) for k, name in enumerate(on)))
-            self._sensor_columns[effect.key] = np.concatenate(result)
-        return self._sensor_columns[effect.key]
-
-    def plane_columns(self, effect: UnmodeledContact, physics: Physics, slopes: bool = True) -> Array:
-        """Whitened rows (R, k) by the strengths of a plane in the way; without `slopes` of its force itself, (R, 1)."""
-        body = physics.tree.body(effect.at)
-        result = []
-        for run in self.runs:
-            moving = run.weak.motion(physics)
-            p_WP, v_WP = moving.point(body.joint, body.p_JB)
-            if slopes:
-                force = effect.slopes(p_WP, v_WP, moving.lasting)
-            else:
-                force = effect.force(p_WP, v_WP, None, None, moving.lasting)[..., None]
-            felt = np.einsum("nja,nak->njk", moving.force_at(body.joint, body.p_JB), force)
-            result.append(run.whitened(run.pushed(felt, physics.effort_gains)))
-        return np.concatenate(result)
-
-    def _force_columns(self, effect: JointForce, physics: Physics) -> Array:
-        joint = self.scene.tree.joint_index(effect.at)
-        columns = []
-        for run in self.runs:
-            joints = run.weak.joint_samples(run.weak.measurement(physics))
-            columns.append(effect.force(joints[joint]).d_strengths)
-        return self.joint_columns(joint, columns)
-
-    def _prior_rows(self, model: Model) -> Array:
+    def prior_rows(self, model: Model) -> Array:
+        """(value − mean)/std of each prior."""
         priors = self.scene.priors
         return np.asarray((model.unknown - priors.mean) / priors.std, dtype=float)
 
-    def _padded(self, column: Array) -> Array:
-        return np.concatenate([column, np.zeros(len(self.scene.unknown))])
-
-    def _by_unknown(self, model: Model, i: int) -> Array:
-        if self.scene.unknown[i].kind == "contact" and any(isinstance(one, OF_CONTACTS) for one in model.effects):
-            # another surface is touched at other times, and another friction has other numbers
-            return self._contact_difference(model, i, 1e-2 * self.scene.priors.std[i])
-        # rows are linear in masses and all but linear in the rest: one look a whitening serves every later step
-        if i not in self._unknown_columns:
-            self._unknown_columns[i] = self._difference(model, i, 1e-2 * self.scene.priors.std[i])
-        return self._unknown_columns[i]
-
-    def _by_strength(self, model: Model, position: int, k: int) -> Array:
-        effect: Effect = model.effects[position]
-        index = len(model.unknown) + sum(len(e.strengths) for e in model.effects[:position]) + k
-        strength, value = effect.strengths[k], float(effect.vector[k])
-        # what is absent at infinity has no scale but its own
-        size = abs(value) if strength.inverse else strength.typical
-        if isinstance(effect, OF_CONTACTS):
-            return self._contact_difference(model, index, effect.difference_step * size)
-        return self._difference(model, index, effect.difference_step * size)
-
-    def _difference(self, model: Model, index: int, step: float) -> Array:
-        up, down, taken = _either_side(model, index, step)
-        return np.asarray((self.residual(up) - self.residual(down)) / taken)
-
-    def _contact_difference(self, model: Model, index: int, step: float) -> Array:
-        """The same for a number that only contacts know of."""
-        up, down, taken = _either_side(model, index, step)
-        ahead, behind = up.physics(self.scene), down.physics(self.scene)
-        rows = [run.whitened(run.weak.contact_rows(ahead) - run.weak.contact_rows(behind)) for run in self.runs]
-        return np.concatenate([*rows, self._prior_rows(up) - self._prior_rows(down)]) / taken
-
-
-def _either_side(model: Model, index: int, step: float) -> tuple[Model, Model, float]:
-    """The model with one number a step ahead and behind, and the step between them that bounds have left."""
-    vector = model.vector
-    ahead, behind = vector.copy(), vector.copy()
-    ahead[index] += step
-    behind[index] -= step
-    up, down = model.at(ahead), model.at(behind)
-    return up, down, float(up.vector[index] - down.vector[index])
+    def start_cost(self, model: Model) -> float:
+        """ln det of what a model does not know of how the recordings began, of which a fit makes use."""
+        return 0.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import lapack
 
-from drake_cafim.diagnosis.problem import Problem, Run
+from drake_cafim.diagnosis.weak_problem import Run, WeakProblem
 from drake_cafim.effects.body import pulse
 from drake_cafim.typing import Array
 
@@ -30,7 +30,7 @@ class Push:
     gain: float
 
 
-def strongest_pushes(problem: Problem, residual: Array) -> tuple[list[Push], int]:
+def strongest_pushes(problem: WeakProblem, residual: Array) -> tuple[list[Push], int]:
     """The strongest push of each recording, best first, given whitened rows; and how many pulses were tried."""
     found: list[Push] = []
     trials = first = 0

@@ -8,6 +8,11 @@ from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.typing import Array
 
+KNOWN = 1e8
+"""Variances, in units of what a number's would be were the others known, up to which a direction is known at all:
+slopes are differences, and right to no more than the root of what rounding leaves."""
+ROUNDING = 1e-12
+"""Of the largest variance."""
 LEAST = 1e-6
 """Of the covariance under the stated noise, which is kept: what lies within one block, as a push, has no score there
 at the minimum, and the sandwich is zero but for rounding."""
@@ -17,30 +22,54 @@ def block_covariance(problem: Problem, fitted: Fit) -> Array:
     """Covariance (n, n) of the numbers of `fitted` that allows for whatever correlation blocks of time have.
 
     The sandwich (JᵀJ)⁻¹ (Σ_b g_b g_bᵀ) (JᵀJ)⁻¹ with g_b = J_bᵀ z_b over blocks of four adequacy blocks
-    (Liang, Zeger, Biometrika 73(1), 1986).
+    (Liang, Zeger, Biometrika 73(1), 1986), less each block's part of their sum: what that is, is no chance, but what
+    priors, and noise in the regressors, are known to make it.
     """
-    bread = fitted.covariance
+    bread = _known(fitted)
     n = fitted.jacobian.shape[1]
-    meat = np.zeros((n, n))
-    start, blocks = 0, 0
+    scores, sizes, start = [], [], 0
     for _, z in by_run(problem, fitted.residual[: problem.rows]):
         step = 4 * BLOCK * z.shape[1]
         for first in range(0, z.size, step):
             stop = min(first + step, z.size)
             rows = slice(start + first, start + stop)
-            g = fitted.jacobian[rows].T @ fitted.residual[rows]
-            meat += np.outer(g, g)
-            blocks += 1
+            scores.append(fitted.jacobian[rows].T @ fitted.residual[rows])
+            sizes.append(stop - first)
         start += z.size
-    meat *= blocks / max(blocks - n, 1)
+    varying = np.array(scores) - np.outer(sizes, np.sum(scores, axis=0)) / start
+    meat = varying.T @ varying * len(scores) / max(len(scores) - n, 1)
     sandwich = bread @ meat @ bread
     return np.asarray(sandwich + LEAST * bread, dtype=float)
+
+
+def _sizes(fitted: Fit) -> Array:
+    """(n,) how far the rows move with each number."""
+    size = np.linalg.norm(fitted.jacobian, axis=0)
+    return np.asarray(np.where(size > 0.0, size, 1.0))
+
+
+def _known(fitted: Fit) -> Array:
+    """The covariance (n, n) under the stated noise, of the directions that are known at all."""
+    size = _sizes(fitted)
+    spread, axes = np.linalg.eigh(fitted.covariance * np.outer(size, size))
+    spread = np.where(spread < KNOWN, spread, 0.0)
+    return np.asarray((axes * spread) @ axes.T / np.outer(size, size), dtype=float)
+
+
+def _distance(difference: Array, covariance: Array, alone: Array) -> float:
+    """dᵀ C⁻¹ d of a difference (c,) with covariance (c, c), along what is known; `alone` (c,) are the units."""
+    unit = np.sqrt(alone)
+    spread, axes = np.linalg.eigh(covariance / np.outer(unit, unit))
+    seen = spread > ROUNDING * np.max(spread, initial=0.0)
+    along = axes[:, seen].T @ (difference / unit)
+    return float(np.sum(along**2 / spread[seen]))
 
 
 def wald_p_value(problem: Problem, fitted: Fit, key: tuple[str, str]) -> float:
     """p-value of "this effect is absent", by the larger of the two covariances of the numbers.
 
-    What only says how an effect looks where it is there (where a mass is, how fast a friction falls) proves nothing.
+    What only says how an effect looks where it is there (where a mass is, how fast a friction falls) proves nothing,
+    and neither does what no row sees, such as a push along a link.
     """
     start = len(fitted.model.unknown)
     for effect in fitted.model.effects:
@@ -48,14 +77,9 @@ def wald_p_value(problem: Problem, fitted: Fit, key: tuple[str, str]) -> float:
         if effect.key == key:
             part = slice(start, stop)
             difference, slope = effect.vanishing()
-            statistics = [
-                float(
-                    difference
-                    @ np.linalg.pinv(slope @ one[part, part] @ slope.T, rcond=1e-18, hermitian=True)
-                    @ difference
-                )
-                for one in (fitted.covariance, block_covariance(problem, fitted))
-            ]
+            alone = slope**2 @ (1.0 / _sizes(fitted)[part] ** 2)
+            covariances = (_known(fitted), block_covariance(problem, fitted))
+            statistics = [_distance(difference, slope @ one[part, part] @ slope.T, alone) for one in covariances]
             return float(chi2.sf(min(statistics), len(difference)))
         start = stop
     raise KeyError(key)

@@ -8,7 +8,7 @@ import numpy as np
 from drake_cafim.design.planner import PlannerConfig, PlannerName, candidate_commands
 from drake_cafim.design.policies import make_planner
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.discrimination.evidence import explain
 from drake_cafim.discrimination.hypotheses import Pair
 from drake_cafim.discrimination.motions import Limits, Motion, Shape, plan
@@ -81,7 +81,7 @@ class Designer:
         """The motion of `commands` (points, n)."""
         return plan(self.shape, self.limits, self.scene.physics, commands)
 
-    def problem(self, planned: Motion) -> Problem:
+    def problem(self, planned: Motion) -> WeakProblem:
         """The rows that the nominal model makes of it."""
         return self.bench.problem(planned)
 

@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.effect import Strength
 from drake_cafim.typing import Array
 
@@ -38,7 +38,7 @@ def strength_at(strength: Strength, x: float) -> float:
     return float(np.clip(value, strength.lower, strength.upper))
 
 
-def coordinates(problem: Problem, model: Model) -> Array:
+def coordinates(problem: WeakProblem, model: Model) -> Array:
     """(k,) of unknowns, then strengths."""
     priors = problem.scene.priors
     unknown = (model.unknown - priors.mean) / priors.std
@@ -46,7 +46,7 @@ def coordinates(problem: Problem, model: Model) -> Array:
     return np.concatenate([unknown, np.array(strengths, dtype=float)])
 
 
-def model_at(problem: Problem, model: Model, x: Array) -> Model:
+def model_at(problem: WeakProblem, model: Model, x: Array) -> Model:
     """The model with its numbers at the coordinates `x` (k,), within their bounds."""
     priors, n = problem.scene.priors, len(model.unknown)
     unknown = priors.clip(priors.mean + priors.std * x[:n])
@@ -60,7 +60,7 @@ def model_at(problem: Problem, model: Model, x: Array) -> Model:
     return Model(unknown, tuple(effects))
 
 
-def slopes(problem: Problem, model: Model) -> Array:
+def slopes(problem: WeakProblem, model: Model) -> Array:
     """Whitened data rows (R, k) by the coordinates."""
     per_number = [np.asarray(problem.scene.priors.std, dtype=float)]
     for effect in model.effects:
@@ -100,7 +100,7 @@ class Explained:
 
 
 def explain(
-    problem: Problem,
+    problem: WeakProblem,
     model: Model,
     instead: Array | float = 0.0,
     *,
@@ -119,14 +119,14 @@ def explain(
     return _improved(problem, start, instead, steps=steps, weight=weight)
 
 
-def looked(problem: Problem, model: Model) -> Explained:
+def looked(problem: WeakProblem, model: Model) -> Explained:
     """The model at the numbers that it has, whether or not they are its best."""
     rows = problem.residual(model)[: problem.rows]
     return Explained(model, coordinates(problem, model), rows, slopes(problem, model))
 
 
 def _improved(
-    problem: Problem, here: Explained, instead: Array | float, *, steps: int, weight: float = 1.0
+    problem: WeakProblem, here: Explained, instead: Array | float, *, steps: int, weight: float = 1.0
 ) -> Explained:
     """Nearer the most probable numbers, as many rows of the data as `here` has being known."""
     count = len(here.rows)
@@ -163,7 +163,7 @@ class Course:
     square: Array
 
     @classmethod
-    def of(cls, problem: Problem, explained: Explained, rows: Array | None = None) -> "Course":
+    def of(cls, problem: WeakProblem, explained: Explained, rows: Array | None = None) -> "Course":
         """The course about explained numbers; `rows` (R,), if given, are the whitened rows there instead of its own."""
         here = explained.rows if rows is None else rows
         count = problem.runs[0].weak.rows_per_window
@@ -204,7 +204,7 @@ class Course:
         return np.asarray(self.slope.shape[-1] - np.trace(np.linalg.inv(self._posterior), axis1=1, axis2=2))
 
 
-def expected(problem: Problem, truth: Explained, rival: Explained, *, steps: int = 8) -> tuple[Course, Course]:
+def expected(problem: WeakProblem, truth: Explained, rival: Explained, *, steps: int = 8) -> tuple[Course, Course]:
     """The courses of both models along a planned motion, of the data that `truth` makes without noise.
 
     Both were `looked` at on it. `problem` holds the motion as the nominal model makes it: a model's rows on the data of

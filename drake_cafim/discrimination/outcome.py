@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.discrimination.evidence import Course, explain
 from drake_cafim.discrimination.hypotheses import Pair
 from drake_cafim.discrimination.scores import TWENTY_TO_ONE
@@ -20,14 +20,14 @@ class OddsCourse:
     log_odds: Array
 
 
-def log_odds(problem: Problem, pair: Pair, rows: int | None = None) -> float:
+def log_odds(problem: WeakProblem, pair: Pair, rows: int | None = None) -> float:
     """ln p(y | first)/p(y | second) of the recordings, both refitted, from their first `rows` whitened rows."""
     first = explain(problem, pair.first, rows=rows)
     second = explain(problem, pair.second, rows=rows)
     return first.log_evidence - second.log_evidence
 
 
-def ends(problem: Problem) -> tuple[Array, Array]:
+def ends(problem: WeakProblem) -> tuple[Array, Array]:
     """The robot time (W,) s at which each window is over, and how many whitened rows there are by then."""
     times, rows, begun, counted = [], [], 0.0, 0
     for run in problem.runs:
@@ -39,7 +39,7 @@ def ends(problem: Problem) -> tuple[Array, Array]:
     return np.concatenate(times), np.concatenate(rows)
 
 
-def course(problem: Problem, pair: Pair, moments: Sequence[float]) -> OddsCourse:
+def course(problem: WeakProblem, pair: Pair, moments: Sequence[float]) -> OddsCourse:
     """The odds at `moments` s of robot time."""
     time, rows = ends(problem)
     found = []
@@ -49,14 +49,14 @@ def course(problem: Problem, pair: Pair, moments: Sequence[float]) -> OddsCourse
     return OddsCourse(np.array(moments, dtype=float), np.array(found))
 
 
-def odds_along(problem: Problem, pair: Pair) -> OddsCourse:
+def odds_along(problem: WeakProblem, pair: Pair) -> OddsCourse:
     """The odds at the end of every window, to first order about what each explanation is for all of the recordings."""
     time, _ = ends(problem)
     first, second = (Course.of(problem, explain(problem, model)) for model in (pair.first, pair.second))
     return OddsCourse(time, first.log_evidence - second.log_evidence)
 
 
-def settled_after(problem: Problem, pair: Pair, sign: float, threshold: float = TWENTY_TO_ONE) -> float:
+def settled_after(problem: WeakProblem, pair: Pair, sign: float, threshold: float = TWENTY_TO_ONE) -> float:
     """The robot time s after which `sign` × ln odds first are over `threshold`; infinite where they never are.
 
     By bisection over the windows, since odds rise with the data but for noise.

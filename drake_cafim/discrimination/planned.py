@@ -7,9 +7,9 @@ import numpy as np
 
 from drake_cafim.diagnosis.coloured_noise import stated_memories
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.samples import Samples, samples_of
 from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.discrimination.motions import Motion
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.errors import InputError
@@ -68,7 +68,7 @@ class Bench:
         samples = _samples(scene, recording_of(scene, planned, std, "planned"), std)
         return cls(scene, samples, WeakForm(samples, scene.wrench_sensors))
 
-    def problem(self, planned: Motion, like: Problem | None = None) -> Problem:
+    def problem(self, planned: Motion, like: WeakProblem | None = None) -> WeakProblem:
         """The motion's rows, whitened under the nominal model.
 
         With `like`, by the whitening of another motion on this bench: most of the work, and where nothing touches all
@@ -76,7 +76,7 @@ class Bench:
         """
         return self.reading(recording_of(self.scene, planned, self.samples.std, "planned"), like)
 
-    def reading(self, recording: Recording, like: Problem | None = None) -> Problem:
+    def reading(self, recording: Recording, like: WeakProblem | None = None) -> WeakProblem:
         """The rows of a recording that was sampled as this bench's motions are."""
         scene, names = self.scene, self.scene.tree.joint_names
         q, slope = recording.matrix("q", names), self.samples.differentiate
@@ -90,15 +90,15 @@ class Bench:
         )
         weak = WeakForm(samples, scene.wrench_sensors, _held=self.template._held)
         if like is not None:
-            return Problem(scene, (replace(like.runs[0], weak=weak),))
-        return Problem.of(scene, [weak], Model(scene.priors.mean))
+            return WeakProblem(scene, (replace(like.runs[0], weak=weak),))
+        return WeakProblem.of(scene, [weak], Model(scene.priors.mean))
 
 
-def problem_of(scene: Scene, runs: list[Recording]) -> Problem:
+def problem_of(scene: Scene, runs: list[Recording]) -> WeakProblem:
     """Recordings' rows, whitened under the nominal model and the stated noise."""
     std = noise_of(scene)
     weak = [WeakForm(_samples(scene, run, std), scene.wrench_sensors) for run in runs]
-    return Problem.of(scene, weak, Model(scene.priors.mean))
+    return WeakProblem.of(scene, weak, Model(scene.priors.mean))
 
 
 def _samples(scene: Scene, recording: Recording, std: dict[str, float]) -> Samples:

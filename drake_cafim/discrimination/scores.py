@@ -9,7 +9,7 @@ from scipy.special import log_ndtr, ndtr
 
 from drake_cafim.design.planner import Scored
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.discrimination.evidence import (
     Course,
     Explained,
@@ -32,7 +32,7 @@ REPEATS: Array = np.asarray(3.0 * 1.2 ** np.arange(28), dtype=float)
 class Value(Protocol):
     """The worth of one planned motion."""
 
-    def __call__(self, problem: Problem) -> float:
+    def __call__(self, problem: WeakProblem) -> float:
         """Larger is better."""
         ...
 
@@ -41,7 +41,7 @@ class Value(Protocol):
 class _Looks:
     """Models along one planned motion, each looked at once."""
 
-    problem: Problem
+    problem: WeakProblem
     _known: dict[int, Explained] = field(default_factory=dict)
 
     def courses(self, pair: Pair) -> tuple[tuple[Course, Course], tuple[Course, Course]]:
@@ -61,11 +61,11 @@ class Odds:
 
     pairs: tuple[Pair, ...]
 
-    def __call__(self, problem: Problem) -> float:
+    def __call__(self, problem: WeakProblem) -> float:
         looks = _Looks(problem)
         return min(min(self._of(looks, pair)) for pair in self.pairs)
 
-    def directions(self, problem: Problem, pair: Pair) -> tuple[float, float]:
+    def directions(self, problem: WeakProblem, pair: Pair) -> tuple[float, float]:
         """If the pair's first is true, and if its second is."""
         return self._of(_Looks(problem), pair)
 
@@ -88,12 +88,12 @@ class Soonest:
     pairs: tuple[Pair, ...]
     log_odds: float = TWENTY_TO_ONE
 
-    def __call__(self, problem: Problem) -> float:
+    def __call__(self, problem: WeakProblem) -> float:
         looks = _Looks(problem)
         settled = [one for pair in self.pairs for one in self._settled(looks, pair)]
         return 1.0 / _waited(_moments(problem), np.prod(settled, axis=0))
 
-    def directions(self, problem: Problem, pair: Pair) -> tuple[float, float]:
+    def directions(self, problem: WeakProblem, pair: Pair) -> tuple[float, float]:
         """Expected robot time s if the pair's first is true, and if its second is."""
         first, second = (_waited(_moments(problem), one) for one in self._settled(_Looks(problem), pair))
         return first, second
@@ -103,7 +103,7 @@ class Soonest:
         return [passed(_again_and_again(*side), self.log_odds) for side in looks.courses(pair)]
 
 
-def _moments(problem: Problem) -> Array:
+def _moments(problem: WeakProblem) -> Array:
     """Robot time s (K,): when windows of the first two runs are over, then when further runs are."""
     windows = problem.runs[0].weak.samples.windows
     duration = float(windows.time[-1] - windows.time[0])
@@ -136,11 +136,11 @@ class Information:
 
     models: Sequence[Model]
 
-    def __call__(self, problem: Problem) -> float:
+    def __call__(self, problem: WeakProblem) -> float:
         J = np.concatenate(list(self._columns(problem)), axis=1)
         return float(criterion("logdet", (J.T @ J)[None], np.eye(J.shape[1]))[0])
 
-    def _columns(self, problem: Problem) -> Iterator[Array]:
+    def _columns(self, problem: WeakProblem) -> Iterator[Array]:
         """Slopes in coordinates whose prior is a unit normal: of the unknowns, and of each effect once."""
         known: set[tuple[str, str]] = set()
         for number, model in enumerate(self.models):
@@ -160,7 +160,7 @@ class MotionScore:
     shape: Shape
     limits: Limits
     value: Value
-    like: Problem | None = None
+    like: WeakProblem | None = None
 
     def __call__(self, commands: Array) -> Scored:
         return Scored(np.array([self.of(one) for one in commands]), np.zeros((len(commands), 0, 0)))

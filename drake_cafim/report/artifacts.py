@@ -11,6 +11,7 @@ from drake_cafim.diagnosis.search import Outcome
 from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.verdict import Verdict
 from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.output import write_text
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.recording_mcap import write_recording_mcap
@@ -64,6 +65,7 @@ def write_artifacts(
 def replay_of(verdict: Verdict, outcome: Outcome, recording: Recording) -> RecordingReplay:
     """The recording beside the model with its unknowns as fitted, without and with the effects."""
     scene = outcome.problem.scene
+    assert isinstance(outcome.problem, WeakProblem)
     std = outcome.problem.runs[0].weak.samples.std
     weak = WeakForm(samples_of(scene, recording, std), scene.wrench_sensors)
     nominal = scene.physics_at(np.array([one.value for one in verdict.parameters]))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.effect import Effect
 from drake_cafim.report.colours import CORRECTED, INK
 from drake_cafim.report.missing import WindowMeans, missing, window_means
@@ -30,13 +30,13 @@ class Evidence:
     """What an effect is judged by: each recording's missing forces without and with it, (M, r), and its motion."""
 
     effect: Effect
-    problem: Problem
+    problem: WeakProblem
     means: Sequence[WindowMeans]
     without: Sequence[Array]
     with_it: Sequence[Array]
 
 
-def evidence_of(effect: Effect, problem: Problem, without: Physics, with_it: Physics) -> Evidence:
+def evidence_of(effect: Effect, problem: WeakProblem, without: Physics, with_it: Physics) -> Evidence:
     """The evidence for `effect`: `without` is the corrected physics but for this one, `with_it` all of it."""
     forms = [run.weak for run in problem.runs]
     return Evidence(

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.diagnosis.location import places_of, standardised
-from drake_cafim.diagnosis.problem import Problem, Run
 from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.weak_problem import Run, WeakProblem
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -36,7 +36,7 @@ class WindowMeans:
     u: Array
 
 
-def residual_maps(problem: Problem, before: Physics, after: Physics) -> list[ResidualMap]:
+def residual_maps(problem: WeakProblem, before: Physics, after: Physics) -> list[ResidualMap]:
     """The maps of all recordings under two models, whitened alike."""
     return [
         ResidualMap(
@@ -50,7 +50,7 @@ def residual_maps(problem: Problem, before: Physics, after: Physics) -> list[Res
     ]
 
 
-def row_labels(problem: Problem) -> list[str]:
+def row_labels(problem: WeakProblem) -> list[str]:
     """What each row of a window is about, in words."""
     labels = []
     for kind, name in places_of(problem):
@@ -63,7 +63,7 @@ def row_labels(problem: Problem) -> list[str]:
     return labels
 
 
-def row_units(problem: Problem) -> list[str]:
+def row_units(problem: WeakProblem) -> list[str]:
     """The unit of each row's mean over a window."""
     joints = {joint.name: joint for joint in problem.scene.tree.joints}
     units = []

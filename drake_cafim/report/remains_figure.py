@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from drake_cafim.diagnosis.location import places_of
-from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.report.colours import ALARM, INK, MUTED
 from drake_cafim.report.evidence import thinned
 from drake_cafim.report.missing import missing, row_labels, row_units, window_means
@@ -15,7 +15,7 @@ from drake_cafim.typing import Array
 BINS = 24
 
 
-def remains_figure(problem: Problem, physics: Physics, place: str) -> str | None:
+def remains_figure(problem: WeakProblem, physics: Physics, place: str) -> str | None:
     """The force or reading that `physics` leaves unexplained at a place; None where the place has no row of its own."""
     names = [name for _, name in places_of(problem)]
     if place not in names:
@@ -48,7 +48,7 @@ def remains_figure(problem: Problem, physics: Physics, place: str) -> str | None
         return as_svg(figure, f"What remains at {place} against position, velocity, effort and time")
 
 
-def _joint_of(problem: Problem, row: int) -> int:
+def _joint_of(problem: WeakProblem, row: int) -> int:
     """The joint whose motion a row is shown against: its own, or the one that carries the sensor."""
     weak = problem.runs[0].weak
     if row < weak.kinematic_rows:

@@ -18,6 +18,7 @@ from drake_cafim.diagnosis.search import Outcome
 from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.verdict import Comparison, Location, NominalParameter, Verdict
 from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.effect import Effect, Place
 from drake_cafim.output import write_text
 from drake_cafim.recordings.recording import Recording
@@ -63,6 +64,7 @@ def render(verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], co
         effects = tuple(one.effect for one in verdict.explanation)
         maps, labels = toss_maps(outcome.problem, Model(unknown), Model(unknown, effects)), list(ROWS)
     else:
+        assert isinstance(outcome.problem, WeakProblem)
         maps, labels = residual_maps(outcome.problem, without, corrected), row_labels(outcome.problem)
     shown = worst_first(maps)
     changed = bool(verdict.explanation)
@@ -187,9 +189,9 @@ def _effects(verdict: Verdict, outcome: Outcome, without: Physics, corrected: Ph
                     }
                     for name, value in one.values.items()
                 ],
-                "picture": None
-                if isinstance(outcome.problem, TossProblem)
-                else law_picture(evidence_of(one.effect, outcome.problem, others, corrected)),
+                "picture": law_picture(evidence_of(one.effect, outcome.problem, others, corrected))
+                if isinstance(outcome.problem, WeakProblem)
+                else None,
                 "reference": one.effect.reference,
             }
         )
@@ -204,7 +206,7 @@ def _unit(verdict: Verdict, effect: Effect, unit: str) -> str:
 
 def _remains(verdict: Verdict, outcome: Outcome, corrected: Physics) -> list[dict[str, str]]:
     """What is left at the places where most of it is, for a verdict that leaves something."""
-    if verdict.kind != "unexplained" or isinstance(outcome.problem, TossProblem):
+    if verdict.kind != "unexplained" or not isinstance(outcome.problem, WeakProblem):
         return []
     names = list(dict.fromkeys(one["name"] for one in _places(verdict.mismatch.locations)))
     figures = [(name, remains_figure(outcome.problem, corrected, name)) for name in names[:2]]
@@ -222,6 +224,7 @@ def _forecast(
         recording = shown_recording(outcome.problem, held_out)
         contest = toss_contest(outcome.problem, verdict, outcome.nominal.model, recording)
     else:
+        assert isinstance(outcome.problem, WeakProblem)
         scene, weak = outcome.problem.scene, outcome.problem.runs[0].weak
         if comparison is verdict.held_out:
             weak = WeakForm(samples_of(scene, held_out[0], weak.samples.std), scene.wrench_sensors)

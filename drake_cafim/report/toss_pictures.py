@@ -10,6 +10,7 @@ from drake_cafim.diagnosis.tosses.poses import track_of
 from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.tosses.quality import toss_forecasts
 from drake_cafim.diagnosis.verdict import Verdict
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.forecast_figure import Contest
 from drake_cafim.report.missing import ResidualMap
@@ -46,6 +47,7 @@ def recordings_of(outcome: Outcome) -> list[Recording]:
     """The recordings that were fitted to."""
     if isinstance(outcome.problem, TossProblem):
         return [track.recording for track in outcome.problem.arcs.tracks]
+    assert isinstance(outcome.problem, WeakProblem)
     return [run.weak.samples.recording for run in outcome.problem.runs]
 
 

@@ -52,7 +52,7 @@ class Cell:
     process_noise: float = 0.0  # m/s, added to each command in the kinematic world
     outside: float = 0.0  # m, by which the kinematic world's contact is before the frame that is planned with
     belief_samples: int = 1  # points of the belief over which plans are scored
-    force_guard: bool = False
+    force_guard: bool | None = None  # None: as `experiment.Options` has it
     believed: tuple[tuple[str, float], ...] = ()  # numbers of the planner's model that are not the world's
     diagnosed: bool = False  # the joints are recorded as well, and a diagnosis looks for what its scenario lacks
 
@@ -64,6 +64,8 @@ class Cell:
         parts += [f"noise{self.noise:g}", f"of{self.experiments or 'all'}", f"seed{self.seed}"]
         parts += [f"belief{self.belief_samples}"] if self.belief_samples != 1 else []
         parts += ["guarded"] if self.force_guard else []
+        # nothing is guarded in the kinematic world unless it is said
+        parts += ["unguarded"] if self.force_guard is False and self.world is not None else []
         parts += [f"{name}{value:g}" for name, value in self.believed]
         parts += [f"process{self.process_noise:g}"] if self.process_noise else []
         parts += [f"outside{self.outside:g}"] if self.outside else []

@@ -36,6 +36,7 @@ class Contouring(PointModel):
     workspace_lower: tuple[float, ...] = (0.3, -0.15)  # m, paper
     workspace_upper: tuple[float, ...] = (0.8, 0.15)  # m, paper
     speed_limit: float = 0.5  # m/s, paper
+    careful_speed: float = 0.17  # m/s
     stiffness: float = 500.0  # N/m, paper
     centre: tuple[float, float] = (0.5, 0.0)  # m
     tip_radius: float = 0.01  # m

@@ -14,6 +14,8 @@ from drake_cafim.typing import Array
 class PointModel:
     """A point that takes each commanded velocity at once and holds it for a period, inside its workspace.
 
+    With an `acceleration_limit` its velocity goes to the command evenly within the period, as far as it gets.
+
     Motion r is (2 nu,): position m and velocity m/s. What it touches does not move: the state is empty.
     """
 
@@ -21,6 +23,8 @@ class PointModel:
     workspace_lower: tuple[float, ...]
     workspace_upper: tuple[float, ...]
     speed_limit: float
+    careful_speed: float = np.inf  # m/s, of plans behind a force guard: what is met unexpectedly is felt in time
+    acceleration_limit: float = np.inf  # m/s², in each coordinate, of a real arm
     substeps: int = 1
 
     @property
@@ -34,6 +38,8 @@ class PointModel:
 
     def motion(self, robot_state: Array, commands: Array) -> Array:
         """p' = p + u·period, cut off at the workspace, and the velocity that this took."""
+        if np.isfinite(self.acceleration_limit):
+            return self.measured_motion(self._accelerated(robot_state, commands))
         size = len(self.workspace_lower)
         lower, upper = np.asarray(self.workspace_lower), np.asarray(self.workspace_upper)
         batch, length = commands.shape[:2]
@@ -46,6 +52,22 @@ class PointModel:
             result[:, index + 1, size:] = (following - position) / self.period
             position = following
         return self.measured_motion(result)
+
+    def _accelerated(self, robot_state: Array, commands: Array) -> Array:
+        """States (B, T+1, 2 nu): at the workspace the velocity is cut to what stays inside."""
+        size, most = len(self.workspace_lower), self.acceleration_limit * self.period
+        lower, upper = np.asarray(self.workspace_lower), np.asarray(self.workspace_upper)
+        batch, length = commands.shape[:2]
+        result = np.empty((batch, length + 1, 2 * size))
+        result[:, 0] = robot_state
+        for index in range(length):
+            position, velocity = result[:, index, :size], result[:, index, size:]
+            reached = np.clip(commands[:, index], velocity - most, velocity + most)
+            following = position + 0.5 * self.period * (velocity + reached)
+            inside = np.clip(following, lower, upper)
+            result[:, index + 1, :size] = inside
+            result[:, index + 1, size:] = np.where(inside == following, reached, (inside - position) / self.period)
+        return result
 
     def measured_motion(self, robot_states: Array) -> Array:
         """The states themselves; between them (substeps) position goes straight, at the velocity reached."""

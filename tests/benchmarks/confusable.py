@@ -14,7 +14,7 @@ import numpy as np
 
 from drake_cafim.design.planner import PlannerConfig, candidate_commands
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.discrimination.design import Designer
 from drake_cafim.discrimination.evidence import expected, looked, strength_at
 from drake_cafim.discrimination.hypotheses import Pair, parsed
@@ -202,12 +202,12 @@ def models(group: Group, designer: Designer, random: np.random.Generator) -> tup
     return tuple(found)
 
 
-def _worth(problems: Sequence[Problem], truth: Model, rivals: Sequence[Model]) -> float:
+def _worth(problems: Sequence[WeakProblem], truth: Model, rivals: Sequence[Model]) -> float:
     """The median of what the motions are expected to bring for `truth`."""
     return float(np.median([min(_worth_of(one, truth, rival) for rival in rivals) for one in problems]))
 
 
-def _worth_of(problem: Problem, truth: Model, rival: Model) -> float:
+def _worth_of(problem: WeakProblem, truth: Model, rival: Model) -> float:
     """ln of the likelihood ratio after `KNOWN` s of the motion again and again, the rival's numbers being its best."""
     time = problem.runs[0].weak.samples.time
     repeats = KNOWN / float(time[-1] - time[0]) - 1.0

@@ -32,7 +32,7 @@ import numpy as np
 
 from drake_cafim.cli import progress_line
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.discrimination.closed_loop import measured, noisy, simulated_together
 from drake_cafim.discrimination.design import Designer, Progress, default_effort
 from drake_cafim.discrimination.evidence import Course, Explained, explain, looked
@@ -62,7 +62,7 @@ class Cycle:
     """One motion as it goes where `truth` holds: its clean run, and every explanation about its own best numbers."""
 
     recording: Recording
-    clean: Problem
+    clean: WeakProblem
     explained: tuple[Explained, ...]  # the truth first
 
 

@@ -57,12 +57,15 @@ class Lead:
 
 @dataclass(frozen=True)
 class TossProblem(Problem):
-    """Arcs of one scene. Vectors over rows hold all recordings', then one row a prior."""
+    """Arcs of one scene."""
 
-    runs: tuple[TossRun, ...] = ()  # type: ignore[assignment]
-    arcs: Arcs = None  # type: ignore[assignment]
-    noise: PoseNoise = None  # type: ignore[assignment]
-    base: Settled = None  # type: ignore[assignment]
+    scene: Scene
+    runs: tuple[TossRun, ...]
+    arcs: Arcs
+    noise: PoseNoise
+    base: Settled
+    found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
+    """The last residual that was searched for pushes, and what was found."""
     _shots: dict[Any, Settled] = field(default_factory=dict, repr=False, compare=False)
     _leads: dict[Any, Lead] = field(default_factory=dict, repr=False, compare=False)
 
@@ -77,23 +80,18 @@ class TossProblem(Problem):
     ) -> "TossProblem":
         """The problem whose rows are white under `model`."""
         base = settled_from(arcs, noise, model.physics(scene), start or arcs.start)
-        return cls(scene, _runs(arcs), arcs=arcs, noise=noise, base=base)
+        return cls(scene, _runs(arcs), arcs, noise, base)
 
     def rewhitened(self, model: Model) -> "TossProblem":
         """The same arcs under another model."""
         return self.settled(self.scene, self.arcs, self.noise, model, self.shot(model).start)
 
-    @property
-    def rows(self) -> int:
-        return sum(run.rows for run in self.runs)
-
     def plausible(self, model: Model) -> bool:
         return all(effect.plausible() for effect in model.effects)
 
-    def residual(self, model: Model) -> Array:
+    def rows_of(self, model: Model) -> Array:
         innovations = self.base.innovation(self.shot(model).rows[..., None])[0]
-        priors = self.scene.priors
-        return np.concatenate([self.ordered(innovations)[:, 0], (model.unknown - priors.mean) / priors.std])
+        return np.asarray(self.ordered(innovations)[:, 0])
 
     def jacobian(self, model: Model) -> Array:
         settled = self._settled(model)
