@@ -1,7 +1,8 @@
 """Explanations that are easily taken for one another, each group on a machine where they are.
 
 Each explanation has the size at which, were it true, ten seconds of a random motion would be expected to leave every
-other a likelihood of one in twenty at its best: rivals, as a recording that shows too little leaves them.
+other a likelihood of one in twenty at its best: rivals, as a recording that shows too little leaves them. Presliding,
+which has no such size, is a typical one.
 """
 
 from __future__ import annotations
@@ -221,6 +222,9 @@ def sized(effect: Effect, size: float, scene: Scene) -> Effect:
     if effect.name == "contact_stribeck_friction":
         # absent where it equals the friction of the contact
         values["static"] += scene.physics.contacts[0].parameters.friction
+    if effect.name == "contact_presliding":
+        # the shorter, the nearer to dry friction, which the nominal law is not either: it never vanishes
+        values["distance"] = effect.strengths[0].typical
     if effect.name == "actuator_gain_error":
         # too little acts, as with all that it is taken for
         values["gain"] = 2.0 - values["gain"]
