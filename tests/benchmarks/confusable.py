@@ -1,7 +1,8 @@
 """Explanations that are easily taken for one another, each group on a machine where they are.
 
 Each explanation has the size at which, were it true, ten seconds of a random motion would be expected to leave every
-other a likelihood of one in twenty at its best: rivals, as a recording that shows too little leaves them.
+other a likelihood of one in twenty at its best: rivals, as a recording that shows too little leaves them. Presliding,
+which has no such size, is a typical one.
 """
 
 from __future__ import annotations
@@ -121,9 +122,10 @@ unknown:
 """
 
 
-USUAL, QUICK = Shape(), Shape(spacing=0.04)
-"""The quick one is for explanations that are milliseconds apart: as many numbers in half the time. An elasticity that
-quick motions only just show would be stiffer than the steps of simulation can follow."""
+USUAL, QUICK, SLOW = Shape(), Shape(spacing=0.04), Shape(spacing=0.16)
+"""As many numbers in half or twice the time. The quick one is for explanations that are milliseconds apart; an
+elasticity that quick motions only just show would be stiffer than the steps of simulation can follow. The slow one is
+for those that only differ in where the arm is, which it must have time to reach."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,7 @@ GROUPS = (
         "gain, payload, load friction",
         ("actuator_gain_error@elbow", "payload@fore", "joint_load_dependent_friction@elbow"),
     ),
-    Group("tilt, spring, payload", ("gravity_misalignment@world", "joint_spring@shoulder", "payload@fore")),
+    Group("tilt, spring, payload", ("gravity_misalignment@world", "joint_spring@shoulder", "payload@fore"), shape=SLOW),
     Group("stiffness, offset", ("contact_nonlinear_stiffness@tool/wall", "surface_offset@wall"), STAGE, STAGE_SCENARIO),
     Group(
         "Stribeck, presliding",
@@ -220,6 +222,9 @@ def sized(effect: Effect, size: float, scene: Scene) -> Effect:
     if effect.name == "contact_stribeck_friction":
         # absent where it equals the friction of the contact
         values["static"] += scene.physics.contacts[0].parameters.friction
+    if effect.name == "contact_presliding":
+        # the shorter, the nearer to dry friction, which the nominal law is not either: it never vanishes
+        values["distance"] = effect.strengths[0].typical
     if effect.name == "actuator_gain_error":
         # too little acts, as with all that it is taken for
         values["gain"] = 2.0 - values["gain"]

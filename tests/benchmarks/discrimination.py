@@ -6,7 +6,7 @@ prints the table. For each explanation of a group, were it true, each motion is 
 again, and recorded with noise; the robot time after which the odds for the truth against each of its rivals are over
 20 : 1 is counted. A group's time for a seed is that of the explanation that takes longest.
 
-All motions are cycles from rest to rest, of 2 s, and of 1 s where lag and delay are milliseconds apart, run again and
+All motions are cycles from rest to rest, of 1, 2 or 4 s as explanations are quick or slow, run again and
 again. There are two D-optimal ones, of the most ln det F: in the scenario's unknown parameters, as experiments are
 designed that do not discriminate, and in all explanations' strengths too, which is harder to beat. They have the
 designed one's planner, its budget and its first draws; both are among the first candidates of the designed one's
