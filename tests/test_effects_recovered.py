@@ -9,12 +9,8 @@ from concealed.case import Case
 from concealed.make import make
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.samples import samples_of
+from drake_cafim.diagnosis.diagnose import prepare
 from drake_cafim.diagnosis.search import Outcome, Settings, search
-from drake_cafim.diagnosis.stated_noise import noise_of
-from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.scenario.scene import Scene
 
 ARM_EFFECTS = [
@@ -68,9 +64,7 @@ def _searched(case: Case, folder: Path) -> Outcome:
     case.write(folder)
     scene = Scene.load(folder / "scenario.yaml")
     read = [recordings.read(folder / f"train_{k}.parquet") for k in (1, 2, 3)]
-    std, _ = noise_of(scene, read)
-    weak = [WeakForm(samples_of(scene, one, std), scene.wrench_sensors) for one in read]
-    return search(WeakProblem.of(scene, weak, Model(scene.priors.mean)), Settings())
+    return search(prepare(scene, read).problem(), Settings())
 
 
 @pytest.mark.long
