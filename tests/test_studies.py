@@ -182,3 +182,12 @@ def test_force_guard_and_reaching_fail_where_they_should() -> None:
             kept["experiments"][-1]["behaviour"][key] = value
         claims = study.conclude(results).claims
         assert [one.standing for one in claims] == ["does not hold"] * failing == ["does not hold"] * len(claims)
+
+
+@pytest.mark.ci
+def test_two_seeds_of_each_scenario_do_what_is_required(tmp_path: Path) -> None:
+    """Behaviour, information, planning time; of the median errors, which two seeds tell badly, one may be off."""
+    record, text = study_command("requirements", tmp_path, 2, lambda line: None, short=True)
+    failed = [one["claim"] for one in record["claims"] if one["standing"] == "does not hold"]
+    assert len(record["claims"]) == 23
+    assert [claim for claim in failed if "error" not in claim] == [] and len(failed) <= 1, text
