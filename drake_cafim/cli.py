@@ -282,8 +282,9 @@ def replay(
         result = replay_command(scenario, recording, report, path, meshcat)
     _print(result, as_json, str(path))
     if meshcat is not None:
-        click.echo(f"{meshcat.web_url()}  pause and speed: Open Controls, Animations; Ctrl-C ends it", err=True)
+        # who reads the address may end it at once
         with suppress(KeyboardInterrupt):
+            click.echo(f"{meshcat.web_url()}  pause and speed: Open Controls, Animations; Ctrl-C ends it", err=True)
             threading.Event().wait()
 
 
