@@ -32,7 +32,7 @@ def as_text(findings: Findings) -> str:
     """Claims and tables in columns, for a terminal."""
     blocks = [findings.title]
     if findings.claims:
-        blocks.append(", ".join(f"{count} {standing}" for standing, count in _counts(findings).items()))
+        blocks.append(", ".join(f"{standing}: {count}" for standing, count in _counts(findings).items()))
         blocks.append(_columns([(one.standing, one.claim, one.found) for one in findings.claims]))
     for table in findings.tables:
         blocks.append(f"{table.title}\n{_columns([table.header, *table.rows])}")
