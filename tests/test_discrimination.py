@@ -251,7 +251,7 @@ def faint(scene: Scene) -> Pair:
 def test_a_designed_motion_beats_random_ones_and_its_run_says_so(scene: Scene) -> None:
     shape = Shape()
     config = PlannerConfig(candidates=12, horizon=shape.points, knots=11, knot_std=0.6)
-    designer = Designer.of(scene, shape, Effort(config, rounds=10))
+    designer = Designer.of(scene, shape, Effort(config, rounds=10, generations=4))
     pair, random = faint(scene), np.random.default_rng(0)
     odds = Odds((pair,))
     usual = [odds(designer.problem(designer.motion(designer.random_commands(random)))) for _ in range(8)]
@@ -290,7 +290,7 @@ def test_a_walk_has_passed_a_threshold_as_often_as_is_said() -> None:
 
 def test_a_start_is_among_the_candidates(scene: Scene) -> None:
     designer, odds = (
-        replace(Designer.of(scene), effort=replace(default_effort(Shape()), rounds=0)),
+        replace(Designer.of(scene), effort=replace(default_effort(Shape()), rounds=0, generations=0)),
         Odds((faint(scene),)),
     )
     good = designer.design(odds, np.random.default_rng(1))
