@@ -22,6 +22,7 @@ from drake_cafim.kinematic_world import kinematic_world
 from drake_cafim.sensitivity.evaluator import Fisher, make_evaluator
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.sensitivity.tangent import TangentEvaluator
+from drake_cafim.tasks.point import PointModel
 from drake_cafim.tasks.task import Task
 from drake_cafim.typing import Array
 from drake_cafim.world import World
@@ -128,16 +129,18 @@ def force_limit(task: Task) -> float:
 
 def behind_guard(task: Task) -> PlanningModel:
     """The task's model as plans behind a force guard know it: slow, or they would only be cut."""
-    limited: Any = task.model  # every packaged model with a limit is a `PointModel`
-    speed = min(limited.speed_limit, limited.careful_speed)
-    return cast(PlanningModel, replace(limited, speed_limit=speed))
+    model: Any = task.model
+    if not isinstance(model, PointModel):
+        return task.model
+    return cast(PlanningModel, replace(model, speed_limit=min(model.speed_limit, model.careful_speed)))
 
 
 def _guarded(task: Task, options: Options, world: World) -> bool:
     if options.force_guard is not None:
         return options.force_guard
     executed = options.policy == "contact-aware" and isinstance(world.system, Diagram)
-    return executed and getattr(task.model, "force_limit", None) is not None
+    # of another model it is not known that what is touched stays, and that forces and commands have the same axes
+    return executed and isinstance(task.model, PointModel) and getattr(task.model, "force_limit", None) is not None
 
 
 def _add_guard(builder: DiagramBuilder, task: Task, options: Options) -> ForceGuard | None:

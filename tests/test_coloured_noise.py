@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.coloured_noise import Memory, covariance, drawn, seen_memories, widened
+from drake_cafim.diagnosis.coloured_noise import Memory, covariance, drawn, left_by, seen_memories, widened
+from drake_cafim.local_polynomial import local_polynomial
 from drake_cafim.recordings.recording import Recording
 
 STEP, STD = 0.002, 1e-3
@@ -23,6 +24,15 @@ def test_drawn_noise_has_the_covariance(memory: Memory) -> None:
     rng, time = np.random.default_rng(0), STEP * np.arange(6)
     samples = np.stack([drawn(rng, time, memory) for _ in range(20000)])
     np.testing.assert_allclose(samples.T @ samples / len(samples), covariance(time, memory).toarray(), atol=0.03)
+
+
+@pytest.mark.parametrize("memory", [None, Memory(0.012)])
+def test_what_a_smoother_leaves_of_noise(memory: Memory | None) -> None:
+    """A slope over 16 ms of noise that hardly changes meanwhile is far quieter than one of white noise."""
+    rng, time = np.random.default_rng(0), STEP * np.arange(20)
+    slope = local_polynomial(time, 0.008, 3, 1)
+    results = slope @ np.stack([drawn(rng, time, memory) for _ in range(20000)], axis=1)
+    np.testing.assert_allclose(left_by(slope, time, memory), np.std(results, axis=1), rtol=0.03)
 
 
 # with σ unknown, only a memory that ends within the quiet frequencies can be told from a shorter, louder one

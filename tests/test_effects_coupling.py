@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from drake_cafim.effects.coupling import JointBacklash, JointElasticity, RotorDrive
+from drake_cafim.effects.coupling import JointBacklash, JointCoupling, JointElasticity, RotorDrive
 from drake_cafim.typing import Array
 
 MOBILITY = 25.0
@@ -26,10 +26,13 @@ def test_elastic_step_response(damping: float) -> None:
     assert np.allclose(rate, expected, atol=1e-10)
 
 
-def test_what_a_start_that_was_not_at_rest_adds() -> None:
-    """A joint that is twisted and turning at the first sample rings out about its balance."""
+RINGING = {"stiffness": 90.0, "damping": 0.3}
+
+
+@pytest.mark.parametrize("joint", [JointElasticity("j", RINGING), JointBacklash("j", {"gap": 0.01, **RINGING})])
+def test_what_a_start_that_was_not_at_rest_adds(joint: JointCoupling) -> None:
+    """A joint that is twisted and turning at the first sample rings out about its balance; so does one with a gap."""
     push, step = np.full(400, 5.0), 0.002
-    joint = JointElasticity("j", {"stiffness": 90.0, "damping": 0.3})
     by_start = joint.twist_rate_by_start(drive(push, step))
     balance, decay = 5.0 / (90.0 * MOBILITY), 0.5 * 0.3 * MOBILITY
     square = 90.0 * MOBILITY

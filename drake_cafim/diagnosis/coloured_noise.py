@@ -102,6 +102,13 @@ def covariance(time: Array, memory: Memory) -> sp.csr_matrix:
     return sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets))
 
 
+def left_by(operator: sp.csr_matrix, time: Array, memory: Memory | None) -> Array:
+    """(N,) standard deviation of what `operator` (N, N) makes of unit noise at `time`; without a memory it is white."""
+    carried = operator if memory is None else operator @ covariance(time, memory)
+    variance: Array = np.asarray(carried.multiply(operator).sum(axis=1), dtype=float).ravel()
+    return np.sqrt(np.maximum(variance, 0.0))
+
+
 def drawn(rng: np.random.Generator, time: Array, memory: Memory | None) -> Array:
     """(N,) unit noise at `time`; without a memory it is white."""
     noise = rng.standard_normal(len(time))

@@ -94,7 +94,7 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
     first = model.vector
     for _ in range(ROUNDS if n else 0):
         before = model.vector
-        offset, excess = _shared_noise(problem, model, residual, jacobian)
+        offset, excess = problem.shared_noise(model, residual, jacobian)
         corrected = _minimised(problem, model, offset, 4, worth)
         if not float(offset @ (corrected[0].vector - first)) < worth:
             nothing = np.diag(np.full(n, NOTHING_KNOWN))
@@ -143,13 +143,6 @@ def _inverse(information: Array) -> Array:
     # of what is not seen nothing is known, which is the opposite of a pseudoinverse's zero
     known = np.maximum(known, LEAST_KNOWN * np.max(known, initial=0.0))
     return np.asarray((axes / known) @ axes.T / np.outer(size, size), dtype=float)
-
-
-def _shared_noise(problem: Problem, model: Model, residual: Array, jacobian: Array) -> tuple[Array, Array]:
-    """ΔJᵀΔz (n,) and ΔJᵀΔJ (n, n), Δ by one more dose of noise."""
-    change = problem.noisier.residual(model) - residual
-    slope_change = problem.noisier_in_loop.jacobian(model) - jacobian
-    return slope_change.T @ change, slope_change.T @ slope_change
 
 
 def _minimised(

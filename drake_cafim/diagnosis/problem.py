@@ -48,16 +48,6 @@ class Problem(ABC):
     def rewhitened(self, model: Model) -> "Problem":
         """The same recordings under another model's covariance."""
 
-    @property
-    def noisier(self) -> "Problem":
-        """The same recordings with their noise once more on top; asked for where `regressors_noisy`."""
-        raise NotImplementedError
-
-    @property
-    def noisier_in_loop(self) -> "Problem":
-        """`noisier` with the efforts that a controller would have made of it; as `noisier`."""
-        raise NotImplementedError
-
     @abstractmethod
     def plausible(self, model: Model) -> bool:
         """Whether every effect of the model still is what its name says."""
@@ -65,6 +55,11 @@ class Problem(ABC):
     @abstractmethod
     def rows_of(self, model: Model) -> Array:
         """Whitened rows of all recordings."""
+
+    def shared_noise(self, model: Model, residual: Array, jacobian: Array) -> tuple[Array, Array]:
+        """ΔJᵀΔz (n,) and ΔJᵀΔJ (n, n), Δ by one more dose of noise; zero where slopes hold none."""
+        n = jacobian.shape[1]
+        return np.zeros(n), np.zeros((n, n))
 
     @abstractmethod
     def jacobian(self, model: Model) -> Array:

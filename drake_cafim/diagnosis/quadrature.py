@@ -16,13 +16,13 @@ def gauss(lower: Array, upper: Array) -> tuple[Array, Array]:
 
 def lagrange(nodes: Array, at: Array) -> Array:
     """Weights (..., G, 4) of values at `nodes` (..., 4) in the cubic through them, at the points `at` (..., G)."""
-    weights = np.ones((*at.shape, NODES))
-    for k in range(NODES):
-        for other in range(NODES):
-            if other != k:
-                factor = nodes[..., k] - nodes[..., other]
-                weights[..., k] *= (at - nodes[..., other, None]) / factor[..., None]
-    return weights
+    apart = at[..., None] - nodes[..., None, :]
+    weights = np.empty_like(apart)
+    before, after = apart[..., 0] * apart[..., 1], apart[..., 2] * apart[..., 3]
+    weights[..., 0], weights[..., 1] = apart[..., 1] * after, apart[..., 0] * after
+    weights[..., 2], weights[..., 3] = apart[..., 3] * before, apart[..., 2] * before
+    between = nodes[..., :, None] - nodes[..., None, :] + np.eye(NODES)
+    return np.asarray(weights / np.prod(between, axis=-1)[..., None, :])
 
 
 def missed_kink(time: Array, at: Array, order: int = 1) -> Array:
@@ -42,12 +42,16 @@ def missed_kink(time: Array, at: Array, order: int = 1) -> Array:
         nodes = time[np.clip(interval - 1, 0, len(time) - NODES)[:, None] + np.arange(NODES)]
         sampled = _power(nodes - at[:, None], order)
         kink = np.clip(at, time[interval], time[interval + 1])
-        for lower, upper in ((time[interval], kink), (kink, time[interval + 1])):
+        # before and after the kink, of which an interval beside its own has but one
+        parts = [(time[interval], kink)] * (offset <= 0) + [(kink, time[interval + 1])] * (offset >= 0)
+        for lower, upper in parts:
             t, weight = gauss(lower, upper)
             since = t - at[:, None]
-            error = _power(since, order) - np.einsum("kgn,kn->kg", lagrange(nodes, t), sampled)
+            error = _power(since, order) - (lagrange(nodes, t) @ sampled[..., None])[..., 0]
             weighed = np.where(inside[:, None], weight * error, 0.0)
-            moments += np.stack([np.sum(weighed * since**n, axis=1) / max(n, 1) for n in range(3)])
+            for n in range(3):
+                moments[n] += np.sum(weighed, axis=1) / max(n, 1)
+                weighed = weighed * since
     return moments
 
 

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from drake_cafim.diagnosis.coloured_noise import Memory, drawn
+from drake_cafim.diagnosis.coloured_noise import Memory, drawn, left_by
 from drake_cafim.diagnosis.feedback import Feedback
 from drake_cafim.diagnosis.slow_channels import Bridges
 from drake_cafim.diagnosis.windows import Windows, lay_windows
@@ -137,7 +137,8 @@ def samples_of(
     if not measured:
         differentiate = local_polynomial(time, 0.0, 6, 1, at_least=3)
         v = differentiate @ q
-    pairs, v_std = _velocity_smoothers(names, std, smooth_q, slope_q, measured)
+    memories = dict(memories or {})
+    pairs, v_std = _velocity_smoothers(names, std, time, memories, smooth_q, slope_q, measured)
     usable &= (time >= time[0] + END_MARGIN) & (time <= time[-1] - END_MARGIN)
     windows = lay_windows(time, _away_from(~usable, smooth_q), width)
     if len(windows) < 3:
@@ -158,7 +159,7 @@ def samples_of(
         pairs,
         v_std,
         differentiate,
-        dict(memories or {}),
+        memories,
         dict(bridges or {}),
     )
 
@@ -182,29 +183,28 @@ def _refuse_other_stamps(recording: Recording, scene: Scene) -> None:
 
 
 def _velocity_smoothers(
-    names: tuple[str, ...], std: dict[str, float], smooth: sp.csr_matrix, slope: sp.csr_matrix, measured: bool
+    names: tuple[str, ...],
+    std: dict[str, float],
+    time: Array,
+    memories: Mapping[str, Memory],
+    smooth: sp.csr_matrix,
+    slope: sp.csr_matrix,
+    measured: bool,
 ) -> tuple[tuple[sp.csr_matrix, ...], Array]:
     """For each joint the pair (from v, from q), weighted by what their noise leaves of each."""
-    smooth_norm = _row_norms(smooth)
-    slope_norm = _row_norms(slope)
     pairs: list[sp.csr_matrix] = []
     stds = []
     for name in names:
-        from_q = std[f"q.{name}"] * slope_norm
+        from_q = std[f"q.{name}"] * left_by(slope, time, memories.get(f"q.{name}"))
         if not measured:
             pairs += [sp.csr_matrix(smooth.shape), slope]
             stds.append(from_q)
             continue
-        from_v = std[f"v.{name}"] * smooth_norm
+        from_v = std[f"v.{name}"] * left_by(smooth, time, memories.get(f"v.{name}"))
         share = (from_q**2) / np.maximum(from_q**2 + from_v**2, 1e-300)
         pairs += [sp.csr_matrix(sp.diags_array(share) @ smooth), sp.csr_matrix(sp.diags_array(1.0 - share) @ slope)]
         stds.append(np.sqrt(share**2 * from_v**2 + (1.0 - share) ** 2 * from_q**2))
     return tuple(pairs), np.stack(stds, axis=1)
-
-
-def _row_norms(matrix: sp.csr_matrix) -> Array:
-    squares: Array = np.asarray(matrix.multiply(matrix).sum(axis=1), dtype=float)
-    return np.sqrt(squares).ravel()
 
 
 def _filled(values: Array) -> Array:

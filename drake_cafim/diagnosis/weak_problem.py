@@ -175,6 +175,11 @@ class WeakProblem(Problem):
         """Whitened rows of all recordings."""
         return np.concatenate([run.residual(physics)[0] for run in self.runs])
 
+    def shared_noise(self, model: Model, residual: Array, jacobian: Array) -> tuple[Array, Array]:
+        change = self.noisier.residual(model) - residual
+        slope_change = self.noisier_in_loop.jacobian(model) - jacobian
+        return slope_change.T @ change, slope_change.T @ slope_change
+
     def start_cost(self, model: Model) -> float:
         physics = model.physics(self.scene)
         return sum(run.residual(physics)[1] for run in self.runs) if physics.couplings else 0.0

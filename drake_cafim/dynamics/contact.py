@@ -1,6 +1,7 @@
 """A sphere of the tree against a plane that stands still: where they touch, and the wrench that follows."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -45,6 +46,11 @@ class SphereContact:
         """(K, 3) m in frame J: centres of the spheres that may touch; those of radius 0 are points."""
         return self.p_JC[None]
 
+    @cached_property
+    def _axes(self) -> Array:
+        """The plane's axes; of a normal that stands still they do, too."""
+        return surface_axes(self.normal)
+
     @property
     def memory(self) -> int:
         """How many numbers the changes remember."""
@@ -66,7 +72,7 @@ class SphereContact:
             position=p_WC + points.p_BoC_W[:, 0],
             spinning=cross(w_WJ, points.p_BoC_W[:, 0]),
             spin=w_WJ - (w_WJ @ self.normal)[:, None] * self.normal,
-            axes=surface_axes(self.normal),
+            axes=self._axes,
         )
 
     def recall(self, time: Array, touch: Touch, at: Touch) -> Array:

@@ -56,8 +56,23 @@ class JointCoupling(Effect):
         """ψ̇ (N,) at the samples, from rest in balance with the first push."""
 
     def twist_rate_by_start(self, drive: RotorDrive) -> Array:
-        """∂ψ̇/∂start (N, c) of what is not known of the twist at the first sample, in its prior standard deviations."""
-        return np.zeros((len(drive.time), 0))
+        """∂ψ̇/∂start (N, c) of what is not known of the twist at the first sample, in its prior standard deviations.
+
+        A recording may begin in the middle of a motion, and its joint ring as far as the hardest push twists it. Every
+        law has the same doubt, or the one that has none would seem the better explanation.
+        """
+        phi, rest = self.stepped(drive)
+        twist = float(np.max(np.abs(rest)))
+        right = np.zeros((2 * len(drive.time), 2))
+        right[0, 0] = twist
+        right[1, 1] = twist * float(np.sqrt(self.values["stiffness"] * np.mean(drive.mobility)))
+        return np.asarray(_carried_on(phi, right)[1::2], dtype=float)
+
+    def stepped(self, drive: RotorDrive) -> tuple[tuple[Array, Array, Array, Array], Array]:
+        """Φ of each interval, and the balance point x_e (N,) about which the motion is free: x' = Φ (x − x_e) + x_e."""
+        stiffness, damping = self.values["stiffness"], self.values["damping"]
+        pull, drag = stiffness * drive.mobility, damping * drive.mobility
+        return _transition(pull[:-1], drag[:-1], np.diff(drive.time)), drive.push / pull
 
     @abstractmethod
     def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
@@ -98,27 +113,12 @@ class JointElasticity(JointCoupling):
         return torque / self.values["stiffness"]
 
     def twist_rate(self, drive: RotorDrive) -> Array:
-        phi, rest = self._stepped(drive)
+        phi, rest = self.stepped(drive)
         right = np.zeros((2 * len(drive.time), 1))
         right[0] = rest[0]
         right[2::2, 0] = rest[:-1] * (1.0 - phi[0])
         right[3::2, 0] = -rest[:-1] * phi[2]
         return np.asarray(_carried_on(phi, right)[1::2, 0], dtype=float)
-
-    def twist_rate_by_start(self, drive: RotorDrive) -> Array:
-        # a recording may begin in the middle of a motion, and its joint ring as far as the hardest push twists it
-        phi, rest = self._stepped(drive)
-        twist = float(np.max(np.abs(rest)))
-        right = np.zeros((2 * len(drive.time), 2))
-        right[0, 0] = twist
-        right[1, 1] = twist * float(np.sqrt(self.values["stiffness"] * np.mean(drive.mobility)))
-        return np.asarray(_carried_on(phi, right)[1::2], dtype=float)
-
-    def _stepped(self, drive: RotorDrive) -> tuple[tuple[Array, Array, Array, Array], Array]:
-        """Φ of each interval, and the balance point x_e (N,) about which the motion is free: x' = Φ (x − x_e) + x_e."""
-        stiffness, damping = self.vector
-        pull, drag = stiffness * drive.mobility, damping * drive.mobility
-        return _transition(pull[:-1], drag[:-1], np.diff(drive.time)), drive.push / pull
 
     def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
         mobility = float(np.mean(drive.mobility))
