@@ -251,7 +251,7 @@ def faint(scene: Scene) -> Pair:
 def test_a_designed_motion_beats_random_ones_and_its_run_says_so(scene: Scene) -> None:
     shape = Shape()
     config = PlannerConfig(candidates=12, horizon=shape.points, knots=11, knot_std=0.6)
-    designer = Designer.of(scene, shape, Effort(config, rounds=10))
+    designer = Designer.of(scene, shape, Effort(config, rounds=10, generations=4))
     pair, random = faint(scene), np.random.default_rng(0)
     odds = Odds((pair,))
     usual = [odds(designer.problem(designer.motion(designer.random_commands(random)))) for _ in range(8)]
@@ -290,7 +290,7 @@ def test_a_walk_has_passed_a_threshold_as_often_as_is_said() -> None:
 
 def test_a_start_is_among_the_candidates(scene: Scene) -> None:
     designer, odds = (
-        replace(Designer.of(scene), effort=replace(default_effort(Shape()), rounds=0)),
+        replace(Designer.of(scene), effort=replace(default_effort(Shape()), rounds=0, generations=0)),
         Odds((faint(scene),)),
     )
     good = designer.design(odds, np.random.default_rng(1))
@@ -301,6 +301,26 @@ def test_a_start_is_among_the_candidates(scene: Scene) -> None:
     np.testing.assert_array_equal(designer.commands(good.knots), good.commands)
     poor = np.zeros_like(good.knots)
     assert designer.design(odds, np.random.default_rng(1), starts=[poor]).value == good.value
+
+
+def test_a_rehearsal_says_what_a_smooth_plan_says(scene: Scene) -> None:
+    designer = Designer.of(scene, Shape(points=10))
+    random, odds = np.random.default_rng(5), Odds((faint(scene),))
+    planned = [designer.motion(designer.random_commands(random)) for _ in range(2)]
+    found = designer.rehearsal(odds)(planned)
+    np.testing.assert_allclose(found, [odds(designer.problem(one)) for one in planned], rtol=0.05, atol=0.05)
+    assert found[0] != pytest.approx(found[1], rel=0.2)
+
+
+def test_the_motion_that_does_best_in_rehearsal_is_kept(scene: Scene) -> None:
+    shape = Shape(points=6)
+    effort = replace(default_effort(shape), rounds=1, generations=1, rehearsals=1)
+    designer, odds = Designer.of(scene, shape, effort), Odds((faint(scene),))
+    found = designer.design(odds, np.random.default_rng(1))
+    poor = replace(found, knots=np.zeros_like(found.knots))
+    best = designer.rehearse(odds, poor, np.random.default_rng(1), starts=[found.knots])
+    assert best.value >= designer.rehearsal(odds)([found.planned])[0]
+    assert best.value == pytest.approx(designer.rehearsal(odds)([best.planned])[0])
 
 
 def test_physics_that_are_kept_are_those_of_their_unknowns(scene: Scene) -> None:

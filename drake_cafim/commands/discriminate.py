@@ -18,7 +18,7 @@ from drake_cafim.discrimination.hypotheses import Pair, named_pair, reported_pai
 from drake_cafim.discrimination.motions import Motion, Shape
 from drake_cafim.discrimination.outcome import course, odds_along, settled_after
 from drake_cafim.discrimination.planned import noise_of, problem_of
-from drake_cafim.discrimination.scores import Odds, Soonest, Value
+from drake_cafim.discrimination.scores import Odds, OddsValue, Soonest
 from drake_cafim.errors import InputError
 from drake_cafim.output import replacing, write_text
 from drake_cafim.recordings import write
@@ -84,8 +84,8 @@ def discriminate_command(
     designer = Designer.of(scene, shape, default_effort(shape, request.planner))
     pairs = [designer.matched(pair, random) for pair in pairs]
     odds = Odds(tuple(pairs))
-    value: Value = odds if request.criterion == "odds" else Soonest(tuple(pairs))
-    planned = designer.design(value, random, progress).planned
+    value: OddsValue = odds if request.criterion == "odds" else Soonest(tuple(pairs))
+    planned = designer.rehearse(value, designer.design(value, random, progress), random, progress).planned
     with replacing(out / TRAJECTORY) as temporary:
         write(_trajectory(scene, planned), temporary)
     progress("trying it in simulation")
@@ -94,7 +94,7 @@ def discriminate_command(
     result = dict(report)
     result["next_experiment"] = {
         "separates": [list(pair.names) for pair in pairs],
-        "expected_log_odds": odds(designer.problem(planned)),
+        "expected_log_odds": float(designer.rehearsal(odds)([planned])[0]),
         "file": TRAJECTORY,
         "duration": designer.shape.duration,
         "start": dict(zip(scene.tree.joint_names, planned.q[0].tolist(), strict=True)),

@@ -9,11 +9,13 @@ from drake_cafim.design.planner import PlannerConfig, PlannerName, candidate_com
 from drake_cafim.design.policies import make_planner
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.discrimination.cloud import Cloud
 from drake_cafim.discrimination.evidence import explain
 from drake_cafim.discrimination.hypotheses import Pair
 from drake_cafim.discrimination.motions import Limits, Motion, Shape, plan
 from drake_cafim.discrimination.planned import Bench
-from drake_cafim.discrimination.scores import MotionScore, Value
+from drake_cafim.discrimination.rehearsal import Rehearsal
+from drake_cafim.discrimination.scores import MotionScore, OddsValue, Value
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
@@ -22,6 +24,9 @@ NEARER = 0.125
 QUIET = 0.25
 """Part of its range that an ordinary motion uses."""
 SEEN = 5.0
+MOST_GENERATIONS = 32
+SPREAD = 0.4
+"""Of a cloud about the planner's best, in units of half a joint's range."""
 
 Progress = Callable[[str], None]
 
@@ -30,11 +35,14 @@ Progress = Callable[[str], None]
 class Effort:
     """How long to plan: `rounds` of a planner with `config`, each from the best so far and nearer to it.
 
-    `config.knot_std`, in units of half a joint's range, is that of the first round; the last one's is an eighth.
+    `config.knot_std`, in units of half a joint's range, is that of the first round; the last one's is an eighth. A
+    cloud of `config.candidates` follows for as many `generations`, and for as many `rehearsals` in simulation.
     """
 
     config: PlannerConfig
-    rounds: int = 20
+    rounds: int = 4
+    generations: int = 32
+    rehearsals: int = 5
     planner: PlannerName = "predictive-sampling"
 
     def config_of(self, number: int) -> PlannerConfig:
@@ -45,18 +53,22 @@ class Effort:
 
 def default_effort(shape: Shape, planner: PlannerName = "predictive-sampling") -> Effort:
     """A search of some hundred motions."""
-    knots = max(shape.points // 2, 4)
-    return Effort(PlannerConfig(candidates=16, horizon=shape.points, knots=knots, knot_std=0.6), planner=planner)
+    config = PlannerConfig(candidates=16, horizon=shape.points, knots=max(shape.points, 4), knot_std=0.6)
+    return Effort(config, generations=min(2 * shape.points, MOST_GENERATIONS), planner=planner)
 
 
 @dataclass(frozen=True)
 class Design:
-    """A planned motion, its commands (points, n), the knots (K, n) they go through, and its planner's value of it."""
+    """A planned motion, its commands (points, n), the knots (K, n) they go through, and what it is worth.
+
+    `cloud` is that of the knots where the search for it ended.
+    """
 
     planned: Motion
     commands: Array
     knots: Array
     value: float
+    cloud: Cloud | None = None
 
 
 @dataclass(frozen=True)
@@ -137,7 +149,7 @@ class Designer:
         progress: Progress = lambda text: None,
         starts: Sequence[Array] = (),
     ) -> Design:
-        """The motion of most `value` that the planner finds; `starts`, knots (K, n), are among the first candidates."""
+        """The motion of most `value` by its plan; `starts`, knots (K, n), are among the first candidates."""
         effort = self.effort
         best = self._first(value, random, starts)
         for number in range(effort.rounds):
@@ -145,7 +157,48 @@ class Designer:
             planner = make_planner(effort.planner, effort.config_of(number))
             found = planner(best.knots, self._score(value, best.planned), self.bounds, random)
             best = self._better(value, best, found.knots)
-        return best
+        cloud = Cloud.about(best.knots.ravel(), SPREAD)
+        for number in range(effort.generations):
+            progress(f"refining, generation {number + 1} of {effort.generations}")
+            drawn = cloud.drawn(effort.config.candidates, random)
+            knots = drawn.reshape(-1, *best.knots.shape)
+            scores = self._score(value, best.planned)(self._commands(knots)).scores
+            cloud = cloud.after(drawn, scores)
+            best = self._better(value, best, knots[int(np.argmax(scores))])
+        return replace(best, cloud=cloud)
+
+    def rehearse(
+        self,
+        value: OddsValue,
+        found: Design,
+        random: np.random.Generator,
+        progress: Progress = lambda text: None,
+        starts: Sequence[Array] = (),
+    ) -> Design:
+        """The motion near `found`, or near one of `starts`, of most `value` by its runs in simulation."""
+        rehearsal = self.rehearsal(value)
+        finalists = np.stack([found.knots, *starts])
+        progress("rehearsing")
+        scores = rehearsal(self._motions(finalists))
+        best, worth = finalists[int(np.argmax(scores))], float(np.max(scores))
+        cloud = replace(found.cloud or Cloud.about(best.ravel(), SPREAD), mean=best.ravel())
+        for number in range(self.effort.rehearsals):
+            progress(f"rehearsing, round {number + 1} of {self.effort.rehearsals}")
+            drawn = cloud.drawn(self.effort.config.candidates, random)
+            knots = drawn.reshape(-1, *best.shape)
+            scores = rehearsal(self._motions(knots))
+            cloud = cloud.after(drawn, scores)
+            if scores.max() > worth:
+                best, worth = knots[int(np.argmax(scores))], float(scores.max())
+        commands = self.commands(best)
+        return Design(self.motion(commands), commands, best, worth, cloud)
+
+    def rehearsal(self, value: OddsValue) -> Rehearsal:
+        """What motions are worth by their runs."""
+        return Rehearsal(self.bench, self.limits, value)
+
+    def _motions(self, knots: Array) -> list[Motion]:
+        return [self.motion(commands) for commands in self._commands(knots)]
 
     def _better(self, value: Value, best: Design, knots: Array) -> Design:
         """The motion of `knots` if it is worth more, by its own whitening, than the best so far."""

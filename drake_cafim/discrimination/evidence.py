@@ -25,6 +25,7 @@ SMALLEST = 1e-4
 """Of a coordinate that is the inverse of a strength: no effect at all would be a strength without end."""
 STEPS, DAMPINGS = 25, 6
 CONVERGED = 1e-3
+"""Of |z|² + |x|², which a step is expected to gain, or did."""
 
 
 def coordinate(strength: Strength, value: float) -> float:
@@ -133,6 +134,8 @@ def _improved(
     damping = 1e-6
     for _ in range(steps):
         information, gradient = np.eye(len(here.x)) + here.information, here.slopes.T @ here.rows + here.x
+        if gradient @ np.linalg.solve(information, gradient) < CONVERGED:
+            break
         gained = 0.0
         for _ in range(DAMPINGS):
             step = -np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
@@ -204,7 +207,7 @@ class Course:
         return np.asarray(self.slope.shape[-1] - np.trace(np.linalg.inv(self._posterior), axis1=1, axis2=2))
 
 
-def expected(problem: WeakProblem, truth: Explained, rival: Explained, *, steps: int = 8) -> tuple[Course, Course]:
+def expected(problem: WeakProblem, truth: Explained, rival: Explained, *, steps: int = 5) -> tuple[Course, Course]:
     """The courses of both models along a planned motion, of the data that `truth` makes without noise.
 
     Both were `looked` at on it. `problem` holds the motion as the nominal model makes it: a model's rows on the data of

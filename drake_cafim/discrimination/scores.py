@@ -1,8 +1,8 @@
 """What a planner maximises: the odds that a motion is expected to bring, or the information in it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from scipy.special import log_ndtr, ndtr
@@ -37,6 +37,23 @@ class Value(Protocol):
         ...
 
 
+Courses: TypeAlias = Callable[[Pair], tuple[tuple[Course, Course], tuple[Course, Course]]]
+"""Of the true model and of its rival along one motion, if the pair's first is true, and if its second is."""
+
+
+class OddsValue(Value, Protocol):
+    """A worth that lies in the odds between the explanations of `pairs`, however these were foreseen."""
+
+    @property
+    def pairs(self) -> tuple[Pair, ...]:
+        """To be told apart."""
+        ...
+
+    def of(self, problem: WeakProblem, courses: Courses) -> float:
+        """Larger is better; `problem` says when windows end."""
+        ...
+
+
 @dataclass(frozen=True)
 class _Looks:
     """Models along one planned motion, each looked at once."""
@@ -44,8 +61,8 @@ class _Looks:
     problem: WeakProblem
     _known: dict[int, Explained] = field(default_factory=dict)
 
-    def courses(self, pair: Pair) -> tuple[tuple[Course, Course], tuple[Course, Course]]:
-        """Of the true model and of its rival, if the pair's first is true, and if its second is."""
+    def __call__(self, pair: Pair) -> tuple[tuple[Course, Course], tuple[Course, Course]]:
+        """`Courses` of the planned motion itself."""
         first, second = self._at(pair.first), self._at(pair.second)
         return expected(self.problem, first, second), expected(self.problem, second, first)
 
@@ -62,15 +79,18 @@ class Odds:
     pairs: tuple[Pair, ...]
 
     def __call__(self, problem: WeakProblem) -> float:
-        looks = _Looks(problem)
-        return min(min(self._of(looks, pair)) for pair in self.pairs)
+        return self.of(problem, _Looks(problem))
+
+    def of(self, problem: WeakProblem, courses: Courses) -> float:
+        """By the odds after one motion."""
+        return min(min(self._of(courses, pair)) for pair in self.pairs)
 
     def directions(self, problem: WeakProblem, pair: Pair) -> tuple[float, float]:
         """If the pair's first is true, and if its second is."""
         return self._of(_Looks(problem), pair)
 
-    def _of(self, looks: _Looks, pair: Pair) -> tuple[float, float]:
-        first, second = (float(expected_log_odds(*side)[-1]) for side in looks.courses(pair))
+    def _of(self, courses: Courses, pair: Pair) -> tuple[float, float]:
+        first, second = (float(expected_log_odds(*side)[-1]) for side in courses(pair))
         return first, second
 
 
@@ -89,8 +109,11 @@ class Soonest:
     log_odds: float = TWENTY_TO_ONE
 
     def __call__(self, problem: WeakProblem) -> float:
-        looks = _Looks(problem)
-        settled = [one for pair in self.pairs for one in self._settled(looks, pair)]
+        return self.of(problem, _Looks(problem))
+
+    def of(self, problem: WeakProblem, courses: Courses) -> float:
+        """By the odds after each window."""
+        settled = [one for pair in self.pairs for one in self._settled(courses, pair)]
         return 1.0 / _waited(_moments(problem), np.prod(settled, axis=0))
 
     def directions(self, problem: WeakProblem, pair: Pair) -> tuple[float, float]:
@@ -98,9 +121,9 @@ class Soonest:
         first, second = (_waited(_moments(problem), one) for one in self._settled(_Looks(problem), pair))
         return first, second
 
-    def _settled(self, looks: _Looks, pair: Pair) -> list[Array]:
+    def _settled(self, courses: Courses, pair: Pair) -> list[Array]:
         """The chances (K,) that odds were settled by each moment, if the first is true, and if the second is."""
-        return [passed(_again_and_again(*side), self.log_odds) for side in looks.courses(pair)]
+        return [passed(_again_and_again(*side), self.log_odds) for side in courses(pair)]
 
 
 def _moments(problem: WeakProblem) -> Array:

@@ -8,9 +8,10 @@ again, and recorded with noise; the robot time after which the odds for the trut
 
 All motions are cycles from rest to rest, of 1, 2 or 4 s as explanations are quick or slow, run again and
 again. There are two D-optimal ones, of the most ln det F: in the scenario's unknown parameters, as experiments are
-designed that do not discriminate, and in all explanations' strengths too, which is harder to beat. They have the
-designed one's planner, its budget and its first draws; both are among the first candidates of the designed one's
-search, which maximises what motions are expected to bring and sees none of the noise that is counted here. Random ones
+designed that do not discriminate, and in all explanations' strengths too, which is harder to beat. Their search is the
+designed one's, with its budget and its first draws; both are among the first candidates of the designed one's and
+among those that it rehearses in simulation. It maximises what motions are expected to bring, and sees none of the
+noise that is counted here. Random ones
 are drawn as the package's random policy draws them, velocities through random knots up to the joints' limits: six, and
 each seed repeats one of them. The last column is of runs that take another of the six each time instead. The controller
 reads the joints without noise, so that a motion's seeds share one simulation; noise is on all that is recorded. Odds
@@ -23,31 +24,29 @@ What was finished stands in the folder and is not done again.
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from drake_cafim.cli import progress_line
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.weak_problem import WeakProblem
-from drake_cafim.discrimination.closed_loop import measured, noisy, simulated_together
-from drake_cafim.discrimination.design import Designer, Progress, default_effort
+from drake_cafim.discrimination.closed_loop import noisy
+from drake_cafim.discrimination.design import Designer, Progress
 from drake_cafim.discrimination.evidence import Course, Explained, explain, looked
 from drake_cafim.discrimination.motions import Motion
+from drake_cafim.discrimination.rehearsal import Run, runs
 from drake_cafim.discrimination.scores import TWENTY_TO_ONE, Information, Soonest, Value
 from drake_cafim.output import write_text
-from drake_cafim.recordings.recording import Recording
 from drake_cafim.typing import Array
 
 from .confusable import GROUPS, Group, models, pairs, random_motion
 
 CYCLES = 64
 """Motions of a run after which it is given up."""
-ROUNDS = 30
-"""Of a search, half as many again as the package's own."""
 RANDOM_POOL = 6
 """Different random motions."""
 UNKNOWNS, STRENGTHS = "D-optimal in unknowns", "D-optimal in strengths too"
@@ -59,34 +58,30 @@ HEADER = f"{'':30}{'designed, s':>12}" + "".join(f"{name + ', s':>30}" for name 
 
 @dataclass(frozen=True)
 class Cycle:
-    """One motion as it goes where `truth` holds: its clean run, and every explanation about its own best numbers."""
+    """One motion as it goes where an explanation holds, and every explanation about its own best numbers."""
 
-    recording: Recording
-    clean: WeakProblem
+    run: Run
     explained: tuple[Explained, ...]  # the truth first
 
 
 def cycles(designer: Designer, truth: Model, rivals: Sequence[Model], planned: Sequence[Motion]) -> list[Cycle]:
     """Of each motion."""
-    scene, std = designer.scene, designer.bench.samples.std
-    physics = truth.physics(scene)
     found = []
-    for run in simulated_together(physics, scene.physics, designer.limits, planned):
-        quiet = measured(scene, physics, run, dict.fromkeys(std, 0.0), np.random.default_rng(0), "clean")
-        clean = designer.bench.reading(quiet)
-        found.append(Cycle(quiet, clean, (looked(clean, truth), *(explain(clean, rival) for rival in rivals))))
+    for run in runs(designer.bench, designer.limits, truth, planned):
+        explained = (explain(run.problem, rival) for rival in rivals)
+        found.append(Cycle(run, (looked(run.problem, truth), *explained)))
     return found
 
 
 def settled(designer: Designer, cycles: Sequence[Cycle], random: np.random.Generator) -> float:
     """The robot time s after which the odds for the truth are over 20 : 1 against each rival."""
-    windows = cycles[0].clean.runs[0].weak.samples.windows
+    windows = cycles[0].run.problem.runs[0].weak.samples.windows
     ends, duration = windows.starts + windows.width - windows.time[0], designer.shape.duration
     so_far: list[Course] | None = None
     for number in range(CYCLES):
         one = cycles[number % len(cycles)]
-        recording = noisy(designer.scene, one.recording, designer.bench.samples.std, random)
-        problem = designer.bench.reading(recording, one.clean)
+        recording = noisy(designer.scene, one.run.recording, designer.bench.samples.std, random)
+        problem = designer.bench.reading(recording, one.run.problem)
         courses = []
         for explained in one.explained:
             rows = problem.residual(explained.model)[: problem.rows]
@@ -103,8 +98,7 @@ def settled(designer: Designer, cycles: Sequence[Cycle], random: np.random.Gener
 
 def measure(group: Group, seeds: int, out: Path, progress: Progress) -> dict[str, object]:
     """Settling times by policy: one list of seeds for each explanation."""
-    effort = replace(default_effort(group.shape), rounds=ROUNDS)
-    designer = Designer.of(group.scene(out / "machines" / group.slug), group.shape, effort)
+    designer = Designer.of(group.scene(out / "machines" / group.slug), group.shape)
     progress(f"{group.name}: sizes")
     found = models(group, designer, np.random.default_rng(0))
     random = np.random.default_rng(1)
@@ -138,12 +132,18 @@ def designs(
 ) -> dict[str, Motion]:
     """The motion of each policy that designs one; the designed one's search knows what the other two found."""
 
+    def told(stem: str, text: str) -> None:
+        progress(f"{stem}: {text}")
+
     def best(policy: str, value: Value, starts: Sequence[Array] = ()) -> Array:
         kept = out / f"{group.slug}_{policy.replace(' ', '_')}.json"
         if not kept.is_file():
             # every policy's search starts from the same draws
             search = np.random.default_rng(2)
-            design = designer.design(value, search, lambda text: progress(f"{kept.stem}: {text}"), starts)
+            tell = functools.partial(told, kept.stem)
+            design = designer.design(value, search, tell, starts)
+            if isinstance(value, Soonest):
+                design = designer.rehearse(value, design, search, tell, starts)
             write_text(kept, json.dumps(design.knots.tolist()))
         return np.array(json.loads(kept.read_text()), dtype=float)
 
