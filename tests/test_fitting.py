@@ -125,3 +125,19 @@ def test_a_push_is_judged_by_the_direction_that_is_felt(tmp_path: Path, along: f
     covariance = np.linalg.pinv(columns.T @ columns, rcond=1e-30, hermitian=True)
     fitted = Fit(Model(np.array([2.0]), (push,)), rng.normal(size=len(columns)), columns, covariance, problem.rows)
     assert (wald_p_value(problem, fitted, push.key) < 1e-6) is seen
+
+
+@pytest.mark.parametrize(("stiffness", "rings"), [(1e5, False), (20.0, True)])
+def test_a_start_in_balance_costs_nothing(tmp_path: Path, stiffness: float, rings: bool) -> None:
+    """A joint begins with a ring only where that, its doubt included, tells the rows better than balance does."""
+    problem = _problem(tmp_path, mass=2.0, friction=1.5, seed=0, rotor=0.5)
+    coupling = JointElasticity("rail", {"stiffness": stiffness, "damping": 1.0})
+    physics = Model(problem.scene.priors.mean, (coupling,)).physics(problem.scene)
+    run = problem.runs[0]
+    rows, paid = run.residual(physics)
+    balanced = run.whitened(run.weak.residual(physics))
+    assert (paid > 0.0) == rings
+    if rings:
+        assert rows @ rows + paid < balanced @ balanced
+    else:
+        assert np.array_equal(rows, balanced)

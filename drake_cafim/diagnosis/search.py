@@ -31,7 +31,7 @@ CONTENDERS, NEAR = 12, 10.0
 """Explanations fitted without bias before one is chosen, and by how much of the criterion they may look worse."""
 SHAPE_SEEN = 10.0
 """χ² between the best and the worst shape on the grid from which on values between are looked at."""
-FINER = (1.5, 1.15)
+FINER = (1.5, 1.15, 1.04)
 """Ratios in which a shape is then changed, as long as it helps."""
 MOVED = 0.3
 """Prior standard deviations that an unknown may have moved before the noise is reckoned anew."""
