@@ -202,10 +202,12 @@ def estimate(
 @main.command()
 @click.argument("name")
 @click.option("--short", is_flag=True, help="A few seeds, to see that it works.")
+@click.option("--seeds", type=click.IntRange(min=1), help="At most so many seeds of each kind of run.")
 @common
 def study(
     name: str,
     short: bool,
+    seeds: int | None,
     out: Path | None,
     as_json: bool,
     jobs: int,
@@ -219,7 +221,7 @@ def study(
     find_study(name)
     folder = _folder(out, f"study-{name}", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
-        record, text = study_command(name, folder, jobs, progress, short=short)
+        record, text = study_command(name, folder, jobs, progress, short=short, seeds=seeds)
     _print(record, as_json, f"{text}\n\n{folder / 'study.html'}")
 
 

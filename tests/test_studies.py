@@ -14,7 +14,7 @@ from drake_cafim.errors import InputError
 from drake_cafim.studies import sweep as sweeping
 from drake_cafim.studies.catalogue import STUDIES
 from drake_cafim.studies.cell import Cell, measure
-from drake_cafim.studies.findings import ratio_of_medians, require
+from drake_cafim.studies.findings import ratio_of_medians, require, three_digits
 
 NAMES = {"hefting": ["mass"], "rubbing": ["friction"], "pinching": ["stiffness", "damping"], "contouring": ["l", "w"]}
 NAMES["pinching_point"] = ["stiffness", "dissipation"]
@@ -75,6 +75,15 @@ def test_conclusion_and_page(name: str, tmp_path: Path, monkeypatch: pytest.Monk
     assert page.count("<svg") == {"convergence": 4, "landscapes": 3, "behaviour": 4, "one-rub": 1}.get(name, 0)
 
 
+def test_fewer_seeds_of_each_kind_of_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweeping, "measure", made_up)
+    study_command("hefting-table", tmp_path, 1, lambda line: None, seeds=3)
+    kept = {tuple(path.stem.rsplit("_seed", 1)) for path in (tmp_path / "runs").glob("*.json")}
+    assert len({kind for kind, _ in kept}) == 4
+    assert {seed for kind, seed in kept if "contact-aware" in kind} == {"1", "2", "3"}
+    assert "cafim study hefting-table --seeds 3" in (tmp_path / "study.html").read_text()
+
+
 def test_requirements_fail_where_they_should() -> None:
     study = STUDIES["requirements"]
     cells = study.cells(True)
@@ -83,7 +92,6 @@ def test_requirements_fail_where_they_should() -> None:
     bad = study.conclude({cell: made_up(cell, error=5.2) for cell in cells})
     failed = [one.claim for one in bad.claims if one.standing == "does not hold"]
     assert len(failed) == 4  # pinching's damping may be 11 % off, contouring's width 6 %
-    assert any(row[-1] == "FAIL" for row in bad.tables[0].rows)
 
 
 @pytest.mark.parametrize("name", ["worlds", "point-contact"])
@@ -98,7 +106,12 @@ def test_what_drakes_world_must_show_fails_where_it_should(name: str) -> None:
             kept["laws"] = dict.fromkeys(LAWS, LAWS["hunt_crossley"])
             kept["diagnosis"] = {**DIAGNOSIS, "effects": [], "corrected": {"nll": 200.0, "rmse": {}}}
     failed = [one for one in study.conclude(results).claims if one.standing == "does not hold"]
-    assert len(failed) == {"worlds": 10, "point-contact": 3}[name]
+    assert len(failed) == {"worlds": 12, "point-contact": 3}[name]
+
+
+def test_numbers_of_three_digits() -> None:
+    numbers = (0.12345, 22.246, 999.6, 2253.0, float("inf"), float("-inf"))
+    assert [three_digits(value) for value in numbers] == ["0.123", "22.2", "1000", "2250", "∞", "−∞"]
 
 
 def test_identifiability_fails_where_it_should() -> None:

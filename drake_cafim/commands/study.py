@@ -10,7 +10,7 @@ from drake_cafim.errors import InputError
 from drake_cafim.output import write_text
 from drake_cafim.studies.catalogue import STUDIES, Study
 from drake_cafim.studies.page import as_text, render
-from drake_cafim.studies.sweep import sweep
+from drake_cafim.studies.sweep import fewer, sweep
 
 
 def find_study(name: str) -> Study:
@@ -21,17 +21,25 @@ def find_study(name: str) -> Study:
 
 
 def study_command(
-    name: str, out: Path, jobs: int, progress: Callable[[str], None], *, short: bool = False
+    name: str,
+    out: Path,
+    jobs: int,
+    progress: Callable[[str], None],
+    *,
+    short: bool = False,
+    seeds: int | None = None,
 ) -> tuple[dict[str, Any], str]:
     """The findings as JSON and as text; `out` gets study.html, study.json and a file a run under runs/.
 
-    Runs whose file is there are not run again. Raises `InputError` for a study that there is not.
+    Runs whose file is there are not run again. With `seeds`, no more than so many of runs that differ in the seed
+    alone. Raises `InputError` for a study that there is not.
     """
     study = find_study(name)
-    results = sweep(study.cells(short), out / "runs", jobs, progress)
+    cells = study.cells(short) if seeds is None else fewer(study.cells(short), seeds)
+    results = sweep(cells, out / "runs", jobs, progress)
     findings = study.conclude(results)
-    command = f"cafim study {name}{' --short' if short else ''}"
-    record = {"schema": "drake_cafim.study/1", "study": name, "short": short, **asdict(findings)}
+    command = f"cafim study {name}{' --short' if short else ''}{'' if seeds is None else f' --seeds {seeds}'}"
+    record = {"schema": "drake_cafim.study/1", "study": name, "short": short, "seeds": seeds, **asdict(findings)}
     del record["figures"]  # they are on the page
     write_text(out / "study.html", render(findings, command))
     write_text(out / "study.json", json.dumps(record, indent=1, ensure_ascii=False) + "\n")

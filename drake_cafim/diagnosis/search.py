@@ -29,6 +29,10 @@ COMPETES = 100.0
 RIVALS = 3
 CONTENDERS, NEAR = 12, 10.0
 """Explanations fitted without bias before one is chosen, and by how much of the criterion they may look worse."""
+SHAPE_SEEN = 10.0
+"""χ² between the best and the worst shape on the grid from which on values between are looked at."""
+FINER = (1.5, 1.15)
+"""Ratios in which a shape is then changed, as long as it helps."""
 MOVED = 0.3
 """Prior standard deviations that an unknown may have moved before the noise is reckoned anew."""
 
@@ -326,15 +330,34 @@ def _fit_equivalents(state: _State, best: Fit) -> None:
 
 
 def _reshaped(problem: Problem, one: Fit) -> Fit:
-    """The fit with the best shape of each effect, one after the other."""
+    """The fit with the best shape of each effect, one after the other: from the grid, then between its values.
+
+    A width that is off makes a sign change look like a law that falls or rises near rest.
+    """
     for position in range(len(one.model.effects)):
-        for other in one.model.effects[position].reshaped():
-            effects = list(one.model.effects)
-            effects[position] = other
-            trial = fit(problem, Model(one.model.unknown, tuple(effects)))
-            if trial.chi_square < one.chi_square:
-                one = trial
+        first = one.chi_square
+        one, worst = _best_shape(problem, one, position, one.model.effects[position].reshaped())
+        if max(first, worst) - one.chi_square < SHAPE_SEEN:
+            continue
+        for ratio in FINER:
+            before = np.inf
+            while one.chi_square < before:
+                before = one.chi_square
+                one, _ = _best_shape(problem, one, position, one.model.effects[position].between_shapes(ratio))
     return one
+
+
+def _best_shape(problem: Problem, one: Fit, position: int, others: Iterable[Effect]) -> tuple[Fit, float]:
+    """The best of the fit and those with each of `others` in the effect's place, and the largest χ² of these."""
+    base, worst = one.model, -np.inf
+    for other in others:
+        effects = list(base.effects)
+        effects[position] = other
+        trial = fit(problem, Model(base.unknown, tuple(effects)))
+        worst = max(worst, trial.chi_square)
+        if trial.chi_square < one.chi_square:
+            one = trial
+    return one, worst
 
 
 def inclusion(outcome: Outcome) -> dict[tuple[str, str], float]:

@@ -57,7 +57,8 @@ class Run:
         """Whitened rows (R,), and ln det C of the covariance C = 1 + U Uᵀ that an unknown start leaves them with.
 
         How twisted a soft joint is at the first sample nobody knows: U (R, c) is what that may change, and the rows are
-        multiplied by C^(−½).
+        multiplied by C^(−½). A recording that is likelier to begin in balance is taken to: a doubt that is not there
+        would count against every joint that rings for long.
         """
         rows = self.whitened(self.weak.residual(physics))
         starts = self.weak.start_rows(physics) if physics.couplings else np.zeros((0, 0, 0))
@@ -67,7 +68,8 @@ class Run:
         spread, axes = np.linalg.eigh(U.T @ U)
         spread = np.maximum(spread, 1e-12)
         shrink = (1.0 - 1.0 / np.sqrt(1.0 + spread)) / spread
-        return rows - U @ (axes @ (shrink * (axes.T @ (U.T @ rows)))), float(np.sum(np.log1p(spread)))
+        ringing, paid = rows - U @ (axes @ (shrink * (axes.T @ (U.T @ rows)))), float(np.sum(np.log1p(spread)))
+        return (ringing, paid) if ringing @ ringing + paid < rows @ rows else (rows, 0.0)
 
     def pushed(self, force: Array, gains: Array) -> Array:
         """Rows (M, r, k) of generalized forces (N, n, k), at joints whose efforts count `gains` (n,) times."""

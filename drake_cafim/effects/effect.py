@@ -140,7 +140,8 @@ class Effect(ABC):
     place: ClassVar[Place]
     strengths: ClassVar[tuple[Strength, ...]]
     shapes: ClassVar[tuple[Strength, ...]] = ()
-    """Numbers of the law that are chosen from a grid and are not strengths, such as the width of a sign change."""
+    """Numbers of the law that are not strengths, such as the width of a sign change, fitted from a grid where they have
+    one."""
     difference_step: ClassVar[float] = 1e-4
     """Step of finite differences by strengths, as a share of the typical size."""
     group: ClassVar[str | None] = None
@@ -219,6 +220,14 @@ class Effect(ABC):
             for value in shape.grid:
                 if value != self.values.get(shape.name, shape.nominal):
                     yield type(self)(self.at, {**self.values, shape.name: value})
+
+    def between_shapes(self, ratio: float) -> Iterator[Self]:
+        """The effect with each of its shapes `ratio` times as large, and as small, while the grid's ends hold it."""
+        for shape in self.shapes:
+            value = self.values.get(shape.name, shape.nominal)
+            for scaled in (value * ratio, value / ratio):
+                if shape.grid and shape.grid[0] <= scaled <= shape.grid[-1]:
+                    yield type(self)(self.at, {**self.values, shape.name: scaled})
 
     def vanishing(self) -> tuple[Array, Array]:
         """(c,) what is zero where the effect is absent, and nowhere else, and its slope (c, k) by the strengths."""

@@ -7,7 +7,8 @@ from typing import ClassVar
 import numpy as np
 
 from drake_cafim.effects.effect import Force, JointSamples, Start, Strength
-from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointForce, smooth_sign
+from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointForce
+from drake_cafim.effects.mean_sign import MeanSign
 from drake_cafim.typing import Array
 
 
@@ -32,20 +33,20 @@ class JointStribeckFriction(JointForce):
 
     def force(self, joint: JointSamples) -> Force:
         coulomb, static, velocity = self.vector
-        sign, slope = smooth_sign(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
-        bump, d_v, d_velocity = _bump(joint, velocity)
-        level = coulomb + (static - coulomb) * bump
-        d_strengths = np.stack([-(1.0 - bump) * sign, -bump * sign, -(static - coulomb) * d_velocity * sign], axis=1)
-        zero = np.zeros_like(joint.v)
-        return Force(-level * sign, zero, -level * slope - (static - coulomb) * d_v * sign, zero, d_strengths)
+        width = self.values.get("slip_velocity", SLIP_VELOCITY.nominal)
+        sign, rise = MeanSign.of(joint.v, joint.v_std, width), _Rise.of(joint, velocity, width)
+        zero, more = np.zeros_like(joint.v), static - coulomb
+        d_strengths = np.stack([rise.value - sign.value, -rise.value, -more * rise.by_velocity], axis=1)
+        value, by_v = -coulomb * sign.value - more * rise.value, -coulomb * sign.by_v - more * rise.by_v
+        return Force(value, zero, by_v, zero, d_strengths)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         speed = float(np.sqrt(np.mean(joint.v**2)))
         for velocity in (0.04, 0.08, 0.15, 0.3, 0.6):
-            bump, _, _ = _bump(joint, max(velocity * speed, 1e-3))
             for width in SLIP_VELOCITY.grid:
-                sign, _ = smooth_sign(joint.v, joint.v_std, width)
-                columns = np.stack([-(1.0 - bump) * sign, -bump * sign], axis=1)
+                sign = MeanSign.of(joint.v, joint.v_std, width).value
+                rise = _Rise.of(joint, max(velocity * speed, 1e-3), width).value
+                columns = np.stack([rise - sign, -rise], axis=1)
                 yield Start(columns, {"velocity": max(velocity * speed, 1e-3), "slip_velocity": width})
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointStribeckFriction":
@@ -57,17 +58,35 @@ class JointStribeckFriction(JointForce):
         return super().plausible() and self.values["static"] > self.values["coulomb"]
 
 
-def _bump(joint: JointSamples, velocity: float) -> tuple[Array, Array, Array]:
-    """exp(−(v/vs)²) averaged over a Gaussian error of v, its slope in v and in vs.
+@dataclass(frozen=True)
+class _Rise:
+    """The mean of exp(−(v/vs)²) tanh(v/w) over v's error, and its slopes in v and in vs; each (N,)."""
 
-    With error s the mean is vs/b exp(−(v/b)²), b² = vs² + 2 s².
-    """
-    b_squared = velocity**2 + 2.0 * np.asarray(joint.v_std) ** 2
-    b = np.sqrt(b_squared)
-    bump = velocity / b * np.exp(-(joint.v**2) / b_squared)
-    d_v = -2.0 * joint.v / b_squared * bump
-    d_velocity = bump * (1.0 / velocity - velocity / b_squared + 2.0 * velocity * joint.v**2 / b_squared**2)
-    return bump, d_v, d_velocity
+    value: Array
+    by_v: Array
+    by_velocity: Array
+
+    @classmethod
+    def of(cls, joint: JointSamples, velocity: float, width: float) -> "_Rise":
+        """For vs = `velocity` and w = `width`.
+
+        A Gaussian error s times the Gaussian of vs is again one, of vs/b exp(−(v/b)²), about v vs²/b², with the
+        standard deviation s vs/b, b² = vs² + 2 s².
+        """
+        v, s = joint.v, np.asarray(joint.v_std)
+        b = np.sqrt(velocity**2 + 2.0 * s**2)
+        near = (velocity / b) ** 2
+        sign = MeanSign.of(v * near, s * velocity / b, width)
+        bump = velocity / b * np.exp(-((v / b) ** 2))
+        bump_by_v = -2.0 * v / b**2 * bump
+        bump_by_velocity = bump * (1.0 / velocity - velocity / b**2 + 2.0 * velocity * v**2 / b**4)
+        near_by_velocity = 4.0 * velocity * s**2 / b**4
+        along = sign.by_v * v * near_by_velocity + sign.by_std * 2.0 * (s / b) ** 3
+        return cls(
+            bump * sign.value,
+            bump_by_v * sign.value + bump * sign.by_v * near,
+            bump_by_velocity * sign.value + bump * along,
+        )
 
 
 @dataclass(frozen=True)
@@ -90,15 +109,15 @@ class JointLoadDependentFriction(JointForce):
 
     def force(self, joint: JointSamples) -> Force:
         torque, coefficient = self.vector
-        sign, slope = smooth_sign(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
+        sign = MeanSign.of(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
         level = torque + coefficient * np.abs(joint.u)
-        d_strengths = np.stack([-sign, -np.abs(joint.u) * sign], axis=1)
-        d_u = -coefficient * np.sign(joint.u) * sign
-        return Force(-level * sign, np.zeros_like(joint.v), -level * slope, d_u, d_strengths)
+        d_strengths = np.stack([-sign.value, -np.abs(joint.u) * sign.value], axis=1)
+        d_u = -coefficient * np.sign(joint.u) * sign.value
+        return Force(-level * sign.value, np.zeros_like(joint.v), -level * sign.by_v, d_u, d_strengths)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         for width in SLIP_VELOCITY.grid:
-            sign, _ = smooth_sign(joint.v, joint.v_std, width)
+            sign = MeanSign.of(joint.v, joint.v_std, width).value
             loaded = -np.abs(joint.u) * sign
             yield Start(np.stack([-sign, loaded], axis=1), {"slip_velocity": width})
             yield Start(loaded[:, None], {"slip_velocity": width})

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from drake_cafim.effects.effect import Effect, Force, JointSamples, Place, Start, Strength
+from drake_cafim.effects.mean_sign import MeanSign, mean_sides
 from drake_cafim.typing import Array
 
 SLIP_VELOCITY = Strength(
@@ -39,31 +40,6 @@ class JointForce(Effect):
     def plausible_over(self, joint: JointSamples) -> bool:
         """Whether values that were fitted over this motion still are what the name says."""
         return True
-
-
-def smooth_sign(v: Array, v_std: Array | float, width: float) -> tuple[Array, Array]:
-    """The smoothed sign tanh(v/w), averaged over what is not known of v, and its slope.
-
-    With v known to a standard deviation s the mean of tanh(v/w) is close to tanh(v/√(w² + π s²/2)), which has the
-    exact slope at v = 0 for s ≫ w (MacKay, *Information Theory*, 2003, eq. 41.47, for the logistic function).
-    """
-    broad = np.sqrt(width**2 + 0.5 * np.pi * np.asarray(v_std) ** 2)
-    sign = np.tanh(v / broad)
-    return sign, (1.0 - sign**2) / broad
-
-
-def _sides(joint: JointSamples, width: float) -> tuple[Array, Array]:
-    """−max(0, tanh(v/w)) and max(0, −tanh(v/w)), averaged over what is not known of v, and their slopes; each (N, 2).
-
-    They are ∓½ (|t| ± t) with t = tanh(v/w). What |t| lacks of 1 has the area 2 w ln 2 under it; an average over v
-    widens it as it widens t, and keeps that area.
-    """
-    broad = np.sqrt(width**2 + 0.5 * np.pi * np.asarray(joint.v_std) ** 2)
-    sign, slope = smooth_sign(joint.v, joint.v_std, width)
-    size = 1.0 - width / broad * (1.0 - np.abs(sign))
-    size_slope = width / broad * np.sign(sign) * slope
-    values = np.stack([-0.5 * (size + sign), 0.5 * (size - sign)], axis=1)
-    return values, np.stack([-0.5 * (size_slope + slope), 0.5 * (size_slope - slope)], axis=1)
 
 
 def _zeros(joint: JointSamples) -> Array:
@@ -113,13 +89,13 @@ class JointCoulombFriction(JointForce):
     }
 
     def force(self, joint: JointSamples) -> Force:
-        sign, slope = smooth_sign(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
+        sign = MeanSign.of(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
         T = self.values["torque"]
-        return Force(-T * sign, _zeros(joint), -T * slope, _zeros(joint), -sign[:, None])
+        return Force(-T * sign.value, _zeros(joint), -T * sign.by_v, _zeros(joint), -sign.value[:, None])
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         for width in SLIP_VELOCITY.grid:
-            yield Start(-smooth_sign(joint.v, joint.v_std, width)[0][:, None], {"slip_velocity": width})
+            yield Start(-MeanSign.of(joint.v, joint.v_std, width).value[:, None], {"slip_velocity": width})
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointCoulombFriction":
         return JointCoulombFriction(self.at, shape).with_values(coefficients)
@@ -143,12 +119,13 @@ class JointAsymmetricCoulombFriction(JointForce):
     }
 
     def force(self, joint: JointSamples) -> Force:
-        columns, slopes = _sides(joint, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
+        width = self.values.get("slip_velocity", SLIP_VELOCITY.nominal)
+        columns, slopes = mean_sides(joint.v, joint.v_std, width)
         return Force(columns @ self.vector, _zeros(joint), slopes @ self.vector, _zeros(joint), columns)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         for width in SLIP_VELOCITY.grid:
-            yield Start(_sides(joint, width)[0], {"slip_velocity": width})
+            yield Start(mean_sides(joint.v, joint.v_std, width)[0], {"slip_velocity": width})
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointAsymmetricCoulombFriction":
         return JointAsymmetricCoulombFriction(self.at, shape).with_values(coefficients)

@@ -50,7 +50,7 @@ class SurfaceOffset(SurfaceEffect):
 
     name: ClassVar[str] = "surface_offset"
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("offset", "m", 1e-4, lower=-0.2, upper=0.2),)
-    difference_step: ClassVar[float] = 1e-2
+    difference_step: ClassVar[float] = 0.1
     reference: ClassVar[str] = "De Schutter and others, Int. J. Robotics Research 18(12), 1999 (geometry from contact)"
     alike: ClassVar[Mapping[str, str]] = {
         "contact_adhesion": "during lasting contact a lower surface and a constant pull press alike",
@@ -77,7 +77,7 @@ class SurfaceTilt(SurfaceEffect):
         Strength("y_slope_x", "rad", 0.01, lower=-1.4, upper=1.4),
         Strength("y_slope_y", "rad", 0.01, lower=-1.4, upper=1.4),
     )
-    difference_step: ClassVar[float] = 1e-2
+    difference_step: ClassVar[float] = 0.1
     reference: ClassVar[str] = "Karayiannidis, Doulgeri, Automatica 45(10), 2009 (unknown slope of a surface)"
     alike: ClassVar[Mapping[str, str]] = {
         "sensor_misalignment": "a turned sensor sees the push from where a turned surface would send it",

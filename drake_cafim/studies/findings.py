@@ -56,7 +56,8 @@ class Ratio:
     high: float
 
     def __str__(self) -> str:
-        return f"{self.value:.3g} ({self.low:.3g}–{self.high:.3g})"
+        value, low, high = (three_digits(part) for part in (self.value, self.low, self.high))
+        return f"{value} ({low}–{high})"
 
     @property
     def alike(self) -> bool:
@@ -69,6 +70,13 @@ class Ratio:
         if self.alike or self.low <= 1.0 <= self.high:
             return "ties"
         return "holds" if self.value > 1.25 else "does not hold"
+
+
+def three_digits(value: float) -> str:
+    """A number of three digits, without an exponent where it is large; ∞."""
+    if np.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    return f"{value:.3g}" if abs(value) < 999.5 else f"{float(f'{value:.3g}'):.0f}"
 
 
 def ratio_of_medians(first: Sequence[float], second: Sequence[float], draws: int = 2000) -> Ratio:

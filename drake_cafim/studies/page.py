@@ -1,11 +1,12 @@
 """A study's findings as one HTML page and as text."""
 
 from pathlib import Path
+from typing import get_args
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from drake_cafim.report import colours
-from drake_cafim.studies.findings import Findings
+from drake_cafim.studies.findings import Findings, Standing
 
 SHADE = {"holds": "holds", "ties": "other", "does not hold": "fails", "cannot be repeated here": "other"}
 
@@ -16,6 +17,7 @@ def render(findings: Findings, command: str) -> str:
     environment = Environment(loader=FileSystemLoader(folder), autoescape=True, undefined=StrictUndefined)
     return environment.get_template("study.html.j2").render(
         findings=findings,
+        counts=_counts(findings),
         command=command,
         shade=SHADE,
         ink=colours.INK,
@@ -30,10 +32,17 @@ def as_text(findings: Findings) -> str:
     """Claims and tables in columns, for a terminal."""
     blocks = [findings.title]
     if findings.claims:
+        blocks.append(", ".join(f"{standing}: {count}" for standing, count in _counts(findings).items()))
         blocks.append(_columns([(one.standing, one.claim, one.found) for one in findings.claims]))
     for table in findings.tables:
         blocks.append(f"{table.title}\n{_columns([table.header, *table.rows])}")
     return "\n\n".join(blocks)
+
+
+def _counts(findings: Findings) -> dict[str, int]:
+    """How many claims stand how, those that none does left out."""
+    stand = [one.standing for one in findings.claims]
+    return {standing: stand.count(standing) for standing in get_args(Standing) if standing in stand}
 
 
 def _columns(rows: list[tuple[str, ...]]) -> str:

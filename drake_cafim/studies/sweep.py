@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,14 @@ def sweep(cells: Sequence[Cell], folder: Path, jobs: int, progress: Callable[[st
         done += 1
         progress(f"{done} of {len(unique)} runs")
     return {cell: json.loads(_file(folder, cell).read_text(encoding="utf-8")) for cell in unique}
+
+
+def fewer(cells: Sequence[Cell], seeds: int) -> list[Cell]:
+    """The first `seeds` of those cells that differ in the seed alone, for each such group."""
+    groups: dict[Cell, list[Cell]] = {}
+    for cell in dict.fromkeys(cells):
+        groups.setdefault(replace(cell, seed=0), []).append(cell)
+    return [cell for group in groups.values() for cell in group[:seeds]]
 
 
 def _file(folder: Path, cell: Cell) -> Path:
