@@ -4,17 +4,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from concealed.make import simulate
 
-from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine
+import drake_cafim
+from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine, prepare
+from drake_cafim.diagnosis.fitting import unbiased_fit
 from drake_cafim.diagnosis.tosses import settling
 from drake_cafim.diagnosis.tosses.arcs import arcs_of
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, track_of
+from drake_cafim.diagnosis.tosses.prepared import PreparedTosses
 from drake_cafim.diagnosis.tosses.settling import settled_from
 from drake_cafim.diagnosis.tosses.tangent import moved
 from drake_cafim.effects.body import AerodynamicDrag
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.report_html import render
+from drake_cafim.scenario.scene import Scene
 from tests.tosses import BLOCK, thrown, thrown_scene
 
 
@@ -86,3 +91,17 @@ def test_an_arc_on_the_wrong_side_of_an_edge_begins_again(tmp_path: Path, monkey
     np.testing.assert_allclose(settled.cost, 6.0 * arcs.counts, rtol=0.35)
     monkeypatch.setattr(settling, "SECOND_LOOKS", 0)
     assert np.any(settled_from(arcs, noise, true, wrong).cost > 100.0 * settled.cost)
+
+
+@pytest.mark.ci
+def test_edges_that_are_struck_otherwise_do_not_lead_astray(tmp_path: Path) -> None:
+    """A box that lacks nothing, but of which the prior means tell one arc of 18 three hundred times too badly."""
+    case = simulate("null", "toss", 0xCF9DC434AEC3F34E2E51C2ABAD0F0360)
+    case.write(tmp_path)
+    scene = Scene.load(tmp_path / "scenario.yaml")
+    prepared = prepare(scene, [drake_cafim.read(tmp_path / f"train_{k}.parquet") for k in (1, 2, 3)])
+    assert isinstance(prepared, PreparedTosses)
+    problem = prepared.problem()
+    assert np.any(problem.base.far)
+    found = unbiased_fit(problem, problem.nominal())
+    assert found.chi_square < 1.1 * problem.rows

@@ -55,6 +55,11 @@ class Arcs:
         """(B, S) which samples are there."""
         return np.arange(self.times.shape[1]) < self.counts[:, None]
 
+    def __getitem__(self, rows: Any) -> "Arcs":
+        """Some of the arcs."""
+        parts = (getattr(self, k)[rows] for k in ("recording", "sample", "counts", "times", "p", "quaternion", "start"))
+        return Arcs(self.tracks, *parts)
+
 
 def arcs_of(tracks: Sequence[PoseTrack], noise: PoseNoise, duration: float = DURATION) -> Arcs:
     """The tracks cut into arcs of about `duration` s, where the motion is smooth."""

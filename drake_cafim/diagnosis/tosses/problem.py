@@ -5,10 +5,12 @@ samples say beyond that state. Regressors come from simulations and hold no nois
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
+from drake_cafim.diagnosis.fitting import fit
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.tosses.arcs import Arcs
@@ -81,6 +83,21 @@ class TossProblem(Problem):
         """The problem whose rows are white under `model`."""
         base = settled_from(arcs, noise, model.physics(scene), start or arcs.start)
         return cls(scene, _runs(arcs), arcs, noise, base)
+
+    def nominal(self) -> Model:
+        return self._nominal
+
+    @cached_property
+    def _nominal(self) -> Model:
+        """Unknowns as the arcs have them that the prior means tell well, no effects.
+
+        Where something strikes an edge, numbers that are a little off miss by so much that slopes mean nothing.
+        """
+        given, near = Model(self.scene.priors.mean), np.flatnonzero(~self.base.far)
+        if len(near) == len(self.base.far):
+            return given
+        told = self.settled(self.scene, self.arcs[near], self.noise, given, self.base.shot.start[near])
+        return fit(told, given).model
 
     def rewhitened(self, model: Model) -> "TossProblem":
         """The same arcs under another model."""

@@ -57,6 +57,12 @@ class Settled:
         return np.asarray(np.where(np.isfinite(cost), cost, np.inf))
 
     @cached_property
+    def far(self) -> Flags:
+        """(B,) the arcs that the physics tells far worse than the others."""
+        left = self.cost / _freedom(self.shot.arcs)
+        return np.asarray(left > FAR * max(1.0, float(np.median(left))))
+
+    @cached_property
     def unsettled(self) -> Flags:
         """(B,) the arcs that a step is worth taking for."""
         change = self._change(self.carried)
@@ -99,8 +105,7 @@ def settled_from(arcs: Arcs, noise: PoseNoise, physics: Physics, start: State) -
     """
     settled = _settled_near(arcs, noise, physics, start)
     for _ in range(SECOND_LOOKS):
-        left = settled.cost / _freedom(arcs)
-        far = _follows(arcs) & (left > FAR * max(1.0, float(np.median(left))))
+        far = _follows(arcs) & settled.far
         if not np.any(far):
             break
         onwards = picked(far, _from_before(settled.shot), settled.shot.start)
