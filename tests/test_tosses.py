@@ -1,5 +1,6 @@
 """Diagnosis of thrown bodies: what is missing is named, and nothing where nothing is."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from concealed.make import simulate
 
 import drake_cafim
+from drake_cafim.diagnosis.coloured_noise import Memory, drawn
 from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine, prepare
 from drake_cafim.diagnosis.fitting import unbiased_fit
 from drake_cafim.diagnosis.tosses import settling
@@ -20,7 +22,7 @@ from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.report_html import render
 from drake_cafim.scenario.scene import Scene
-from tests.tosses import BLOCK, thrown, thrown_scene
+from tests.tosses import BLOCK, SCENARIO, thrown, thrown_scene
 
 
 @pytest.mark.ci
@@ -105,3 +107,18 @@ def test_edges_that_are_struck_otherwise_do_not_lead_astray(tmp_path: Path) -> N
     assert np.any(problem.base.far)
     found = unbiased_fit(problem, problem.nominal())
     assert found.chi_square < 1.1 * problem.rows
+
+
+def test_a_slow_noise_that_is_not_stated_is_not_taken_for_a_small_one(tmp_path: Path) -> None:
+    """The scenario says how long the noise of a pose lasts, and not how large it is."""
+    unsaid = SCENARIO.replace("{std: {position: 2.0e-4, rotation: 2.0e-3}}", "{correlation_time: 0.01}")
+    scene = thrown_scene(tmp_path, scenario=unsaid)
+    rng, recordings = np.random.default_rng(3), thrown(scene.physics, 3, count=2, noise=(0.0, 2e-3))
+    noisy = []
+    for one in recordings:
+        slow = {c: one[c] + 2e-4 * drawn(rng, one.time, Memory(0.01)) for c in ("pose.body.x", "pose.body.y")}
+        slow["pose.body.z"] = one["pose.body.z"] + 2e-4 * drawn(rng, one.time, Memory(0.01))
+        noisy.append(replace(one, columns={**one.columns, **slow}))
+    prepared = prepare(scene, noisy)
+    assert isinstance(prepared, PreparedTosses)
+    assert prepared.noise.position == pytest.approx(2e-4, rel=0.2)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drake_cafim.diagnosis.coloured_noise import seen_memories, step_of, widened
+from drake_cafim.diagnosis.coloured_noise import Memory, seen_memories, step_of, widened
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.tosses.arcs import arcs_of
 from drake_cafim.diagnosis.tosses.location import locate_tosses
@@ -65,9 +65,10 @@ def prepare_tosses(
 def _with_memory(
     scene: Scene, noise: PoseNoise, tracks: Sequence[PoseTrack], body: str
 ) -> tuple[PoseNoise, tuple[str, ...]]:
-    """The noise with the memory that it shows, where the scenario says that it is white."""
-    if any(noise.memory):
-        return noise, ()
+    """The noise with the memory that it shows, where the scenario says that it is white.
+
+    Fourth differences see little of a slow noise: what they say is reckoned with its memory, stated or shown.
+    """
     columns = {f"{part}.{axis}": std for part, std in (("position", noise.position), ("rotation", noise.rotation))
                for axis in "xyz"}  # fmt: skip
     spread = []
@@ -77,7 +78,9 @@ def _with_memory(
         values |= {f"rotation.{axis}": turns[:, k] for k, axis in enumerate("xyz")}
         spread.append(Recording(track.recording.name, track.time, values))
     estimated = set(columns) if scene.std(f"pose.{body}.x") is None else set()
-    memories, told = seen_memories(spread, columns, {}, estimated)
+    stated = {column: Memory(time) for column in columns if (time := noise.memory[column.startswith("rotation")]) > 0.0}
+    seen, told = seen_memories(spread, columns, stated, estimated)
+    memories = stated | seen
     std = widened(columns, memories, estimated, step_of(spread))
     position, rotation = (memories[part].time if part in memories else 0.0 for part in ("position.x", "rotation.x"))
     remarks = tuple(one.replace("noise of position", f"noise of the position of pose.{body}").replace(
