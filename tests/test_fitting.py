@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.coupling import JointBacklash, JointCoupling, JointElasticity
-from drake_cafim.effects.joint import JointViscousFriction
+from drake_cafim.effects.joint import JointSpring, JointViscousFriction
 from drake_cafim.effects.sensor import SensorGainError
 from drake_cafim.effects.transmission import JointHardStop
 from drake_cafim.recordings.recording import Recording
@@ -141,3 +141,12 @@ def test_a_start_in_balance_costs_nothing(tmp_path: Path, stiffness: float, ring
         assert rows @ rows + paid < balanced @ balanced
     else:
         assert np.array_equal(rows, balanced)
+
+
+def test_a_spring_without_stiffness_is_absent(tmp_path: Path) -> None:
+    """Where it would rest moves no row, and has no size to measure the others by."""
+    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=0)
+    none = Model(problem.scene.priors.mean, (JointSpring("rail", {"stiffness": 0.0, "rest": 0.0}),))
+    jacobian = problem.jacobian(none)
+    slack = Fit(none, problem.residual(none), jacobian, np.linalg.pinv(jacobian.T @ jacobian), problem.rows)
+    assert wald_p_value(problem, slack, ("joint_spring", "rail")) == 1.0

@@ -58,7 +58,8 @@ def _known(fitted: Fit) -> Array:
 
 def _distance(difference: Array, covariance: Array, alone: Array) -> float:
     """dᵀ C⁻¹ d of a difference (c,) with covariance (c, c), along what is known; `alone` (c,) are the units."""
-    unit = np.sqrt(alone)
+    # a number that moves nothing, such as the rest of a spring without stiffness, says nothing
+    unit = np.where(alone > 0.0, np.sqrt(alone), 1.0)
     spread, axes = np.linalg.eigh(covariance / np.outer(unit, unit))
     seen = spread > ROUNDING * np.max(spread, initial=0.0)
     along = axes[:, seen].T @ (difference / unit)
