@@ -190,7 +190,12 @@ def test_command_refuses_what_is_no_report(tmp_path: Path, folder: Path) -> None
 def test_live_replay_serves_this_machine_until_it_is_interrupted(tmp_path: Path, folder: Path) -> None:
     arguments = ["replay", str(folder / "scenario.yaml"), str(folder / "a.parquet"), "--live", "--out", "replay.html"]
     command = [sys.executable, "-c", "from drake_cafim.cli import run_cli; run_cli()", *arguments]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as running:
+
+    def heard() -> None:
+        # what runs in the background may have been told to ignore it, and hands that on
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=heard) as running:
         assert running.stderr is not None
         address = next(found[0] for line in running.stderr if (found := re.match(r"http://localhost:\d+", line)))
         with urllib.request.urlopen(address) as page:
