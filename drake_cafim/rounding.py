@@ -7,9 +7,11 @@ SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def rounded(value: float, digits: int = 3) -> str:
-    """The value to so many digits, as 0.0123, 101 000 or, where that is hard to read, 1.10 × 10⁶."""
-    if value == 0.0 or not np.isfinite(value):
-        return "0" if value == 0.0 else str(value)
+    """The value to so many digits, as 0.0123, 101 000 or, where that is hard to read, 1.10 × 10⁶; or ∞."""
+    if np.isinf(value):
+        return "∞" if value > 0.0 else "−∞"
+    if value == 0.0 or np.isnan(value):
+        return "0" if value == 0.0 else "nan"
     mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
     magnitude = int(exponent)  # of the rounded value: 99.96 is 100
     if -4 <= magnitude < 6:

@@ -206,6 +206,7 @@ def test_numbers_read_well() -> None:
     assert with_interval(203.4567, 0.51) == "203.5 ± 1.0"
     assert with_interval(-0.02513, 0.0004) == "−0.02513 ± 0.00078"
     assert rounded(0.0123456) == "0.0123"
+    assert (rounded(float("inf")), short(float("-inf"))) == ("∞", "−∞")
     assert (rounded(123456.0), rounded(1234.5), rounded(99.96)) == ("123\u202f000", "1230", "100")
     assert (rounded(1.23456e7), rounded(2.5e-9, 2), short(0.25), short(4.1e4)) == (
         "1.23 × 10⁷",

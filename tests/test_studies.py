@@ -14,7 +14,7 @@ from drake_cafim.errors import InputError
 from drake_cafim.studies import sweep as sweeping
 from drake_cafim.studies.catalogue import STUDIES
 from drake_cafim.studies.cell import Cell, measure
-from drake_cafim.studies.findings import ratio_of_medians, require, three_digits
+from drake_cafim.studies.findings import ratio_of_medians, require
 
 NAMES = {"hefting": ["mass"], "rubbing": ["friction"], "pinching": ["stiffness", "damping"], "contouring": ["l", "w"]}
 NAMES["pinching_point"] = ["stiffness", "dissipation"]
@@ -107,11 +107,6 @@ def test_what_drakes_world_must_show_fails_where_it_should(name: str) -> None:
             kept["diagnosis"] = {**DIAGNOSIS, "effects": [], "corrected": {"nll": 200.0, "rmse": {}}}
     failed = [one for one in study.conclude(results).claims if one.standing == "does not hold"]
     assert len(failed) == {"worlds": 12, "point-contact": 3}[name]
-
-
-def test_numbers_of_three_digits() -> None:
-    numbers = (0.12345, 22.246, 999.6, 2253.0, float("inf"), float("-inf"))
-    assert [three_digits(value) for value in numbers] == ["0.123", "22.2", "1000", "2250", "∞", "−∞"]
 
 
 def test_identifiability_fails_where_it_should() -> None:

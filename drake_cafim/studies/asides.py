@@ -5,11 +5,12 @@ import numpy as np
 from drake_cafim.estimation.problem import Data, MapProblem, make_problem
 from drake_cafim.information import fisher_information
 from drake_cafim.parameters import Parameter
+from drake_cafim.rounding import short
 from drake_cafim.sensitivity.evaluator import Evaluator
 from drake_cafim.sensitivity.finite_difference import FiniteDifferenceEvaluator
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.sensitivity.tangent import TangentEvaluator
-from drake_cafim.studies.findings import Claim, three_digits
+from drake_cafim.studies.findings import Claim
 from drake_cafim.tasks.compliant_hefting import CompliantHefting
 from drake_cafim.tasks.hefting import TRUE_MASS, hefting
 from drake_cafim.tasks.pinching import pinching
@@ -39,7 +40,7 @@ def _literal_theorem() -> Claim:
     literal = float(np.sum((np.asarray(direct) / model.noise_std) ** 2))
     return _claim(
         "F = −∇²L with τ and the multipliers fixed (Theorem 1 as printed)",
-        f"hefting: {literal:.3g} for the mass, while the total derivative gives {three_digits(total)}",
+        f"hefting: {short(literal, 3)} for the mass, while the total derivative gives {short(total, 3)}",
         bool(np.isclose(literal, total, rtol=1e-3)),
     )
 

@@ -6,6 +6,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from drake_cafim.rounding import short
 from drake_cafim.typing import Array
 
 Standing: TypeAlias = Literal["holds", "ties", "does not hold", "cannot be repeated here"]
@@ -56,7 +57,7 @@ class Ratio:
     high: float
 
     def __str__(self) -> str:
-        value, low, high = (three_digits(part) for part in (self.value, self.low, self.high))
+        value, low, high = (short(part, 3) for part in (self.value, self.low, self.high))
         return f"{value} ({low}–{high})"
 
     @property
@@ -70,13 +71,6 @@ class Ratio:
         if self.alike or self.low <= 1.0 <= self.high:
             return "ties"
         return "holds" if self.value > 1.25 else "does not hold"
-
-
-def three_digits(value: float) -> str:
-    """A number of three digits, without an exponent where it is large; ∞."""
-    if np.isinf(value):
-        return "∞" if value > 0 else "−∞"
-    return f"{value:.3g}" if abs(value) < 999.5 else f"{float(f'{value:.3g}'):.0f}"
 
 
 def ratio_of_medians(first: Sequence[float], second: Sequence[float], draws: int = 2000) -> Ratio:

@@ -6,6 +6,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from drake_cafim.design.policies import PolicyName
+from drake_cafim.rounding import short
 from drake_cafim.studies.cell import SCENARIOS, TASKS, Cell
 from drake_cafim.studies.findings import (
     Claim,
@@ -15,7 +16,6 @@ from drake_cafim.studies.findings import (
     final_errors,
     information,
     require,
-    three_digits,
 )
 
 # the cheapest first: what was left out when time ran out is the dearest
@@ -91,7 +91,7 @@ def _table(name: str, groups: Mapping[Group, Sequence[dict[str, Any]]]) -> Table
                 f"{len(runs)}",
                 *(f"{np.median(column):.1f} ({np.percentile(column, 95):.1f})" for column in final_errors(runs).T),
                 ", ".join(f"{share:.2f}" for share in inside),
-                three_digits(float(np.median(information(runs)))),
+                short(float(np.median(information(runs))), 3),
                 *(f"{np.mean([_number(one) for one in behaviours(runs, k)]):.2f}" for k in BEHAVIOUR[name].values()),
                 f"{forces.max():.1f}",
                 *(() if limit is None else (f"{int((forces > limit).sum())} of {len(forces)}",)),
