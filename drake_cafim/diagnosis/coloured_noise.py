@@ -10,6 +10,7 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import periodogram
 from scipy.stats import chi2
 
+from drake_cafim.diagnosis.even_clock import evened
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
@@ -90,7 +91,11 @@ def seen_memories(
     found: dict[str, Memory] = {}
     told = []
     for kind, columns in kinds.items():
-        pieces = [_spectra(one.measured(column) / std[column], step) for one in recordings for column in columns]
+        pieces = [
+            _spectra(evened(one.time, one.measured(column)) / std[column], step)
+            for one in recordings
+            for column in columns
+        ]
         phase, levels = pieces[0][0], np.concatenate([levels for _, levels in pieces])
         if len(levels) < 8 or len(phase) < 8:
             continue
