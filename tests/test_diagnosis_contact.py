@@ -78,6 +78,18 @@ def test_the_truth_leaves_noise_and_simulations_follow_it(effect: str, tmp_path:
 
 
 @pytest.mark.ci
+def test_how_high_a_surface_stands_is_found_where_touches_begin_and_end(tmp_path: Path) -> None:
+    """A touch that a step of the height makes or ends jumps; over too small a step that looked like a slope."""
+    case = known("single:surface_offset", 0x9BC22A302FC0E3C26B3DA783D875D7FC, tmp_path)
+    problem = WeakProblem.of(case.prepared.scene, case.prepared.weak, case.model)
+    fitted = unbiased_fit(problem, case.model)
+    std = float(np.sqrt(fitted.covariance[-1, -1]))
+    [truth], [found] = case.model.effects, fitted.model.effects
+    assert std < 2e-6
+    assert found.values["offset"] == pytest.approx(truth.values["offset"], abs=4.0 * std)
+
+
+@pytest.mark.ci
 @pytest.mark.parametrize("effect", ["contact_adhesion", "contact_presliding", "surface_tilt"])
 def test_named_and_measured(effect: str, tmp_path: Path) -> None:
     case = known(f"single:{effect}", 203, tmp_path)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.coloured_noise import covariance
-from drake_cafim.diagnosis.quantisation import dwell, quantised_memories, quantum
+from drake_cafim.diagnosis.coloured_noise import covariance, drawn
+from drake_cafim.diagnosis.quantisation import Rounding, dwell, quantised_memories, quantum
 from drake_cafim.recordings.recording import Recording
 
 INTERVAL, LEVEL = 0.002, 4e-4
@@ -23,7 +23,9 @@ def test_lattice_is_seen_and_nothing_else_taken_for_one() -> None:
 
 
 def test_dwell_is_the_step_over_the_speed() -> None:
-    assert dwell(TIME, _rounded(0.004 * TIME), LEVEL) == pytest.approx(0.1, rel=0.05)
+    assert np.median(dwell(TIME, _rounded(0.004 * TIME), LEVEL)) == pytest.approx(0.1, rel=0.05)
+    lasting = dwell(TIME, _rounded(0.004 * TIME + 0.004 * TIME**2), LEVEL)
+    np.testing.assert_allclose(lasting[500:3500:500], 0.1 / (1.0 + 2.0 * TIME[500:3500:500]), rtol=0.2)
 
 
 @pytest.mark.parametrize("dither", [0.0, 0.15])
@@ -37,9 +39,35 @@ def test_memory_is_that_of_the_errors(dither: float) -> None:
         std = float(np.std(seen - true))
         memory = quantised_memories(Recording("a", TIME, {"q.a": seen}), {"q.a": std})["q.a"]
         error = (seen - true) / std
-        expected = covariance(TIME[:11], memory).toarray()
+        expected = covariance(TIME, memory)[:11, :11].toarray()
         ratios.append(np.mean((error[10:] - error[:-10]) ** 2) / (2.0 * (expected[0, 0] - expected[0, 10])))
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.2)
+
+
+def test_errors_last_where_the_channel_is_slow() -> None:
+    """Variances of differences, at the reversals of many swings and between them, against the memory's own."""
+    rng = np.random.default_rng(3)
+    ratios = []
+    for swing in rng.uniform(0.02, 0.03, 60):
+        true = rng.uniform() + swing * np.sin(2.0 * TIME + rng.uniform())
+        seen = _rounded(true)
+        memory = quantised_memories(Recording("a", TIME, {"q.a": seen}), {"q.a": LEVEL / np.sqrt(12.0)})["q.a"]
+        error, size = (seen - true) / (LEVEL / np.sqrt(12.0)), covariance(TIME, memory)
+        speed = np.abs(np.gradient(true, TIME))
+        ratios.append([])
+        for lag, there in ((5, speed < 0.01), (1, speed > 0.03)):
+            at = np.flatnonzero(there[:-lag])
+            expected = 2.0 * size.diagonal().mean() - 2.0 * np.mean(size.diagonal(lag)[at])
+            ratios[-1].append(np.mean((error[at + lag] - error[at]) ** 2) / expected)
+    np.testing.assert_allclose(np.mean(ratios, axis=0), 1.0, atol=0.2)
+
+
+def test_drawn_errors_have_the_memorys_covariance() -> None:
+    time = INTERVAL * np.arange(12)
+    memory = Rounding(np.geomspace(0.004, 0.1, len(time)), 0.8, 0.2)
+    rng = np.random.default_rng(4)
+    samples = np.stack([drawn(rng, time, memory) for _ in range(20000)])
+    np.testing.assert_allclose(samples.T @ samples / len(samples), covariance(time, memory).toarray(), atol=0.03)
 
 
 def test_fast_and_continuous_channels_are_white() -> None:

@@ -1,5 +1,6 @@
 """Noise with a memory: as the scenario states it, or as the recordings show it where white noise was stated."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import periodogram
 from scipy.stats import chi2
 
+from drake_cafim.diagnosis.even_clock import evened
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
@@ -26,13 +28,45 @@ MEMORY = 8.0
 """Correlation times after which noise has forgotten: e⁻⁸ = 3·10⁻⁴."""
 
 
+class Lasting(ABC):
+    """Noise of which a `share` of the variance lasts longer than a sample, and `white` does not."""
+
+    share: float
+    white: float
+
+    @abstractmethod
+    def age(self, time: Array) -> Array:
+        """Samples at `time` (N,) s by how much is forgotten."""
+
+    @abstractmethod
+    def correlation(self, apart: Array) -> Array:
+        """Of what lasts, at ages that are `apart`; at most e^−apart."""
+
+    @abstractmethod
+    def drawn(self, rng: np.random.Generator, time: Array) -> Array:
+        """(N,) of what lasts at `time` (N,) s, of unit variance."""
+
+
 @dataclass(frozen=True)
-class Memory:
-    """Noise of which a `share` of the variance is exponentially correlated over `time` (s), and `white` is not."""
+class Memory(Lasting):
+    """Exponential correlation over `time` (s)."""
 
     time: float
     share: float = 1.0
     white: float = 0.0
+
+    def age(self, time: Array) -> Array:
+        return time / self.time
+
+    def correlation(self, apart: Array) -> Array:
+        return np.exp(-apart)
+
+    def drawn(self, rng: np.random.Generator, time: Array) -> Array:
+        noise = rng.standard_normal(len(time))
+        kept = self.correlation(np.diff(self.age(time)))
+        for k, keep in enumerate(kept):
+            noise[k + 1] = keep * noise[k] + np.sqrt(1.0 - keep**2) * noise[k + 1]
+        return noise
 
 
 def stated_memories(scene: Scene, columns: Sequence[str]) -> dict[str, Memory]:
@@ -57,7 +91,11 @@ def seen_memories(
     found: dict[str, Memory] = {}
     told = []
     for kind, columns in kinds.items():
-        pieces = [_spectra(one.measured(column) / std[column], step) for one in recordings for column in columns]
+        pieces = [
+            _spectra(evened(one.time, one.measured(column)) / std[column], step)
+            for one in recordings
+            for column in columns
+        ]
         phase, levels = pieces[0][0], np.concatenate([levels for _, levels in pieces])
         if len(levels) < 8 or len(phase) < 8:
             continue
@@ -88,37 +126,35 @@ def widened(
     return wide
 
 
-def covariance(time: Array, memory: Memory) -> sp.csr_matrix:
-    """(N, N) covariance of unit noise at `time`: share · exp(−|tᵢ − tⱼ|/τ), and the white part on the diagonal."""
-    reach = MEMORY * memory.time
+def covariance(time: Array, memory: Lasting) -> sp.csr_matrix:
+    """(N, N) covariance of unit noise at `time`: of what lasts, and the white part on the diagonal."""
+    age = memory.age(time)
     diagonals, offsets = [np.full(len(time), memory.share + memory.white)], [0]
     for offset in range(1, len(time)):
-        apart = time[offset:] - time[:-offset]
-        if apart.min() > reach:
+        apart = age[offset:] - age[:-offset]
+        if apart.min() > MEMORY:
             break
-        near = memory.share * np.exp(-apart / memory.time)
+        near = np.where(apart > MEMORY, 0.0, memory.share * memory.correlation(apart))
         diagonals += [near, near]
         offsets += [offset, -offset]
-    return sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets))
+    result = sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets))
+    result.eliminate_zeros()
+    return result
 
 
-def left_by(operator: sp.csr_matrix, time: Array, memory: Memory | None) -> Array:
+def left_by(operator: sp.csr_matrix, time: Array, memory: Lasting | None) -> Array:
     """(N,) standard deviation of what `operator` (N, N) makes of unit noise at `time`; without a memory it is white."""
     carried = operator if memory is None else operator @ covariance(time, memory)
     variance: Array = np.asarray(carried.multiply(operator).sum(axis=1), dtype=float).ravel()
     return np.sqrt(np.maximum(variance, 0.0))
 
 
-def drawn(rng: np.random.Generator, time: Array, memory: Memory | None) -> Array:
+def drawn(rng: np.random.Generator, time: Array, memory: Lasting | None) -> Array:
     """(N,) unit noise at `time`; without a memory it is white."""
-    noise = rng.standard_normal(len(time))
     if memory is None:
-        return noise
+        return rng.standard_normal(len(time))
     white = rng.standard_normal(len(time)) if memory.white > 0.0 else np.zeros(len(time))
-    kept = np.exp(-np.diff(time) / memory.time)
-    for k, keep in enumerate(kept):
-        noise[k + 1] = keep * noise[k] + np.sqrt(1.0 - keep**2) * noise[k + 1]
-    return np.asarray(np.sqrt(memory.share) * noise + np.sqrt(memory.white) * white, dtype=float)
+    return np.asarray(np.sqrt(memory.share) * memory.drawn(rng, time) + np.sqrt(memory.white) * white, dtype=float)
 
 
 def _spectra(values: Array, step: float) -> tuple[Array, Array]:

@@ -1,10 +1,11 @@
 """Rounding to a lattice: noise that is white only while a channel moves by more than a step from sample to sample."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.diagnosis.coloured_noise import LONGEST, Memory
+from drake_cafim.diagnosis.coloured_noise import LONGEST, Lasting
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.typing import Array
 
@@ -12,6 +13,51 @@ OFF = 0.01
 """Of a step, by which a value may lie off the lattice."""
 STRIDE = 0.05
 """s between the values whose differences make up the way that a channel went; noise is averaged out in between."""
+
+SLOWEST = 6.0 * LONGEST
+"""s in which a channel goes a step, at most: of errors that stay longer, windows see the changes only."""
+DECAY, TURN = 3.0, 15.0**0.5
+"""Of what is remembered of a rounding error, by step that the channel went."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rounding(Lasting):
+    """The memory of rounding errors by how far a channel went, of which `dwell` (N,) s is the time that a step takes.
+
+    Over a part s of a step an error's correlation is 1 − 6 s + 6 s², and over whole steps its mean is zero (Widrow,
+    Kollár, Quantization Noise, 2008, §5). The velocity of a damped oscillator is a noise that has no mean either, and
+    with a = 3, b = √15 its correlation e^−as (cos bs − a/b sin bs) begins alike, up to s².
+    """
+
+    dwell: Array
+    share: float
+    white: float
+
+    def age(self, time: Array) -> Array:
+        rate = DECAY / self.dwell
+        return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
+
+    def correlation(self, apart: Array) -> Array:
+        return np.asarray(_oscillation(apart)[1, 1])
+
+    def drawn(self, rng: np.random.Generator, time: Array) -> Array:
+        phi = np.moveaxis(_oscillation(np.diff(self.age(time))), 2, 0)
+        lasting = np.diag([1.0 / (DECAY**2 + TURN**2), 1.0])
+        # what is forgotten from sample to sample comes in anew
+        fresh, axes = np.linalg.eigh(lasting - phi @ lasting @ np.swapaxes(phi, 1, 2))
+        pushes = np.einsum("nij,nj->ni", axes * np.sqrt(np.maximum(fresh, 0.0))[:, None], rng.normal(size=fresh.shape))
+        states = [np.sqrt(lasting) @ rng.normal(size=2)]
+        for step, push in zip(phi, pushes, strict=True):
+            states.append(step @ states[-1] + push)
+        return np.array(states)[:, 1]
+
+
+def _oscillation(age: Array) -> Array:
+    """Φ (2, 2, ...) of the oscillator's position and velocity over an age."""
+    fading, turned = np.exp(-age), TURN / DECAY * age
+    cosine, sine = fading * np.cos(turned), fading * np.sin(turned)
+    damped = DECAY / TURN * sine
+    return np.array([[cosine + damped, sine / TURN], [-(DECAY**2 + TURN**2) / TURN * sine, cosine - damped]])
 
 
 def quantum(values: Array) -> float | None:
@@ -28,15 +74,18 @@ def quantum(values: Array) -> float | None:
     return step if float(np.abs(times - np.round(times)).max()) < OFF else None
 
 
-def dwell(time: Array, values: Array, step: float) -> float:
-    """Mean time, s, in which a channel goes one `step`."""
-    stride = max(1, round(STRIDE / float(np.median(np.diff(time)))))
+def dwell(time: Array, values: Array, step: float) -> Array:
+    """(N,) time, s, in which a channel goes one `step` at the speed that it has at each sample; at most all of it."""
+    seen = np.isfinite(values)
+    times, values = time[seen], values[seen]
+    stride = max(1, round(STRIDE / float(np.median(np.diff(times)))))
     count = len(values) // stride
     if count < 2:
-        return 0.0
-    means = values[: count * stride].reshape(count, stride).mean(axis=1)
-    way = float(np.nansum(np.abs(np.diff(means))))
-    return float(time[-1] - time[0]) * step / max(way, step)
+        return np.zeros(len(time))
+    middle, mean = (part[: count * stride].reshape(count, stride).mean(axis=1) for part in (times, values))
+    speed = np.abs(np.diff(mean)) / np.diff(middle)
+    slowest = step / float(times[-1] - times[0])
+    return np.asarray(step / np.maximum(np.interp(time, 0.5 * (middle[1:] + middle[:-1]), speed), slowest))
 
 
 def remembered(step: float, deviation: float) -> float:
@@ -51,16 +100,14 @@ def remembered(step: float, deviation: float) -> float:
     return float(np.sum(step**2 / (2.0 * np.pi**2 * waves**2) * left))
 
 
-def quantised_memories(recording: Recording, std: Mapping[str, float]) -> dict[str, Memory]:
-    """The memory of each measured column of `recording` whose rounding lasts longer than a sample.
+def quantised_memories(recording: Recording, std: Mapping[str, float]) -> dict[str, Rounding]:
+    """The memory of each measured column of `recording` whose rounding anywhere lasts longer than a sample.
 
-    The error of rounding a ramp that takes T for a step Δ has variance Δ²/12 and correlation 1 − 6τ/T + 6 (τ/T)²,
-    which starts like exp(−τ/(T/6)) (Widrow, Kollár, Quantization Noise, 2008, §5).
-    Of an error that stays longer than windows are wide these see its changes only, 2 Δ²/12 τ/(T/6) of its variance,
-    and an error that never changes is a bias.
+    Of an error that stays longer than windows are wide these see its changes only, and that much of its variance is
+    kept; an error that never changes is a bias.
     """
     interval = float(np.median(np.diff(recording.time)))
-    found: dict[str, Memory] = {}
+    found: dict[str, Rounding] = {}
     for column, deviation in std.items():
         if deviation == 0.0:
             continue
@@ -68,9 +115,9 @@ def quantised_memories(recording: Recording, std: Mapping[str, float]) -> dict[s
         step = quantum(values)
         if step is None:
             continue
-        lasting = dwell(recording.time, values, step) / 6.0
-        if lasting > interval:
-            time = min(lasting, LONGEST)
+        lasting = dwell(recording.time, values, step)
+        if lasting.max() > 6.0 * interval:
             rounded = min(1.0, remembered(step, deviation) / deviation**2)
-            found[column] = Memory(time, rounded * time / lasting, 1.0 - rounded)
+            share = rounded * min(1.0, SLOWEST * float(np.mean(1.0 / lasting)))
+            found[column] = Rounding(np.minimum(lasting, SLOWEST), share, 1.0 - rounded)
     return found

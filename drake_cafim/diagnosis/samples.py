@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from drake_cafim.diagnosis.coloured_noise import Memory, drawn, left_by
+from drake_cafim.diagnosis.coloured_noise import Lasting, drawn, left_by
 from drake_cafim.diagnosis.feedback import Feedback
 from drake_cafim.diagnosis.slow_channels import Bridges
 from drake_cafim.diagnosis.windows import Windows, lay_windows
@@ -56,7 +56,7 @@ class Samples:
     v_std: Array
     """(N, n) standard deviation of the smoothed v."""
     differentiate: sp.csr_matrix | None
-    memories: Mapping[str, Memory] = field(default_factory=dict)
+    memories: Mapping[str, Lasting] = field(default_factory=dict)
     """Of the columns whose noise has one."""
     bridges: Bridges = field(default_factory=dict)
     """Of the columns that are written less often than the others: values and noise at every row from those written."""
@@ -111,7 +111,7 @@ def samples_of(
     recording: Recording,
     std: dict[str, float],
     width: float = WINDOW_WIDTH,
-    memories: Mapping[str, Memory] | None = None,
+    memories: Mapping[str, Lasting] | None = None,
     bridges: Bridges | None = None,
 ) -> Samples:
     """The samples of `recording` for `scene`, `std` and `memories` giving the noise by column.
@@ -186,7 +186,7 @@ def _velocity_smoothers(
     names: tuple[str, ...],
     std: dict[str, float],
     time: Array,
-    memories: Mapping[str, Memory],
+    memories: Mapping[str, Lasting],
     smooth: sp.csr_matrix,
     slope: sp.csr_matrix,
     measured: bool,

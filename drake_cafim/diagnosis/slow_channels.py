@@ -8,7 +8,6 @@ import scipy.sparse as sp
 
 from drake_cafim.effects.timing import interpolation
 from drake_cafim.recordings.recording import Recording, is_signal
-from drake_cafim.typing import Array
 
 FEWEST, LONGEST = 0.2, 0.012
 """The share of its rows that a slow channel leaves empty at least, and the time between its samples at most, s."""
@@ -43,9 +42,3 @@ def bridged(recording: Recording) -> tuple[Recording, Bridges]:
         return recording, {}
     told = f"{', '.join(bridges)}: fewer samples than the recording has rows; read between them"
     return replace(recording, columns=columns, notes=(*recording.notes, told)), bridges
-
-
-def without_empty_rows(values: Array) -> Array:
-    """A slow channel's own samples; any other as it is, gaps and all."""
-    there = np.isfinite(values)
-    return values[there] if there.mean() <= 1.0 - FEWEST else values

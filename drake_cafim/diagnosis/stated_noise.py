@@ -4,13 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drake_cafim.diagnosis.slow_channels import without_empty_rows
+from drake_cafim.diagnosis.even_clock import evened
+from drake_cafim.diagnosis.quantisation import quantum
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
-_DIFFERENCES = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+DIFFERENCES = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+GAP = 1.2
+"""Of the usual time that five samples take, beyond which one is missing."""
 
 
 def noise_of(scene: Scene, recordings: Sequence[Recording]) -> tuple[dict[str, float], tuple[str, ...]]:
@@ -30,7 +33,7 @@ def noise_of(scene: Scene, recordings: Sequence[Recording]) -> tuple[dict[str, f
         stated = scene.std(column)
         if stated is None:
             # an effort that nothing is said of is the command itself
-            stated = 0.0 if column.startswith("u.") else _estimated([r.measured(column) for r in recordings])
+            stated = 0.0 if column.startswith("u.") else _estimated(recordings, column)
             notes.append(
                 f"channels: no std for {column}, {stated:.3g} was "
                 + ("taken" if column.startswith("u.") else "estimated from fourth differences")
@@ -41,9 +44,24 @@ def noise_of(scene: Scene, recordings: Sequence[Recording]) -> tuple[dict[str, f
     return std, tuple(notes)
 
 
-def _estimated(samples: Sequence[Array]) -> float:
-    """From differences of order four, which a smooth motion hardly enters; robust (median absolute deviation)."""
-    written = [without_empty_rows(values) for values in samples]
-    differences = np.concatenate([np.convolve(values, _DIFFERENCES, mode="valid") for values in written])
-    spread = float(np.nanmedian(np.abs(differences))) * 1.4826
-    return spread / float(np.linalg.norm(_DIFFERENCES))
+def _estimated(recordings: Sequence[Recording], column: str) -> float:
+    """From differences of order four, which a smooth motion hardly enters; robust (median absolute deviation).
+
+    Values on a lattice have few differences, whose median says little, and the error of rounding a slow motion hardly
+    enters them: their mean square is taken, and at least a rounding error's.
+    """
+    samples = [recording.measured(column) for recording in recordings]
+    differences = np.concatenate([_differences(r.time, values) for r, values in zip(recordings, samples, strict=True)])
+    step = max((quantum(values) or 0.0 for values in samples), default=0.0)
+    if step > 0.0:
+        return max(float(np.sqrt(np.mean(differences**2))), step / float(np.sqrt(12.0)))
+    return 1.4826 * float(np.median(np.abs(differences)))
+
+
+def _differences(time: Array, values: Array) -> Array:
+    """Of order four and of the noise's own size, over neighbours without a gap."""
+    there = np.isfinite(values)
+    time, values = time[there], evened(time[there], values[there])
+    span = time[4:] - time[:-4]
+    found = np.convolve(values, DIFFERENCES, mode="valid") / float(np.linalg.norm(DIFFERENCES))
+    return np.asarray(found[span < GAP * np.median(span)])

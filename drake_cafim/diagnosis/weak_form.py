@@ -23,6 +23,7 @@ from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.effects.timing import SensorLag
 from drake_cafim.local_polynomial import local_polynomial
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS
 from drake_cafim.scenario.physics import FreeResponse, Physics
@@ -313,8 +314,27 @@ class WeakForm:
         if self.samples.velocity_measured:
             M = mass_matrix(moving, moving.link_inertias) + np.diag(physics.rotor_inertias)
             correction = windows.rate_steps @ np.linalg.solve(M, measured.u[..., None])[..., 0]
-            kinematic = windows.rate @ measured.q + windows.value @ measured.v - correction
+            q, v = self._compared(physics, measured)
+            kinematic = windows.rate @ q + windows.value @ v - correction
         return _Prepared(measured, moving, inertial_regressor(moving, measured.v, windows), kinematic)
+
+    def _compared(self, physics: Physics, measured: Measurement) -> tuple[Array, Array]:
+        """Positions and velocities, (N, n) each, of which the first's rate is the second.
+
+        Undoing a lag raises the noise; where q and v only face each other, the other one is made to lag as well.
+        """
+        lags = [effect for effect in physics.sensors if isinstance(effect, SensorLag) and effect.at[:2] in ("q.", "v.")]
+        if not lags:
+            return measured.q, measured.v
+        others = tuple(effect for effect in physics.sensors if effect not in lags)
+        as_written = self._measured(replace(physics, sensors=others))
+        channels = {"q": as_written.q.copy(), "v": as_written.v.copy()}
+        for lag in lags:
+            kind, joint = lag.at.split(".", 1)
+            other = channels["v" if kind == "q" else "q"]
+            j = physics.tree.joint_index(joint)
+            other[:, j] = lag.writing(self.samples.time) @ other[:, j]
+        return channels["q"], channels["v"]
 
     def _on(self, sensor: WrenchSensor, moving: Motion, wrench: Array | None) -> Array:
         return np.zeros((len(moving.q), 6)) if wrench is None else wrench[:, sensor.joint]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_cafim.diagnosis.even_clock import evened
 from drake_cafim.dynamics.rotations import inverse, logarithm, product
 from drake_cafim.dynamics.tree import FREE
 from drake_cafim.errors import InputError
@@ -103,7 +104,7 @@ def _estimated(tracks: Sequence[PoseTrack], part: str) -> Array:
     """(3,) std along each axis; robust (median absolute deviation)."""
     pieces = []
     for track in tracks:
-        values = track.p if part == "position" else unrolled(track.quaternion)
+        values = evened(track.time, track.p if part == "position" else unrolled(track.quaternion))
         pieces.append(np.stack([np.convolve(column, _DIFFERENCES, mode="valid") for column in values.T], axis=1))
     spread = np.median(np.abs(np.concatenate(pieces)), axis=0) * 1.4826
     return np.asarray(spread / np.linalg.norm(_DIFFERENCES), dtype=float)
