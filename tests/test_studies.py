@@ -140,6 +140,16 @@ def test_identifiability_fails_where_it_should() -> None:
     }
 
 
+def test_disturbances_tell_each_interval_by_itself() -> None:
+    study = STUDIES["disturbances"]
+    results = {cell: made_up(cell) for cell in study.cells(True)}
+    for kept in results.values():
+        kept["experiments"][-1]["inside"] = [True, False][: len(kept["parameters"])]
+    found = {one.claim: one.found for one in study.conclude(results).claims}
+    assert found["pinching: process noise of 0.1 m/s limits"].endswith("95 % intervals hold 1.00, 0.00")
+    assert found["rubbing: process noise of 0.1 m/s limits"].endswith("95 % intervals hold 1.00")
+
+
 def test_ties_and_gains() -> None:
     random = np.random.default_rng(1)
     sample = random.lognormal(0.0, 0.2, 40).tolist()

@@ -47,12 +47,8 @@ def disturbance_claims(results: Mapping[Cell, Any]) -> list[Claim]:
             if not runs:
                 continue
             worse = ratio_of_medians(_errors(runs), _errors(plain))
-            inside = np.mean([run["experiments"][-1]["inside"] for run in runs])
-            claims.append(
-                Claim(
-                    f"{name}: {label} limits", f"errors times {worse}; the interval holds {inside:.2f}", worse.standing
-                )
-            )
+            found = f"errors times {worse}; 95 % intervals hold {_coverage(runs)}"
+            claims.append(Claim(f"{name}: {label} limits", found, worse.standing))
     return claims
 
 
@@ -70,12 +66,17 @@ def _errors(runs: Sequence[dict[str, Any]]) -> list[float]:
     return list(final_errors(runs).mean(axis=1).tolist())
 
 
-def _row(runs: Sequence[dict[str, Any]]) -> tuple[str, ...]:
+def _coverage(runs: Sequence[dict[str, Any]]) -> str:
+    """How often each parameter's interval holds the truth."""
     inside = np.mean([run["experiments"][-1]["inside"] for run in runs], axis=0)
+    return ", ".join(f"{share:.2f}" for share in inside)
+
+
+def _row(runs: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     return (
         f"{len(runs)}",
         ", ".join(f"{value:.2f}" for value in np.median(final_errors(runs), axis=0)),
-        ", ".join(f"{share:.2f}" for share in inside),
+        _coverage(runs),
         f"{np.mean(behaviours(runs, 'contact_fraction')):.2f}",
         f"{max(behaviours(runs, 'max_force')):.1f}",
     )
