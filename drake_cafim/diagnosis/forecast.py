@@ -70,6 +70,7 @@ class _Course:
 def _courses(weak: WeakForm, physics: Physics, horizon: float) -> list[_Course]:
     time = weak.samples.time
     knots, efforts = driven(physics, time, weak.measurement(physics).u)
+    taken = weak.taken_by_rotors(physics)
     result = []
     for start in _starts(time, horizon):
         stop = int(np.searchsorted(time, time[start] + horizon + 1e-9, side="right")) - 1
@@ -77,7 +78,8 @@ def _courses(weak: WeakForm, physics: Physics, horizon: float) -> list[_Course]:
         within = knots[(knots > own[0] + 1e-12) & (knots < own[-1] - 1e-12)]
         edges = np.unique(np.concatenate([own, within]))
         held = np.clip(np.searchsorted(knots, edges[:-1] + 1e-12, side="right") - 1, 0, None)
-        result.append(_Course(start, stop, np.diff(edges), efforts[held], np.searchsorted(edges, own)))
+        rotors = taken[np.searchsorted(time, edges[:-1] + 1e-12, side="right") - 1]
+        result.append(_Course(start, stop, np.diff(edges), efforts[held] + rotors, np.searchsorted(edges, own)))
     return result
 
 

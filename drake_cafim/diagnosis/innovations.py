@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.diagnosis.initial_state import LOOK_BACK, state_at
-from drake_cafim.diagnosis.stepper import State, advance, driven
+from drake_cafim.diagnosis.stepper import State, advance
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -93,8 +93,7 @@ def _track(weak: WeakForm, physics: Physics) -> tuple[Array, Array, Array, Array
     """Of one recording: time (N,), what is measured (N, H), the effort from each sample on, the contacts' memory."""
     samples = weak.samples
     measured = weak.measurement(physics)
-    knots, efforts = driven(physics, samples.time, measured.u)
-    effort = efforts[np.clip(np.searchsorted(knots, samples.time + 1e-12, side="right") - 1, 0, None)]
+    effort = weak.mean_effort(physics) + weak.taken_by_rotors(physics)
     y = np.concatenate([measured.q, measured.v], axis=1) if samples.velocity_measured else measured.q
     # the contacts remember the recorded motion, not the filtered one: what it forgets is the same
     return samples.time, y, effort, weak.contact_memory(physics)

@@ -159,6 +159,23 @@ class WeakForm:
                 effort = effect.drive(effort)
         return effort
 
+    def mean_effort(self, physics: Physics) -> Array:
+        """What acts at the joints from each sample to the next, (N, n), on the average, but for what rotors take."""
+        u = self.measurement(physics).u
+        return np.stack([self.effort(physics, j, u).means(self.samples.time) for j in range(self.joints)], axis=1)
+
+    def taken_by_rotors(self, physics: Physics) -> Array:
+        """−J ψ̈ (N, n), the mean from each sample to the next: what rotors that are not one with their links take.
+
+        The twist is that of the recorded motion: it answers to efforts, and to the motion hardly.
+        """
+        taken = np.zeros((len(self.samples.time), self.joints))
+        for coupling in physics.couplings:
+            joint = physics.tree.joint_index(coupling.at)
+            drive = self.rotor_drives(physics)[joint]
+            taken[:-1, joint] -= drive.inertia * np.diff(coupling.twist_rate(drive)) / np.diff(self.samples.time)
+        return taken
+
     def effort_integral(self, physics: Physics, u: Array) -> Array:
         """∫ w u dt (M, n) with actuator effects."""
         efforts = [self.effort(physics, j, u) for j in range(self.joints)]
@@ -186,10 +203,10 @@ class WeakForm:
                 self._responses.clear()
                 # the joints' masses may differ from those that the motion was prepared with
                 self._responses[inertial] = physics.free_response(replace(prepared.moving, tree=physics.tree))
-            u = prepared.measured.u
-            effort = np.stack([self.effort(physics, j, u).means(time) for j in range(self.joints)], axis=1)
             joints = self.joint_samples(prepared.measured)
-            self._drives[key] = physics.rotor_drives(time, self._responses[inertial], effort, joints)
+            self._drives[key] = physics.rotor_drives(
+                time, self._responses[inertial], self.mean_effort(physics), joints
+            )
         return self._drives[key]
 
     def coupling_rows(self, physics: Physics, coupling: JointCoupling) -> Array:
