@@ -1,5 +1,6 @@
 """The likelihood of a recording as one-step innovations of a Kalman filter that knows the model.
 
+The state is filtered from what the joints show; what wrench sensors then write is judged by that state.
 The filter is started anew every half second from the 50 ms before, so that a wrong model cannot hide in what the
 filter has learned; the model has no process noise but that of a measured effort.
 """
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_cafim.diagnosis.felt_innovations import felt_innovations
 from drake_cafim.diagnosis.initial_state import LOOK_BACK, state_at
 from drake_cafim.diagnosis.stepper import State, advance
 from drake_cafim.diagnosis.weak_form import WeakForm
@@ -36,7 +38,7 @@ class Innovations:
 
 
 def innovations(forms: Sequence[WeakForm], physics: Physics) -> list[Innovations]:
-    """The innovations of each recording's q (and v, where measured), ln(2πσ²) included; filtered side by side."""
+    """The innovations of each recording's q (v and wrenches, where measured), ln(2πσ²) included; side by side."""
     tracks = [_track(weak, physics) for weak in forms]
     time, y, effort, memory = (np.concatenate([track[k] for track in tracks]) for k in range(4))
     firsts = np.cumsum([0, *(len(track[0]) for track in tracks)])
@@ -55,6 +57,7 @@ def innovations(forms: Sequence[WeakForm], physics: Physics) -> list[Innovations
     effort_variance = np.array([samples.std[f"u.{name}"] ** 2 for name in names])
     begin, end = np.array(index), np.array(stops)
     values = np.full(len(time), np.nan)
+    states, covariances = np.full((len(time), 2 * n), np.nan), np.zeros((len(time), 2 * n, 2 * n))
     transitions, by_efforts = np.zeros((len(begin), 2 * n, 2 * n)), np.zeros((len(begin), 2 * n, n))
     for k in range(int(np.max(end - begin))):
         alive = np.flatnonzero(begin + k + 1 <= end)
@@ -82,10 +85,14 @@ def innovations(forms: Sequence[WeakForm], physics: Physics) -> list[Innovations
         mean[alive] = predicted + np.einsum("bij,bj->bi", gain, error)
         updated = P - gain @ P[:, :H, :]
         covariance[alive] = 0.5 * (updated + np.swapaxes(updated, 1, 2))
+        states[following], covariances[following] = mean[alive], covariance[alive]
     result = []
-    for first, last in itertools.pairwise(firsts):
-        filtered = first + np.flatnonzero(np.isfinite(values[first:last]))
-        result.append(Innovations(time[filtered], values[filtered]))
+    for weak, (first, last) in zip(forms, itertools.pairwise(firsts), strict=True):
+        own = values[first:last]
+        if weak.sensors:
+            own = own + felt_innovations(weak, physics, states[first:last], covariances[first:last])
+        filtered = np.flatnonzero(np.isfinite(own))
+        result.append(Innovations(time[first + filtered], own[filtered]))
     return result
 
 
