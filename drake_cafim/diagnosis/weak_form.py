@@ -164,18 +164,6 @@ class WeakForm:
         u = self.measurement(physics).u
         return np.stack([self.effort(physics, j, u).means(self.samples.time) for j in range(self.joints)], axis=1)
 
-    def taken_by_rotors(self, physics: Physics) -> Array:
-        """−J ψ̈ (N, n), the mean from each sample to the next: what rotors that are not one with their links take.
-
-        The twist is that of the recorded motion: it answers to efforts, and to the motion hardly.
-        """
-        taken = np.zeros((len(self.samples.time), self.joints))
-        for coupling in physics.couplings:
-            joint = physics.tree.joint_index(coupling.at)
-            drive = self.rotor_drives(physics)[joint]
-            taken[:-1, joint] -= drive.inertia * np.diff(coupling.twist_rate(drive)) / np.diff(self.samples.time)
-        return taken
-
     def effort_integral(self, physics: Physics, u: Array) -> Array:
         """∫ w u dt (M, n) with actuator effects."""
         efforts = [self.effort(physics, j, u) for j in range(self.joints)]

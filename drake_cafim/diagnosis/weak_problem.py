@@ -72,6 +72,14 @@ class Run:
         ringing, paid = rows - U @ (axes @ (shrink * (axes.T @ (U.T @ rows)))), float(np.sum(np.log1p(spread)))
         return (ringing, paid) if ringing @ ringing + paid < rows @ rows else (rows, 0.0)
 
+    def start(self, physics: Physics) -> Array:
+        """What the rows say of the rotors' twists at the first sample, (c,), in prior standard deviations."""
+        U = self.whitened(self.weak.start_rows(physics)) if physics.couplings else np.zeros((0, 0))
+        if U.shape[1] == 0 or self.residual(physics)[1] == 0.0:
+            return np.zeros(U.shape[1])
+        rows = self.whitened(self.weak.residual(physics))
+        return -np.asarray(np.linalg.solve(U.T @ U + np.eye(U.shape[1]), U.T @ rows))
+
     def pushed(self, force: Array, gains: Array) -> Array:
         """Rows (M, r, k) of generalized forces (N, n, k), at joints whose efforts count `gains` (n,) times."""
         windows = self.weak.samples.windows
