@@ -16,6 +16,7 @@ from drake_cafim.diagnosis.data_mistakes import data_mistakes
 from drake_cafim.diagnosis.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.forecast import forecasts, root_mean_square
 from drake_cafim.diagnosis.innovations import innovations
+from drake_cafim.diagnosis.intervals import standard_deviations
 from drake_cafim.diagnosis.location import locate
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
@@ -245,7 +246,7 @@ def _excess(problem: Problem, one: Fit) -> Array:
 
 def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Explanation, ...]:
     probability = inclusion(outcome)
-    std = best.std * np.sqrt(outcome.scale)
+    std = standard_deviations(outcome.problem, best, outcome.scale)
     position = len(best.model.unknown)
     found = []
     for effect in best.model.effects:
