@@ -167,10 +167,18 @@ class _Loop:
             fisher=options.fisher,
             config=options.planner_config,
             belief_samples=options.belief_samples,
+            force_limit=force_limit(task) if options.force_guard else None,
         )
         builder = DiagramBuilder()
         self.plant: System = builder.AddNamedSystem("world", world.system)
-        self.design = CaOed(model, policy, seed=options.seed, evaluator=make_evaluator(options.fisher, model))
+        self.guard = _add_guard(builder, task, options)
+        self.design = CaOed(
+            model,
+            policy,
+            seed=options.seed,
+            evaluator=make_evaluator(options.fisher, model),
+            force_hypotheses=0 if self.guard is None else self.guard.hypotheses,
+        )
         builder.AddNamedSystem("design", self.design)
         total = task.experiments if options.experiments is None else options.experiments
         self.estimator = CaMap(
@@ -185,12 +193,12 @@ class _Loop:
         builder.Connect(state, self.estimator.GetInputPort("measured_state"))
         builder.Connect(force, self.estimator.GetInputPort("measured_force"))
         builder.Connect(self.estimator.GetOutputPort("belief"), self.design.GetInputPort("belief"))
-        self.guard = _add_guard(builder, task, options)
         command = self.design.GetOutputPort("command")
         if self.guard is not None:
             builder.Connect(command, self.guard.GetInputPort("command"))
             builder.Connect(state, self.guard.GetInputPort("measured_state"))
             builder.Connect(force, self.guard.GetInputPort("measured_force"))
+            builder.Connect(self.guard.GetOutputPort("force_belief"), self.design.GetInputPort("force_belief"))
             command = self.guard.GetOutputPort("command")
         builder.Connect(command, self.plant.GetInputPort("command"))
         sources = {

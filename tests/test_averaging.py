@@ -7,9 +7,10 @@ import pytest
 
 from drake_cafim.belief import Belief
 from drake_cafim.commands.run import RunRequest, check_request
-from drake_cafim.design.averaging import BeliefAveragedScore, sigma_points
+from drake_cafim.design.averaging import BeliefAveragedScore
 from drake_cafim.design.policies import make_policy
 from drake_cafim.design.scores import InformationScore
+from drake_cafim.design.sigma_points import sigma_points
 from drake_cafim.design.situation import Situation
 from drake_cafim.errors import InputError
 from drake_cafim.experiment import Options

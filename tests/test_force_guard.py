@@ -44,7 +44,11 @@ def test_gains_are_the_kalman_filters_and_weights_the_evidence():
     model = pinching().model
     depths = random.uniform(0.012, 0.019, 30)
     theta = np.array([[600.0, 0.0], [700.0, 0.0], [2000.0, 0.0]])
-    prior = np.diag(np.square(config.gain_std))
+    at_limit, growth = np.square(config.gain_std)
+    prior = np.array([[at_limit + growth, -growth], [-growth, growth]])
+    np.testing.assert_allclose(
+        first_force_belief(model, Belief.prior(model.parameters), config).covariance, np.tile(prior, (3, 1, 1))
+    )
     first = np.array([1.0, 0.0])
     belief = ForceBelief(theta, np.zeros(3), np.tile(first, (3, 1)), np.tile(prior, (3, 1, 1)))
     force = 1.2 * 600.0 * (0.020 - depths) + model.force_std * random.normal(size=30)

@@ -109,6 +109,22 @@ def test_what_drakes_world_must_show_fails_where_it_should(name: str) -> None:
     assert len(failed) == {"worlds": 12, "point-contact": 3}[name]
 
 
+@pytest.mark.parametrize(("name", "where"), [("calibration", "kinematic"), ("calibration-robots", "`model`")])
+def test_calibration_tells_where_the_errors_lie_and_fails_where_it_should(name: str, where: str) -> None:
+    study = STUDIES[name]
+    results = {cell: made_up(cell) for cell in study.cells(True)}
+    for number, kept in enumerate(results.values()):
+        size = len(kept["parameters"])
+        kept["experiments"][-1] |= {"error": [2.0 + number % 3] * size, "std": [2.0] * size, "inside": [True] * size}
+    found = study.conclude(results)
+    assert {one.standing for one in found.claims} == {"holds"} and where in found.about
+    for row in found.tables[0].rows:  # errors of 1, 1.5 and 2 std
+        assert row[4:] == ("2.0", "1.50", "0.41")
+    for kept in results.values():
+        kept["experiments"][-1]["inside"] = [False] * len(kept["parameters"])
+    assert {one.standing for one in study.conclude(results).claims} == {"does not hold"}
+
+
 def test_identifiability_fails_where_it_should() -> None:
     study = STUDIES["identifiability"]
     results = {cell: made_up(cell) for cell in study.cells(True)}

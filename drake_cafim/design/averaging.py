@@ -4,28 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
 
 from drake_cafim.design.planner import Scored
+from drake_cafim.design.sigma_points import sigma_points
 from drake_cafim.design.situation import Situation
 from drake_cafim.errors import InputError
 from drake_cafim.sensitivity.model import PlanningModel, Start
 from drake_cafim.typing import Array
-
-
-def sigma_points(mean: Array, covariance: Array, count: int) -> Array:
-    """Points (count, n), count > n, of equal weight and of exactly the mean (n,) and covariance (n, n) given.
-
-    Quantiles of the normal distribution at the points of a rank-1 lattice, standardised.
-    """
-    size = len(mean)
-    # the generalised golden ratio, root of x^n = x + 1: its powers spread a lattice evenly (Roberts)
-    ratio = max(np.roots([1.0, *[0.0] * (size - 2), -1.0, -1.0]).real) if size > 1 else 2.0
-    steps = np.array([1.0 / count, *(ratio ** -np.arange(1.0, size))])
-    z = norm.ppf((0.5 * steps[0] + np.outer(np.arange(count), steps)) % 1.0)
-    z -= z.mean(axis=0)
-    z = z @ np.linalg.inv(np.linalg.cholesky(z.T @ z / count)).T
-    return np.asarray(mean + z @ np.linalg.cholesky(covariance).T)
 
 
 @dataclass(frozen=True)

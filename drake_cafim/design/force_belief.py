@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.belief import Belief
-from drake_cafim.design.averaging import sigma_points
+from drake_cafim.design.sigma_points import sigma_points
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.typing import Array
 
@@ -25,7 +25,10 @@ class FilterConfig:
     """How little the model is believed."""
 
     points: int = 48  # hypotheses
-    gain_std: tuple[float, float] = (0.42, 0.3)  # of a and b, before any force was felt
+    # before any force was felt: of a + b, the gain at the limit, and of b, of which 1 is a force that grows with the
+    # square of the predicted one. Apart from each other, or weak forces far below the predicted ones would promise
+    # weak ones at the limit
+    gain_std: tuple[float, float] = (0.4, 0.5)
     drift: float = 0.05  # 1/√s, std of a gain's random walk after a second
     fewest: float = 0.15  # part of the hypotheses; with weight on fewer, they are placed anew
 
@@ -49,6 +52,11 @@ class ForceBelief:
         """All of it, (m (n + 7),)."""
         return np.concatenate([self.theta.ravel(), self.log_weight, self.mean.ravel(), self.covariance.ravel()])
 
+    @staticmethod
+    def vector_size(count: int, parameters: int) -> int:
+        """Of `vector`, for `count` hypotheses about so many parameters."""
+        return count * (parameters + 1 + GAINS + GAINS**2)
+
     @classmethod
     def from_vector(cls, vector: Array, count: int) -> "ForceBelief":
         """The inverse of `vector`, for `count` hypotheses."""
@@ -63,22 +71,33 @@ def first_force_belief(model: PlanningModel, belief: Belief, config: FilterConfi
     """Before any force was felt: equally likely hypotheses, spread as the belief is, inside the model's bounds."""
     theta = _clip(model, sigma_points(belief.mean, belief.covariance, config.points))
     shape = (config.points, GAINS)
-    first = np.broadcast_to(np.diag(np.square(config.gain_std)), (*shape, GAINS))
+    first = np.broadcast_to(_first_covariance(config), (*shape, GAINS))
     return ForceBelief(theta, np.zeros(config.points), np.broadcast_to([1.0, 0.0], shape), first)
 
 
+def _first_covariance(config: FilterConfig) -> Array:
+    """Of (a, b), (2, 2), where a + b and b are independent."""
+    gains = np.array([[1.0, -1.0], [0.0, 1.0]]) * config.gain_std
+    return np.asarray(gains @ gains.T)
+
+
 def predicted_forces(model: PlanningModel, robot_states: Array, theta: Array) -> Array:
-    """λ̂ (m, ..., nλ) N under `theta` (m, n), at robot states (..., 2 nu), on what does not move."""
+    """λ̂ (m, ..., nλ) N under `theta` (m, n), at robot states (..., 2 nu), on what does not move.
+
+    All at once: the model's `contact` takes θ (..., n) with leading axes that broadcast with the motion's.
+    """
     state = np.zeros((*robot_states.shape[:-1], 0))
-    return np.stack([model.contact(state, robot_states, point) for point in theta])
+    return model.contact(state, robot_states, theta.reshape(len(theta), *[1] * (robot_states.ndim - 1), -1))
 
 
 def magnitude(belief: ForceBelief, forces: Array, limit: float) -> tuple[Array, Array]:
     """Mean and variance (m, ...) of the true force along the predicted `forces` (m, ..., nλ), N and N²."""
     size = np.linalg.norm(forces, axis=-1)
-    features = np.stack([size, size**2 / limit], axis=-1)
-    mean = np.einsum("m...i,mi->m...", features, belief.mean)
-    return mean, np.einsum("m...i,mij,m...j->m...", features, belief.covariance, features)
+    square = size**2 / limit
+    each = (slice(None), *[np.newaxis] * (size.ndim - 1))
+    (a, b), covariance = (belief.mean[:, k][each] for k in range(GAINS)), belief.covariance
+    var_a, cov, var_b = (covariance[:, i, j][each] for i, j in ((0, 0), (0, 1), (1, 1)))
+    return a * size + b * square, var_a * size**2 + 2.0 * cov * size * square + var_b * square**2
 
 
 def learn(
@@ -115,15 +134,26 @@ def _placed_anew(model: PlanningModel, old: ForceBelief) -> ForceBelief:
     Points that lay `spacing` apart, in units of their spread, tell no more than that.
     """
     count, size = old.theta.shape
+    return _placed(model, old, count, count ** (-2.0 / size) * np.cov(old.theta.T, bias=True))
+
+
+def condensed(model: PlanningModel, belief: ForceBelief) -> ForceBelief:
+    """The fewest equally likely hypotheses that have the same mean and covariance of θ and gains."""
+    size = belief.theta.shape[1]
+    return _placed(model, belief, size + GAINS + 1, np.zeros((size, size)))
+
+
+def _placed(model: PlanningModel, old: ForceBelief, count: int, widening: Array) -> ForceBelief:
+    """`count` equally likely hypotheses, θ and gains together of the same moments but for θ's `widening` (n, n)."""
+    size = old.theta.shape[1]
     points = np.column_stack([old.theta, old.mean])
-    spacing = count ** (-1.0 / size)
     centre = old.weight @ points
     covariance = (old.weight[:, np.newaxis] * (points - centre)).T @ (points - centre)
-    covariance[:size, :size] += spacing**2 * np.cov(old.theta.T, bias=True)
+    covariance[:size, :size] += widening
     # gains that all agree would leave no spread to place them by
     covariance += 1e-12 * np.trace(covariance) * np.eye(len(covariance))
     placed = sigma_points(centre, covariance, count)
-    gains = np.broadcast_to(np.einsum("m,mij->ij", old.weight, old.covariance), old.covariance.shape)
+    gains = np.broadcast_to(np.einsum("m,mij->ij", old.weight, old.covariance), (count, GAINS, GAINS))
     return ForceBelief(_clip(model, placed[:, :size]), np.zeros(count), placed[:, size:], gains)
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import ndtr
 
+from drake_cafim.design.attainable import attainable
 from drake_cafim.design.force_belief import FilterConfig, ForceBelief, magnitude, predicted_forces
-from drake_cafim.design.policies import attainable
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.typing import Array
 
@@ -19,7 +19,8 @@ from drake_cafim.typing import Array
 class GuardConfig:
     """How careful the guard is."""
 
-    probability: float = 0.01  # of exceeding the limit at an instant, at worst of how the robot may follow
+    # of exceeding the limit at an instant, at worst of how the robot may follow; an experiment has a hundred instants
+    probability: float = 0.001
     ramp: float = 0.02  # s, the longest that the robot takes to follow a change of command
     shares: int = 12  # parts of a command that are tried, and as many of a retreat
     instants: int = 4  # of each period at which the force is looked at
@@ -29,26 +30,42 @@ class GuardConfig:
 def guarded_command(
     model: PlanningModel, belief: ForceBelief, robot_state: Array, command: Array, limit: float, config: GuardConfig
 ) -> Array:
-    """The command (nu,) nearest to `command` that keeps the force within `limit` N; if none does, the mildest.
+    """What the robot can do of `guarded_commands` for one `robot_state` (2 nu,) and `command` (nu,)."""
+    states, commands = robot_state[np.newaxis], command[np.newaxis]
+    return attainable(model, robot_state, guarded_commands(model, belief, states, commands, limit, config)[0])
 
-    What goes against the force that may be met is taken away first, so that sliding along it remains; then the
-    rest; then it retreats along that force, up to full speed. Commands and forces have the same axes; what is
-    touched does not move.
+
+def guarded_commands(
+    model: PlanningModel, belief: ForceBelief, robot_states: Array, commands: Array, limit: float, config: GuardConfig
+) -> Array:
+    """Commands (B, nu) nearest to `commands` that keep the force within `limit` N; where none does, the mildest.
+
+    From robot states (B, 2 nu). What goes against the force that may be met is taken away first, so that sliding along
+    it remains; then the rest; then it retreats along that force, up to full speed. Commands and forces have the same
+    axes; what is touched does not move.
     """
-    away = _away(model, belief, robot_state, command, limit, config)
-    if not np.any(away):
-        return attainable(model, robot_state, command)
+    away = _away(model, belief, robot_states, commands, limit, config)
     less = np.linspace(0.0, 1.0, config.shares)[:, np.newaxis]
-    against = min(float(command @ away), 0.0) * away
-    sliding = command - against
+    against = np.minimum(np.einsum("bi,bi->b", commands, away), 0.0)[:, np.newaxis] * away
+    sliding = commands - against
     _, fastest = model.velocity_bounds
     retreat = fastest * away
-    commands = np.concatenate([command - less * against, (1.0 - less[1:]) * sliding, less[1:] * retreat])
+    tried = np.concatenate(
+        [
+            commands[:, np.newaxis] - less * against[:, np.newaxis],
+            (1.0 - less[1:]) * sliding[:, np.newaxis],
+            less[1:] * retreat[:, np.newaxis],
+        ],
+        axis=1,
+    )
     # a robot that follows at once gets further in the first period, one that does not in the second
-    followed = [_approach(robot_state, commands, retreat, model.period, ramp, config) for ramp in (1e-6, config.ramp)]
-    risk = exceedance(model, belief, np.concatenate(followed, axis=1), limit).max(axis=-1)
-    held = np.flatnonzero(risk <= config.probability)
-    return attainable(model, robot_state, commands[held[0] if len(held) else np.argmin(risk)])
+    before, after = robot_states[:, np.newaxis], retreat[:, np.newaxis]
+    followed = [_approach(before, tried, after, model.period, ramp, config) for ramp in (1e-6, config.ramp)]
+    risk = exceedance(model, belief, np.concatenate(followed, axis=2), limit).max(axis=-1)
+    held = risk <= config.probability
+    best = np.where(held.any(axis=1), held.argmax(axis=1), risk.argmin(axis=1))
+    chosen = np.take_along_axis(tried, best[:, np.newaxis, np.newaxis], axis=1)[:, 0]
+    return np.where(np.any(away, axis=1)[:, np.newaxis], chosen, commands)
 
 
 def exceedance(model: PlanningModel, belief: ForceBelief, robot_states: Array, limit: float) -> Array:
@@ -59,36 +76,41 @@ def exceedance(model: PlanningModel, belief: ForceBelief, robot_states: Array, l
 
 
 def _away(
-    model: PlanningModel, belief: ForceBelief, robot_state: Array, command: Array, limit: float, config: GuardConfig
+    model: PlanningModel, belief: ForceBelief, robot_states: Array, commands: Array, limit: float, config: GuardConfig
 ) -> Array:
-    """Unit vector (nu,) along the force that is expected on the way of `command`; zero where none is possible."""
-    way = _approach(robot_state, command[np.newaxis], command, model.period, 1e-6, config)[0]
-    forces = predicted_forces(model, np.concatenate([robot_state[np.newaxis], way]), belief.theta)
+    """Unit vectors (B, nu) along the forces expected on the ways of `commands`; zero where none is possible."""
+    before, onwards = robot_states[:, np.newaxis], commands[:, np.newaxis]
+    way = _approach(before, onwards, onwards, model.period, 1e-6, config)[:, 0]
+    forces = predicted_forces(model, np.concatenate([before, way], axis=1), belief.theta)
     mean, variance = magnitude(belief, forces, limit)
     size = np.linalg.norm(forces, axis=-1)
     # as strong as it may be: a hypothesis that has been felt to push little turns the robot little
     strong = np.maximum(mean, 0.0) + np.sqrt(variance)
     gain = np.divide(strong, size, out=np.zeros_like(size), where=size > 0)
-    felt = np.einsum("m,ms,msi->i", belief.weight, gain, forces)
-    length = float(np.linalg.norm(felt))
-    return np.asarray(felt / length if length > 0 else felt)
+    felt = np.einsum("m,mbs,mbsi->bi", belief.weight, gain, forces)
+    length = np.linalg.norm(felt, axis=-1, keepdims=True)
+    return np.asarray(np.divide(felt, length, out=np.zeros_like(felt), where=length > 0))
 
 
 def _approach(
-    robot_state: Array, commands: Array, retreat: Array, period: float, ramp: float, config: GuardConfig
+    robot_states: Array, commands: Array, retreat: Array, period: float, ramp: float, config: GuardConfig
 ) -> Array:
-    """States (N, 2·instants, 2 nu) of a robot that ramps to each command in a period, and to `retreat` in the next."""
+    """States (B, N, 2·instants, 2 nu) of a robot that ramps to each command in a period, to `retreat` in the next.
+
+    From robot states (B, 1, 2 nu) to commands (B, N, nu), then to retreat (B, 1 or N, nu).
+    """
     size = commands.shape[-1]
     elapsed = (np.arange(1, config.instants + 1) / config.instants * period)[:, np.newaxis]
     ramp = min(ramp, period)
-    position, velocity = (np.tile(part, (len(commands), 1)) for part in (robot_state[:size], robot_state[size:]))
+    whole = np.broadcast_to(robot_states, (*commands.shape[:2], 2 * size))
+    position, velocity = whole[..., :size], whole[..., size:]
     states = []
-    for target in (commands, np.tile(retreat, (len(commands), 1))):
-        change = (target - velocity)[:, np.newaxis]
+    for target in (commands, retreat):
+        change = (target - velocity)[..., np.newaxis, :]
         inside = np.minimum(elapsed, ramp)
-        v = velocity[:, np.newaxis] + change * inside / ramp
-        p = position[:, np.newaxis] + velocity[:, np.newaxis] * elapsed
+        v = velocity[..., np.newaxis, :] + change * inside / ramp
+        p = position[..., np.newaxis, :] + velocity[..., np.newaxis, :] * elapsed
         p = p + change * (0.5 * inside**2 / ramp + (elapsed - inside))
         states.append(np.concatenate([p, v], axis=-1))
-        position, velocity = p[:, -1], v[:, -1]
-    return np.concatenate(states, axis=1)
+        position, velocity = p[..., -1, :], v[..., -1, :]
+    return np.concatenate(states, axis=2)

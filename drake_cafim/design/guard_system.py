@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteStateIndex, DiscreteValues, LeafSystem
 
 from drake_cafim.belief import Belief
-from drake_cafim.design.force_belief import GAINS, ForceBelief, first_force_belief, learn
+from drake_cafim.design.force_belief import ForceBelief, first_force_belief, learn
 from drake_cafim.design.force_guard import GuardConfig, guarded_command
 from drake_cafim.sensitivity.model import PlanningModel
 
@@ -18,11 +18,12 @@ class ForceGuard(LeafSystem):
 
         name: ForceGuard
         input_ports: [command, measured_state, measured_force]
-        output_ports: [command]
+        output_ports: [command, force_belief]
 
     Every `model.period` it keeps `measured_state` (2 nu,), position m and velocity m/s, and learns from
     `measured_force` (nλ,) N, with the noise that `model` states, what the force may be; `config` says how careful
-    to be. `command` (nu,) m/s passes through at once, as much of it as may.
+    to be. `command` (nu,) m/s passes through at once, as much of it as may. `force_belief` is what it
+    has learned, as a vector, for a controller that plans with it.
     """
 
     def __init__(self, model: PlanningModel, limit: float, *, config: GuardConfig | None = None) -> None:
@@ -34,9 +35,15 @@ class ForceGuard(LeafSystem):
         self.DeclareVectorInputPort("measured_state", 2 * axes)
         self.DeclareVectorInputPort("measured_force", len(model.noise_std))
         self._robot = int(self.DeclareDiscreteState(2 * axes))
-        self._belief = int(self.DeclareDiscreteState(count * (len(model.parameters.names) + 1 + GAINS + GAINS**2)))
+        self._belief = int(self.DeclareDiscreteState(ForceBelief.vector_size(count, len(model.parameters.names))))
+        self.DeclareStateOutputPort("force_belief", DiscreteStateIndex(self._belief))
         self.DeclareVectorOutputPort("command", axes, self._guard)
         self.DeclarePeriodicDiscreteUpdateEvent(model.period, 0.0, self._learn)
+
+    @property
+    def hypotheses(self) -> int:
+        """How many there are in its force belief."""
+        return self._config.filter.points
 
     def begin(self, context: Context, belief: Belief) -> None:
         """Forget in `context` (this system's own) what was felt: nothing is touched yet, and `belief` is all."""

@@ -6,7 +6,9 @@ from typing import Literal, Protocol, TypeAlias, get_args
 
 import numpy as np
 
+from drake_cafim.design.attainable import attainable
 from drake_cafim.design.averaging import BeliefAveragedScore
+from drake_cafim.design.guarded_score import GuardedScore
 from drake_cafim.design.iterative import CrossEntropy, GradientAscent, PathIntegral
 from drake_cafim.design.planner import (
     PLANNERS,
@@ -126,14 +128,6 @@ class HoldPolicy:
         return _decide(self.model, situation, plan, situation.knots)
 
 
-def attainable(model: PlanningModel, robot_state: Array, command: Array) -> Array:
-    """The velocity (nu,) that the robot will have if `command` (nu,) is given: inside the workspace, it brakes."""
-    size = len(command)
-    reached = model.motion(robot_state, command[np.newaxis, np.newaxis])[0, -1]
-    # a position that was cut off at the workspace gives its velocity up to rounding
-    return np.asarray(np.clip(reached[size : 2 * size], *model.velocity_bounds))
-
-
 def _decide(model: PlanningModel, situation: Situation, plan: Array, knots: Array) -> Decision:
     command = attainable(model, situation.robot_state, plan[0])
     nothing = np.zeros_like(situation.information)
@@ -163,19 +157,21 @@ def make_policy(
     fisher: Fisher = "tangent",
     config: PlannerConfig | None = None,
     belief_samples: int = 1,
+    force_limit: float | None = None,
 ) -> Policy:
     """The policy called `name`; `InputError` lists the valid ones.
 
     `fisher` is the evaluator of contact-aware; finite-difference always differences whole trajectories. The
-    planning policies' scores are averaged over `belief_samples` points of the belief; 1 is its mode alone.
+    planning policies' scores are averaged over `belief_samples` points of the belief; 1 is its mode alone. With a
+    `force_limit` N they know of the force guard that is between them and the robot.
     """
     config = PlannerConfig() if config is None else config
     if name in ("contact-aware", "finite-difference"):
         evaluator = make_evaluator(fisher if name == "contact-aware" else "finite-difference", model)
-        score = _averaged(InformationScore(model, evaluator, criterion), model, belief_samples)
+        score = _scoring(InformationScore(model, evaluator, criterion), model, belief_samples, force_limit)
         return PlanningPolicy(model, make_planner(planner, config), score)
     if name == "asid":
-        score = _averaged(OneStepScore(model), model, belief_samples)
+        score = _scoring(OneStepScore(model), model, belief_samples, force_limit)
         return PlanningPolicy(model, make_planner(planner, config), score)
     if name == "random":
         return RandomPolicy(model, config)
@@ -186,5 +182,7 @@ def make_policy(
     raise InputError(f"--policy {name!r}: expected one of {', '.join(POLICIES)}")
 
 
-def _averaged(score: Scoring, model: PlanningModel, samples: int) -> Scoring:
-    return score if samples == 1 else BeliefAveragedScore(model, score, samples)
+def _scoring(score: Scoring, model: PlanningModel, samples: int, force_limit: float | None) -> Scoring:
+    """`score` over the belief, of what passes the guard."""
+    averaged = score if samples == 1 else BeliefAveragedScore(model, score, samples)
+    return averaged if force_limit is None else GuardedScore(model, averaged, force_limit)

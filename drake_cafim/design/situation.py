@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from drake_cafim.design.force_belief import ForceBelief
 from drake_cafim.sensitivity.model import Start
 from drake_cafim.typing import Array
 
@@ -12,7 +13,8 @@ class Situation:
 
     `robot_state` (2 nu,) as measured; `theta` (n,) the present estimate and `covariance` (n, n) its belief's;
     `information` P (n, n), the prior's and that of all data so far, those since the estimate included; `touched`,
-    the predicted state of what is touched; `knots` (K, nu), the last plan already shifted to now (zero at the start).
+    the predicted state of what is touched; `knots` (K, nu), the last plan already shifted to now (zero at the start);
+    `forces`, what a force guard believes of them, if commands pass through one.
     """
 
     step: int
@@ -23,6 +25,7 @@ class Situation:
     information: Array
     touched: Start
     knots: Array
+    forces: ForceBelief | None = None
 
 
 @dataclass(frozen=True)

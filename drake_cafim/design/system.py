@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.systems.framework import Context, DiscreteStateIndex, DiscreteValues, LeafSystem
 
 from drake_cafim.belief import Belief
+from drake_cafim.design.force_belief import ForceBelief
 from drake_cafim.design.policies import Policy
 from drake_cafim.design.situation import Situation
 from drake_cafim.design.splines import shift
@@ -42,13 +43,15 @@ class CaOed(LeafSystem):
     .. pydrake_system::
 
         name: CaOed
-        input_ports: [measured_state, belief]
+        input_ports: [measured_state, belief, force_belief]
         output_ports: [command, plan, information, candidates, planning_ms]
 
     Every `model.period` it reads `measured_state` (2 nu,), the end-effector's position m and velocity m/s, and
     `belief` (n + n²,), mean then covariance; decides by `policy`; and holds `command` (nu,) m/s until the next.
     `plan` (H·nu,) and `candidates` (N·H·nu,) are commands, row by row; `information` (n²,) is the Fisher
-    information that the plan promises, `planning_ms` (1,) how long it took.
+    information that the plan promises, `planning_ms` (1,) how long it took. Behind a `ForceGuard`, with its
+    number of hypotheses in `force_hypotheses`, its `force_belief` comes in, and plans keep to what it lets through;
+    without, there is no such port.
 
     `model` is what it plans with, for a plant of one's own a `DiagramModel`; `policy` comes from `make_policy`;
     `seed` starts its random numbers; `evaluator` gives the sensitivities, by default the fastest there is.
@@ -58,7 +61,13 @@ class CaOed(LeafSystem):
     """
 
     def __init__(
-        self, model: PlanningModel, policy: Policy, *, seed: int = 0, evaluator: Evaluator | None = None
+        self,
+        model: PlanningModel,
+        policy: Policy,
+        *,
+        seed: int = 0,
+        evaluator: Evaluator | None = None,
+        force_hypotheses: int = 0,
     ) -> None:
         super().__init__()
         self._model, self._policy, self._seed = model, policy, seed
@@ -69,6 +78,9 @@ class CaOed(LeafSystem):
         self._axes = axes
         self.DeclareVectorInputPort("measured_state", 2 * axes)
         self.DeclareVectorInputPort("belief", size + size**2)
+        self._hypotheses = force_hypotheses
+        if force_hypotheses > 0:
+            self.DeclareVectorInputPort("force_belief", ForceBelief.vector_size(force_hypotheses, size))
         # predictive sampling, hold and the others weigh different numbers of candidates; one size fits all
         self._candidate_count = config.candidates
         sizes = _Slots(
@@ -117,6 +129,7 @@ class CaOed(LeafSystem):
             information=belief.information + gained,
             touched=touched,
             knots=knots,
+            forces=self._forces(context),
         )
         decision = self._policy(situation, np.random.default_rng([self._seed, experiment, step]))
         carried = decision.knots
@@ -138,6 +151,11 @@ class CaOed(LeafSystem):
         }
         for name, value in values.items():
             update.get_mutable_vector(getattr(self._slots, name)).SetFromVector(value.ravel())
+
+    def _forces(self, context: Context) -> ForceBelief | None:
+        if self._hypotheses == 0:
+            return None
+        return ForceBelief.from_vector(np.array(self._input(context, 2)), self._hypotheses)
 
     def _advance(self, read: Any, step: int, robot: Array, belief: Belief) -> tuple[Start, Array]:
         """What is touched, now, and the information gained since the belief last changed.

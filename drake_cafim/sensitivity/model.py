@@ -111,7 +111,10 @@ class PlanningModel(Protocol):
         ...
 
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
-        """Contact force λ (..., nλ) in N; scalar-generic, so that AutoDiffXd passes through."""
+        """Contact force λ (..., nλ) in N; scalar-generic, so that AutoDiffXd passes through.
+
+        Behind a force guard θ is (..., n), its leading axes broadcasting with the motion's.
+        """
         ...
 
     def step(self, state: Array, motion: Array, following: Array, force: Array, theta: Array) -> Array:

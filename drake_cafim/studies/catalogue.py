@@ -48,6 +48,7 @@ STUDIES: Mapping[str, Study] = {
     "convergence": Study(convergence_cells, convergence),
     "robustness": Study(robustness_cells, robustness),
     "calibration": Study(calibration_cells, calibration),
+    "calibration-robots": Study(partial(calibration_cells, world="model"), calibration),
     "behaviour": Study(behaviour_cells, behaviour),
     "criteria": Study(criteria_cells, criteria),
     "planners": Study(planner_cells, planners),

@@ -1,12 +1,13 @@
 """What a study found: tables, figures, and claims with a verdict."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from drake_cafim.rounding import short
+from drake_cafim.studies.cell import Cell
 from drake_cafim.typing import Array
 
 Standing: TypeAlias = Literal["holds", "ties", "does not hold", "cannot be repeated here"]
@@ -99,3 +100,10 @@ def information(results: Sequence[dict[str, Any]]) -> list[float]:
 def behaviours(results: Sequence[dict[str, Any]], name: str) -> list[Any]:
     """One kind of behaviour of all experiments of all runs."""
     return [one["behaviour"][name] for result in results for one in result["experiments"]]
+
+
+def world_name(results: Mapping[Cell, Any]) -> str:
+    """Where the runs were made, in words: the kinematic world, or `model`."""
+    if any(cell.world == "model" for cell in results):
+        return "world `model`: robots in Drake, pushed by the planner's own law"
+    return "the kinematic world, which tracks perfectly"

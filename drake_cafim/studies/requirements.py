@@ -15,6 +15,7 @@ from drake_cafim.studies.findings import (
     final_errors,
     information,
     require,
+    world_name,
 )
 
 MEDIAN = {"hefting": (4.5,), "rubbing": (3.0,), "pinching": (5.0, 11.0), "contouring": (3.5, 6.0)}  # %
@@ -46,10 +47,7 @@ def requirements(results: Mapping[Cell, Any]) -> Findings:
             ratio = float(np.mean(information(runs)) / np.mean(information(other)))
             found.append(require(f"{name}: information over {policy}", ratio, least))
         claims += found
-    where = "the kinematic world, which tracks perfectly"
-    if any(cell.world == "model" for cell in results):
-        where = "world `model`: robots in Drake, pushed by the planner's own law"
-    about = f"Contact-aware, prior 30 % too high, in {where}."
+    about = f"Contact-aware, prior 30 % too high, in {world_name(results)}."
     return Findings("Required figures", about, tuple(claims))
 
 

@@ -47,7 +47,7 @@ class Pinching(PointModel):
         return np.array([self.force_std])
 
     def _contact_parameters(self, theta: Array) -> ContactParameters:
-        return ContactParameters(**dict(zip(self.parameters.names, theta, strict=True)))
+        return ContactParameters(**dict(zip(self.parameters.names, np.moveaxis(theta, -1, 0), strict=True)))
 
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
         penetration = self.ball_radius - motion[..., 0]

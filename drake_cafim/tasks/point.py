@@ -45,7 +45,7 @@ class PointModel:
         batch, length = commands.shape[:2]
         result = np.empty((batch, length + 1, 2 * size))
         result[:, 0] = robot_state
-        position = np.broadcast_to(robot_state[:size], (batch, size))
+        position = np.broadcast_to(robot_state[..., :size], (batch, size))
         for index in range(length):
             following = np.minimum(np.maximum(position + self.period * commands[:, index], lower), upper)
             result[:, index + 1, :size] = following
