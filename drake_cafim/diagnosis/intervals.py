@@ -8,8 +8,10 @@ from drake_cafim.typing import Array
 
 REACH = 1.96
 """Standard deviations within which a number is 95 times of a hundred."""
-DOUBLINGS, FOLLOWED = 6, 3
-"""Of a step, and steps of the other numbers at each."""
+PARABOLA = 0.75
+"""Of the rise that slopes promise, from which on they are believed."""
+DOUBLINGS, FOLLOWED = 6, 2
+"""Of a step, and looks at each for where the other numbers go."""
 
 
 def standard_deviations(problem: Problem, one: Fit, scale: float) -> Array:
@@ -31,8 +33,10 @@ def standard_deviations(problem: Problem, one: Fit, scale: float) -> Array:
 def _reach(problem: Problem, one: Fit, index: int, step: float, scale: float) -> float:
     """How far from the fit χ² has risen by 1.96² times `scale`; nothing where it does so within `step`."""
     wanted, known, reached = REACH * float(np.sqrt(scale)), 0.0, 0.0
+    if _rise(problem, one, index, step, 1) > PARABOLA * wanted**2:
+        return 0.0
     for _ in range(DOUBLINGS):
-        rise = _rise(problem, one, index, step)
+        rise = _rise(problem, one, index, step, FOLLOWED)
         if not np.isfinite(rise):
             break
         risen = float(np.sqrt(max(rise, 0.0)))
@@ -42,8 +46,11 @@ def _reach(problem: Problem, one: Fit, index: int, step: float, scale: float) ->
     return reached
 
 
-def _rise(problem: Problem, one: Fit, index: int, step: float) -> float:
-    """Of χ² where a number is a `step` from the fit and the others follow; infinite beyond its bounds."""
+def _rise(problem: Problem, one: Fit, index: int, step: float, looks: int) -> float:
+    """Of χ² where a number is a `step` from the fit and the others follow; infinite beyond its bounds.
+
+    At the first of the `looks` they are where slopes at the fit have them, then where its slopes have them there.
+    """
     start, J = one.model.vector, one.jacobian
     # a fit that is corrected for shared noise does not lie where χ² is least
     slope = J.T @ one.residual
@@ -51,7 +58,7 @@ def _rise(problem: Problem, one: Fit, index: int, step: float) -> float:
     information = J[:, others].T @ J[:, others]
     moved = step * one.covariance[:, index] / one.covariance[index, index]
     least = np.inf
-    for _ in range(FOLLOWED):
+    for _ in range(looks):
         trial = one.model.at(start + moved)
         taken = trial.vector - start
         if abs(taken[index] - step) > 1e-6 * abs(step):
