@@ -11,6 +11,7 @@ import drake_cafim
 from drake_cafim.diagnosis.coloured_noise import Memory, drawn
 from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine, prepare
 from drake_cafim.diagnosis.fitting import unbiased_fit
+from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.tosses import settling
 from drake_cafim.diagnosis.tosses.arcs import arcs_of
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, track_of
@@ -93,6 +94,21 @@ def test_an_arc_on_the_wrong_side_of_an_edge_begins_again(tmp_path: Path, monkey
     np.testing.assert_allclose(settled.cost, 6.0 * arcs.counts, rtol=0.35)
     monkeypatch.setattr(settling, "SECOND_LOOKS", 0)
     assert np.any(settled_from(arcs, noise, true, wrong).cost > 100.0 * settled.cost)
+
+
+@pytest.mark.ci
+def test_a_first_arc_that_strikes_an_edge_begins_as_its_half_did(tmp_path: Path) -> None:
+    case = simulate("single:clock_skew", "toss", 0xF61DCAA8D622904A451AD863213FA1BA)
+    case.write(tmp_path)
+    scene = Scene.load(tmp_path / "scenario.yaml")
+    prepared = prepare(scene, [drake_cafim.read(tmp_path / "held_1.parquet")])
+    assert isinstance(prepared, PreparedTosses)
+    numbers = case.truth["nominal_parameters_true"]
+    true = Model(np.array([numbers[one.parameter] for one in scene.unknown])).physics(prepared.scene)
+    arcs = arcs_of(prepared.tracks, prepared.noise)
+    settled = settled_from(arcs, prepared.noise, true, arcs.start)
+    assert not np.any(settled.far)
+    assert settled.cost[0] < 2.0 * (6 * arcs.counts[0] - 12)
 
 
 @pytest.mark.ci

@@ -16,6 +16,7 @@ from drake_cafim.diagnosis.data_mistakes import data_mistakes
 from drake_cafim.diagnosis.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.forecast import forecasts, root_mean_square
 from drake_cafim.diagnosis.innovations import innovations
+from drake_cafim.diagnosis.intervals import standard_deviations
 from drake_cafim.diagnosis.location import locate
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
@@ -42,6 +43,7 @@ from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.effect import Effect
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.units import unit_mistakes
+from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
@@ -118,9 +120,13 @@ class Prepared:
         """Where the recordings differ from `lacking`."""
         return locate(problem, lacking)
 
-    def qualities(self, model: Model) -> list[Quality]:
-        """How `model` does on the recordings, and on those held out where there are any."""
-        return _qualities([self.weak, self.held_out] if self.held_out else [self.weak], self.scene, model)
+    def qualities(self, model: Model, covariance: Array) -> list[Quality]:
+        """How `model` does on the recordings, and on those held out where there are any.
+
+        `covariance` (n, n) is of its unknowns.
+        """
+        groups = [self.weak, self.held_out] if self.held_out else [self.weak]
+        return _qualities(groups, self.scene, model, covariance)
 
 
 def prepare(
@@ -180,8 +186,7 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
     progress("fitting the unknown parameters")
     fitted = unbiased_fit(problem, problem.nominal())
     progress("simulating")
-    models = [Model(scene.priors.mean), fitted.model, fitted.model]
-    return Estimate(_parameters(scene, fitted), _comparisons(prepared, models)[0])
+    return Estimate(_parameters(scene, fitted), _comparisons(prepared, [fitted, fitted])[0])
 
 
 def _facing(scene: Scene, recordings: Sequence[Recording]) -> Scene:
@@ -198,8 +203,7 @@ def _verdict(prepared: Prepared | PreparedTosses, outcome: Outcome, settings: Se
     locations = () if kind == "none" else prepared.locate(outcome.nominal_problem, lacking)  # type: ignore[arg-type]
     corrected = scene.corrected(best.model.unknown, best.model.effects)
     progress("simulating with and without the effects")
-    models = [Model(scene.priors.mean), outcome.nominal.model, best.model]
-    train, *held_out = _comparisons(prepared, models)
+    train, *held_out = _comparisons(prepared, [outcome.nominal, best])
     return Verdict(
         kind=kind,
         mismatch=Mismatch(kind != "none", outcome.detection_p_value, locations),
@@ -242,7 +246,7 @@ def _excess(problem: Problem, one: Fit) -> Array:
 
 def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Explanation, ...]:
     probability = inclusion(outcome)
-    std = best.std * np.sqrt(outcome.scale)
+    std = standard_deviations(outcome.problem, best, outcome.scale)
     position = len(best.model.unknown)
     found = []
     for effect in best.model.effects:
@@ -286,21 +290,32 @@ def _parameters(scene: Scene, best: Fit) -> tuple[NominalParameter, ...]:
     )
 
 
-def _comparisons(prepared: Prepared | PreparedTosses, models: list[Model]) -> list[Comparison]:
-    """Each group of recordings under the three models."""
+def _comparisons(prepared: Prepared | PreparedTosses, fits: Sequence[Fit]) -> list[Comparison]:
+    """Each group of recordings under the scene as given, and under the two `fits`."""
+    priors, n = prepared.scene.priors, len(prepared.scene.unknown)
+    candidates = [(Model(priors.mean), np.diag(priors.std**2))]
+    candidates += [(one.model, one.covariance[:n, :n]) for one in fits]
     found: list[list[Quality]] = []
-    for k, model in enumerate(models):
+    for k, (model, covariance) in enumerate(candidates):
         # where nothing is missing, two of the three are the same
-        same = [j for j in range(k) if models[j].effects == model.effects and np.all(models[j].vector == model.vector)]
-        found.append(found[same[0]] if same else prepared.qualities(model))
+        same = [
+            j
+            for j, (other, doubt) in enumerate(candidates[:k])
+            if other.effects == model.effects
+            and np.all(other.vector == model.vector)
+            and np.array_equal(doubt, covariance)
+        ]
+        found.append(found[same[0]] if same else prepared.qualities(model, covariance))
     return [Comparison(*(one[k] for one in found)) for k in range(len(found[0]))]
 
 
-def _qualities(groups: Sequence[list[WeakForm]], scene: Scene, model: Model) -> list[Quality]:
+def _qualities(groups: Sequence[list[WeakForm]], scene: Scene, model: Model, covariance: Array) -> list[Quality]:
     """Of each group; the recordings of all are simulated side by side."""
     physics = model.physics(scene)
     forms = [form for group in groups for form in group]
-    likelihoods = [one.negative_log_likelihood for one in innovations(forms, physics)]
+    likelihoods = [
+        one.negative_log_likelihood for one in innovations(forms, physics, _doubts(scene, model, covariance))
+    ]
     simulated = forecasts(forms, physics)
     result, first = [], 0
     for group in groups:
@@ -308,6 +323,15 @@ def _qualities(groups: Sequence[list[WeakForm]], scene: Scene, model: Model) -> 
         result.append(Quality(float(np.mean(np.concatenate(likelihoods[own]))), root_mean_square(simulated[own])))
         first = own.stop
     return result
+
+
+def _doubts(scene: Scene, model: Model, covariance: Array) -> list[Physics]:
+    """The physics a standard deviation off along each axis of what is not known of its unknowns, priors aside."""
+    priors = scene.priors
+    # nothing is known worse than before anything was recorded
+    spread, axes = np.linalg.eigh(covariance / np.outer(priors.std, priors.std))
+    off = (axes * np.sqrt(np.clip(spread, 0.0, 1.0))).T * priors.std
+    return [Model(priors.clip(model.unknown + one), model.effects).physics(scene) for one in off]
 
 
 def _unit_mistakes(scene: Scene, recordings: Sequence[Recording]) -> tuple[str, ...]:

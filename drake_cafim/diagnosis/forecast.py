@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.diagnosis.initial_state import LOOK_BACK, state_at
+from drake_cafim.diagnosis.rotors import taken_by_rotors
 from drake_cafim.diagnosis.stepper import State, advance, driven
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.dynamics.motion import motion
@@ -70,6 +71,7 @@ class _Course:
 def _courses(weak: WeakForm, physics: Physics, horizon: float) -> list[_Course]:
     time = weak.samples.time
     knots, efforts = driven(physics, time, weak.measurement(physics).u)
+    taken = taken_by_rotors(weak, physics)
     result = []
     for start in _starts(time, horizon):
         stop = int(np.searchsorted(time, time[start] + horizon + 1e-9, side="right")) - 1
@@ -77,7 +79,8 @@ def _courses(weak: WeakForm, physics: Physics, horizon: float) -> list[_Course]:
         within = knots[(knots > own[0] + 1e-12) & (knots < own[-1] - 1e-12)]
         edges = np.unique(np.concatenate([own, within]))
         held = np.clip(np.searchsorted(knots, edges[:-1] + 1e-12, side="right") - 1, 0, None)
-        result.append(_Course(start, stop, np.diff(edges), efforts[held], np.searchsorted(edges, own)))
+        rotors = taken[np.searchsorted(time, edges[:-1] + 1e-12, side="right") - 1]
+        result.append(_Course(start, stop, np.diff(edges), efforts[held] + rotors, np.searchsorted(edges, own)))
     return result
 
 

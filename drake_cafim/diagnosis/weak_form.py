@@ -159,6 +159,11 @@ class WeakForm:
                 effort = effect.drive(effort)
         return effort
 
+    def mean_effort(self, physics: Physics) -> Array:
+        """What acts at the joints from each sample to the next, (N, n), on the average, but for what rotors take."""
+        u = self.measurement(physics).u
+        return np.stack([self.effort(physics, j, u).means(self.samples.time) for j in range(self.joints)], axis=1)
+
     def effort_integral(self, physics: Physics, u: Array) -> Array:
         """∫ w u dt (M, n) with actuator effects."""
         efforts = [self.effort(physics, j, u) for j in range(self.joints)]
@@ -186,10 +191,8 @@ class WeakForm:
                 self._responses.clear()
                 # the joints' masses may differ from those that the motion was prepared with
                 self._responses[inertial] = physics.free_response(replace(prepared.moving, tree=physics.tree))
-            u = prepared.measured.u
-            effort = np.stack([self.effort(physics, j, u).means(time) for j in range(self.joints)], axis=1)
             joints = self.joint_samples(prepared.measured)
-            self._drives[key] = physics.rotor_drives(time, self._responses[inertial], effort, joints)
+            self._drives[key] = physics.rotor_drives(time, self._responses[inertial], self.mean_effort(physics), joints)
         return self._drives[key]
 
     def coupling_rows(self, physics: Physics, coupling: JointCoupling) -> Array:
@@ -260,11 +263,19 @@ class WeakForm:
         if physics.contacts:
             wrench = physics.contact_wrenches(moving, self.contact_memory(physics))
             rows[:, self.dynamic] = -(windows.value @ moving.project(wrench)) / physics.effort_gains
-        for i, sensor in enumerate(self.sensors):
-            predicted = sensor.reading(moving, self._on(sensor, moving, wrench))
-            first = self.dynamic.stop + 6 * i
-            rows[:, first : first + 6] = -(windows.value @ self._written(physics, sensor, predicted))
+        if self.sensors:
+            rows[:, self.dynamic.stop :] = -(windows.value @ self._written_of(physics, moving, wrench))
         return rows
+
+    def written(self, physics: Physics, moving: Motion, memory: Array) -> Array:
+        """What the wrench sensors write (N, 6 s) of a motion at all samples; `memory` is what contacts remember."""
+        return self._written_of(physics, moving, physics.contact_wrenches(moving, memory) if physics.contacts else None)
+
+    def _written_of(self, physics: Physics, moving: Motion, wrench: Array | None) -> Array:
+        readings = [sensor.reading(moving, self._on(sensor, moving, wrench)) for sensor in self.sensors]
+        return np.concatenate(
+            [self._written(physics, sensor, one) for sensor, one in zip(self.sensors, readings, strict=True)], axis=1
+        )
 
     def contact_memory(self, physics: Physics) -> Array:
         """What the contacts remember at each sample, (N, m), of the motion smoothed as far as it stays itself."""

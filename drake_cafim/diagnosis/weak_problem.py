@@ -19,6 +19,7 @@ from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.surface import SurfaceEffect
+from drake_cafim.effects.timing import TimingEffect
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
@@ -71,6 +72,14 @@ class Run:
         ringing, paid = rows - U @ (axes @ (shrink * (axes.T @ (U.T @ rows)))), float(np.sum(np.log1p(spread)))
         return (ringing, paid) if ringing @ ringing + paid < rows @ rows else (rows, 0.0)
 
+    def start(self, physics: Physics) -> Array:
+        """What the rows say of the rotors' twists at the first sample, (c,), in prior standard deviations."""
+        U = self.whitened(self.weak.start_rows(physics)) if physics.couplings else np.zeros((0, 0))
+        if U.shape[1] == 0 or self.residual(physics)[1] == 0.0:
+            return np.zeros(U.shape[1])
+        rows = self.whitened(self.weak.residual(physics))
+        return -np.asarray(np.linalg.solve(U.T @ U + np.eye(U.shape[1]), U.T @ rows))
+
     def pushed(self, force: Array, gains: Array) -> Array:
         """Rows (M, r, k) of generalized forces (N, n, k), at joints whose efforts count `gains` (n,) times."""
         windows = self.weak.samples.windows
@@ -103,7 +112,7 @@ class WeakProblem(Problem):
 
     scene: Scene
     runs: tuple[Run, ...]
-    _unknown_columns: dict[int, Array] = field(default_factory=dict, repr=False, compare=False)
+    _unknown_columns: dict[int, tuple[Any, Array]] = field(default_factory=dict, repr=False, compare=False)
     found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
     """The last residual that was searched for pushes, and what was found."""
     _sensor_columns: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
@@ -254,10 +263,16 @@ class WeakProblem(Problem):
         if self.scene.unknown[i].kind == "contact" and any(isinstance(one, OF_CONTACTS) for one in model.effects):
             # another surface is touched at other times, and another friction has other numbers
             return self._contact_difference(model, i, 1e-2 * self.scene.priors.std[i])
-        # rows are linear in masses and all but linear in the rest: one look a whitening serves every later step
-        if i not in self._unknown_columns:
-            self._unknown_columns[i] = self._difference(model, i, 1e-2 * self.scene.priors.std[i])
-        return self._unknown_columns[i]
+        # rows are linear in masses and all but linear in the rest: one look a whitening serves every later step; but
+        # that look holds the channels' noise, which a sensor that is late moves to another time
+        late = tuple(
+            (effect.key, *(float(f"{value:.2g}") for value in effect.values.values()))
+            for effect in model.effects
+            if isinstance(effect, TimingEffect)
+        )
+        if self._unknown_columns.get(i, (None,))[0] != late:
+            self._unknown_columns[i] = late, self._difference(model, i, 1e-2 * self.scene.priors.std[i])
+        return self._unknown_columns[i][1]
 
     def _by_strength(self, model: Model, position: int, k: int) -> Array:
         effect: Effect = model.effects[position]

@@ -60,6 +60,15 @@ class Arcs:
         parts = (getattr(self, k)[rows] for k in ("recording", "sample", "counts", "times", "p", "quaternion", "start"))
         return Arcs(self.tracks, *parts)
 
+    @property
+    def first_halves(self) -> "Arcs":
+        """What is there of each arc before the middle."""
+        counts = np.maximum(self.counts // 2, np.minimum(self.counts, FEWEST))
+        kept = np.minimum(np.arange(int(counts.max())), counts[:, None] - 1)
+        sample, times = np.take_along_axis(self.sample, kept, axis=1), np.take_along_axis(self.times, kept, axis=1)
+        p, quaternion = (np.take_along_axis(one, kept[..., None], axis=1) for one in (self.p, self.quaternion))
+        return Arcs(self.tracks, self.recording, sample, counts, times, p, quaternion, self.start)
+
 
 def arcs_of(tracks: Sequence[PoseTrack], noise: PoseNoise, duration: float = DURATION) -> Arcs:
     """The tracks cut into arcs of about `duration` s, where the motion is smooth."""

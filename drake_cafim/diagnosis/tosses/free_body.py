@@ -54,6 +54,14 @@ def picked(first: Flags, one: State, other: State) -> State:
     return State(*(np.where(first[:, None], getattr(one, k), getattr(other, k)) for k in names))
 
 
+def replaced(states: State, rows: np.ndarray[Any, np.dtype[np.int64]], other: State) -> State:
+    """`states` (B) with those of `other` (K) in `rows` (K,)."""
+    parts = {name: getattr(states, name).copy() for name in ("p", "quaternion", "v", "w")}
+    for name, values in parts.items():
+        values[rows] = getattr(other, name)
+    return State(**parts)
+
+
 @dataclass(frozen=True)
 class Moment:
     """When and where states were: `time` (B,) s, and the index (B,) of their recording among `names`."""

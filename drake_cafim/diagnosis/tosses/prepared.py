@@ -14,6 +14,7 @@ from drake_cafim.diagnosis.verdict import Location, Quality
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import Scene
+from drake_cafim.typing import Array
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,11 @@ class PreparedTosses:
         """Where the recordings differ from `lacking`."""
         return locate_tosses(problem, lacking)
 
-    def qualities(self, model: Model) -> list[Quality]:
-        """How `model` does on the recordings, and on those held out where there are any."""
+    def qualities(self, model: Model, covariance: Array) -> list[Quality]:
+        """How `model` does on the recordings, and on those held out where there are any.
+
+        `covariance` (n, n) is of its unknowns.
+        """
         groups = [self.tracks, self.held_out] if self.held_out else [self.tracks]
         return qualities(groups, self.noise, model.physics(self.scene), self.body)
 

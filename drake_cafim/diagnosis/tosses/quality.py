@@ -34,14 +34,15 @@ def qualities(groups: Sequence[Sequence[PoseTrack]], noise: PoseNoise, physics: 
 
 
 def _negative_log_likelihoods(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physics) -> list[Array]:
-    """Of each recording's innovations, ln(2πσ²) included."""
+    """Of each recording's innovations, ln(2πσ²) included; of a body that was lost, no more is said than that."""
     arcs = arcs_of(tracks, noise)
     settled = settled_from(arcs, noise, physics, arcs.start)
     rows = settled.innovation(settled.shot.rows[..., None])[0][..., 0]
     own = 0.5 * (np.sum(rows**2, axis=2) + settled.innovation.spread)
     level = float(np.sum(np.log(noise.std) + 0.5 * np.log(2.0 * np.pi))) + _memory_level(arcs, noise)
+    own = np.fmin(own + level, 6.0 * (0.5 * np.log(2.0 * np.pi * LOST**2) + 0.5))
     keep = counted(arcs)
-    return [own[arcs.recording == index][keep[arcs.recording == index]] + level for index in range(len(tracks))]
+    return [own[arcs.recording == index][keep[arcs.recording == index]] for index in range(len(tracks))]
 
 
 def _memory_level(arcs: Arcs, noise: PoseNoise) -> float:

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from drake_cafim.diagnosis.tosses.arcs import Arcs
-from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, State, picked
+from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, State, picked, replaced
 from drake_cafim.diagnosis.tosses.innovation import Innovation
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
 from drake_cafim.diagnosis.tosses.shots import Shot, chosen
@@ -101,14 +101,18 @@ def settled_from(arcs: Arcs, noise: PoseNoise, physics: Physics, start: State) -
     """The arcs from the states that fit `physics` best, by slopes that are taken anew each time.
 
     `start` (B) is where to begin. An arc that strikes an edge may settle on its wrong side; what is left far from the
-    samples then begins once more where the arc before it ended.
+    samples then begins once more where the arc before it ended or, where there is none, as its own first half did.
     """
     settled = _settled_near(arcs, noise, physics, start)
     for _ in range(SECOND_LOOKS):
-        far = _follows(arcs) & settled.far
+        far, follows = settled.far, _follows(arcs)
         if not np.any(far):
             break
-        onwards = picked(far, _from_before(settled.shot), settled.shot.start)
+        onwards = picked(far & follows, _from_before(settled.shot), settled.shot.start)
+        first = np.flatnonzero(far & ~follows)
+        if len(first):
+            half = _settled_near(arcs[first].first_halves, noise, physics, start[first])
+            onwards = replaced(onwards, first, half.shot.start)
         other = _settled_near(arcs, noise, physics, onwards)
         better = other.cost < NEARER * settled.cost
         if not np.any(better):

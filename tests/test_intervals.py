@@ -1,0 +1,52 @@
+"""Intervals reach as far as the likelihood does, and no farther."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.fitting import Fit
+from drake_cafim.diagnosis.intervals import standard_deviations
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.effects.joint import JointViscousFriction
+
+STD = 0.5
+
+
+@dataclass
+class Curve:
+    """Rows in an unknown x and a coefficient c, that are zero at c = 1 and x = 0; both raise the second one."""
+
+    flat: bool
+
+    def residual(self, model: Model) -> Any:
+        x, c = model.vector
+        along = np.log(c) if self.flat else c - 1.0
+        return np.array([along / STD + x, x])
+
+    def start_cost(self, model: Model) -> float:
+        return 0.0
+
+    def fit(self) -> Fit:
+        model = Model(np.zeros(1), (JointViscousFriction("a", {"coefficient": 1.0}),))
+        jacobian = np.array([[1.0, 1.0 / STD], [1.0, 0.0]])
+        return Fit(model, self.residual(model), jacobian, np.linalg.inv(jacobian.T @ jacobian), 2)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.25])
+def test_a_number_is_known_no_better_than_the_likelihood_falls(scale: float) -> None:
+    """χ² at its least over x is (ln c / STD)² / 2: it has risen by 1.96² scale where ln c is 1.96 √(2 scale) STD."""
+    problem: Any = Curve(flat=True)
+    one = problem.fit()
+    reach = np.exp(1.96 * np.sqrt(2.0 * scale) * STD) - 1.0
+    found = standard_deviations(problem, one, scale)
+    assert found[1] == pytest.approx(reach / 1.96, rel=0.1)
+    assert found[1] > 1.2 * one.std[1] * np.sqrt(scale)
+    assert found[0] == pytest.approx(one.std[0] * np.sqrt(scale))
+
+
+def test_where_chi_square_is_a_parabola_slopes_tell_all() -> None:
+    problem: Any = Curve(flat=False)
+    one = problem.fit()
+    np.testing.assert_allclose(standard_deviations(problem, one, 1.0), one.std, rtol=1e-6)
