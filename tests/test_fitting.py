@@ -4,11 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from concealed.make import simulate
 
+from drake_cafim import recordings
+from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.robust import wald_p_value
 from drake_cafim.diagnosis.samples import samples_of
+from drake_cafim.diagnosis.search import reshaped
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.body import ExternalDisturbance
@@ -150,3 +154,19 @@ def test_a_spring_without_stiffness_is_absent(tmp_path: Path) -> None:
     jacobian = problem.jacobian(none)
     slack = Fit(none, problem.residual(none), jacobian, np.linalg.pinv(jacobian.T @ jacobian), problem.rows)
     assert wald_p_value(problem, slack, ("joint_spring", "rail")) == 1.0
+
+
+def test_a_gap_is_found_past_the_impacts_that_stop_a_fit(tmp_path: Path) -> None:
+    case = simulate("single:joint_backlash", "arm2", 1)
+    case.write(tmp_path)
+    prepared = prepare(Scene.load(tmp_path / "scenario.yaml"), [recordings.read(tmp_path / "train_1.parquet")])
+    assert isinstance(prepared, Prepared)
+    [effect] = case.truth["effects"]
+    values = {name: value for name, (value, _) in effect["parameters"].items()}
+    problem, gap = prepared.problem(), values["gap"]
+    start = problem.nominal().with_effects([JointBacklash(effect["at"], {**values, "gap": 1.5 * gap})])
+    stopped = fit(problem, start)
+    found = reshaped(problem, stopped)
+    assert stopped.model.effects[0].values["gap"] > 1.3 * gap
+    assert found.model.effects[0].values["gap"] == pytest.approx(gap, rel=0.05)
+    assert found.chi_square < stopped.chi_square - 10.0

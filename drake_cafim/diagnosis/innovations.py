@@ -90,16 +90,7 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
         transition, by_effort = transitions[alive], by_efforts[alive]
         P = transition @ covariance[alive] @ np.swapaxes(transition, 1, 2)
         P = P + (by_effort * effort_variance) @ np.swapaxes(by_effort, 1, 2)
-        H = len(R)
-        S = P[:, :H, :H] + np.diag(R)
-        error = y[following] - predicted[:, :H]
-        solved = np.linalg.solve(S, error[..., None])[..., 0]
-        sign_log = np.linalg.slogdet(S)[1]
-        values[following] = 0.5 * (np.sum(error * solved, axis=1) + sign_log + H * np.log(2.0 * np.pi))
-        gain = np.swapaxes(np.linalg.solve(S, P[:, :H, :]), 1, 2)
-        mean[alive] = predicted + np.einsum("bij,bj->bi", gain, error)
-        updated = P - gain @ P[:, :H, :]
-        covariance[alive] = 0.5 * (updated + np.swapaxes(updated, 1, 2))
+        mean[alive], covariance[alive], values[following] = _absorbed(predicted, P, y[following], R)
         states[following], covariances[following] = mean[alive, : 2 * n], covariance[alive, : 2 * n, : 2 * n]
     result = []
     for weak, (first, last) in zip(forms, itertools.pairwise(firsts), strict=True):
@@ -109,6 +100,18 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
         filtered = np.flatnonzero(np.isfinite(own))
         result.append(Innovations(time[first + filtered], own[filtered]))
     return result
+
+
+def _absorbed(predicted: Array, P: Array, y: Array, R: Array) -> tuple[Array, Array, Array]:
+    """Mean and covariance once `y` (B, H) was seen with noise of variance `R` (H,), and −ln of how likely it was."""
+    H = len(R)
+    S = P[:, :H, :H] + np.diag(R)
+    error = y - predicted[:, :H]
+    solved = np.linalg.solve(S, error[..., None])[..., 0]
+    unlikely = 0.5 * (np.sum(error * solved, axis=1) + np.linalg.slogdet(2.0 * np.pi * S)[1])
+    gain = np.swapaxes(np.linalg.solve(S, P[:, :H, :]), 1, 2)
+    updated = P - gain @ P[:, :H, :]
+    return predicted + np.einsum("bij,bj->bi", gain, error), 0.5 * (updated + np.swapaxes(updated, 1, 2)), unlikely
 
 
 def _track(weak: WeakForm, physics: Physics) -> tuple[Array, Array, Array, Array]:

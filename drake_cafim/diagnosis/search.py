@@ -148,7 +148,7 @@ class _State:
         self.pool, self.screens = Pool(), {}
         for one in (best, *(one for one in competing if key_of(one) != key_of(best))):
             # the width of a sign change is chosen anew as well
-            self.pool.add(unbiased_fit(self.problem, _reshaped(self.problem, fit(self.problem, one.model)).model))
+            self.pool.add(unbiased_fit(self.problem, reshaped(self.problem, fit(self.problem, one.model)).model))
         self.frontier = self.ranked(self.pool.fits.values())
         return self.pool.fits[key_of(best)]
 
@@ -215,7 +215,7 @@ def _expand(state: _State, depth: int) -> None:
             if state.problem.plausible(one.model):
                 found[key] = one
     ranked = state.ranked(found.values())
-    kept = [_reshaped(state.problem, one) for one in ranked[: state.settings.beam]]
+    kept = [reshaped(state.problem, one) for one in ranked[: state.settings.beam]]
     for one in (*ranked[state.settings.beam :], *kept):
         state.pool.add(one)
     state.frontier = state.ranked(kept)
@@ -251,7 +251,7 @@ def _fit_rivals(state: _State, best: Fit) -> None:
             key = frozenset(effect.key for effect in model.effects)
             # a first look that gains far less than what was lost does not become a rival by refinement
             if key not in state.pool.fits and candidate.gain > FAR_LESS * needed:
-                one = _reshaped(state.problem, fit(state.problem, model))
+                one = reshaped(state.problem, fit(state.problem, model))
                 if state.problem.plausible(one.model):
                     state.pool.add(one)
 
@@ -312,7 +312,7 @@ def _fit_equivalents(state: _State, best: Fit) -> None:
             found = screen(state.problem, fit(state.problem, Model(best.model.unknown, rest)), [one]) if simpler else []
             if found:
                 model = Model(best.model.unknown, (*rest, found[0].effect))
-                state.pool.add(_reshaped(state.problem, fit(state.problem, model)))
+                state.pool.add(reshaped(state.problem, fit(state.problem, model)))
         alike = [one for one in state.effects if one.name in effect.alike and one.at == effect.at]
         for pair in itertools.combinations(alike, 2):
             if sum(len(one.strengths) for one in pair) != len(effect.strengths):
@@ -324,12 +324,12 @@ def _fit_equivalents(state: _State, best: Fit) -> None:
                     break
                 parent = parent.with_effects([found[0].effect])
             else:
-                equivalent = _reshaped(state.problem, fit(state.problem, parent))
+                equivalent = reshaped(state.problem, fit(state.problem, parent))
                 if state.problem.plausible(equivalent.model):
                     state.pool.add(equivalent)
 
 
-def _reshaped(problem: Problem, one: Fit) -> Fit:
+def reshaped(problem: Problem, one: Fit) -> Fit:
     """The fit with the best shape of each effect, one after the other: from the grid, then between its values.
 
     A width that is off makes a sign change look like a law that falls or rises near rest.

@@ -80,7 +80,8 @@ class NominalParameter:
 
 @dataclass(frozen=True)
 class Quality:
-    """Negative log likelihood per sample of one-step innovations, and root mean square of 1 s forecasts by column."""
+    """Negative log likelihood per sample of one-step innovations, what is not known of the unknowns reckoned in; and
+    root mean square of 1 s forecasts by column."""
 
     nll: float
     rmse: Mapping[str, float]

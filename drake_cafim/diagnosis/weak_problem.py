@@ -25,6 +25,8 @@ from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
 
 OF_CONTACTS = (ContactEffect, SurfaceEffect)
+IMPOSSIBLE = 1e9
+"""Standard deviations of noise beyond which a row is of no motion that there could be."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +63,15 @@ class Run:
         multiplied by C^(−½). A recording that is likelier to begin in balance is taken to: a doubt that is not there
         would count against every joint that rings for long.
         """
-        rows = self.whitened(self.weak.residual(physics))
-        starts = self.weak.start_rows(physics) if physics.couplings else np.zeros((0, 0, 0))
-        if starts.shape[2] == 0:
+        if not physics.couplings:
+            return self.whitened(self.weak.residual(physics)), 0.0
+        # a link that is lighter than its rotor runs away
+        with np.errstate(over="ignore", invalid="ignore"):
+            rows, U = self.whitened(self.weak.residual(physics)), self.whitened(self.weak.start_rows(physics))
+            if not np.all(np.abs(rows) < IMPOSSIBLE) or not np.all(np.isfinite(U)):
+                return np.full(len(rows), np.inf), 0.0
+        if U.shape[1] == 0:
             return rows, 0.0
-        U = self.whitened(starts)
         spread, axes = np.linalg.eigh(U.T @ U)
         spread = np.maximum(spread, 1e-12)
         shrink = (1.0 - 1.0 / np.sqrt(1.0 + spread)) / spread
@@ -286,7 +292,10 @@ class WeakProblem(Problem):
 
     def _difference(self, model: Model, index: int, step: float) -> Array:
         up, down, taken = _either_side(model, index, step)
-        return np.asarray((self.residual(up) - self.residual(down)) / taken)
+        ahead, behind = self.residual(up), self.residual(down)
+        # beside what is impossible there is no slope to follow
+        possible = np.all(np.isfinite(ahead)) and np.all(np.isfinite(behind))
+        return (ahead - behind) / taken if possible else np.zeros(len(ahead))
 
     def _contact_difference(self, model: Model, index: int, step: float) -> Array:
         """The same for a number that only contacts know of."""

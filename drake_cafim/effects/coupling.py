@@ -224,6 +224,12 @@ class JointBacklash(JointCoupling):
             rates[k + 1] = rate
         return rates
 
+    def reshaped(self) -> Iterator["JointBacklash"]:
+        # each impact that comes too early or too late keeps a fit from going on
+        for name, factors in (("gap", (0.5, 0.7, 1.4, 2.0)), ("stiffness", (0.4, 2.5))):
+            for factor in factors:
+                yield self.with_values({**self.values, name: factor * self.values[name]})
+
     def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
         scale = 0.2 if prismatic else 1.0
         for gap in (3e-4, 8e-4, 2e-3, 5e-3, 1.2e-2):
