@@ -62,5 +62,8 @@ def guarding(results: Mapping[Cell, Any]) -> Findings:
         "median final error, %",
     )
     table = Table(f"Limit {LIMIT:g} N in true force", header, tuple(rows))
-    about = "The guard reads measured forces and does not trust the model; cafim run --force-guard, --no-force-guard."
+    about = (
+        "The guard reads measured forces and does not trust the model, and plans know what it lets through; "
+        "cafim run --force-guard, --no-force-guard."
+    )
     return Findings("Force limits in execution", about, tuple(claims), (table,))
