@@ -1,35 +1,55 @@
 """A lagging sensor in the diagnosis: undoing the lag must not pass for noise, nor noise for a misfit."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from concealed.make import make
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.diagnose import prepare
+from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.fitting import unbiased_fit
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.weak_problem import WeakProblem
-from drake_cafim.effects.timing import SensorLag
+from drake_cafim.effects.timing import SensorDelay, SensorLag
 from drake_cafim.scenario.scene import Scene
+
+
+def _problem(kind: str, rig: str, seed: int, folder: Path) -> tuple[WeakProblem, Scene, dict[str, Any]]:
+    """Of three recordings, and the effect that is concealed in them."""
+    case = make(kind, rig, seed)
+    case.write(folder)
+    scene = Scene.load(folder / "scenario.yaml")
+    prepared = prepare(scene, [recordings.read(folder / f"train_{k}.parquet") for k in (1, 2, 3)])
+    assert isinstance(prepared, Prepared)
+    [effect] = case.truth["effects"]
+    return (
+        prepared.problem(),
+        scene,
+        {"at": effect["at"]} | {k: value for k, (value, _) in effect["parameters"].items()},
+    )
+
+
+@pytest.mark.ci
+def test_a_lag_gains_nothing_by_smoothing(tmp_path: Path) -> None:
+    """A slow motion is late either way; the velocity, which is made to lag with the position, must stay as noisy."""
+    problem, scene, effect = _problem("single:sensor_delay", "arm3", 0x280017AAF7355E9A72CB14778AD7D97E, tmp_path)
+    mean, late = scene.priors.mean, effect["delay"]
+    delay = unbiased_fit(problem, Model(mean, (SensorDelay(effect["at"], {"delay": late}),)))
+    lag = unbiased_fit(problem, Model(mean, (SensorLag(effect["at"], {"time_constant": late}),)))
+    assert delay.chi_square < lag.chi_square - 10.0
 
 
 @pytest.mark.ci
 def test_the_true_lag_leaves_noise_as_stated(tmp_path: Path) -> None:
-    case = make("single:sensor_lag", "arm6", 0x35BBFDA3DC83D82D5A1C8DA3801BEA30)
-    case.write(tmp_path)
-    scene = Scene.load(tmp_path / "scenario.yaml")
-    prepared = prepare(scene, [recordings.read(tmp_path / f"train_{k}.parquet") for k in (1, 2, 3)])
-    [effect] = case.truth["effects"]
-    values = {name: value for name, (value, _) in effect["parameters"].items()}
-    model = Model(scene.priors.mean, (SensorLag(effect["at"], values),))
-    problem = WeakProblem.of(prepared.scene, prepared.weak, model)
+    problem, scene, effect = _problem("single:sensor_lag", "arm6", 0x35BBFDA3DC83D82D5A1C8DA3801BEA30, tmp_path)
+    model = Model(scene.priors.mean, (SensorLag(effect["at"], {"time_constant": effect["time_constant"]}),))
     fitted = unbiased_fit(problem, model)
     # the row in which the lagging position faces its velocity
     joint = scene.tree.joint_index(effect["at"].split(".")[1])
-    rows = fitted.residual[: problem.rows].reshape(-1, prepared.weak[0].rows_per_window)[:, joint]
+    rows = fitted.residual[: problem.rows].reshape(-1, problem.runs[0].weak.rows_per_window)[:, joint]
     assert float(np.mean(rows**2)) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / len(rows)))
     found, std = fitted.model.effects[0].values["time_constant"], float(np.sqrt(fitted.covariance[-1, -1]))
-    assert found == pytest.approx(values["time_constant"], abs=4.0 * std)
-    assert std < 0.01 * values["time_constant"]
+    assert found == pytest.approx(effect["time_constant"], abs=4.0 * std)
+    assert std < 0.01 * effect["time_constant"]

@@ -325,27 +325,36 @@ class WeakForm:
         if self.samples.velocity_measured:
             M = mass_matrix(moving, moving.link_inertias) + np.diag(physics.rotor_inertias)
             correction = windows.rate_steps @ np.linalg.solve(M, measured.u[..., None])[..., 0]
-            q, v = self._compared(physics, measured)
-            kinematic = windows.rate @ q + windows.value @ v - correction
+            q, v, louder = self._compared(physics, measured)
+            kinematic = (windows.rate @ q + windows.value @ v - correction) * louder
         return _Prepared(measured, moving, inertial_regressor(moving, measured.v, windows), kinematic)
 
-    def _compared(self, physics: Physics, measured: Measurement) -> tuple[Array, Array]:
-        """Positions and velocities, (N, n) each, of which the first's rate is the second.
+    def _compared(self, physics: Physics, measured: Measurement) -> tuple[Array, Array, Array]:
+        """Positions and velocities, (N, n) each, of which the first's rate is the second; and a factor (M, n).
 
-        Undoing a lag raises the noise; where q and v only face each other, the other one is made to lag as well.
+        Undoing a lag raises the noise; where q and v only face each other, the other one is made to lag as well. That
+        smooths its noise, by which no model may gain: the factor makes rows as noisy as they are without a lag.
         """
+        windows, std = self.samples.windows, self.samples.std
+        louder = np.ones((len(windows), self.joints))
         lags = [effect for effect in physics.sensors if isinstance(effect, SensorLag) and effect.at[:2] in ("q.", "v.")]
         if not lags:
-            return measured.q, measured.v
+            return measured.q, measured.v, louder
         others = tuple(effect for effect in physics.sensors if effect not in lags)
         as_written = self._measured(replace(physics, sensors=others))
         channels = {"q": as_written.q.copy(), "v": as_written.v.copy()}
+        slopes = {"q": windows.rate, "v": windows.value}
         for lag in lags:
             kind, joint = lag.at.split(".", 1)
-            other = channels["v" if kind == "q" else "q"]
-            j = physics.tree.joint_index(joint)
-            other[:, j] = lag.writing(self.samples.time) @ other[:, j]
-        return channels["q"], channels["v"]
+            other = "v" if kind == "q" else "q"
+            j, writing = physics.tree.joint_index(joint), lag.writing(self.samples.time)
+            channels[other][:, j] = writing @ channels[other][:, j]
+            own, plain, smooth = (
+                std[f"{name}.{joint}"] ** 2 * np.asarray(rows.power(2).sum(axis=1)).ravel()
+                for name, rows in ((kind, slopes[kind]), (other, slopes[other]), (other, slopes[other] @ writing))
+            )
+            louder[:, j] *= np.sqrt((own + plain) / (own + smooth))
+        return channels["q"], channels["v"], louder
 
     def _on(self, sensor: WrenchSensor, moving: Motion, wrench: Array | None) -> Array:
         return np.zeros((len(moving.q), 6)) if wrench is None else wrench[:, sensor.joint]
