@@ -157,7 +157,7 @@ def test_a_spring_without_stiffness_is_absent(tmp_path: Path) -> None:
 
 
 def test_a_gap_is_found_past_the_impacts_that_stop_a_fit(tmp_path: Path) -> None:
-    case = simulate("single:joint_backlash", "arm2", 1)
+    case = simulate("single:joint_backlash", "arm2", 5)
     case.write(tmp_path)
     prepared = prepare(Scene.load(tmp_path / "scenario.yaml"), [recordings.read(tmp_path / "train_1.parquet")])
     assert isinstance(prepared, Prepared)

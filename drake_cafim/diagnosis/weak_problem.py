@@ -14,6 +14,7 @@ from drake_cafim.diagnosis.samples import noisier
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening import Whitening, row_covariance, whitening
 from drake_cafim.effects.contact import ContactEffect
+from drake_cafim.effects.coupling import JointBacklash
 from drake_cafim.effects.effect import Effect, joined
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.plane import UnmodeledContact
@@ -277,7 +278,9 @@ class WeakProblem(Problem):
             if isinstance(effect, TimingEffect)
         )
         if self._unknown_columns.get(i, (None,))[0] != late:
-            self._unknown_columns[i] = late, self._difference(model, i, 1e-2 * self.scene.priors.std[i])
+            # nor may the least change of a mass make an impact come earlier
+            smooth = Model(model.unknown, tuple(one for one in model.effects if not isinstance(one, JointBacklash)))
+            self._unknown_columns[i] = late, self._difference(smooth, i, 1e-2 * self.scene.priors.std[i])
         return self._unknown_columns[i][1]
 
     def _by_strength(self, model: Model, position: int, k: int) -> Array:
