@@ -10,6 +10,7 @@ from pydrake.systems.framework import LeafSystem
 
 import drake_cafim
 from drake_cafim import testing
+from drake_cafim.design.guard_system import ForceGuard
 from drake_cafim.design.policies import make_policy
 from drake_cafim.design.system import CaOed
 from drake_cafim.diagrams.tutorials.own_diagram import make_model
@@ -48,8 +49,10 @@ def test_every_argument_of_a_system_is_spoken_of(system: type) -> None:
 
 def test_ports_are_as_described() -> None:
     model = make_model()
-    for system in (CaOed(model, make_policy("contact-aware", model)), CaMap(model, periods=3, experiments=1)):
+    policy = make_policy("contact-aware", model)
+    for system in (CaOed(model, policy), CaMap(model, periods=3, experiments=1), ForceGuard(model, 10.0)):
         assert described(system) == ports(system)
+    assert described(CaOed(model, policy), optional=True) == ports(CaOed(model, policy, force_hypotheses=4))
 
 
 def test_the_ports_have_the_described_sizes() -> None:
@@ -62,12 +65,15 @@ def test_the_ports_have_the_described_sizes() -> None:
     assert estimator.GetInputPort("measured_force").size() == len(np.asarray(model.noise_std))
 
 
-def described(system: LeafSystem) -> tuple[list[str], list[str]]:
-    """Input and output ports of the system's `.. pydrake_system::` block."""
+def described(system: LeafSystem, *, optional: bool = False) -> tuple[list[str], list[str]]:
+    """Input and output ports of the system's `.. pydrake_system::` block; with the optional ones, if asked for."""
     said = inspect.getdoc(type(system)) or ""
     assert f".. pydrake_system::\n\n    name: {type(system).__name__}" in said
     found = [re.search(rf"{kind}_ports: \[(.*?)\]", said) for kind in ("input", "output")]
-    return tuple([port.strip() for port in one[1].split(",")] for one in found if one)  # type: ignore[return-value]
+    listed = [[port.strip() for port in one[1].split(",")] for one in found if one]
+    mark = " (optional)"
+    kept = [[port.removesuffix(mark) for port in one if optional or not port.endswith(mark)] for one in listed]
+    return tuple(kept)  # type: ignore[return-value]
 
 
 def ports(system: LeafSystem) -> tuple[list[str], list[str]]:

@@ -43,7 +43,7 @@ class CaOed(LeafSystem):
     .. pydrake_system::
 
         name: CaOed
-        input_ports: [measured_state, belief, force_belief]
+        input_ports: [measured_state, belief, force_belief (optional)]
         output_ports: [command, plan, information, candidates, planning_ms]
 
     Every `model.period` it reads `measured_state` (2 nu,), the end-effector's position m and velocity m/s, and
