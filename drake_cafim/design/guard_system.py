@@ -36,8 +36,8 @@ class ForceGuard(LeafSystem):
         self.DeclareVectorInputPort("measured_force", len(model.noise_std))
         self._robot = int(self.DeclareDiscreteState(2 * axes))
         self._belief = int(self.DeclareDiscreteState(ForceBelief.vector_size(count, len(model.parameters.names))))
-        self.DeclareStateOutputPort("force_belief", DiscreteStateIndex(self._belief))
         self.DeclareVectorOutputPort("command", axes, self._guard)
+        self.DeclareStateOutputPort("force_belief", DiscreteStateIndex(self._belief))
         self.DeclarePeriodicDiscreteUpdateEvent(model.period, 0.0, self._learn)
 
     @property
