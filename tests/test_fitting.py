@@ -19,6 +19,7 @@ from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.coupling import JointBacklash, JointCoupling, JointElasticity
 from drake_cafim.effects.joint import JointSpring, JointViscousFriction
 from drake_cafim.effects.sensor import SensorGainError
+from drake_cafim.effects.timing import SensorDelay
 from drake_cafim.effects.transmission import JointHardStop
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import Scene
@@ -170,3 +171,14 @@ def test_a_gap_is_found_past_the_impacts_that_stop_a_fit(tmp_path: Path) -> None
     assert stopped.model.effects[0].values["gap"] > 1.3 * gap
     assert found.model.effects[0].values["gap"] == pytest.approx(gap, rel=0.05)
     assert found.chi_square < stopped.chi_square - 10.0
+
+
+def test_slopes_in_unknowns_hold_the_noise_of_a_late_sensors_own_time(tmp_path: Path) -> None:
+    """What was reckoned before the delay was known holds the noise of other samples: masses then came out biased."""
+    late = Model(np.array([2.3]), (SensorDelay("v.rail", {"delay": 0.006}),))
+    fresh = _problem(tmp_path, mass=2.3, friction=0.0, seed=0)
+    wanted = fresh.jacobian(late)[:, 0]
+    used = _problem(tmp_path, mass=2.3, friction=0.0, seed=0)
+    before = used.jacobian(used.nominal())[:, 0]
+    np.testing.assert_allclose(used.jacobian(late)[:, 0], wanted)
+    assert np.linalg.norm(wanted - before) > 0.01 * np.linalg.norm(wanted)
