@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.optimize import lsq_linear
 from scipy.stats import chi2
 
 from drake_cafim.diagnosis.adequacy import adequacy
@@ -14,7 +15,9 @@ from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.robust import wald_p_value
 from drake_cafim.diagnosis.screening import Candidate, hypotheses, screen
+from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import JointForce
 from drake_cafim.typing import Array
 
 LOOKED_AT = 8
@@ -127,6 +130,15 @@ class _State:
     pool: Pool = field(default_factory=Pool)
     screens: dict[Key, list[Candidate]] = field(default_factory=dict)
     frontier: list[Fit] = field(default_factory=list)
+    rests: list[tuple[Model, Fit]] = field(default_factory=list)
+
+    def rest(self, model: Model) -> Fit:
+        """The fit of what is left of the best explanation without one of its effects, kept."""
+        for known, one in self.rests:
+            if known.effects == model.effects:
+                return one
+        self.rests.append((model, fit(self.problem, model)))
+        return self.rests[-1][1]
 
     def screen(self, parent: Fit) -> list[Candidate]:
         """Candidates that may join `parent`, looked for once."""
@@ -240,8 +252,7 @@ def _fit_rivals(state: _State, best: Fit) -> None:
     state.progress("fitting rivals")
     parents: list[Fit] = []
     for effect in best.model.effects:
-        rest = Model(best.model.unknown, tuple(e for e in best.model.effects if e is not effect))
-        parents.append(fit(state.problem, rest))
+        parents.append(state.rest(_without(best.model, effect)))
     size = len(best.model.effects)
     parents += [one for one in state.frontier if one is not best and len(one.model.effects) <= size]
     for parent in parents:
@@ -290,8 +301,7 @@ def _pruned(state: _State, best: Fit) -> Fit:
     and starts to be fitted only where something else, such as a gain, has stood in for it.
     """
     for effect in best.model.effects if len(best.model.effects) > 1 else ():
-        rest = Model(best.model.unknown, tuple(e for e in best.model.effects if e is not effect))
-        without = unbiased_fit(state.problem, rest)
+        without = unbiased_fit(state.problem, _without(best.model, effect))
         known = state.pool.fits.get(key_of(without))
         if known is None or without.chi_square < known.chi_square:
             state.pool.add(without)
@@ -306,27 +316,25 @@ def _fit_equivalents(state: _State, best: Fit) -> None:
     The simpler laws of its group, and pairs of effects that have as many strengths.
     """
     for effect in best.model.effects:
-        rest = tuple(other for other in best.model.effects if other is not effect)
-        for one in state.effects:
-            simpler = effect.excludes(one) and len(one.strengths) < len(effect.strengths)
-            found = screen(state.problem, fit(state.problem, Model(best.model.unknown, rest)), [one]) if simpler else []
-            if found:
-                model = Model(best.model.unknown, (*rest, found[0].effect))
-                state.pool.add(reshaped(state.problem, fit(state.problem, model)))
+        rest = _without(best.model, effect)
+        looks = {one.effect.key: one.effect for one in state.screen(state.rest(rest))}
+        for one in looks.values():
+            if effect.excludes(one) and len(one.strengths) < len(effect.strengths):
+                state.pool.add(reshaped(state.problem, fit(state.problem, rest.with_effects([one]))))
         alike = [one for one in state.effects if one.name in effect.alike and one.at == effect.at]
-        for pair in itertools.combinations(alike, 2):
-            if sum(len(one.strengths) for one in pair) != len(effect.strengths):
+        for first, second in itertools.combinations(alike, 2):
+            if len(first.strengths) + len(second.strengths) != len(effect.strengths) or first.key not in looks:
                 continue
-            parent = Model(best.model.unknown, rest)
-            for one in pair:
-                found = screen(state.problem, fit(state.problem, parent), [one])
-                if not found:
-                    break
-                parent = parent.with_effects([found[0].effect])
-            else:
-                equivalent = reshaped(state.problem, fit(state.problem, parent))
+            beside = fit(state.problem, rest.with_effects([looks[first.key]]))
+            found = screen(state.problem, beside, [second])
+            if found:
+                equivalent = reshaped(state.problem, fit(state.problem, beside.model.with_effects([found[0].effect])))
                 if state.problem.plausible(equivalent.model):
                     state.pool.add(equivalent)
+
+
+def _without(model: Model, effect: Effect) -> Model:
+    return Model(model.unknown, tuple(other for other in model.effects if other is not effect))
 
 
 def reshaped(problem: Problem, one: Fit) -> Fit:
@@ -348,16 +356,38 @@ def reshaped(problem: Problem, one: Fit) -> Fit:
 
 
 def _best_shape(problem: Problem, one: Fit, position: int, others: Iterable[Effect]) -> tuple[Fit, float]:
-    """The best of the fit and those with each of `others` in the effect's place, and the largest χ² of these."""
+    """The best of the fit and those with each of `others` in the effect's place, and the largest χ² of these.
+
+    A force of a joint is all but linear in its strengths: one look tells which of its shapes is worth a fit.
+    """
     base, worst = one.model, -np.inf
-    for other in others:
-        effects = list(base.effects)
-        effects[position] = other
-        trial = fit(problem, Model(base.unknown, tuple(effects)))
+    trials = [Model(base.unknown, (*base.effects[:position], it, *base.effects[position + 1 :])) for it in others]
+    if trials and isinstance(problem, WeakProblem) and isinstance(base.effects[position], JointForce):
+        expected = [_expected(problem, one, trial, position) for trial in trials]
+        worst = max(expected)
+        trials = [trials[int(np.argmin(expected))]] if min(expected) < one.chi_square else []
+    for model in trials:
+        trial = fit(problem, model)
         worst = max(worst, trial.chi_square)
         if trial.chi_square < one.chi_square:
             one = trial
     return one, worst
+
+
+def _expected(problem: WeakProblem, one: Fit, model: Model, position: int) -> float:
+    """χ² of a fit that begins at `model`, to first order; it has another shape than the fitted one at `position`."""
+    effects = model.effects
+    first = len(model.unknown) + sum(len(effect.strengths) for effect in effects[:position])
+    residual, J = problem.residual(model), one.jacobian.copy()
+    J[:, first : first + len(effects[position].strengths)] = problem.effect_columns(model, position)
+    basis, triangle = np.linalg.qr(J)
+    along = basis.T @ residual
+    lower, upper = (
+        np.array([side] * len(model.unknown) + [getattr(s, bound) for effect in effects for s in effect.strengths])
+        for side, bound in ((-np.inf, "lower"), (np.inf, "upper"))
+    )
+    left = lsq_linear(triangle, -along, (lower - model.vector, upper - model.vector), method="bvls").cost
+    return float(residual @ residual - along @ along + 2.0 * left) + problem.start_cost(model)
 
 
 def inclusion(outcome: Outcome) -> dict[tuple[str, str], float]:

@@ -203,21 +203,22 @@ class WeakProblem(Problem):
         return sum(run.residual(physics)[1] for run in self.runs) if physics.couplings else 0.0
 
     def jacobian(self, model: Model) -> Array:
-        physics = model.physics(self.scene)
-        columns = [self._by_unknown(model, i) for i in range(len(model.unknown))]
-        for position, effect in enumerate(model.effects):
-            if isinstance(effect, JointForce):
-                law = self._force_columns(effect, physics)
-                columns += [self._padded(law[:, k]) for k in range(law.shape[1])]
-            elif isinstance(effect, SensorEffect):
-                sensed = self.sensor_columns(effect)
-                columns += [self._padded(sensed[:, k]) for k in range(sensed.shape[1])]
-            elif isinstance(effect, UnmodeledContact):
-                felt = self.plane_columns(effect, physics)
-                columns += [self._padded(felt[:, k]) for k in range(felt.shape[1])]
-            else:
-                columns += [self._by_strength(model, position, k) for k in range(len(effect.strengths))]
-        return np.stack(columns, axis=1) if columns else np.zeros((self.rows + len(model.unknown), 0))
+        columns = [self._by_unknown(model, i)[:, None] for i in range(len(model.unknown))]
+        columns += [self.effect_columns(model, position) for position in range(len(model.effects))]
+        return np.concatenate([np.zeros((self.rows + len(model.unknown), 0)), *columns], axis=1)
+
+    def effect_columns(self, model: Model, position: int) -> Array:
+        """Whitened rows and prior rows (R + n, k) by the strengths of one of the model's effects."""
+        effect, physics = model.effects[position], model.physics(self.scene)
+        if isinstance(effect, JointForce):
+            found = self._force_columns(effect, physics)
+        elif isinstance(effect, SensorEffect):
+            found = self.sensor_columns(effect)
+        elif isinstance(effect, UnmodeledContact):
+            found = self.plane_columns(effect, physics)
+        else:
+            return np.stack([self._by_strength(model, position, k) for k in range(len(effect.strengths))], axis=1)
+        return np.concatenate([found, np.zeros((len(model.unknown), found.shape[1]))])
 
     def joint_columns(self, joint: int, columns: Sequence[Array]) -> Array:
         """Whitened rows (R, k) of forces at a joint, one (N, k) array a recording."""
@@ -262,9 +263,6 @@ class WeakProblem(Problem):
             joints = run.weak.joint_samples(run.weak.measurement(physics))
             columns.append(effect.force(joints[joint]).d_strengths)
         return self.joint_columns(joint, columns)
-
-    def _padded(self, column: Array) -> Array:
-        return np.concatenate([column, np.zeros(len(self.scene.unknown))])
 
     def _by_unknown(self, model: Model, i: int) -> Array:
         if self.scene.unknown[i].kind == "contact" and any(isinstance(one, OF_CONTACTS) for one in model.effects):

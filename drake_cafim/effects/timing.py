@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import solve_banded
 
 from drake_cafim.effects.effect import Strength
 from drake_cafim.effects.sensor import SensorEffect, whole_sensors
@@ -118,16 +119,14 @@ class SensorLag(TimingEffect):
         tau = self.values["time_constant"]
         if tau <= 0.0:
             return true
-        written = np.empty_like(true)
-        written[0] = true[0]
         steps = np.diff(time)
         kept = np.exp(-steps / tau)
-        slopes = np.diff(true, axis=0) / steps[:, None]
-        for k, (step, keep) in enumerate(zip(steps, kept, strict=True)):
-            # exact for a signal that is straight between samples
-            settled = true[k] - tau * slopes[k]
-            written[k + 1] = settled + keep * (written[k] - settled) + slopes[k] * step
-        return written
+        # exact for a signal that is straight between samples
+        after, before = _shares(steps, tau, kept)
+        given = np.concatenate([true[:1], before[:, None] * true[:-1] + after[:, None] * true[1:]])
+        # written[k + 1] − kept[k] written[k] = given[k + 1]
+        band = np.stack([np.ones(len(time)), np.append(-kept, 0.0)])
+        return np.asarray(solve_banded((1, 0), band, given, check_finite=False))
 
     def writing(self, time: Array) -> sp.csr_matrix:
         tau = self.values["time_constant"]
@@ -135,9 +134,7 @@ class SensorLag(TimingEffect):
             return sp.csr_matrix(sp.eye_array(len(time)))
         steps = np.diff(time)
         kept = np.exp(-steps / tau)
-        # y[k + 1] = kept y[k] + before x[k] + after x[k + 1], as in `measured`
-        after = 1.0 - tau / steps * (1.0 - kept)
-        before = 1.0 - kept - after
+        after, before = _shares(steps, tau, kept)
         given = sp.diags_array([np.concatenate([[1.0], after]), before], offsets=[0, -1])
         diagonals, offsets = [np.ones(len(time))], [0]
         for offset in range(1, len(time)):
@@ -181,6 +178,12 @@ class ClockSkew(ShiftedSensor):
     def columns(self, time: Array, true: Array) -> Array:
         slope = np.asarray(_slope(time.tobytes()) @ true)
         return np.asarray((time[:, None] * slope)[..., None])
+
+
+def _shares(steps: Array, tau: float, kept: Array) -> tuple[Array, Array]:
+    """Parts of a sample and of the one before it in what is written, beside the part `kept` of what was."""
+    after = 1.0 - tau / steps * (1.0 - kept)
+    return after, 1.0 - kept - after
 
 
 @lru_cache(maxsize=16)
