@@ -47,17 +47,18 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
     readings = [_reading_windows(weak, physics, sensor, axis) for sensor in weak.sensors for axis in WRENCH_COMPONENTS]
     for j, name in enumerate(physics.tree.joint_names):
         step = np.eye(n)[j]
-        by_q = _felt_slope(weak, physics, memory, (q, v), (POSITION_STEP * step, 0.0 * step))
-        by_v = _felt_slope(weak, physics, memory, (q, v), (0.0 * step, VELOCITY_STEP * step))
-        by_q[:, :n] += rigid.force_by_q[:, :, j]
-        by_v[:, :n] += rigid.force_by_v[:, :, j]
-        by_q[:, j] += d_q_law[:, j]
-        by_v[:, j] += d_v_law[:, j]
-        from_q = _block(weak, rigid.momentum_by_q[:, :, j], by_q, readings, kinematic=j, rate=True)
-        from_v = _block(weak, rigid.momentum_by_v[:, :, j], by_v, readings, kinematic=j, rate=False)
+        felt_by_q = _felt_slope(weak, physics, memory, (q, v), (POSITION_STEP * step, 0.0 * step))
+        felt_by_v = _felt_slope(weak, physics, memory, (q, v), (0.0 * step, VELOCITY_STEP * step))
+        felt_by_q[:, j] += d_q_law[:, j]
+        felt_by_v[:, j] += d_v_law[:, j]
+        from_q = _block(weak, rigid.momentum_by_q[:, :, j], rigid.force_by_q[:, :, j], kinematic=j, rate=True)
+        from_v = _block(weak, rigid.momentum_by_v[:, :, j], rigid.force_by_v[:, :, j], kinematic=j, rate=False)
+        # a friction that turns its sign is steep: what smoothing leaves of the noise counts, and from where it comes
+        v_by_v, v_by_q = s.smooth_v[2 * j], s.smooth_v[2 * j + 1]
+        from_q = from_q + _felt(weak, readings, felt_by_q, s.smooth_q) + _felt(weak, readings, felt_by_v, v_by_q)
         if s.differentiate is None:
-            add(f"q.{name}", from_q)
-            add(f"v.{name}", from_v)
+            add(f"q.{name}", sp.csr_matrix(from_q))
+            add(f"v.{name}", sp.csr_matrix(from_v + _felt(weak, readings, felt_by_v, v_by_v)))
         else:
             add(f"q.{name}", sp.csr_matrix(from_q + from_v @ s.differentiate))
         if s.std[f"u.{name}"] > 0.0:
@@ -95,19 +96,24 @@ def _reading_windows(weak: WeakForm, physics: Physics, sensor: WrenchSensor, axi
     return windows
 
 
-def _block(
-    weak: WeakForm, momentum: Array, force: Array, readings: list[sp.csr_matrix], kinematic: int, rate: bool
-) -> sp.csr_matrix:
-    """Rows' derivative by one column of samples from the point-wise ones."""
+def _block(weak: WeakForm, momentum: Array, force: Array, kinematic: int, rate: bool) -> sp.csr_matrix:
+    """Rows' derivative by one column of samples from the point-wise ones (N, n) of the rigid bodies."""
     windows = weak.samples.windows
-    parts: list[sp.csr_matrix] = []
-    for k in range(weak.kinematic_rows):
-        own = (windows.rate if rate else windows.value) if k == kinematic else sp.csr_matrix(windows.value.shape)
-        parts.append(own)
+    parts: dict[int, sp.csr_matrix] = {}
+    if weak.kinematic_rows:
+        parts[kinematic] = windows.rate if rate else windows.value
     for k in range(weak.joints):
-        parts.append(-windows.rate @ sp.diags_array(momentum[:, k]) - windows.value @ sp.diags_array(force[:, k]))
-    for k, reading in enumerate(readings, weak.joints):
-        parts.append(-reading @ sp.diags_array(force[:, k]))
+        slope = -windows.rate @ sp.diags_array(momentum[:, k]) - windows.value @ sp.diags_array(force[:, k])
+        parts[weak.dynamic.start + k] = slope
+    return _interleave(weak, parts)
+
+
+def _felt(weak: WeakForm, readings: list[sp.csr_matrix], slopes: Array, smooth: sp.csr_matrix) -> sp.csr_matrix:
+    """Rows' derivative by one column of samples, of what is felt, by `slopes` (N, n + 6 s), once it is smoothed."""
+    parts: dict[int, sp.csr_matrix] = {}
+    for k, windows in enumerate([*[weak.samples.windows.value] * weak.joints, *readings]):
+        if np.any(slopes[:, k]):
+            parts[weak.dynamic.start + k] = sp.csr_matrix(-windows @ sp.diags_array(slopes[:, k]) @ smooth)
     return _interleave(weak, parts)
 
 
@@ -117,12 +123,13 @@ def _place(weak: WeakForm, matrix: sp.csr_matrix, row: int) -> sp.csr_matrix:
     return sp.csr_matrix((coo.data, (coo.row * weak.rows_per_window + row, coo.col)), shape=shape)
 
 
-def _interleave(weak: WeakForm, parts: list[sp.csr_matrix]) -> sp.csr_matrix:
-    rows, columns, data = [], [], []
-    for k, part in enumerate(parts):
+def _interleave(weak: WeakForm, parts: dict[int, sp.csr_matrix]) -> sp.csr_matrix:
+    """The rows (M r, N) of which each window's k-th are `parts[k]` (M, N)."""
+    shape = (len(weak.samples.windows) * weak.rows_per_window, len(weak.samples.time))
+    rows, columns, data = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)], [np.zeros(0)]
+    for k, part in parts.items():
         coo = sp.coo_matrix(part)
         rows.append(coo.row * weak.rows_per_window + k)
         columns.append(coo.col)
         data.append(coo.data)
-    shape = (len(weak.samples.windows) * weak.rows_per_window, parts[0].shape[1])
     return sp.csr_matrix((np.concatenate(data), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
