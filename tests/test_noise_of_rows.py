@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
+from drake_cafim.diagnosis.bent_noise import beyond_slope
 from drake_cafim.diagnosis.diagnose import prepare
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.samples import noisier
@@ -25,7 +26,7 @@ DOSE = 0.1
     [("null", "press", 0x887801BB6C1B7D7B9EA22237E1168899), ("null", "press", 1), ("null", "arm2", 1)],
 )
 def test_rows_are_as_noisy_as_expected(kind: str, rig: str, seed: int, tmp_path: Path) -> None:
-    """Friction turns its sign within a few standard deviations of a velocity: there it matters what smoothing leaves."""
+    """Friction that turns its sign at a speed that is little more than its noise: what smoothing leaves matters."""
     simulate(kind, rig, seed).write(tmp_path)
     scene = Scene.load(tmp_path / "scenario.yaml")
     prepared = prepare(scene, [recordings.read(tmp_path / "train_1.parquet")])
@@ -45,3 +46,36 @@ def test_rows_are_as_noisy_as_expected(kind: str, rig: str, seed: int, tmp_path:
         changes.append(run.whitened(louder.residual(physics) - quiet).reshape(run.shape) / DOSE)
     squares = np.mean(np.square(changes), axis=(0, 1))
     assert np.all((squares > 0.8) & (squares < 1.25)), squares
+
+
+def test_rows_are_as_noisy_as_expected_where_friction_jumps(tmp_path: Path) -> None:
+    """A sign that turns within the noise of its velocity, against the sign of the same motion without that noise."""
+    simulate("null", "arm2", 1).write(tmp_path)
+    scene = Scene.load(tmp_path / "scenario.yaml")
+    prepared = prepare(scene, [recordings.read(tmp_path / "train_1.parquet")])
+    rubbing = [JointCoulombFriction(name, {"torque": 20.0, "slip_velocity": 5e-4}) for name in scene.tree.joint_names]
+    model = Model(scene.priors.mean, tuple(rubbing))
+    problem = WeakProblem.of(scene, prepared.weak, model)
+    physics, run = model.physics(scene), problem.runs[0]
+    samples = run.weak.samples
+    known = WeakForm(replace(samples, v_std=np.zeros_like(samples.v_std)), run.weak.sensors).residual(physics)
+    changes = []
+    for draw in range(24):
+        louder = WeakForm(noisier(samples, np.random.default_rng(draw)), run.weak.sensors)
+        changes.append(run.whitened(louder.residual(physics) - known).reshape(run.shape))
+    squares = np.mean(np.square(changes), axis=(0, 1))
+    # jumps are few and large; by slopes alone the second joint's rows are 5.3 times as noisy as expected
+    assert np.all((squares > 0.8) & (squares < 1.4)), squares
+
+
+@pytest.mark.parametrize("width", [1e-4, 0.01, 0.05])
+def test_what_a_sign_scatters_beyond_its_mean_slope(width: float) -> None:
+    """Against draws of the error."""
+    rng, std = np.random.default_rng(3), 0.01
+    v = np.linspace(-0.03, 0.03, 13)
+    error = std * rng.normal(size=(200_000, 1))
+    forces = np.tanh((v + error) / width)
+    slope = np.mean(forces * error, axis=0) / std**2
+    expected = np.std(forces - slope * error, axis=0)
+    found = beyond_slope(lambda off: np.tanh((v + off) / width), np.full_like(v, std))
+    assert np.allclose(found, expected, atol=0.07)

@@ -36,8 +36,8 @@ SHAPE_SEEN = 10.0
 """χ² between the best and the worst shape on the grid from which on values between are looked at."""
 FINER = (1.5, 1.15, 1.04)
 """Ratios in which a shape is then changed, as long as it helps."""
-MOVED = 0.3
-"""Prior standard deviations that an unknown may have moved before the noise is reckoned anew."""
+MOVED, ROUNDS = 0.3, 3
+"""Prior standard deviations that an unknown may have moved before the noise is reckoned anew; and how often it is."""
 
 Key = frozenset[tuple[str, str]]
 
@@ -95,11 +95,13 @@ class Outcome:
 def search(problem: Problem, settings: Settings, progress: Callable[[str], None] = lambda text: None) -> Outcome:
     """The effects that the recordings ask for, beyond the scene's nominal physics."""
     progress("fitting the nominal model")
-    nominal = unbiased_fit(problem, problem.nominal())
-    if np.any(np.abs(nominal.model.unknown - problem.scene.priors.mean) > MOVED * problem.scene.priors.std):
-        # other masses let other amounts of noise through
-        problem = problem.rewhitened(nominal.model)
-        nominal = unbiased_fit(problem, nominal.model)
+    reckoned, nominal = Model(problem.scene.priors.mean), unbiased_fit(problem, problem.nominal())
+    for _ in range(ROUNDS):
+        if not _moved(problem, reckoned, nominal.model):
+            break
+        # other masses let other amounts of noise through, and a throw settles where they have it
+        reckoned, problem = nominal.model, problem.rewhitened(nominal.model)
+        nominal = unbiased_fit(problem, reckoned)
     effects = hypotheses(problem)
     progress(f"screening {len(effects)} hypotheses")
     screened = screen(problem, nominal, effects)
@@ -116,6 +118,11 @@ def search(problem: Problem, settings: Settings, progress: Callable[[str], None]
         _fit_equivalents(state, best)
         best = _pruned(state, _best_of(state, best))
     return Outcome(state.problem, problem, nominal, best, state.pool, trials, tuple(screened), detection)
+
+
+def _moved(problem: Problem, before: Model, after: Model) -> bool:
+    """Whether unknowns moved so far that the noise is to be reckoned anew."""
+    return bool(np.any(np.abs(after.unknown - before.unknown) > MOVED * problem.scene.priors.std))
 
 
 @dataclass
@@ -154,15 +161,19 @@ class _State:
 
     def rewhiten(self, best: Fit) -> Fit:
         """Whiten under `best`, since accepted physics moves the noise too; what still competes is fitted anew."""
-        self.problem = self.problem.rewhitened(best.model)
         reach = criterion(best, 1.0, self.trials) + COMPETES * scale_of(best)
         competing = [one for one in self.frontier if criterion(one, 1.0, self.trials) < reach]
-        self.pool, self.screens = Pool(), {}
-        for one in (best, *(one for one in competing if key_of(one) != key_of(best))):
-            # the width of a sign change is chosen anew as well
-            self.pool.add(unbiased_fit(self.problem, reshaped(self.problem, fit(self.problem, one.model)).model))
+        for _ in range(ROUNDS):
+            self.problem = self.problem.rewhitened(best.model)
+            self.pool, self.screens = Pool(), {}
+            for one in (best, *(one for one in competing if key_of(one) != key_of(best))):
+                # the width of a sign change is chosen anew as well
+                self.pool.add(unbiased_fit(self.problem, reshaped(self.problem, fit(self.problem, one.model)).model))
+            before, best = best, self.pool.fits[key_of(best)]
+            if not _moved(self.problem, before.model, best.model):
+                break
         self.frontier = self.ranked(self.pool.fits.values())
-        return self.pool.fits[key_of(best)]
+        return best
 
 
 def _grown(state: _State, nominal: Fit) -> Fit:

@@ -138,7 +138,7 @@ class WeakForm:
         )
         return Measurement(q, v, u, s.smooth_q @ q, v_hat, wrenches)
 
-    def joint_samples(self, measured: Measurement) -> list[JointSamples]:
+    def joint_samples(self, measured: Measurement, noisy: bool = True) -> list[JointSamples]:
         """What the laws of joint effects are evaluated on.
 
         A held effort has two values at a sample; with their mean the trapezoid rule integrates it as a staircase.
@@ -146,7 +146,7 @@ class WeakForm:
         slope 2/D where it changes, as if v were known to D/√(2π).
         """
         u = 0.5 * (measured.u + np.concatenate([measured.u[:1], measured.u[:-1]]))
-        v_std = np.sqrt(self.samples.v_std**2 + np.gradient(measured.v_hat, axis=0) ** 2 / (2.0 * np.pi))
+        v_std = np.sqrt(noisy * self.samples.v_std**2 + np.gradient(measured.v_hat, axis=0) ** 2 / (2.0 * np.pi))
         q_reach = 0.5 * np.abs(np.gradient(measured.q_hat, axis=0))
         columns = (measured.q_hat, measured.v_hat, u, v_std, q_reach)
         return [JointSamples(*(column[:, j] for column in columns)) for j in range(self.joints)]

@@ -8,6 +8,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.linalg import lapack
 
+from drake_cafim.diagnosis.bent_noise import bent_covariance
 from drake_cafim.diagnosis.coloured_noise import covariance
 from drake_cafim.diagnosis.noise_jacobian import noise_jacobian
 from drake_cafim.diagnosis.weak_form import WeakForm
@@ -38,7 +39,7 @@ class Whitening:
 def whitening(weak: WeakForm, physics: Physics) -> tuple[Whitening, sp.csr_matrix, list[tuple[str, slice]]]:
     """The whitening of one recording's rows under `physics`, with the noise Jacobian it was made from."""
     jacobian, labels = noise_jacobian(weak, physics)
-    spread = sp.coo_matrix(row_covariance(weak, jacobian, labels))
+    spread = sp.coo_matrix(row_covariance(weak, jacobian, labels) + bent_covariance(weak, physics))
     lower = spread.row >= spread.col
     row, column, value = spread.row[lower], spread.col[lower], spread.data[lower]
     band = np.zeros((int((row - column).max()) + 1, spread.shape[0]))

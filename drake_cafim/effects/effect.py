@@ -2,7 +2,7 @@
 
 from abc import ABC
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import ClassVar, Self
 
@@ -81,6 +81,10 @@ class JointSamples:
     """What is not known of v; a force that bends sharply in v is averaged over it."""
     q_reach: Array | float = 0.0
     """How far q gets within half the time that a sample stands for; a force that sets in on the way is averaged."""
+
+    def moved(self, by: Array) -> "JointSamples":
+        """The samples with other velocities."""
+        return replace(self, v=self.v + by)
 
 
 def joined(samples: Sequence[JointSamples]) -> JointSamples:
