@@ -19,7 +19,8 @@ def taken_by_rotors(weak: WeakForm, physics: Physics) -> Array:
     if not physics.couplings:
         return taken
     whiten, jacobian, labels = whitening(weak, physics)
-    start = Run(weak, whiten, jacobian, tuple(labels)).start(physics)
+    begun = Run(weak, whiten, jacobian, tuple(labels)).begun(physics)
+    start = begun.start if begun.paid > 0.0 else np.zeros(2 * len(physics.couplings))
     for coupling in physics.couplings:
         joint = physics.tree.joint_index(coupling.at)
         drive = weak.rotor_drives(physics)[joint]

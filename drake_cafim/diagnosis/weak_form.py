@@ -200,18 +200,6 @@ class WeakForm:
         drive = self.rotor_drives(physics)[physics.tree.joint_index(coupling.at)]
         return np.asarray(-drive.inertia * (self.samples.windows.rate @ coupling.twist_rate(drive)), dtype=float)
 
-    def start_rows(self, physics: Physics) -> Array:
-        """What is not known of the twists at the start adds to the rows, (M, r, c), in prior standard deviations."""
-        parts = []
-        for coupling in physics.couplings:
-            joint = physics.tree.joint_index(coupling.at)
-            drive = self.rotor_drives(physics)[joint]
-            slopes = self.samples.windows.rate @ coupling.twist_rate_by_start(drive)
-            rows = np.zeros((len(slopes), self.rows_per_window, slopes.shape[1]))
-            rows[:, self.dynamic.start + joint] = -drive.inertia * slopes / physics.effort_gains[joint]
-            parts.append(rows)
-        return np.concatenate(parts, axis=2)
-
     def trial_rows(self, physics: Physics, trial: JointCoupling) -> Array:
         """`coupling_rows` of a value to screen with, (M,); those of the first physics serve all later ones.
 
@@ -325,11 +313,11 @@ class WeakForm:
         if self.samples.velocity_measured:
             M = mass_matrix(moving, moving.link_inertias) + np.diag(physics.rotor_inertias)
             correction = windows.rate_steps @ np.linalg.solve(M, measured.u[..., None])[..., 0]
-            q, v, louder = self._compared(physics, measured)
+            q, v, louder = self.compared(physics, measured)
             kinematic = (windows.rate @ q + windows.value @ v - correction) * louder
         return _Prepared(measured, moving, inertial_regressor(moving, measured.v, windows), kinematic)
 
-    def _compared(self, physics: Physics, measured: Measurement) -> tuple[Array, Array, Array]:
+    def compared(self, physics: Physics, measured: Measurement) -> tuple[Array, Array, Array]:
         """Positions and velocities, (N, n) each, of which the first's rate is the second; and a factor (M, n).
 
         Undoing a lag raises the noise; where q and v only face each other, the other one is made to lag as well. That

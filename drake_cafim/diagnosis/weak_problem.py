@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from drake_cafim.diagnosis.beginning import Begun, doubtful, start_rows
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.samples import noisier
@@ -57,35 +58,20 @@ class Run:
         """Rows (M, r) or (M, r, k), flattened window after window and whitened."""
         return self.whiten(rows.reshape(self.rows, *rows.shape[2:]))
 
-    def residual(self, physics: Physics) -> tuple[Array, float]:
-        """Whitened rows (R,), and ln det C of the covariance C = 1 + U Uᵀ that an unknown start leaves them with.
+    def residual(self, physics: Physics) -> Array:
+        """Whitened rows (R,), less what an unknown start is to blame for."""
+        return self.begun(physics).rows
 
-        How twisted a soft joint is at the first sample nobody knows: U (R, c) is what that may change, and the rows are
-        multiplied by C^(−½). A recording that is likelier to begin in balance is taken to: a doubt that is not there
-        would count against every joint that rings for long.
-        """
-        if not physics.couplings:
-            return self.whitened(self.weak.residual(physics)), 0.0
+    def begun(self, physics: Physics) -> Begun:
+        """How the recording began, under `physics`."""
+        if not doubtful(physics):
+            return Begun(self.whitened(self.weak.residual(physics)))
         # a link that is lighter than its rotor runs away
         with np.errstate(over="ignore", invalid="ignore"):
-            rows, U = self.whitened(self.weak.residual(physics)), self.whitened(self.weak.start_rows(physics))
+            rows, U = self.whitened(self.weak.residual(physics)), self.whitened(start_rows(self.weak, physics))
             if not np.all(np.abs(rows) < IMPOSSIBLE) or not np.all(np.isfinite(U)):
-                return np.full(len(rows), np.inf), 0.0
-        if U.shape[1] == 0:
-            return rows, 0.0
-        spread, axes = np.linalg.eigh(U.T @ U)
-        spread = np.maximum(spread, 1e-12)
-        shrink = (1.0 - 1.0 / np.sqrt(1.0 + spread)) / spread
-        ringing, paid = rows - U @ (axes @ (shrink * (axes.T @ (U.T @ rows)))), float(np.sum(np.log1p(spread)))
-        return (ringing, paid) if ringing @ ringing + paid < rows @ rows else (rows, 0.0)
-
-    def start(self, physics: Physics) -> Array:
-        """What the rows say of the rotors' twists at the first sample, (c,), in prior standard deviations."""
-        U = self.whitened(self.weak.start_rows(physics)) if physics.couplings else np.zeros((0, 0))
-        if U.shape[1] == 0 or self.residual(physics)[1] == 0.0:
-            return np.zeros(U.shape[1])
-        rows = self.whitened(self.weak.residual(physics))
-        return -np.asarray(np.linalg.solve(U.T @ U + np.eye(U.shape[1]), U.T @ rows))
+                return Begun(np.full(len(rows), np.inf))
+        return Begun.of(rows, U)
 
     def pushed(self, force: Array, gains: Array) -> Array:
         """Rows (M, r, k) of generalized forces (N, n, k), at joints whose efforts count `gains` (n,) times."""
@@ -191,7 +177,7 @@ class WeakProblem(Problem):
 
     def data_rows(self, physics: Physics) -> Array:
         """Whitened rows of all recordings."""
-        return np.concatenate([run.residual(physics)[0] for run in self.runs])
+        return np.concatenate([run.residual(physics) for run in self.runs])
 
     def shared_noise(self, model: Model, residual: Array, jacobian: Array) -> tuple[Array, Array]:
         change = self.noisier.residual(model) - residual
@@ -200,7 +186,7 @@ class WeakProblem(Problem):
 
     def start_cost(self, model: Model) -> float:
         physics = model.physics(self.scene)
-        return sum(run.residual(physics)[1] for run in self.runs) if physics.couplings else 0.0
+        return sum(run.begun(physics).paid for run in self.runs) if doubtful(physics) else 0.0
 
     def jacobian(self, model: Model) -> Array:
         columns = [self._by_unknown(model, i)[:, None] for i in range(len(model.unknown))]
@@ -218,6 +204,9 @@ class WeakProblem(Problem):
             found = self.plane_columns(effect, physics)
         else:
             return np.stack([self._by_strength(model, position, k) for k in range(len(effect.strengths))], axis=1)
+        if doubtful(physics):
+            parts = np.split(found, np.cumsum([run.rows for run in self.runs])[:-1])
+            found = np.concatenate([run.begun(physics).without(own) for run, own in zip(self.runs, parts, strict=True)])
         return np.concatenate([found, np.zeros((len(model.unknown), found.shape[1]))])
 
     def joint_columns(self, joint: int, columns: Sequence[Array]) -> Array:
