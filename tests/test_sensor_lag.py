@@ -58,7 +58,7 @@ def test_the_true_lag_leaves_noise_as_stated(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("seed", "at"), [(3, "v.shoulder"), (8, "v.axis_1")])
 def test_how_far_a_sensor_was_behind_at_first_is_not_known(seed: int, at: str, tmp_path: Path) -> None:
-    """Of a recording that begins in the middle of a motion; were the lag taken as settled, 200 and 3.7 would be left."""
+    """Of recordings that begin in the middle of a motion; were lags taken as settled, 200 and 3.7 would be left."""
     simulate("single:sensor_lag", "arm2", seed).write(tmp_path)
     scene = Scene.load(tmp_path / "scenario.yaml")
     read = [recordings.read(tmp_path / f"train_{k}.parquet") for k in (1, 2, 3)]
