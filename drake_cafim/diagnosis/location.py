@@ -9,6 +9,7 @@ from drake_cafim.diagnosis.felt import wrong_contact
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.verdict import Location
 from drake_cafim.diagnosis.weak_problem import Run, WeakProblem
+from drake_cafim.diagnosis.windows import Windows
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -42,12 +43,9 @@ def locate(problem: WeakProblem, model: Model) -> tuple[Location, ...]:
             standard[place].append([z[:, row] for row, other in enumerate(places) if other == place])
         for row, place in enumerate(places):
             excess[place] += max(float(np.sum(z[:, row] ** 2) - len(z)), 0.0)
-            for first in range(0, len(z) - BLOCK + 1, BLOCK):
-                part = float(np.sum(z[first : first + BLOCK, row] ** 2))
-                if chi2.sf(part, BLOCK) * blocks < SIGNIFICANT:
-                    start = float(windows.starts[first])
-                    stop = float(windows.starts[first + BLOCK - 1] + windows.width)
-                    found.setdefault((*place, recording), []).append((start, stop))
+            standing = _intervals(z[:, row] ** 2, windows, blocks)
+            if standing:
+                found.setdefault((*place, recording), []).extend(standing)
     total = sum(excess.values())
     locations = []
     for place in sorted(excess, key=lambda p: -excess[p]):
@@ -62,6 +60,27 @@ def locate(problem: WeakProblem, model: Model) -> tuple[Location, ...]:
                 shown = sum((*place, r.weak.samples.recording.name) in found for r in problem.runs)
                 locations.append(Location(kind, label, share / shown, united(intervals), name, words))
     return tuple(locations)
+
+
+def _intervals(squares: Array, windows: Windows, blocks: int) -> list[tuple[float, float]]:
+    """Stretches of time, s, of blocks whose `squares` (M,) stand out among so many blocks.
+
+    Where single windows stand out, from the first to the last of these: a window weighs its middle most.
+    """
+    standing = np.zeros(len(squares), dtype=bool)
+    for first in range(0, len(squares), BLOCK):
+        part = slice(max(min(first, len(squares) - BLOCK), 0), first + BLOCK)
+        standing[part] |= chi2.sf(float(np.sum(squares[part])), BLOCK) * blocks < SIGNIFICANT
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], standing, [False]]))).reshape(-1, 2)
+    hop, middles = float(np.median(np.diff(windows.starts))), windows.centers
+    found = []
+    for first, last in ends:
+        alone = first + np.flatnonzero(chi2.sf(squares[first:last], 1) * blocks * BLOCK < SIGNIFICANT)
+        if len(alone):
+            found.append((float(middles[alone[0]] - 0.5 * hop), float(middles[alone[-1]] + 0.5 * hop)))
+        else:
+            found.append((float(windows.starts[first]), float(windows.starts[last - 1] + windows.width)))
+    return found
 
 
 def _condition(problem: WeakProblem, physics: Physics, place: tuple[str, str], rows: list[list[Array]]) -> str:
