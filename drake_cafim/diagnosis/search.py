@@ -238,8 +238,7 @@ def _expand(state: _State, depth: int) -> None:
             if state.problem.plausible(one.model):
                 found[key] = one
     ranked = state.ranked(found.values())
-    # what was there before has its shape; all are chosen anew once an explanation is accepted
-    kept = [reshaped(state.problem, one, newest=True) for one in ranked[: state.settings.beam]]
+    kept = [reshaped(state.problem, one) for one in ranked[: state.settings.beam]]
     for one in (*ranked[state.settings.beam :], *kept):
         state.pool.add(one)
     state.frontier = state.ranked(kept)
@@ -274,7 +273,7 @@ def _fit_rivals(state: _State, best: Fit) -> None:
             key = frozenset(effect.key for effect in model.effects)
             # a first look that gains far less than what was lost does not become a rival by refinement
             if key not in state.pool.fits and candidate.gain > FAR_LESS * needed:
-                one = reshaped(state.problem, fit(state.problem, model), newest=True)
+                one = reshaped(state.problem, fit(state.problem, model))
                 if state.problem.plausible(one.model):
                     state.pool.add(one)
 
@@ -349,13 +348,12 @@ def _without(model: Model, effect: Effect) -> Model:
     return Model(model.unknown, tuple(other for other in model.effects if other is not effect))
 
 
-def reshaped(problem: Problem, one: Fit, newest: bool = False) -> Fit:
-    """The fit with the best shape of each effect, or the `newest`, one by one: from the grid, then between its values.
+def reshaped(problem: Problem, one: Fit) -> Fit:
+    """The fit with the best shape of each effect, one after the other: from the grid, then between its values.
 
     A width that is off makes a sign change look like a law that falls or rises near rest.
     """
-    count = len(one.model.effects)
-    for position in range(count - 1 if newest else 0, count):
+    for position in range(len(one.model.effects)):
         first = one.chi_square
         one, worst = _best_shape(problem, one, position, one.model.effects[position].reshaped())
         if max(first, worst) - one.chi_square < SHAPE_SEEN:
