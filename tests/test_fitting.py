@@ -12,7 +12,7 @@ from drake_cafim.diagnosis.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.robust import wald_p_value
 from drake_cafim.diagnosis.samples import samples_of
-from drake_cafim.diagnosis.search import reshaped
+from drake_cafim.diagnosis.shapes import reshaped
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.body import ExternalDisturbance

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import lsq_linear
 from scipy.stats import chi2
 
 from drake_cafim.diagnosis.adequacy import adequacy
@@ -15,9 +14,8 @@ from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.robust import wald_p_value
 from drake_cafim.diagnosis.screening import Candidate, hypotheses, screen
-from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.shapes import reshaped
 from drake_cafim.effects.effect import Effect
-from drake_cafim.effects.joint import JointForce
 from drake_cafim.typing import Array
 
 LOOKED_AT = 8
@@ -32,10 +30,6 @@ COMPETES = 100.0
 RIVALS = 3
 CONTENDERS, NEAR = 12, 10.0
 """Explanations fitted without bias before one is chosen, and by how much of the criterion they may look worse."""
-SHAPE_SEEN = 10.0
-"""χ² between the best and the worst shape on the grid from which on values between are looked at."""
-FINER = (1.5, 1.15, 1.04)
-"""Ratios in which a shape is then changed, as long as it helps."""
 MOVED, ROUNDS = 0.3, 3
 """Prior standard deviations that an unknown may have moved before the noise is reckoned anew; and how often it is."""
 
@@ -346,59 +340,6 @@ def _fit_equivalents(state: _State, best: Fit) -> None:
 
 def _without(model: Model, effect: Effect) -> Model:
     return Model(model.unknown, tuple(other for other in model.effects if other is not effect))
-
-
-def reshaped(problem: Problem, one: Fit) -> Fit:
-    """The fit with the best shape of each effect, one after the other: from the grid, then between its values.
-
-    A width that is off makes a sign change look like a law that falls or rises near rest.
-    """
-    for position in range(len(one.model.effects)):
-        first = one.chi_square
-        one, worst = _best_shape(problem, one, position, one.model.effects[position].reshaped())
-        if max(first, worst) - one.chi_square < SHAPE_SEEN:
-            continue
-        for ratio in FINER:
-            before = np.inf
-            while one.chi_square < before:
-                before = one.chi_square
-                one, _ = _best_shape(problem, one, position, one.model.effects[position].between_shapes(ratio))
-    return one
-
-
-def _best_shape(problem: Problem, one: Fit, position: int, others: Iterable[Effect]) -> tuple[Fit, float]:
-    """The best of the fit and those with each of `others` in the effect's place, and the largest χ² of these.
-
-    A force of a joint is all but linear in its strengths: one look tells which of its shapes is worth a fit.
-    """
-    base, worst = one.model, -np.inf
-    trials = [Model(base.unknown, (*base.effects[:position], it, *base.effects[position + 1 :])) for it in others]
-    if trials and isinstance(problem, WeakProblem) and isinstance(base.effects[position], JointForce):
-        expected = [_expected(problem, one, trial, position) for trial in trials]
-        worst = max(expected)
-        trials = [trials[int(np.argmin(expected))]] if min(expected) < one.chi_square else []
-    for model in trials:
-        trial = fit(problem, model)
-        worst = max(worst, trial.chi_square)
-        if trial.chi_square < one.chi_square:
-            one = trial
-    return one, worst
-
-
-def _expected(problem: WeakProblem, one: Fit, model: Model, position: int) -> float:
-    """χ² of a fit that begins at `model`, to first order; it has another shape than the fitted one at `position`."""
-    effects = model.effects
-    first = len(model.unknown) + sum(len(effect.strengths) for effect in effects[:position])
-    residual, J = problem.residual(model), one.jacobian.copy()
-    J[:, first : first + len(effects[position].strengths)] = problem.effect_columns(model, position)
-    basis, triangle = np.linalg.qr(J)
-    along = basis.T @ residual
-    lower, upper = (
-        np.array([side] * len(model.unknown) + [getattr(s, bound) for effect in effects for s in effect.strengths])
-        for side, bound in ((-np.inf, "lower"), (np.inf, "upper"))
-    )
-    left = lsq_linear(triangle, -along, (lower - model.vector, upper - model.vector), method="bvls").cost
-    return float(residual @ residual - along @ along + 2.0 * left) + problem.start_cost(model)
 
 
 def inclusion(outcome: Outcome) -> dict[tuple[str, str], float]:

@@ -1,0 +1,71 @@
+"""The shape of a law that no strength gives, such as the width over which friction turns its sign."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from drake_cafim.diagnosis.fitting import Fit, fit
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import JointForce
+
+SHAPE_SEEN = 10.0
+"""χ² between the best and the worst shape on the grid from which on values between are looked at."""
+FINER = (1.5, 1.15, 1.04)
+"""Ratios in which a shape is then changed, as long as it helps."""
+
+
+def reshaped(problem: Problem, one: Fit) -> Fit:
+    """The fit with the best shape of each effect, one after the other: from the grid, then between its values.
+
+    A width that is off makes a sign change look like a law that falls or rises near rest.
+    """
+    for position in range(len(one.model.effects)):
+        first = one.chi_square
+        one, worst = _best_shape(problem, one, position, one.model.effects[position].reshaped())
+        if max(first, worst) - one.chi_square < SHAPE_SEEN:
+            continue
+        for ratio in FINER:
+            before = np.inf
+            while one.chi_square < before:
+                before = one.chi_square
+                one, _ = _best_shape(problem, one, position, one.model.effects[position].between_shapes(ratio))
+    return one
+
+
+def _best_shape(problem: Problem, one: Fit, position: int, others: Iterable[Effect]) -> tuple[Fit, float]:
+    """The best of the fit and those with each of `others` in the effect's place, and the largest χ² of these.
+
+    A force of a joint is all but linear in its strengths: one look tells which of its shapes is worth a fit.
+    """
+    base, worst = one.model, -np.inf
+    trials = [Model(base.unknown, (*base.effects[:position], it, *base.effects[position + 1 :])) for it in others]
+    if trials and isinstance(problem, WeakProblem) and isinstance(base.effects[position], JointForce):
+        expected = [_expected(problem, one, trial, position) for trial in trials]
+        worst = max(expected)
+        trials = [trials[int(np.argmin(expected))]] if min(expected) < one.chi_square else []
+    for model in trials:
+        trial = fit(problem, model)
+        worst = max(worst, trial.chi_square)
+        if trial.chi_square < one.chi_square:
+            one = trial
+    return one, worst
+
+
+def _expected(problem: WeakProblem, one: Fit, model: Model, position: int) -> float:
+    """χ² of a fit that begins at `model`, to first order; it has another shape than the fitted one at `position`."""
+    effects = model.effects
+    first = len(model.unknown) + sum(len(effect.strengths) for effect in effects[:position])
+    residual, J = problem.residual(model), one.jacobian.copy()
+    J[:, first : first + len(effects[position].strengths)] = problem.effect_columns(model, position)
+    basis, triangle = np.linalg.qr(J)
+    along = basis.T @ residual
+    lower, upper = (
+        np.array([side] * len(model.unknown) + [getattr(s, bound) for effect in effects for s in effect.strengths])
+        for side, bound in ((-np.inf, "lower"), (np.inf, "upper"))
+    )
+    left = lsq_linear(triangle, -along, (lower - model.vector, upper - model.vector), method="bvls").cost
+    return float(residual @ residual - along @ along + 2.0 * left) + problem.start_cost(model)
