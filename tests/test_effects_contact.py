@@ -91,7 +91,7 @@ def test_anisotropic_friction_has_two_axes() -> None:
 
 
 def test_rolling_resistance_is_a_moment_against_the_rolling() -> None:
-    rolling = replace(touch(), spin=np.array([[0.0, 2.0, 0.0]]))
+    rolling = replace(touch(), w=np.array([[0.0, 2.0, 3.0]]))
     contact = CONTACT.changed(ContactRollingResistance("tool/wall", {"coefficient": 0.003}))
     at, moment = contact.force(rolling)
     np.testing.assert_allclose(moment[0], [0.0, -0.003 * PUSH, 0.0])

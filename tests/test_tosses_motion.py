@@ -27,7 +27,15 @@ TIGHT = np.array([1e-5] * 3 + [1e-4] * 3)
 def _states(seed: int, count: int) -> State:
     rng = np.random.default_rng(seed)
     p = rng.normal(0.0, 0.1, (count, 3)) + np.array([0.0, 0.0, 1.0])
-    return State(p, exponential(rng.normal(size=(count, 3))), rng.normal(size=(count, 3)), rng.normal(0, 5, (count, 3)))
+    return State.of(
+        p, exponential(rng.normal(size=(count, 3))), rng.normal(size=(count, 3)), rng.normal(0, 5, (count, 3))
+    )
+
+
+def _turned(p: list[float], v: list[float]) -> State:
+    """One body, turned and turning."""
+    turn, w = np.array([[0.3, 0.2, 0.1]]), np.array([[1.0, -2.0, 0.5]])
+    return State.of(np.array([p]), exponential(turn), np.array([v]), w)
 
 
 def _flown(body: FreeBody, start: State, times: np.ndarray) -> Flights:
@@ -58,7 +66,7 @@ def test_free_motion_is_drakes(block: Scene) -> None:
 def test_a_bounce_is_that_of_a_fine_solver(tmp_path: Path) -> None:
     scene = thrown_scene(tmp_path)
     law = scene.physics.contacts[0].parameters
-    start = State(np.array([[0.0, 0.0, 0.05]]), exponential(np.zeros((1, 3))), np.array([[0.8, 0.0, -1.0]]),
+    start = State.of(np.array([[0.0, 0.0, 0.05]]), exponential(np.zeros((1, 3))), np.array([[0.8, 0.0, -1.0]]),
                   np.array([[0.0, -3.0, 0.0]]))  # fmt: skip
     times = np.arange(0.0, 0.12, 0.004)[None]
     flights = _flown(FreeBody(scene.physics), start, times)
@@ -88,8 +96,7 @@ def _differences(a: Flights, b: Flights) -> np.ndarray:
 def test_slopes_are_those_of_finite_steps_through_a_bounce(tmp_path: Path, shape: str) -> None:
     scene = thrown_scene(tmp_path, shape)
     body = FreeBody(scene.physics)
-    start = State(np.array([[0.0, 0.0, 0.09]]), exponential(np.array([[0.3, 0.2, 0.1]])), np.array([[0.5, 0.3, -1.0]]),
-                  np.array([[1.0, -2.0, 0.5]]))  # fmt: skip
+    start = _turned([0.0, 0.0, 0.09], [0.5, 0.3, -1.0])
     times = np.arange(0.0, 0.1, 0.004)[None]
     flights = _flown(body, start, times)
     assert np.any(flights.fine.mode)
@@ -119,8 +126,7 @@ def test_slopes_are_those_of_finite_steps_through_a_bounce(tmp_path: Path, shape
 )
 def test_slopes_go_through_what_a_contact_remembers(tmp_path: Path, shape: str, effect: Effect) -> None:
     body = FreeBody(thrown_scene(tmp_path, shape).physics.with_effects([effect]))
-    start = State(np.array([[0.0, 0.0, 0.07]]), exponential(np.array([[0.3, 0.2, 0.1]])), np.array([[0.3, 0.1, -0.5]]),
-                  np.array([[1.0, -2.0, 0.5]]))  # fmt: skip
+    start = _turned([0.0, 0.0, 0.07], [0.3, 0.1, -0.5])
     times = np.arange(0.0, 0.08, 0.004)[None]
     flights = _flown(body, start, times)
     assert np.any(flights.fine.mode)
@@ -138,8 +144,7 @@ def test_a_winding_contact_is_simulated_as_well_as_it_is_measured(tmp_path: Path
     """Within half of a sample's noise after 0.2 s, during which it winds up and throws back the ball's spin."""
     effect = ContactPresliding("body/ground", {"distance": 2e-3})
     body = FreeBody(thrown_scene(tmp_path, BALL).physics.with_effects([effect]))
-    start = State(np.array([[0.0, 0.0, 0.07]]), exponential(np.array([[0.3, 0.2, 0.1]])), np.array([[0.3, 0.1, -0.5]]),
-                  np.array([[1.0, -2.0, 0.5]]))  # fmt: skip
+    start = _turned([0.0, 0.0, 0.07], [0.3, 0.1, -0.5])
     times = np.arange(0.0, 0.2, 0.004)[None]
     std = np.repeat([1e-4, 2e-3], 3)
     count, recording = np.array([times.shape[1]]), np.zeros(1, dtype=int)

@@ -42,7 +42,7 @@ def thrown(physics: Physics, seed: int, count: int = 3, noise: tuple[float, floa
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, DURATION, STEP)
     times = np.tile(time, (count, 1))
-    start = State(
+    start = State.of(
         np.stack([rng.uniform(-0.1, 0.1, 3) + np.array([0.0, 0.0, 0.3]) for _ in range(count)]),
         exponential(rng.normal(0.0, 1.0, (count, 3))),
         np.stack([rng.uniform(-1.0, 1.0, 3) * np.array([1.0, 1.0, 0.3]) for _ in range(count)]),

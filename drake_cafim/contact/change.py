@@ -1,20 +1,22 @@
 """What a contact does beyond its nominal law: changes of its forces, some of which remember what went before."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import lapack
 
 from drake_cafim.contact.law import ContactLaw, ContactParameters
+from drake_cafim.cross import cross
 from drake_cafim.typing import Array
 
 
 @dataclass(frozen=True)
 class Touch:
     """One contact point over samples: `penetration` (N,) m, `rate` (N,) m/s, and in world axes `slip` (N, 3) m/s,
-    `position` (N, 3) m of the point and `spin` (N, 3) rad/s, the body's angular velocity without its turn about the
-    normal, and `spinning` (N, 3) m/s, the part of the slip that comes from turning.
+    `position` (N, 3) m of the point, `w` (N, 3) rad/s, the body's angular velocity, and `arm` (N, 3) m, from what
+    turns with it to the point.
 
     `axes` (3, 3) are the surface's x, y and normal as columns, world frame.
     """
@@ -23,9 +25,20 @@ class Touch:
     rate: Array
     slip: Array
     position: Array
-    spin: Array
-    spinning: Array
+    w: Array
+    arm: Array
     axes: Array
+
+    @cached_property
+    def spin(self) -> Array:
+        """(N, 3) rad/s, the body's angular velocity without its turn about the normal."""
+        n = self.axes[:, 2]
+        return np.asarray(self.w - (self.w @ n)[:, None] * n)
+
+    @cached_property
+    def spinning(self) -> Array:
+        """(N, 3) m/s, the part of the slip that comes from turning."""
+        return cross(self.w, self.arm)
 
 
 class ContactChange:

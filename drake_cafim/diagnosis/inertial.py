@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_cafim.cross import cross
 from drake_cafim.diagnosis.windows import Windows
 from drake_cafim.dynamics.motion import Motion, skew
 from drake_cafim.dynamics.tree import FIXED, Tree
@@ -57,53 +58,42 @@ def inertial_regressor(smooth: Motion, v: Array, windows: Windows) -> InertialRe
     for j in range(n):
         R, p = smooth.R_WJ[:, j], smooth.p_WJ[:, j]
         carriers = np.flatnonzero(supports[j])
-        axes = {k: _in_frame(smooth.axes[:, k], R, p) for k in carriers}
-        rates = {k: _in_frame(smooth.axes_rate[:, k], R, p) for k in carriers}
-        measured = np.sum([axes[k] * v[:, k, None] for k in carriers], axis=0)
-        momentum = _momentum_basis(measured)
-        momentum_smooth = _momentum_basis(_in_frame(smooth.velocities[:, j], R, p))
-        field = np.swapaxes(R, 1, 2)
-        weight_basis = _weight_basis(field)
-        for k in carriers:
-            p_k = np.einsum("na,nia->ni", axes[k], momentum)
-            force_k = np.einsum("na,nia->ni", rates[k], momentum_smooth)
-            inertia[:, k, j] = -(windows.rate @ p_k) - windows.value @ force_k
-            w_k = np.einsum("na,nixa->nix", axes[k], weight_basis)
-            weight[:, k, j] = -(windows.value @ w_k.reshape(len(v), 12)).reshape(-1, 4, 3)
+        axes = _in_frame(smooth.axes[:, carriers], R, p)
+        rates = _in_frame(smooth.axes_rate[:, carriers], R, p)
+        measured = np.einsum("nka,nk->na", axes, v[:, carriers])
+        momenta = _products(axes, measured)
+        forces = _products(rates, _in_frame(smooth.velocities[:, j, None], R, p)[:, 0])
+        heavy = (axes @ _OF_FIELD).reshape(len(v), -1, 3) @ np.swapaxes(R, 1, 2)
+        shape = (len(windows), len(carriers), -1)
+        inertia[:, carriers, j] = -(windows.rate @ momenta + windows.value @ forces).reshape(shape)
+        weight[:, carriers, j] = -(windows.value @ heavy.reshape(len(v), -1)).reshape(*shape[:2], 4, 3)
     return InertialRegressor(inertia, weight)
 
 
 def _in_frame(S_W: Array, R_WJ: Array, p_WJ: Array) -> Array:
-    """A motion vector about the world origin, world axes, taken to Jo and J axes."""
-    linear = S_W[:, 3:] + np.cross(S_W[:, :3], p_WJ)
-    return np.concatenate([np.einsum("nji,nj->ni", R_WJ, S_W[:, :3]), np.einsum("nji,nj->ni", R_WJ, linear)], axis=1)
+    """Motion vectors (N, k, 6) about the world origin, world axes, taken to Jo and J axes."""
+    linear = S_W[..., 3:] + cross(S_W[..., :3], p_WJ[:, None])
+    return np.concatenate([S_W[..., :3] @ R_WJ, linear @ R_WJ], axis=2)
 
 
-def _momentum_basis(V: Array) -> Array:
-    """(N, 10, 6): the spatial momentum of each unit inertial parameter that moves with V (N, 6) in J."""
-    w, v = V[:, :3], V[:, 3:]
-    basis = np.zeros((len(V), INERTIAL, 6))
-    basis[:, 0, 3:] = v
-    for a in range(3):
-        unit = np.zeros(3)
-        unit[a] = 1.0
-        basis[:, 1 + a, :3] = np.cross(unit, v)
-        basis[:, 1 + a, 3:] = np.cross(w, unit)
+def _products(S: Array, V: Array) -> Array:
+    """(N, k · 10): S · I V for motion vectors S (N, k, 6) and V (N, 6) in J, by each inertial parameter of I."""
+    pairs = (S[..., :, None] * V[:, None, None, :]).reshape(-1, 36)
+    return np.asarray((pairs @ _OF_PAIRS).reshape(len(S), -1))
+
+
+def _unit_inertias() -> Array:
+    """(10, 6, 6): the spatial inertia about Jo, angular part first, of each unit inertial parameter."""
+    table = np.zeros((INERTIAL, 6, 6))
+    table[0, 3:, 3:] = np.eye(3)
+    table[1:4, :3, 3:] = skew(np.eye(3))
+    table[1:4, 3:, :3] = -table[1:4, :3, 3:]
     for i, (a, b) in enumerate(_PAIRS):
-        basis[:, 4 + i, a] += w[:, b]
-        if a != b:
-            basis[:, 4 + i, b] += w[:, a]
-    return basis
+        table[4 + i, a, b] = table[4 + i, b, a] = 1.0
+    return table
 
 
-def _weight_basis(R_JW: Array) -> Array:
-    """(N, 4, 3, 6): the weight wrench of unit mass and first moments under unit gravity along each world axis."""
-    basis = np.zeros((len(R_JW), 4, 3, 6))
-    for x in range(3):
-        g = R_JW[:, :, x]
-        basis[:, 0, x, 3:] = g
-        for a in range(3):
-            unit = np.zeros(3)
-            unit[a] = 1.0
-            basis[:, 1 + a, x, :3] = np.cross(unit, g)
-    return basis
+_UNIT_INERTIAS = _unit_inertias()
+_OF_PAIRS = np.ascontiguousarray(_UNIT_INERTIAS.reshape(INERTIAL, 36).T)
+_OF_FIELD = np.ascontiguousarray(np.moveaxis(_UNIT_INERTIAS[:4, :, 3:], 1, 0).reshape(6, 12))
+"""(6, 4 · 3): with a unit of gravity along each axis of J, the weight of unit mass and first moments, by axis."""

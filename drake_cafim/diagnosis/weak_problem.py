@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.samples import noisier
 from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.diagnosis.whitening import Whitening, row_covariance, whitening
+from drake_cafim.diagnosis.whitening import Whitening, whitening
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.coupling import JointBacklash
 from drake_cafim.effects.effect import Effect, joined
@@ -85,9 +85,8 @@ class Run:
     def covariance(self) -> Array:
         """(M, r, r): each window's own rows."""
         r = self.weak.rows_per_window
-        spread = row_covariance(self.weak, self.jacobian, self.labels)
         starts = r * np.arange(len(self.weak.samples.windows))
-        return np.stack([spread[start : start + r, start : start + r].toarray() for start in starts])
+        return np.stack([self.whiten.covariance[at : at + r, at : at + r].toarray() for at in starts])
 
     def sensed(self, column: str, change: Array) -> Array:
         """Whitened rows' change (R, k) when the recording's `column` changes by `change` (N, k)."""

@@ -18,9 +18,10 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class Whitening:
-    """The banded Cholesky factor L of the rows' covariance, in lower band storage (b + 1, R)."""
+    """The rows' covariance (R, R), and its banded Cholesky factor L in lower band storage (b + 1, R)."""
 
     factor: Array
+    covariance: sp.csr_matrix
 
     def __call__(self, rows: Array) -> Array:
         """L⁻¹ rows, for (R,) or (R, k)."""
@@ -39,17 +40,18 @@ class Whitening:
 def whitening(weak: WeakForm, physics: Physics) -> tuple[Whitening, sp.csr_matrix, list[tuple[str, slice]]]:
     """The whitening of one recording's rows under `physics`, with the noise Jacobian it was made from."""
     jacobian, labels = noise_jacobian(weak, physics)
-    spread = sp.coo_matrix(row_covariance(weak, jacobian, labels) + bent_covariance(weak, physics))
-    lower = spread.row >= spread.col
-    row, column, value = spread.row[lower], spread.col[lower], spread.data[lower]
-    band = np.zeros((int((row - column).max()) + 1, spread.shape[0]))
+    together = sp.csr_matrix(_sampled(weak, jacobian, labels) + bent_covariance(weak, physics))
+    entries = sp.coo_matrix(together)
+    lower = entries.row >= entries.col
+    row, column, value = entries.row[lower], entries.col[lower], entries.data[lower]
+    band = np.zeros((int((row - column).max()) + 1, together.shape[0]))
     band[row - column, column] = value
     # rounding must not make the factorisation fail where rows are nearly dependent
     band[0] *= 1.0 + 1e-10
-    return Whitening(scipy.linalg.cholesky_banded(band, lower=True)), jacobian, labels
+    return Whitening(scipy.linalg.cholesky_banded(band, lower=True), together), jacobian, labels
 
 
-def row_covariance(weak: WeakForm, jacobian: sp.csr_matrix, labels: Sequence[tuple[str, slice]]) -> sp.csr_matrix:
+def _sampled(weak: WeakForm, jacobian: sp.csr_matrix, labels: Sequence[tuple[str, slice]]) -> sp.csr_matrix:
     """The covariance (R, R) of rows whose slopes in the samples are `jacobian` (R, columns)."""
     samples = weak.samples
     std = np.concatenate([np.full(part.stop - part.start, samples.std[name]) for name, part in labels])

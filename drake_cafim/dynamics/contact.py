@@ -1,5 +1,6 @@
 """A sphere of the tree against a plane that stands still: where they touch, and the wrench that follows."""
 
+import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -70,8 +71,8 @@ class SphereContact:
             rate=points.rate[:, 0],
             slip=points.tangential_velocity[:, 0],
             position=p_WC + points.p_BoC_W[:, 0],
-            spinning=cross(w_WJ, points.p_BoC_W[:, 0]),
-            spin=w_WJ - (w_WJ @ self.normal)[:, None] * self.normal,
+            w=w_WJ,
+            arm=points.p_BoC_W[:, 0],
             axes=self._axes,
         )
 
@@ -113,7 +114,7 @@ class SphereContact:
 
     def _shared(self, memory: Array) -> list[tuple[ContactChange, Array]]:
         """Each change with its own part of the memory."""
-        ends = np.cumsum([change.memory for change in self.changes]).tolist()
+        ends = itertools.accumulate(change.memory for change in self.changes)
         return [(change, memory[:, end - change.memory : end]) for change, end in zip(self.changes, ends, strict=True)]
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_cafim.diagnosis.tosses.free_body import State
+from drake_cafim.diagnosis.tosses.free_body import State, stacked
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack
 from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product
 from drake_cafim.typing import Array
@@ -91,7 +91,7 @@ def joined_arcs(tracks: Sequence[PoseTrack], noise: PoseNoise, pieces: Sequence[
     times, p, quaternion = (
         np.stack([getattr(track, name)[own] for track, own in taken]) for name in ("time", "p", "quaternion")
     )
-    start = State(*(np.concatenate([getattr(s, k) for s in starts]) for k in ("p", "quaternion", "v", "w")))
+    start = stacked(starts)
     return Arcs(tuple(tracks), recording, sample, counts, times, p, quaternion, start)
 
 
@@ -134,4 +134,4 @@ def _local_states(track: PoseTrack, noise: PoseNoise) -> tuple[State, Array]:
     value, slope = coefficients[:, 0], coefficients[:, 1] / scale[:, None]
     quaternion = product(exponential(value[:, 3:]), track.quaternion)
     quaternion = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
-    return State(track.p + value[:, :3], quaternion, slope[:, :3], slope[:, 3:]), misfit
+    return State.of(track.p + value[:, :3], quaternion, slope[:, :3], slope[:, 3:]), misfit

@@ -10,22 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State, stacked
+from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State, stacked, upright
 from drake_cafim.dynamics.rotations import crossing, rate, rotation_matrices
 from drake_cafim.typing import Array
 
 GAMMA = 4.3586652150845900e-01
 ALPHA = (
-    (),
-    (8.7173304301691801e-01,),
-    (8.4457060015369423e-01, -1.1299064236484185e-01),
-    (0.0, 0.0, 1.0),
+    np.zeros(0),
+    np.array([8.7173304301691801e-01]),
+    np.array([8.4457060015369423e-01, -1.1299064236484185e-01]),
+    np.array([0.0, 0.0, 1.0]),
 )
 SHIFT = (
-    (),
-    (-8.7173304301691801e-01,),
-    (-9.0338057013044082e-01, 5.4180672388095326e-02),
-    (2.4212380706095346e-01, -1.2232505839045147e00, 5.4526025533510214e-01),
+    np.zeros(0),
+    np.array([-8.7173304301691801e-01]),
+    np.array([-9.0338057013044082e-01, 5.4180672388095326e-02]),
+    np.array([2.4212380706095346e-01, -1.2232505839045147e00, 5.4526025533510214e-01]),
 )
 WEIGHTS = np.array([2.4212380706095346e-01, -1.2232505839045147e00, 1.5452602553351020e00, GAMMA])
 EMBEDDED = np.array([3.7810903145819369e-01, -9.6042292212423178e-02, 5.0000000000000000e-01, 2.1793326075422950e-01])
@@ -76,9 +76,8 @@ def fly(
     depth, sinking = body.depths(start)
     mode, allowed = depth > 0.0, (CAREFUL if body.memory or body.pulls else SHARE) * std
     memory = np.zeros((B, body.points, body.memory)) if memory is None else memory.copy()
-    now = State(start.p.copy(), start.quaternion.copy(), start.v.copy(), start.w.copy())
-    out = State(*(np.zeros((B, S, k)) for k in (3, 4, 3, 3)))
-    _store(out, np.arange(B), np.zeros(B, dtype=int), now)
+    now, out = State(start.numbers.copy()), np.zeros((B, S, start.numbers.shape[1]))
+    out[:, 0] = now.numbers
     time, following = times[:, 0].copy(), np.ones(B, dtype=int)
     usual = np.full(B, 1e-3)
     trail: list[tuple[Any, ...]] = []
@@ -88,13 +87,16 @@ def fly(
             break
         here, touching, remembered = now[alive], mode[alive], memory[alive]
         moment = Moment(time[alive], recording[alive], names)
-        left = times[alive, following[alive]] - time[alive]
-        first = body.acceleration(here, touching, remembered, moment)
-        landing = _time_to_land(body, here, touching, first)
+        left = times[alive, following[alive]] - moment.time
+        R = rotation_matrices(here.quaternion)
+        felt = body.felt(here, R, touching, remembered)
+        first = body.accelerated(here, R, felt, moment)
+        landing = _time_to_land(body, here, R, touching, first)
         step = np.minimum(np.minimum(usual[alive], left), np.maximum(landing, SHORTEST))
         # a crumb of a step before a sample is left to the one before
         step = np.where(left - step < 1e-9, left, step)
-        ended, error = _step(body, here, touching, remembered, moment, first, step, allowed)
+        damping = None if felt is None else body.damping(R, felt)
+        ended, error = _step(body, here, touching, remembered, moment, first, damping, step, allowed)
         deep, sinking = body.depths(ended)
         past = np.max(np.where(touching, -np.inf, deep), axis=1, initial=-np.inf) > LANDED
         good = (error < 1.0) & ~past | (step <= SHORTEST)
@@ -111,7 +113,7 @@ def fly(
         trail.append((rows, time[rows], step[good], here[good], touching[good], remembered[good]))
         ended = ended[good]
         time[rows] += step[good]
-        _store(now, rows, None, ended)
+        now.numbers[rows] = ended.numbers
         deep, sinking = deep[good], sinking[good]
         held = touching[good]
         fresh = np.where(held, (deep > 0.0) | (sinking > 0.0), (deep > -1e-8) & (sinking > 0.0))
@@ -121,17 +123,10 @@ def fly(
         done = np.abs(times[rows, following[rows]] - time[rows]) < 1e-12
         arrived = rows[done]
         time[arrived] = times[arrived, following[arrived]]
-        _store(out, arrived, following[arrived], now[arrived])
+        out[arrived, following[arrived]] = now.numbers[arrived]
         following[arrived] += 1
         alive = alive[following[alive] < counts[alive]]
-    return Flights(
-        State(*(x.reshape(B * S, -1) for x in (out.p, out.quaternion, out.v, out.w))), (B, S), _fine(trail, body)
-    )
-
-
-def _store(into: State, rows: Any, columns: Any, state: State) -> None:
-    where = rows if columns is None else (rows, columns)
-    into.p[where], into.quaternion[where], into.v[where], into.w[where] = state.p, state.quaternion, state.v, state.w
+    return Flights(State(out.reshape(B * S, -1)), (B, S), _fine(trail, body))
 
 
 def remember(
@@ -151,17 +146,15 @@ def remember(
     return result
 
 
-def _time_to_land(body: FreeBody, state: State, mode: Flags, acceleration: Array) -> Array:
+def _time_to_land(body: FreeBody, state: State, R: Array, mode: Flags, acceleration: Array) -> Array:
     """(B,) s until the first point that does not touch would, falling as it does now."""
     if body.points == 0:
         return np.full(len(state), np.inf)
     assert body.contact is not None
     n = body.contact.normal
-    R = rotation_matrices(state.quaternion)
-    depth, sinking = body.depths(state, body.levers(R))
+    depth, sinking = body.depths(state, R)
     # of a point that turns with the body n·(ω̇ × r + ω × (ω × r)) counts as well
-    turning = crossing(state.w)
-    around = acceleration[:, 3:] @ crossing(n[None])[0].T + (n @ turning[:, None] @ turning)[:, 0]
+    around = acceleration[:, 3:] @ body.across + ((state.w @ body.across)[:, None] @ crossing(state.w))[:, 0]
     speeding = -(acceleration[:, :3] @ n)[:, None] - (around[:, None] @ body.centers(R))[:, 0]
     gap = np.maximum(-depth, 0.0)
     root = np.sqrt(np.maximum(sinking**2 + 2.0 * speeding * gap, 0.0))
@@ -172,49 +165,43 @@ def _time_to_land(body: FreeBody, state: State, mode: Flags, acceleration: Array
 
 
 def _step(
-    body: FreeBody, state: State, mode: Flags, memory: Array, moment: Moment, first: Array, step: Array, allowed: Array
-) -> tuple[State, Array]:
-    """The states a step later, and the largest error of each (B,) in units of what is allowed."""
-    h = step[:, None]
-    A = body.damping(state, mode, memory)
-    inverse = None if A is None else np.linalg.inv(np.eye(6) - (GAMMA * h)[:, :, None] * A)
-    u = np.concatenate([state.v, state.w], axis=1)
-    slopes: list[tuple[Array, Array, Array]] = []
+    body: FreeBody, state: State, mode: Flags, memory: Array, moment: Moment, first: Array, damping: Array | None,
+    step: Array, allowed: Array,
+) -> tuple[State, Array]:  # fmt: skip
+    """The states a step later, and the largest error of each (B,) in units of what is allowed.
+
+    `first` (B, 6) and `damping` (B, 6, 6) are the acceleration at the step's beginning, and its slopes in the velocity.
+    """
+    h, slopes = step[:, None], np.empty((4, *state.numbers.shape))
+    inverse = None if damping is None else np.linalg.inv(np.eye(6) - (GAMMA * h)[:, :, None] * damping)
+    at, change = state, first
     for i in range(4):
-        at, on, late = state, u, moment
         if i:
-            p = state.p + h * sum(a * k[0] for a, k in zip(ALPHA[i], slopes, strict=False))
-            q = state.quaternion + h * sum(a * k[1] for a, k in zip(ALPHA[i], slopes, strict=False))
-            on = u + h * sum(a * k[2] for a, k in zip(ALPHA[i], slopes, strict=False))
-            at = State(p, q / np.linalg.norm(q, axis=1, keepdims=True), on[:, :3], on[:, 3:])
-            late = Moment(moment.time + sum(ALPHA[i]) * step, moment.recording, moment.names)
-        if i == 0:
-            change = first
-        else:
-            kept = memory
-            if body.memory:
-                kept = remember(body, memory, at, mode, sum(ALPHA[i]) * step, mode)
-            change = body.acceleration(at, mode, kept, late)
-        if A is not None and inverse is not None:
+            at = upright(State(state.numbers + h * _mixed(ALPHA[i], slopes)))
+            past = ALPHA[i].sum() * step
+            kept = remember(body, memory, at, mode, past, mode) if body.memory else memory
+            change = body.acceleration(at, mode, kept, Moment(moment.time + past, moment.recording, moment.names))
+        if damping is not None and inverse is not None:
             if i:
-                shifted = sum(g * k[2] for g, k in zip(SHIFT[i], slopes, strict=False))
-                change = change + h * (A @ np.asarray(shifted)[..., None])[..., 0]
+                change = change + h * (damping @ _mixed(SHIFT[i], slopes)[:, 7:, None])[..., 0]
             change = (inverse @ change[..., None])[..., 0]
-        slopes.append((on[:, :3], rate(at.quaternion, on[:, 3:]), change))
-    p, q, ended = (
-        base + h * sum(b * k[j] for b, k in zip(WEIGHTS, slopes, strict=True))
-        for j, base in ((0, state.p), (1, state.quaternion), (2, u))
-    )
-    missed = h * sum(b * k[2] for b, k in zip(WEIGHTS - EMBEDDED, slopes, strict=True))
-    error = np.max(np.abs(missed) / allowed, axis=1)
-    error = np.where(np.isfinite(error), error, 1e6)
-    return State(p, q / np.linalg.norm(q, axis=1, keepdims=True), ended[:, :3], ended[:, 3:]), error
+        slopes[i, :, :3], slopes[i, :, 3:7], slopes[i, :, 7:] = at.v, rate(at.quaternion, at.w), change
+    ended = upright(State(state.numbers + h * _mixed(WEIGHTS, slopes)))
+    missed = h * _mixed(WEIGHTS - EMBEDDED, slopes)[:, 7:]
+    error = (np.abs(missed) / allowed).max(axis=1)
+    return ended, np.where(np.isfinite(error), error, 1e6)
+
+
+def _mixed(shares: Array, slopes: Array) -> Array:
+    """(B, 13), the sum of the first slopes (4, B, 13) by their shares (k,)."""
+    k = len(shares)
+    return np.asarray((shares @ slopes[:k].reshape(k, -1)).reshape(slopes.shape[1:]))
 
 
 def _fine(trail: list[tuple[Any, ...]], body: FreeBody) -> Fine:
     if not trail:
         empty = np.zeros(0)
-        none = State(*(np.zeros((0, k)) for k in (3, 4, 3, 3)))
+        none = State(np.zeros((0, 13)))
         shape = (0, body.points, body.memory)
         return Fine(np.zeros(0, dtype=int), empty, empty, none, np.zeros(shape[:2], dtype=bool), np.zeros(shape))
     flight, time, step, mode, memory = (np.concatenate([one[k] for one in trail]) for k in (0, 1, 2, 4, 5))

@@ -29,37 +29,76 @@ Flags: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
 
 @dataclass(frozen=True)
 class State:
-    """B states: origin `p` (B, 3) m, `quaternion` (B, 4), `v` (B, 3) m/s of the origin, `w` (B, 3) rad/s; world."""
+    """B states, `numbers` (B, 13) of each; in the world."""
 
-    p: Array
-    quaternion: Array
-    v: Array
-    w: Array
+    numbers: Array
+
+    @classmethod
+    def of(cls, p: Array, quaternion: Array, v: Array, w: Array) -> "State":
+        """From the parts (B, 3), (B, 4), (B, 3) and (B, 3)."""
+        return cls(np.concatenate([p, quaternion, v, w], axis=1))
+
+    @property
+    def p(self) -> Array:
+        """(B, 3) m, the origin."""
+        return self.numbers[:, :3]
+
+    @property
+    def quaternion(self) -> Array:
+        """(B, 4)"""
+        return self.numbers[:, 3:7]
+
+    @property
+    def v(self) -> Array:
+        """(B, 3) m/s, of the origin."""
+        return self.numbers[:, 7:10]
+
+    @property
+    def w(self) -> Array:
+        """(B, 3) rad/s"""
+        return self.numbers[:, 10:]
 
     def __len__(self) -> int:
-        return len(self.p)
+        return len(self.numbers)
 
     def __getitem__(self, rows: Any) -> "State":
-        return State(self.p[rows], self.quaternion[rows], self.v[rows], self.w[rows])
+        return State(self.numbers[rows])
+
+
+def upright(state: State) -> State:
+    """The states, their quaternions made of unit length; in place."""
+    q = state.quaternion
+    q /= np.sqrt((q * q).sum(axis=1))[:, None]
+    return state
 
 
 def stacked(states: "list[State]") -> State:
     """The states one after the other."""
-    return State(*(np.concatenate([getattr(one, name) for one in states]) for name in ("p", "quaternion", "v", "w")))
+    return State(np.concatenate([one.numbers for one in states]))
 
 
 def picked(first: Flags, one: State, other: State) -> State:
     """The states of `one` where `first` (B,) says so, and those of `other` elsewhere."""
-    names = ("p", "quaternion", "v", "w")
-    return State(*(np.where(first[:, None], getattr(one, k), getattr(other, k)) for k in names))
+    return State(np.where(first[:, None], one.numbers, other.numbers))
 
 
 def replaced(states: State, rows: np.ndarray[Any, np.dtype[np.int64]], other: State) -> State:
     """`states` (B) with those of `other` (K) in `rows` (K,)."""
-    parts = {name: getattr(states, name).copy() for name in ("p", "quaternion", "v", "w")}
-    for name, values in parts.items():
-        values[rows] = getattr(other, name)
-    return State(**parts)
+    numbers = states.numbers.copy()
+    numbers[rows] = other.numbers
+    return State(numbers)
+
+
+@dataclass(frozen=True)
+class Felt:
+    """The E points that B states feel: whose each is, `rows` (E,); `lever` (E, 3) m to it from the origin; how it is
+    touched; and the force and the moment (E, 3) on it. World axes."""
+
+    rows: np.ndarray[Any, np.dtype[np.int64]]
+    lever: Array
+    touch: Touch
+    force: Array
+    moment: Array
 
 
 @dataclass(frozen=True)
@@ -93,6 +132,15 @@ class FreeBody:
         return m, c, about_origin, np.asarray(np.linalg.inv(spatial), dtype=float)
 
     @cached_property
+    def _weight(self) -> Array:
+        """(3,) N"""
+        return np.asarray(self.inertial[0] * self.physics.gravity)
+
+    @cached_property
+    def _eccentric(self) -> bool:
+        return bool(np.any(self.inertial[1]))
+
+    @cached_property
     def contact(self) -> SphereContact | None:
         """The body's contact; one is what a toss has."""
         return self.physics.contacts[0] if self.physics.contacts else None
@@ -111,12 +159,22 @@ class FreeBody:
     def _axes(self) -> Array:
         return surface_axes(self.contact.normal) if self.contact is not None else np.eye(3)
 
-    @property
+    @cached_property
+    def _height(self) -> float:
+        """m, of the plane along its normal."""
+        return 0.0 if self.contact is None else float(self.contact.point @ self.contact.normal)
+
+    @cached_property
+    def across(self) -> Array:
+        """(3, 3): ω @ across is n × ω."""
+        return crossing(self.contact.normal[None])[0].T if self.contact is not None else np.zeros((3, 3))
+
+    @cached_property
     def points(self) -> int:
         """How many points may touch."""
         return int(self._points.shape[1])
 
-    @property
+    @cached_property
     def memory(self) -> int:
         """How many numbers each point remembers."""
         return 0 if self.contact is None else self.contact.memory
@@ -138,51 +196,53 @@ class FreeBody:
         """(B, 3, K) m, from the origin to the points that may touch."""
         return np.asarray(R @ self._points + self._below)
 
-    def depths(self, state: State, levers: Array | None = None) -> tuple[Array, Array]:
+    def depths(self, state: State, R: Array | None = None) -> tuple[Array, Array]:
         """How deep each point is, (B, K) m, and how fast it goes deeper, (B, K) m/s."""
         if self.contact is None:
             return np.zeros((len(state), 0)), np.zeros((len(state), 0))
         n = self.contact.normal
-        if levers is None:
-            levers = self.levers(rotation_matrices(state.quaternion))
-        depth = float(self.contact.point @ n) - (state.p @ n)[:, None] - n @ levers
+        levers = self.levers(rotation_matrices(state.quaternion) if R is None else R)
         # n·(v + ω × r) = n·v + (n × ω)·r
-        across = state.w @ crossing(n[None])[0].T
-        rate = -(state.v @ n)[:, None] - (across[:, None] @ levers)[:, 0]
-        return depth, rate
+        rate = -(state.v @ n)[:, None] - ((state.w @ self.across)[:, None] @ levers)[:, 0]
+        return self._height - (state.p @ n)[:, None] - n @ levers, rate
 
     def touch(self, state: State, lever: Array, points: Flags) -> Touch:
         """How points at `lever` (B, 3) from the origins meet the plane; those of `points` (B,) are taken to touch."""
         contact = self.contact
         assert contact is not None
-        n, turning = contact.normal, crossing(state.w)
-        v = state.v + (turning @ lever[:, :, None])[:, :, 0]
+        n, w = contact.normal, state.w
+        v = state.v + (crossing(w) @ lever[:, :, None])[:, :, 0]
         rate = -(v @ n)
         position = state.p + lever
-        depth = float(contact.point @ n) - position @ n
+        depth = self._height - position @ n
         held = np.where(points, np.maximum(depth, 1e-15), np.minimum(depth, 0.0))
         # the deepest point of a sphere stays below its centre, a corner turns with the body
-        spinning = turning @ self._below[:, 0]
-        spin = state.w - (state.w @ n)[:, None] * n
-        return Touch(held, rate, v + rate[:, None] * n, position, spin, spinning, self._axes)
+        return Touch(held, rate, v + rate[:, None] * n, position, w, self._below.T, self._axes)
 
     def acceleration(self, state: State, mode: Flags, memory: Array, moment: Moment) -> Array:
         """(B, 6): v̇ then ω̇ in the world, the points of `mode` (B, K) touching; `memory` is (B, K, m)."""
         R = rotation_matrices(state.quaternion)
+        return self.accelerated(state, R, self.felt(state, R, mode, memory), moment)
+
+    def accelerated(self, state: State, R: Array, felt: Felt | None, moment: Moment) -> Array:
+        """`acceleration` of bodies turned by `R` (B, 3, 3) by what they feel."""
         m, c, inertia, inverse = self.inertial
         wrench = np.zeros((len(state), 2, 3))
-        wrench[:, 0] = m * self.physics.gravity
-        if self.contact is not None and (self.pulls or mode.any()):
-            self._push(wrench, state, R, mode, memory)
+        wrench[:, 0] = self._weight
+        if felt is not None:
+            pushed = np.empty((len(felt.rows), 2, 3))
+            pushed[:, 0] = felt.force
+            pushed[:, 1] = (crossing(felt.lever) @ felt.force[:, :, None])[:, :, 0] + felt.moment
+            _add(wrench, felt.rows, pushed)
         for effect in self.physics.body_forces:
             self._disturb(wrench, effect, state, R, moment)
         w_B = (state.w[:, None] @ R)[:, 0]
         turning = crossing(w_B)
         wrench_B = wrench @ R
         wrench_B[:, 1] -= (turning @ (w_B @ inertia)[:, :, None])[:, :, 0]
-        if np.any(c):
+        if self._eccentric:
             wrench_B[:, 0] -= m * (turning @ (turning @ c)[:, :, None])[:, :, 0]
-            wrench_B[:, 1] += m * (self.physics.gravity @ R) @ skew(c).T
+            wrench_B[:, 1] += (self._weight @ R) @ skew(c).T
         moved_B = (wrench_B.reshape(-1, 6) @ inverse).reshape(-1, 2, 3)
         return np.asarray((moved_B @ np.swapaxes(R, 1, 2)).reshape(-1, 6))
 
@@ -197,53 +257,36 @@ class FreeBody:
         wrench[:, 0] += force
         wrench[:, 1] += (crossing(lever) @ force[:, :, None])[:, :, 0]
 
-    def _felt(self, state: State, levers: Array, mode: Flags) -> Flags:
-        """The points that are felt (B, K): those that touch, and those that are near enough to be pulled."""
-        if not self.pulls or self.contact is None:
-            return mode
-        n = self.contact.normal
-        depth = float(self.contact.point @ n) - (state.p @ n)[:, None] - n @ levers
-        return mode | (depth > -self._reach)
-
-    def _push(self, wrench: Array, state: State, R: Array, mode: Flags, memory: Array) -> None:
-        """Add the contact's force and torque about the origin to `wrench` (B, 2, 3)."""
+    def felt(self, state: State, R: Array, mode: Flags, memory: Array) -> Felt | None:
+        """What is felt by bodies turned by `R` (B, 3, 3): points that touch, and those near enough to be pulled."""
         contact = self.contact
-        assert contact is not None
-        levers = self.levers(R)
-        felt = self._felt(state, levers, mode)
-        rows, columns = felt.nonzero()
+        if contact is None or not (self.pulls or mode.any()):
+            return None
+        levers, near = self.levers(R), mode
+        if self.pulls:
+            near = mode | (self._height - (state.p @ contact.normal)[:, None] - contact.normal @ levers > -self._reach)
+        rows, columns = near.nonzero()
         lever = levers[rows, :, columns]
         touch = self.touch(state[rows], lever, mode[rows, columns])
-        force, moment = contact.force(touch, memory[rows, columns])
-        both = np.empty((len(rows), 2, 3))
-        both[:, 0] = force
-        both[:, 1] = (crossing(lever) @ force[:, :, None])[:, :, 0] + moment
-        _add(wrench, rows, both)
+        return Felt(rows, lever, touch, *contact.force(touch, memory[rows, columns]))
 
-    def damping(self, state: State, mode: Flags, memory: Array) -> Array | None:
-        """∂(v̇, ω̇)/∂(v, ω) (B, 6, 6) by what makes contacts stiff: friction near rest, and the damper; None for none."""
-        contact = self.contact
-        if contact is None or not mode.any():
-            return None
-        n = contact.normal
-        R = rotation_matrices(state.quaternion)
-        rows, columns = mode.nonzero()
-        lever = self.levers(R)[rows, :, columns]
-        touch = self.touch(state[rows], lever, mode[rows, columns])
-        force, _ = contact.force(touch, memory[rows, columns])
-        pushing = force @ n
-        speed = np.sqrt(np.einsum("bi,bi->b", touch.slip, touch.slip))
-        along = touch.slip / np.maximum(speed, 1e-12)[:, None]
+    def damping(self, R: Array, felt: Felt) -> Array:
+        """∂(v̇, ω̇)/∂(v, ω) (B, 6, 6) by what makes contacts stiff: friction near rest, and the damper."""
+        contact, B = self.contact, len(R)
+        assert contact is not None
+        n, slip = contact.normal, felt.touch.slip
+        pushing = felt.force @ n
+        speed = np.sqrt((slip * slip).sum(axis=1))
+        along = slip / np.maximum(speed, 1e-12)[:, None]
         across, onward = _friction_slopes(contact, np.maximum(pushing, 0.0), speed)
         slope = across[:, None, None] * (np.eye(3) - np.outer(n, n))
         slope += ((onward - across)[:, None] * along)[:, :, None] * along[:, None, :]
         slope += np.where(pushing > 0.0, contact.parameters.damping, 0.0)[:, None, None] * np.outer(n, n)
-        turning = crossing(lever)
-        arm = np.empty((len(rows), 3, 6))
-        arm[:, :, :3], arm[:, :, 3:] = np.eye(3), -turning
-        wrench = np.zeros((len(state), 6, 6))
-        _add(wrench, rows, -np.swapaxes(arm, 1, 2) @ slope @ arm)
-        turned = np.zeros((len(state), 6, 6))
+        arm = np.empty((len(felt.rows), 3, 6))
+        arm[:, :, :3], arm[:, :, 3:] = np.eye(3), -crossing(felt.lever)
+        wrench = np.zeros((B, 6, 6))
+        _add(wrench, felt.rows, -np.swapaxes(arm, 1, 2) @ slope @ arm)
+        turned = np.zeros((B, 6, 6))
         turned[:, :3, :3] = turned[:, 3:, 3:] = R
         inverse = turned @ self.inertial[3] @ np.swapaxes(turned, 1, 2)
         return np.asarray(inverse @ wrench)

@@ -4,7 +4,7 @@ import numpy as np
 
 from drake_cafim.cross import cross
 from drake_cafim.diagnosis.tosses.flight import Fine, remember
-from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State
+from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State, upright
 from drake_cafim.dynamics.rotations import exponential, product, rotation_matrices
 from drake_cafim.typing import Array
 
@@ -35,8 +35,7 @@ def remembering(body: FreeBody, fine: Fine, transition: Array, forced: Array) ->
 def midway(fine: Fine) -> State:
     """The states (F) in the middle of the steps."""
     ended = _ended(fine)
-    p, quaternion, v, w = (0.5 * (getattr(fine.state, k) + getattr(ended, k)) for k in ("p", "quaternion", "v", "w"))
-    return State(p, quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True), v, w)
+    return upright(State(0.5 * (fine.state.numbers + ended.numbers)))
 
 
 def midway_acceleration(body: FreeBody, fine: Fine, moment: Moment, state: State) -> Array:
@@ -50,7 +49,7 @@ def landed_sooner(body: FreeBody, state: State, before: Flags, after: Flags) -> 
     nothing = np.zeros((len(state), body.points, body.memory))
     none, moment = np.zeros(len(state)), np.full(len(state), SOONER)
     turned = product(exponential(-SOONER * state.w), state.quaternion)
-    then = State(state.p - SOONER * state.v, turned, state.v, state.w)
+    then = State.of(state.p - SOONER * state.v, turned, state.v, state.w)
     sooner = remember(body, remember(body, nothing, then, before, none), state, after, moment)
     change = np.where((after & ~before)[:, :, None], sooner - remember(body, nothing, state, before, none), 0.0)
     return np.asarray(change.reshape(len(state), -1) / SOONER)
@@ -119,12 +118,11 @@ def _kept(body: FreeBody, fine: Fine) -> tuple[Array, Array]:
 
 def shifted(state: State, k: int, size: float) -> State:
     """The states with the k-th of their twelve numbers changed."""
-    step = np.zeros(3)
-    step[k % 3] = size
-    if k < 3:
-        return State(state.p + step, state.quaternion, state.v, state.w)
-    if k < 6:
-        return State(state.p, product(exponential(step), state.quaternion), state.v, state.w)
-    if k < 9:
-        return State(state.p, state.quaternion, state.v + step, state.w)
-    return State(state.p, state.quaternion, state.v, state.w + step)
+    numbers = state.numbers.copy()
+    if 3 <= k < 6:
+        step = np.zeros(3)
+        step[k - 3] = size
+        numbers[:, 3:7] = product(exponential(step), state.quaternion)
+    else:
+        numbers[:, k if k < 3 else k + 1] += size
+    return State(numbers)

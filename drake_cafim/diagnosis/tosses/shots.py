@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.tosses.arcs import Arcs
 from drake_cafim.diagnosis.tosses.flight import Fine, Flights, fly
-from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State, picked, stacked
+from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State, picked, replaced, stacked
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
 from drake_cafim.diagnosis.tosses.tangent import Tangent
 from drake_cafim.diagnosis.tosses.written import true_times, written, written_slopes
@@ -42,14 +42,11 @@ class Shot:
         remembered = None if memory is None else memory[rows]
         flown = fly(self.body, start[rows], times, counts, recording, self.arcs.names, self.noise.std, remembered)
         B, S = self.flights.shape
-        at_samples = self.flights.at_samples
         places = np.arange(B * S).reshape(B, S)[rows].ravel()
-        parts = {k: getattr(at_samples, k).copy() for k in ("p", "quaternion", "v", "w")}
-        for k, values in parts.items():
-            values[places] = getattr(flown.at_samples, k)
+        at_samples = replaced(self.flights.at_samples, places, flown.at_samples)
         new = replace(flown.fine, flight=rows[flown.fine.flight])
         fine = _joined(_kept(self.flights.fine, ~which), new)
-        return replace(self, start=picked(which, start, self.start), flights=Flights(State(**parts), (B, S), fine))
+        return replace(self, start=picked(which, start, self.start), flights=Flights(at_samples, (B, S), fine))
 
     @cached_property
     def body(self) -> FreeBody:

@@ -14,7 +14,7 @@ import numpy as np
 
 from drake_cafim.cross import cross
 from drake_cafim.diagnosis.tosses.flight import Fine, Flights
-from drake_cafim.diagnosis.tosses.free_body import FreeBody, Moment, State
+from drake_cafim.diagnosis.tosses.free_body import FreeBody, Moment, State, upright
 from drake_cafim.diagnosis.tosses.memory_slopes import (
     FINE_SIZES,
     SIZES,
@@ -117,7 +117,8 @@ class Tangent:
         # a point that has just landed is looked at where it presses, so that no step leaves the plane
         state = f.state
         if self.body.contact is not None:
-            state = State(state.p - INSIDE * self.body.contact.normal, state.quaternion, state.v, state.w)
+            pressed = state.p - INSIDE * self.body.contact.normal
+            state = State.of(pressed, state.quaternion, state.v, state.w)
         here = self.body.acceleration(state, f.mode, f.memory, self.moment)
         J = np.zeros((len(f.time), 12, 12))
         J[:, :3, 6:9] = J[:, 3:6, 9:] = np.eye(3)
@@ -212,5 +213,4 @@ class Tangent:
 def moved(state: State, change: Array) -> State:
     """The states (B) changed by δx (B, 12)."""
     turned = product(exponential(change[:, 3:6]), state.quaternion)
-    turned = turned / np.linalg.norm(turned, axis=1, keepdims=True)
-    return State(state.p + change[:, :3], turned, state.v + change[:, 6:9], state.w + change[:, 9:])
+    return upright(State.of(state.p + change[:, :3], turned, state.v + change[:, 6:9], state.w + change[:, 9:]))
