@@ -120,13 +120,16 @@ class ArmInverse:
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
         """M a + bias + damping v for rows of q, v, a (N, n)."""
-        out = np.empty_like(q)
-        data, order = self.data, self._order
-        for row in range(len(q)):
-            data.qpos[order], data.qvel[order], data.qacc[order] = q[row], v[row], a[row]
-            mujoco.mj_inverse(self.model, data)
-            out[row] = data.qfrc_inverse[order]
-        return out
+        # hundreds of thousands of rows: the engine's own order and its own arrays, each looked up once
+        back = np.argsort(self._order)
+        Q, V, A = (np.ascontiguousarray(x[:, back]) for x in (q, v, a))
+        out, model, data = np.empty_like(Q), self.model, self.data
+        qpos, qvel, qacc, found = data.qpos, data.qvel, data.qacc, data.qfrc_inverse
+        for row in range(len(Q)):
+            qpos[:], qvel[:], qacc[:] = Q[row], V[row], A[row]
+            mujoco.mj_inverse(model, data)
+            out[row] = found
+        return out[:, self._order]
 
     def mass_matrix(self, q: Array) -> Array:
         """(n, n) at q (n,)."""
