@@ -34,6 +34,6 @@ def balance_slopes(moving: Motion, physics: Physics) -> BalanceSlopes:
     for step in STEP * np.eye(n):
         ahead = physics.momentum_and_force(motion(physics.tree, moving.q + step, moving.v))
         by_q.append(((ahead[0] - momentum) / STEP, (ahead[1] - force) / STEP))
-    M = mass_matrix(moving, moving.link_inertias) + np.diag(physics.rotor_inertias)
+    M = mass_matrix(moving) + np.diag(physics.rotor_inertias)
     momentum_by_q, force_by_q = (np.stack(columns, axis=2) for columns in zip(*by_q, strict=True))
     return BalanceSlopes(momentum_by_q, M, force_by_q)

@@ -93,7 +93,7 @@ def _holding_effort(scene: Scene, recording: Recording) -> Array:
     q = np.nan_to_num(recording.matrix("q", scene.tree.joint_names))
     physics = Model(scene.priors.mean).physics(scene)
     still = motion(physics.tree, q, np.zeros_like(q))
-    return bias_force(still, still.link_inertias, physics.gravity)
+    return bias_force(still, physics.gravity)
 
 
 def _glaring_joints(scene: Scene, weak: WeakForm, rows: Array) -> list[int]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.dynamics.motion import bias_force, mass_matrix, motion
+from drake_cafim.dynamics.motion import equations_of_motion, motion
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.plane import UnmodeledContact
@@ -33,11 +33,11 @@ def step(physics: Physics, state: State, effort: Array, duration: Array) -> Stat
     h = duration[:, None]
     q_middle = state.q + 0.5 * h * state.v
     moving = motion(physics.tree, q_middle, state.v)
-    inertias = moving.link_inertias
-    M = mass_matrix(moving, inertias) + np.diag(physics.rotor_inertias)
+    M, bias = equations_of_motion(moving, physics.gravity)
+    M = M + np.diag(physics.rotor_inertias)
     joints = [JointSamples(q_middle[:, j], state.v[:, j], effort[:, j]) for j in range(state.q.shape[1])]
     law, _, slope = physics.applied_at_joints(joints)
-    force = effort + law - bias_force(moving, inertias, physics.gravity)
+    force = effort + law - bias
     memory = state.memory
     if memory is not None and memory.shape[1]:
         halfway = physics.remembered(memory, moving, 0.5 * duration, 0.0 * duration)

@@ -311,7 +311,7 @@ class WeakForm:
         moving = replace(motion(physics.tree, measured.q_hat, measured.v_hat), lasting=np.gradient(self.samples.time))
         kinematic = np.zeros((len(windows), 0))
         if self.samples.velocity_measured:
-            M = mass_matrix(moving, moving.link_inertias) + np.diag(physics.rotor_inertias)
+            M = mass_matrix(moving) + np.diag(physics.rotor_inertias)
             correction = windows.rate_steps @ np.linalg.solve(M, measured.u[..., None])[..., 0]
             q, v, louder = self.compared(physics, measured)
             kinematic = (windows.rate @ q + windows.value @ v - correction) * louder

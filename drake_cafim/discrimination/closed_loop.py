@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.coloured_noise import drawn, stated_memories
 from drake_cafim.discrimination.motions import MARGIN, Limits, Motion
-from drake_cafim.dynamics.motion import bias_force, mass_matrix, motion
+from drake_cafim.dynamics.motion import equations_of_motion, mass_matrix, motion
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.coupling import JointBacklash, JointCoupling
 from drake_cafim.effects.effect import JointSamples
@@ -58,7 +58,7 @@ def simulated_together(
     for k in range(len(time)):
         q[k], v[k] = state.q, state.v
         moving = motion(nominal.tree, state.q, state.v)
-        M = mass_matrix(moving, moving.link_inertias) + np.diag(nominal.rotor_inertias)
+        M = mass_matrix(moving) + np.diag(nominal.rotor_inertias)
         error = BANDWIDTH**2 * (wanted_q[k] - state.q) + 2.0 * BANDWIDTH * (wanted_v[k] - state.v)
         u[k] = np.clip(wanted_u[k] + (M @ error[..., None])[..., 0], -most, most)
         if k + 1 < len(time):
@@ -163,11 +163,11 @@ def _step(physics: Physics, state: _State, effort: Array, h: float) -> _State:
     q = state.q + 0.5 * h * state.v
     theta = state.theta + 0.5 * h * state.omega
     moving = motion(physics.tree, q, state.v)
-    inertias = moving.link_inertias
+    rigid, bias = equations_of_motion(moving, physics.gravity)
     joints = [JointSamples(q[:, j], state.v[:, j], effort[:, j]) for j in range(n)]
     law, _, slope = physics.applied_at_joints(joints)
     force = np.zeros((count, n + c))
-    force[:, :n] = effort + law - bias_force(moving, inertias, physics.gravity)
+    force[:, :n] = effort + law - bias
     memory = state.memory
     if physics.contacts:
         own = None
@@ -179,7 +179,7 @@ def _step(physics: Physics, state: _State, effort: Array, h: float) -> _State:
     if physics.body_forces:
         force[:, :n] += moving.project(physics.body_wrenches(moving))
     M = np.zeros((count, n + c, n + c))
-    M[:, :n, :n] = mass_matrix(moving, inertias) + np.diag(physics.rotor_inertias)
+    M[:, :n, :n] = rigid + np.diag(physics.rotor_inertias)
     implicit = np.zeros_like(M)
     implicit[:, np.arange(n), np.arange(n)] = 0.5 * h * slope
     for i, coupling in enumerate(physics.couplings):

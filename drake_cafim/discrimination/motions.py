@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BSpline
 
-from drake_cafim.dynamics.motion import bias_force, mass_matrix, motion
+from drake_cafim.dynamics.motion import equations_of_motion, motion
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.errors import InputError
@@ -168,9 +168,8 @@ def motion_through(shape: Shape, physics: Physics, points: Array) -> Motion:
 def inverse_dynamics(physics: Physics, time: Array, q: Array, v: Array, a: Array) -> Array:
     """The efforts (T, n) that give the motion its accelerations `a` (T, n)."""
     moving = motion(physics.tree, q, v)
-    inertias = moving.link_inertias
-    M = mass_matrix(moving, inertias) + np.diag(physics.rotor_inertias)
-    effort = np.einsum("nij,nj->ni", M, a) + bias_force(moving, inertias, physics.gravity)
+    M, bias = equations_of_motion(moving, physics.gravity)
+    effort = np.einsum("nij,nj->ni", M + np.diag(physics.rotor_inertias), a) + bias
     if physics.contacts:
         memory = physics.contact_memory(time, moving, moving)
         effort = effort - moving.project(physics.contact_wrenches(moving, memory))

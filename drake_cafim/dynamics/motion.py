@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from drake_cafim.cross import cross
+from drake_cafim.dynamics.recursions import equations, kinematics
 from drake_cafim.dynamics.tree import FIXED, Tree
 from drake_cafim.typing import Array
 
@@ -96,33 +97,9 @@ class Motion:
 
 def motion(tree: Tree, q: Array, v: Array) -> Motion:
     """The motion of `tree` at positions `q` and velocities `v`, each (N, n)."""
-    samples, n = q.shape
-    R_WJ, p_WJ = np.empty((samples, n, 3, 3)), np.empty((samples, n, 3))
-    axes, velocities = np.zeros((samples, n, 6)), np.zeros((samples, n, 6))
-    for j, joint in enumerate(tree.joints):
-        if joint.parent == FIXED:
-            R_WF, p_WF = np.broadcast_to(joint.R_PF, (samples, 3, 3)), np.broadcast_to(joint.p_PF, (samples, 3))
-            V_parent = np.zeros((samples, 6))
-        else:
-            R_WP = R_WJ[:, joint.parent]
-            R_WF, p_WF = R_WP @ joint.R_PF, p_WJ[:, joint.parent] + R_WP @ joint.p_PF
-            V_parent = velocities[:, joint.parent]
-        axis_W = R_WF @ joint.axis
-        if joint.prismatic:
-            R_WJ[:, j], p_WJ[:, j] = R_WF, p_WF + axis_W * q[:, j, None]
-            axes[:, j, 3:] = axis_W
-        else:
-            R_WJ[:, j], p_WJ[:, j] = R_WF @ _rotation(joint.axis, q[:, j]), p_WF
-            axes[:, j, :3], axes[:, j, 3:] = axis_W, cross(p_WF, axis_W)
-        velocities[:, j] = V_parent + axes[:, j] * v[:, j, None]
-    return Motion(tree, q, v, R_WJ, p_WJ, axes, velocities)
-
-
-def _rotation(axis: Array, angle: Array) -> Array:
-    """Rodrigues: (N, 3, 3) rotations by `angle` (N,) about a unit `axis` (3,)."""
-    K = skew(axis)
-    sine, versine = np.sin(angle)[:, None, None], (1.0 - np.cos(angle))[:, None, None]
-    return np.eye(3) + sine * K + versine * (K @ K)
+    # compiled for rows that lie one after the other
+    q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
+    return Motion(tree, q, v, *kinematics(*tree.frames, q, v))
 
 
 def link_inertias(moving: Motion) -> Array:
@@ -164,34 +141,19 @@ def momentum_balance(moving: Motion, inertias: Array, gravity: Array) -> Momentu
     )
 
 
-def mass_matrix(moving: Motion, inertias: Array) -> Array:
-    """M(q), (N, n, n), by composite inertias; without rotor inertias."""
-    composite = moving.carried(inertias)
-    n = moving.q.shape[1]
-    carried = moving.tree.supports()
-    result = np.zeros((len(moving.q), n, n))
-    for j in range(n):
-        f = np.einsum("nab,nb->na", composite[:, j], moving.axes[:, j])
-        for k in range(j + 1):
-            if carried[j, k]:
-                result[:, j, k] = result[:, k, j] = np.einsum("na,na->n", f, moving.axes[:, k])
-    return result
+def equations_of_motion(moving: Motion, gravity: Array) -> tuple[Array, Array]:
+    """M(q) (N, n, n), without rotor inertias, and C(q, v) v − gravity (N, n), the force that keeps v̇ = 0."""
+    places = (moving.R_WJ, moving.p_WJ, moving.axes, moving.velocities, moving.v)
+    numbers = (np.ascontiguousarray(one, dtype=float) for one in (*places, *moving.tree.lumps, gravity))
+    M, bias = equations(moving.tree.frames[0], *numbers)
+    return np.asarray(M, dtype=float), np.asarray(bias, dtype=float)
 
 
-def bias_force(moving: Motion, inertias: Array, gravity: Array) -> Array:
+def mass_matrix(moving: Motion) -> Array:
+    """M(q), (N, n, n), without rotor inertias."""
+    return equations_of_motion(moving, np.zeros(3))[0]
+
+
+def bias_force(moving: Motion, gravity: Array) -> Array:
     """C(q, v) v − gravity, (N, n): the force that keeps v̇ = 0."""
-    acceleration = np.zeros_like(moving.velocities)
-    for j, joint in enumerate(moving.tree.joints):
-        own = moving.axes_rate[:, j] * moving.v[:, j, None]
-        acceleration[:, j] = own if joint.parent == FIXED else acceleration[:, joint.parent] + own
-    h = np.einsum("njab,njb->nja", inertias, moving.velocities)
-    V = moving.velocities
-    gyroscopic = np.concatenate(
-        [
-            cross(V[..., :3], h[..., :3]) + cross(V[..., 3:], h[..., 3:]),
-            cross(V[..., :3], h[..., 3:]),
-        ],
-        axis=-1,
-    )
-    falling = acceleration - np.concatenate([np.zeros(3), gravity])
-    return moving.project(np.einsum("njab,njb->nja", inertias, falling) + gyroscopic)
+    return equations_of_motion(moving, gravity)[1]

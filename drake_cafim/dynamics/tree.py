@@ -12,7 +12,7 @@ from pydrake.multibody.tree import PrismaticJoint, QuaternionFloatingJoint, Revo
 from pydrake.systems.framework import Context
 
 from drake_cafim.errors import InputError
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 OneAxisJoint: TypeAlias = RevoluteJoint | PrismaticJoint
 
@@ -88,6 +88,18 @@ class Tree:
                 axes = body.R_JB @ body.I_BBcm_B @ body.R_JB.T
                 inertia[joint] += axes + body.mass * (apart @ apart * np.eye(3) - np.outer(apart, apart))
         return mass, center, inertia
+
+    @cached_property
+    def frames(self) -> tuple[Indices, Array, Array, Array, Indices]:
+        """Each joint's parent (n,), R_PF (n, 3, 3), p_PF (n, 3) m, axis (n, 3), and whether it slides (n,)."""
+        joints = self.joints
+        return (
+            np.array([joint.parent for joint in joints], dtype=np.int64),
+            np.array([joint.R_PF for joint in joints], dtype=float).reshape(-1, 3, 3),
+            np.array([joint.p_PF for joint in joints], dtype=float).reshape(-1, 3),
+            np.array([joint.axis for joint in joints], dtype=float).reshape(-1, 3),
+            np.array([joint.prismatic for joint in joints], dtype=np.int64),
+        )
 
     @property
     def joint_names(self) -> tuple[str, ...]:

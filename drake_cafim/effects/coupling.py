@@ -20,6 +20,7 @@ from scipy.linalg import lapack
 
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.effect import Effect, Place, Strength
+from drake_cafim.effects.gap import crossed
 from drake_cafim.typing import Array
 
 LONGEST_STEP = 0.5e-3
@@ -190,9 +191,6 @@ class JointBacklash(JointCoupling):
         return torque / self.values["stiffness"] + 0.5 * self.values["gap"] * float(np.sign(torque))
 
     def twist_rate(self, drive: RotorDrive) -> Array:
-        # only here, for it takes a third of a second to import
-        from drake_cafim.effects.gap import crossed
-
         gap, stiffness, damping = (float(x) for x in self.vector)
         steps = np.diff(drive.time)
         parts = max(int(np.ceil(float(np.median(steps)) / LONGEST_STEP)), 1)

@@ -1,22 +1,10 @@
-"""The motion of a rotor in its gap, from step to step: a loop that a compiler runs two hundred times as fast."""
+"""The motion of a rotor in its gap, from step to step."""
 
-from collections.abc import Callable
-from typing import Any
-
-import numba
-
+from drake_cafim.compiled import compiled
 from drake_cafim.typing import Array
 
 
-def _compiled(function: Callable[..., Array]) -> Any:
-    try:
-        return numba.njit(cache=True)(function)
-    except RuntimeError:
-        # nowhere to keep it: it is compiled anew, which takes a second
-        return numba.njit(function)
-
-
-@_compiled
+@compiled
 def crossed(
     half: float, stiffness: float, damping: float, parts: int, step: Array, transition: Array, rest: Array,
     push: Array, mobility: Array, twist: float, rates: Array,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_cafim.dynamics.contact import SphereContact
-from drake_cafim.dynamics.motion import Motion, bias_force, mass_matrix, momentum_balance
+from drake_cafim.dynamics.motion import Motion, equations_of_motion, momentum_balance
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.body import BodyForce
@@ -130,23 +130,11 @@ class Physics:
             total[:, body.joint] += np.concatenate([np.cross(p_WP, force), force], axis=1)
         return total
 
-    def acceleration(self, moving: Motion, effort: Array, joints: Sequence[JointSamples]) -> tuple[Array, Array]:
-        """v̇ (N, n) without the joints' stiff slopes, and M(q) + 0 (N, n, n), for a stepper to use."""
-        inertias = moving.link_inertias
-        M = mass_matrix(moving, inertias) + np.diag(self.rotor_inertias)
-        force = effort - bias_force(moving, inertias, self.gravity)
-        if self.contacts:
-            force = force + moving.project(self.contact_wrenches(moving))
-        if self.body_forces:
-            force = force + moving.project(self.body_wrenches(moving))
-        return force + self.applied_at_joints(joints)[0], M
-
     def free_response(self, moving: Motion) -> FreeResponse:
         """How the rigid robot would answer to forces along a motion."""
-        inertias = moving.link_inertias
-        M = mass_matrix(moving, inertias) + np.diag(self.rotor_inertias)
-        mobility = np.asarray(np.linalg.inv(M), dtype=float)
-        return FreeResponse(moving, mobility, bias_force(moving, inertias, self.gravity))
+        M, bias = equations_of_motion(moving, self.gravity)
+        mobility = np.asarray(np.linalg.inv(M + np.diag(self.rotor_inertias)), dtype=float)
+        return FreeResponse(moving, mobility, bias)
 
     def rotor_drives(
         self, time: Array, response: FreeResponse, effort: Array, joints: Sequence[JointSamples]

@@ -102,8 +102,8 @@ class Replay(Held):
 def inverse_dynamics(tree: Tree, gravity: Array, q: Array, v: Array, a: Array) -> Array:
     moving = motion(tree, q[None], v[None])
     rotors, dampings = (np.array([getattr(one, key) for one in tree.joints]) for key in ("rotor_inertia", "damping"))
-    M = mass_matrix(moving, moving.link_inertias)[0] + np.diag(rotors)
-    return np.asarray(M @ a + bias_force(moving, moving.link_inertias, gravity)[0] + dampings * v)
+    M = mass_matrix(moving)[0] + np.diag(rotors)
+    return np.asarray(M @ a + bias_force(moving, gravity)[0] + dampings * v)
 
 
 @dataclass

@@ -1,0 +1,157 @@
+"""The recursions of rigid-body dynamics, from joint to joint, sample after sample.
+
+Spatial vectors stand about the world origin, in world axes, angular part first; a link's inertia is ten numbers: mass,
+first moment, and the inertia about the origin (xx, yy, zz, xy, xz, yz) (Featherstone, Rigid Body Dynamics Algorithms,
+2008, ch. 5, 6).
+"""
+
+import numpy as np
+
+from drake_cafim.compiled import compiled
+from drake_cafim.typing import Array, Indices
+
+
+@compiled
+def kinematics(
+    parents: Indices, R_PF: Array, p_PF: Array, joint_axes: Array, prismatic: Indices, q: Array, v: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Poses R (N, n, 3, 3), p (N, n, 3) of the joints' moving frames, axes S and velocities V (N, n, 6).
+
+    By `q` and `v` (N, n); `parents` (n,) is −1 where a joint stands in the world, R_PF (n, 3, 3) and p_PF (n, 3) its
+    place on its parent, `joint_axes` (n, 3) and `prismatic` (n,) its kind.
+    """
+    N, n = q.shape
+    R, p = np.empty((N, n, 3, 3)), np.empty((N, n, 3))
+    S, V = np.zeros((N, n, 6)), np.zeros((N, n, 6))
+    F = np.empty((3, 3))
+    for i in range(N):
+        for j in range(n):
+            parent, axis = parents[j], joint_axes[j]
+            for r in range(3):
+                p[i, j, r] = p_PF[j, r]
+                for s in range(3):
+                    F[r, s] = R_PF[j, r, s]
+            if parent >= 0:
+                for r in range(3):
+                    p[i, j, r] = p[i, parent, r]
+                    for s in range(3):
+                        p[i, j, r] += R[i, parent, r, s] * p_PF[j, s]
+                        F[r, s] = 0.0
+                        for t in range(3):
+                            F[r, s] += R[i, parent, r, t] * R_PF[j, t, s]
+            ax = F[0, 0] * axis[0] + F[0, 1] * axis[1] + F[0, 2] * axis[2]
+            ay = F[1, 0] * axis[0] + F[1, 1] * axis[1] + F[1, 2] * axis[2]
+            az = F[2, 0] * axis[0] + F[2, 1] * axis[1] + F[2, 2] * axis[2]
+            if prismatic[j]:
+                for r in range(3):
+                    for s in range(3):
+                        R[i, j, r, s] = F[r, s]
+                p[i, j, 0] += ax * q[i, j]
+                p[i, j, 1] += ay * q[i, j]
+                p[i, j, 2] += az * q[i, j]
+                S[i, j, 3], S[i, j, 4], S[i, j, 5] = ax, ay, az
+            else:
+                # Rodrigues: column by column, F turned about its axis
+                sine, versine = np.sin(q[i, j]), 1.0 - np.cos(q[i, j])
+                x, y, z = axis[0], axis[1], axis[2]
+                for r in range(3):
+                    along = (F[r, 0] * x + F[r, 1] * y + F[r, 2] * z) * versine
+                    keep = 1.0 - versine
+                    R[i, j, r, 0] = keep * F[r, 0] + along * x + sine * (F[r, 1] * z - F[r, 2] * y)
+                    R[i, j, r, 1] = keep * F[r, 1] + along * y + sine * (F[r, 2] * x - F[r, 0] * z)
+                    R[i, j, r, 2] = keep * F[r, 2] + along * z + sine * (F[r, 0] * y - F[r, 1] * x)
+                px, py, pz = p[i, j, 0], p[i, j, 1], p[i, j, 2]
+                S[i, j, 0], S[i, j, 1], S[i, j, 2] = ax, ay, az
+                S[i, j, 3], S[i, j, 4], S[i, j, 5] = py * az - pz * ay, pz * ax - px * az, px * ay - py * ax
+            for r in range(6):
+                V[i, j, r] = S[i, j, r] * v[i, j]
+                if parent >= 0:
+                    V[i, j, r] += V[i, parent, r]
+    return R, p, S, V
+
+
+@compiled
+def _momentum(inertia: Array, V: Array, h: Array) -> None:
+    """h (6,) = I V for ten numbers of an inertia."""
+    m, x, y, z = inertia[0], inertia[1], inertia[2], inertia[3]
+    h[0] = inertia[4] * V[0] + inertia[7] * V[1] + inertia[8] * V[2] + y * V[5] - z * V[4]
+    h[1] = inertia[7] * V[0] + inertia[5] * V[1] + inertia[9] * V[2] + z * V[3] - x * V[5]
+    h[2] = inertia[8] * V[0] + inertia[9] * V[1] + inertia[6] * V[2] + x * V[4] - y * V[3]
+    h[3] = m * V[3] - y * V[2] + z * V[1]
+    h[4] = m * V[4] - z * V[0] + x * V[2]
+    h[5] = m * V[5] - x * V[1] + y * V[0]
+
+
+@compiled
+def equations(
+    parents: Indices, R: Array, p: Array, S: Array, V: Array, v: Array, mass: Array, center: Array, inertia: Array,
+    gravity: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """M (N, n, n) by composite inertias, and C v − gravity (N, n) by Newton and Euler, without rotor inertias.
+
+    Of the motion that `kinematics` gives; `mass` (n,), `center` (n, 3) and `inertia` (n, 3, 3) about it are of what
+    rides each joint itself, in its moving frame; `gravity` (3,) m/s² in the world.
+    """
+    N, n = v.shape
+    M, bias = np.zeros((N, n, n)), np.empty((N, n))
+    total, force, acceleration = np.empty((n, 10)), np.empty((n, 6)), np.empty((n, 6))
+    turned, c, h, f = np.empty((3, 3)), np.empty(3), np.empty(6), np.empty(6)
+    for i in range(N):
+        for j in range(n):
+            m = mass[j]
+            for r in range(3):
+                c[r] = p[i, j, r]
+                for s in range(3):
+                    c[r] += R[i, j, r, s] * center[j, s]
+                    turned[r, s] = 0.0
+                    for t in range(3):
+                        turned[r, s] += R[i, j, r, t] * inertia[j, t, s]
+            square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
+            total[j, 0] = m
+            for r in range(3):
+                total[j, 1 + r] = m * c[r]
+                # parallel axis from the centre of mass to the world's origin
+                total[j, 4 + r] = m * (square - c[r] * c[r])
+                for t in range(3):
+                    total[j, 4 + r] += turned[r, t] * R[i, j, r, t]
+            for k, r, s in ((7, 0, 1), (8, 0, 2), (9, 1, 2)):
+                total[j, k] = -m * c[r] * c[s]
+                for t in range(3):
+                    total[j, k] += turned[r, t] * R[i, j, s, t]
+            W, A, parent, rate = V[i, j], S[i, j], parents[j], v[i, j]
+            own = acceleration[j]
+            for r in range(3):
+                own[r] = 0.0 if parent < 0 else acceleration[parent, r]
+                own[3 + r] = -gravity[r] if parent < 0 else acceleration[parent, 3 + r]
+            own[0] += rate * (W[1] * A[2] - W[2] * A[1])
+            own[1] += rate * (W[2] * A[0] - W[0] * A[2])
+            own[2] += rate * (W[0] * A[1] - W[1] * A[0])
+            own[3] += rate * (W[1] * A[5] - W[2] * A[4] + W[4] * A[2] - W[5] * A[1])
+            own[4] += rate * (W[2] * A[3] - W[0] * A[5] + W[5] * A[0] - W[3] * A[2])
+            own[5] += rate * (W[0] * A[4] - W[1] * A[3] + W[3] * A[1] - W[4] * A[0])
+            _momentum(total[j], own, force[j])
+            _momentum(total[j], W, h)
+            force[j, 0] += W[1] * h[2] - W[2] * h[1] + W[4] * h[5] - W[5] * h[4]
+            force[j, 1] += W[2] * h[0] - W[0] * h[2] + W[5] * h[3] - W[3] * h[5]
+            force[j, 2] += W[0] * h[1] - W[1] * h[0] + W[3] * h[4] - W[4] * h[3]
+            force[j, 3] += W[1] * h[5] - W[2] * h[4]
+            force[j, 4] += W[2] * h[3] - W[0] * h[5]
+            force[j, 5] += W[0] * h[4] - W[1] * h[3]
+        for j in range(n - 1, -1, -1):
+            _momentum(total[j], S[i, j], f)
+            bias[i, j] = 0.0
+            for r in range(6):
+                bias[i, j] += S[i, j, r] * force[j, r]
+            k = j
+            while k >= 0:
+                along = 0.0
+                for r in range(6):
+                    along += f[r] * S[i, k, r]
+                M[i, j, k] = M[i, k, j] = along
+                k = parents[k]
+            if parents[j] >= 0:
+                for r in range(10):
+                    total[parents[j], r] += total[j, r]
+                for r in range(6):
+                    force[parents[j], r] += force[j, r]
+    return M, bias
