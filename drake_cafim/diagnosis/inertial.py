@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.cross import cross
+from drake_cafim.compiled import compiled
 from drake_cafim.diagnosis.windows import Windows
 from drake_cafim.dynamics.motion import Motion, skew
 from drake_cafim.dynamics.tree import FIXED, Tree
@@ -51,49 +51,73 @@ def inertial_regressor(smooth: Motion, v: Array, windows: Windows) -> InertialRe
     `smooth` is the motion that products are evaluated at; the momentum is linear in the measured `v` (N, n), whose
     noise then stays linear.
     """
-    tree, n = smooth.tree, smooth.q.shape[1]
+    tree, n, M = smooth.tree, smooth.q.shape[1], len(windows)
     supports = tree.supports()
-    inertia = np.zeros((len(windows), n, n, INERTIAL))
-    weight = np.zeros((len(windows), n, n, 4, 3))
+    inertia = np.zeros((M, n, n, INERTIAL))
+    weight = np.zeros((M, n, n, 4, 3))
     for j in range(n):
-        R, p = smooth.R_WJ[:, j], smooth.p_WJ[:, j]
         carriers = np.flatnonzero(supports[j])
-        axes = _in_frame(smooth.axes[:, carriers], R, p)
-        rates = _in_frame(smooth.axes_rate[:, carriers], R, p)
+        axes, rates = (np.ascontiguousarray(one[:, carriers]) for one in (smooth.axes, smooth.axes_rate))
         measured = np.einsum("nka,nk->na", axes, v[:, carriers])
-        momenta = _products(axes, measured)
-        forces = _products(rates, _in_frame(smooth.velocities[:, j, None], R, p)[:, 0])
-        heavy = (axes @ _OF_FIELD).reshape(len(v), -1, 3) @ np.swapaxes(R, 1, 2)
-        shape = (len(windows), len(carriers), -1)
-        inertia[:, carriers, j] = -(windows.rate @ momenta + windows.value @ forces).reshape(shape)
-        weight[:, carriers, j] = -(windows.value @ heavy.reshape(len(v), -1)).reshape(*shape[:2], 4, 3)
+        moving = np.ascontiguousarray(smooth.velocities[:, j])
+        frame = (np.ascontiguousarray(smooth.R_WJ[:, j]), np.ascontiguousarray(smooth.p_WJ[:, j]))
+        momenta, forces, weights = products(*frame, axes, rates, measured, moving)
+        inertial = windows.rate @ momenta.reshape(len(v), -1) + windows.value @ forces.reshape(len(v), -1)
+        inertia[:, carriers, j] = -inertial.reshape(M, -1, INERTIAL)
+        weight[:, carriers, j] = -(windows.value @ weights.reshape(len(v), -1)).reshape(M, -1, 4, 3)
     return InertialRegressor(inertia, weight)
 
 
-def _in_frame(S_W: Array, R_WJ: Array, p_WJ: Array) -> Array:
-    """Motion vectors (N, k, 6) about the world origin, world axes, taken to Jo and J axes."""
-    linear = S_W[..., 3:] + cross(S_W[..., :3], p_WJ[:, None])
-    return np.concatenate([S_W[..., :3] @ R_WJ, linear @ R_WJ], axis=2)
+@compiled
+def products(
+    R: Array, p: Array, axes: Array, rates: Array, measured: Array, smooth: Array
+) -> tuple[Array, Array, Array]:
+    """By a link's inertial parameters, S · I V of its carriers' axes with `measured`, of their rates with `smooth`.
+
+    The first two (N, k, 10); and (N, k, 4, 3) the axes on the weight under a unit of gravity along each world axis.
+    `R` (N, 3, 3) and `p` (N, 3) are the pose of its frame; `axes` and `rates` (N, k, 6), the velocities (N, 6) in the
+    world.
+    """
+    N, K = axes.shape[0], axes.shape[1]
+    momenta, forces, weights = np.empty((N, K, INERTIAL)), np.empty((N, K, INERTIAL)), np.empty((N, K, 4, 3))
+    S, V, W = np.empty(6), np.empty(6), np.empty(6)
+    for i in range(N):
+        _in_frame(R[i], p[i], measured[i], V)
+        _in_frame(R[i], p[i], smooth[i], W)
+        for k in range(K):
+            _in_frame(R[i], p[i], rates[i, k], S)
+            _product(S, W, forces[i, k])
+            _in_frame(R[i], p[i], axes[i, k], S)
+            _product(S, V, momenta[i, k])
+            for x in range(3):
+                g = R[i, x]
+                weights[i, k, 0, x] = S[3] * g[0] + S[4] * g[1] + S[5] * g[2]
+                weights[i, k, 1, x] = g[1] * S[2] - g[2] * S[1]
+                weights[i, k, 2, x] = g[2] * S[0] - g[0] * S[2]
+                weights[i, k, 3, x] = g[0] * S[1] - g[1] * S[0]
+    return momenta, forces, weights
 
 
-def _products(S: Array, V: Array) -> Array:
-    """(N, k · 10): S · I V for motion vectors S (N, k, 6) and V (N, 6) in J, by each inertial parameter of I."""
-    pairs = (S[..., :, None] * V[:, None, None, :]).reshape(-1, 36)
-    return np.asarray((pairs @ _OF_PAIRS).reshape(len(S), -1))
+@compiled
+def _in_frame(R: Array, p: Array, V_W: Array, V: Array) -> None:
+    """V (6,) in a frame's axes and about its origin, of V_W about the world's."""
+    x = V_W[3] + V_W[1] * p[2] - V_W[2] * p[1]
+    y = V_W[4] + V_W[2] * p[0] - V_W[0] * p[2]
+    z = V_W[5] + V_W[0] * p[1] - V_W[1] * p[0]
+    for r in range(3):
+        V[r] = R[0, r] * V_W[0] + R[1, r] * V_W[1] + R[2, r] * V_W[2]
+        V[3 + r] = R[0, r] * x + R[1, r] * y + R[2, r] * z
 
 
-def _unit_inertias() -> Array:
-    """(10, 6, 6): the spatial inertia about Jo, angular part first, of each unit inertial parameter."""
-    table = np.zeros((INERTIAL, 6, 6))
-    table[0, 3:, 3:] = np.eye(3)
-    table[1:4, :3, 3:] = skew(np.eye(3))
-    table[1:4, 3:, :3] = -table[1:4, :3, 3:]
-    for i, (a, b) in enumerate(_PAIRS):
-        table[4 + i, a, b] = table[4 + i, b, a] = 1.0
-    return table
-
-
-_UNIT_INERTIAS = _unit_inertias()
-_OF_PAIRS = np.ascontiguousarray(_UNIT_INERTIAS.reshape(INERTIAL, 36).T)
-_OF_FIELD = np.ascontiguousarray(np.moveaxis(_UNIT_INERTIAS[:4, :, 3:], 1, 0).reshape(6, 12))
-"""(6, 4 · 3): with a unit of gravity along each axis of J, the weight of unit mass and first moments, by axis."""
+@compiled
+def _product(S: Array, V: Array, result: Array) -> None:
+    """S · I V by each inertial parameter of I, all in one frame."""
+    result[0] = S[3] * V[3] + S[4] * V[4] + S[5] * V[5]
+    result[1] = V[4] * S[2] - V[5] * S[1] + S[4] * V[2] - S[5] * V[1]
+    result[2] = V[5] * S[0] - V[3] * S[2] + S[5] * V[0] - S[3] * V[2]
+    result[3] = V[3] * S[1] - V[4] * S[0] + S[3] * V[1] - S[4] * V[0]
+    for r in range(3):
+        result[4 + r] = S[r] * V[r]
+    result[7] = S[0] * V[1] + S[1] * V[0]
+    result[8] = S[0] * V[2] + S[2] * V[0]
+    result[9] = S[1] * V[2] + S[2] * V[1]
