@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State, stacked, upright
-from drake_cafim.dynamics.rotations import crossing, rate, rotation_matrices
+from drake_cafim.diagnosis.tosses import rigid
+from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State, stacked
+from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.typing import Array
 
 GAMMA = 4.3586652150845900e-01
@@ -88,10 +89,10 @@ def fly(
         here, touching, remembered = now[alive], mode[alive], memory[alive]
         moment = Moment(time[alive], recording[alive], names)
         left = times[alive, following[alive]] - moment.time
-        R = rotation_matrices(here.quaternion)
+        R = rigid.turned(here.numbers)
         felt = body.felt(here, R, touching, remembered)
         first = body.accelerated(here, R, felt, moment)
-        landing = _time_to_land(body, here, R, touching, first)
+        landing = body.time_to_land(here, R, touching, first)
         step = np.minimum(np.minimum(usual[alive], left), np.maximum(landing, SHORTEST))
         # a crumb of a step before a sample is left to the one before
         step = np.where(left - step < 1e-9, left, step)
@@ -146,24 +147,6 @@ def remember(
     return result
 
 
-def _time_to_land(body: FreeBody, state: State, R: Array, mode: Flags, acceleration: Array) -> Array:
-    """(B,) s until the first point that does not touch would, falling as it does now."""
-    if body.points == 0:
-        return np.full(len(state), np.inf)
-    assert body.contact is not None
-    n = body.contact.normal
-    depth, sinking = body.depths(state, R)
-    # of a point that turns with the body n·(ω̇ × r + ω × (ω × r)) counts as well
-    around = acceleration[:, 3:] @ body.across + ((state.w @ body.across)[:, None] @ crossing(state.w))[:, 0]
-    speeding = -(acceleration[:, :3] @ n)[:, None] - (around[:, None] @ body.centers(R))[:, 0]
-    gap = np.maximum(-depth, 0.0)
-    root = np.sqrt(np.maximum(sinking**2 + 2.0 * speeding * gap, 0.0))
-    reach = sinking + root
-    falls = (~mode) & (sinking**2 + 2.0 * speeding * gap > 0.0) & (reach > 1e-9) & (depth < -1e-8)
-    landing = np.where(falls, 2.0 * gap / np.where(falls, reach, 1.0), np.inf)
-    return np.asarray(np.min(landing, axis=1), dtype=float)
-
-
 def _step(
     body: FreeBody, state: State, mode: Flags, memory: Array, moment: Moment, first: Array, damping: Array | None,
     step: Array, allowed: Array,
@@ -177,7 +160,7 @@ def _step(
     at, change = state, first
     for i in range(4):
         if i:
-            at = upright(State(state.numbers + h * _mixed(ALPHA[i], slopes)))
+            at = State(rigid.onwards(state.numbers, step, ALPHA[i], slopes))
             past = ALPHA[i].sum() * step
             kept = remember(body, memory, at, mode, past, mode) if body.memory else memory
             change = body.acceleration(at, mode, kept, Moment(moment.time + past, moment.recording, moment.names))
@@ -185,8 +168,8 @@ def _step(
             if i:
                 change = change + h * (damping @ _mixed(SHIFT[i], slopes)[:, 7:, None])[..., 0]
             change = (inverse @ change[..., None])[..., 0]
-        slopes[i, :, :3], slopes[i, :, 3:7], slopes[i, :, 7:] = at.v, rate(at.quaternion, at.w), change
-    ended = upright(State(state.numbers + h * _mixed(WEIGHTS, slopes)))
+        rigid.rates(at.numbers, change, slopes[i])
+    ended = State(rigid.onwards(state.numbers, step, WEIGHTS, slopes))
     missed = h * _mixed(WEIGHTS - EMBEDDED, slopes)[:, 7:]
     error = (np.abs(missed) / allowed).max(axis=1)
     return ended, np.where(np.isfinite(error), error, 1e6)

@@ -16,9 +16,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from drake_cafim.contact.change import Touch, surface_axes
+from drake_cafim.diagnosis.tosses import rigid
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import skew
-from drake_cafim.dynamics.rotations import crossing, rotation_matrices
+from drake_cafim.dynamics.rotations import crossing
 from drake_cafim.dynamics.tree import FREE
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.scenario.physics import Physics
@@ -132,15 +133,6 @@ class FreeBody:
         return m, c, about_origin, np.asarray(np.linalg.inv(spatial), dtype=float)
 
     @cached_property
-    def _weight(self) -> Array:
-        """(3,) N"""
-        return np.asarray(self.inertial[0] * self.physics.gravity)
-
-    @cached_property
-    def _eccentric(self) -> bool:
-        return bool(np.any(self.inertial[1]))
-
-    @cached_property
     def contact(self) -> SphereContact | None:
         """The body's contact; one is what a toss has."""
         return self.physics.contacts[0] if self.physics.contacts else None
@@ -163,11 +155,6 @@ class FreeBody:
     def _height(self) -> float:
         """m, of the plane along its normal."""
         return 0.0 if self.contact is None else float(self.contact.point @ self.contact.normal)
-
-    @cached_property
-    def across(self) -> Array:
-        """(3, 3): ω @ across is n × ω."""
-        return crossing(self.contact.normal[None])[0].T if self.contact is not None else np.zeros((3, 3))
 
     @cached_property
     def points(self) -> int:
@@ -200,51 +187,43 @@ class FreeBody:
         """How deep each point is, (B, K) m, and how fast it goes deeper, (B, K) m/s."""
         if self.contact is None:
             return np.zeros((len(state), 0)), np.zeros((len(state), 0))
-        n = self.contact.normal
-        levers = self.levers(rotation_matrices(state.quaternion) if R is None else R)
-        # n·(v + ω × r) = n·v + (n × ω)·r
-        rate = -(state.v @ n)[:, None] - ((state.w @ self.across)[:, None] @ levers)[:, 0]
-        return self._height - (state.p @ n)[:, None] - n @ levers, rate
+        R = rigid.turned(state.numbers) if R is None else R
+        deep, sinking = rigid.depths(
+            state.numbers, R, self._points, self._below[:, 0], self.contact.normal, self._height
+        )
+        return np.asarray(deep), np.asarray(sinking)
+
+    def time_to_land(self, state: State, R: Array, mode: Flags, acceleration: Array) -> Array:
+        """(B,) s until the first point that does not touch would, falling as it does now."""
+        if self.contact is None:
+            return np.full(len(state), np.inf)
+        found = rigid.landing(
+            state.numbers, R, self._points, *self.depths(state, R), mode, acceleration, self.contact.normal
+        )
+        return np.asarray(found, dtype=float)
 
     def touch(self, state: State, lever: Array, points: Flags) -> Touch:
         """How points at `lever` (B, 3) from the origins meet the plane; those of `points` (B,) are taken to touch."""
         contact = self.contact
         assert contact is not None
-        n, w = contact.normal, state.w
-        v = state.v + (crossing(w) @ lever[:, :, None])[:, :, 0]
-        rate = -(v @ n)
-        position = state.p + lever
-        depth = self._height - position @ n
-        held = np.where(points, np.maximum(depth, 1e-15), np.minimum(depth, 0.0))
+        levers = np.ascontiguousarray(lever)
+        held, rate, slip, position = rigid.meeting(state.numbers, levers, points, contact.normal, self._height)
         # the deepest point of a sphere stays below its centre, a corner turns with the body
-        return Touch(held, rate, v + rate[:, None] * n, position, w, self._below.T, self._axes)
+        return Touch(held, rate, slip, position, state.w, self._below.T, self._axes)
 
     def acceleration(self, state: State, mode: Flags, memory: Array, moment: Moment) -> Array:
         """(B, 6): v̇ then ω̇ in the world, the points of `mode` (B, K) touching; `memory` is (B, K, m)."""
-        R = rotation_matrices(state.quaternion)
+        R = rigid.turned(state.numbers)
         return self.accelerated(state, R, self.felt(state, R, mode, memory), moment)
 
     def accelerated(self, state: State, R: Array, felt: Felt | None, moment: Moment) -> Array:
         """`acceleration` of bodies turned by `R` (B, 3, 3) by what they feel."""
-        m, c, inertia, inverse = self.inertial
         wrench = np.zeros((len(state), 2, 3))
-        wrench[:, 0] = self._weight
         if felt is not None:
-            pushed = np.empty((len(felt.rows), 2, 3))
-            pushed[:, 0] = felt.force
-            pushed[:, 1] = (crossing(felt.lever) @ felt.force[:, :, None])[:, :, 0] + felt.moment
-            _add(wrench, felt.rows, pushed)
+            rigid.pushed(wrench, felt.rows, felt.lever, felt.force, felt.moment)
         for effect in self.physics.body_forces:
             self._disturb(wrench, effect, state, R, moment)
-        w_B = (state.w[:, None] @ R)[:, 0]
-        turning = crossing(w_B)
-        wrench_B = wrench @ R
-        wrench_B[:, 1] -= (turning @ (w_B @ inertia)[:, :, None])[:, :, 0]
-        if self._eccentric:
-            wrench_B[:, 0] -= m * (turning @ (turning @ c)[:, :, None])[:, :, 0]
-            wrench_B[:, 1] += (self._weight @ R) @ skew(c).T
-        moved_B = (wrench_B.reshape(-1, 6) @ inverse).reshape(-1, 2, 3)
-        return np.asarray((moved_B @ np.swapaxes(R, 1, 2)).reshape(-1, 6))
+        return np.asarray(rigid.accelerated(state.numbers, R, wrench, *self.inertial, self.physics.gravity))
 
     def _disturb(self, wrench: Array, effect: Any, state: State, R: Array, moment: Moment) -> None:
         body = self.physics.tree.body(effect.at)
@@ -262,34 +241,23 @@ class FreeBody:
         contact = self.contact
         if contact is None or not (self.pulls or mode.any()):
             return None
-        levers, near = self.levers(R), mode
-        if self.pulls:
-            near = mode | (self._height - (state.p @ contact.normal)[:, None] - contact.normal @ levers > -self._reach)
-        rows, columns = near.nonzero()
-        lever = levers[rows, :, columns]
+        deep = self.depths(state, R)[0] if self.pulls else np.zeros(mode.shape)
+        rows, columns, lever = rigid.near(R, self._points, self._below[:, 0], deep, mode, self._reach)
         touch = self.touch(state[rows], lever, mode[rows, columns])
         return Felt(rows, lever, touch, *contact.force(touch, memory[rows, columns]))
 
     def damping(self, R: Array, felt: Felt) -> Array:
         """∂(v̇, ω̇)/∂(v, ω) (B, 6, 6) by what makes contacts stiff: friction near rest, and the damper."""
-        contact, B = self.contact, len(R)
+        contact = self.contact
         assert contact is not None
         n, slip = contact.normal, felt.touch.slip
         pushing = felt.force @ n
         speed = np.sqrt((slip * slip).sum(axis=1))
         along = slip / np.maximum(speed, 1e-12)[:, None]
         across, onward = _friction_slopes(contact, np.maximum(pushing, 0.0), speed)
-        slope = across[:, None, None] * (np.eye(3) - np.outer(n, n))
-        slope += ((onward - across)[:, None] * along)[:, :, None] * along[:, None, :]
-        slope += np.where(pushing > 0.0, contact.parameters.damping, 0.0)[:, None, None] * np.outer(n, n)
-        arm = np.empty((len(felt.rows), 3, 6))
-        arm[:, :, :3], arm[:, :, 3:] = np.eye(3), -crossing(felt.lever)
-        wrench = np.zeros((B, 6, 6))
-        _add(wrench, felt.rows, -np.swapaxes(arm, 1, 2) @ slope @ arm)
-        turned = np.zeros((B, 6, 6))
-        turned[:, :3, :3] = turned[:, 3:, 3:] = R
-        inverse = turned @ self.inertial[3] @ np.swapaxes(turned, 1, 2)
-        return np.asarray(inverse @ wrench)
+        into = np.where(pushing > 0.0, contact.parameters.damping, 0.0)
+        slopes = rigid.damped(R, self.inertial[3], felt.rows, felt.lever, along, across, onward, into, n)
+        return np.asarray(slopes, dtype=float)
 
 
 def _friction_slopes(contact: SphereContact, pushing: Array, speed: Array) -> tuple[Array, Array]:
@@ -303,11 +271,3 @@ def _friction_slopes(contact: SphereContact, pushing: Array, speed: Array) -> tu
     resistance = float(contact.parameters.resistance or 0.0)
     rubbing = resistance * speed > friction
     return np.where(rubbing, friction / np.maximum(speed, 1e-12), resistance), np.where(rubbing, 0.0, resistance)
-
-
-def _add(into: Array, rows: Any, values: Array) -> None:
-    """Add `values` to the rows of `into`, of which one may be named several times."""
-    if len(rows) < 2 or (rows[1:] > rows[:-1]).all():
-        into[rows] += values
-    else:
-        np.add.at(into, rows, values)
