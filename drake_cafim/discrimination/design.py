@@ -24,7 +24,7 @@ NEARER = 0.125
 QUIET = 0.25
 """Part of its range that an ordinary motion uses."""
 SEEN = 5.0
-MOST_GENERATIONS = 32
+MOST_GENERATIONS = 80
 SPREAD = 0.4
 """Of a cloud about the planner's best, in units of half a joint's range."""
 
@@ -41,8 +41,8 @@ class Effort:
 
     config: PlannerConfig
     rounds: int = 4
-    generations: int = 32
-    rehearsals: int = 5
+    generations: int = MOST_GENERATIONS
+    rehearsals: int = 10
     planner: PlannerName = "predictive-sampling"
 
     def config_of(self, number: int) -> PlannerConfig:
@@ -54,7 +54,7 @@ class Effort:
 def default_effort(shape: Shape, planner: PlannerName = "predictive-sampling") -> Effort:
     """A search of some hundred motions."""
     config = PlannerConfig(candidates=16, horizon=shape.points, knots=max(shape.points, 4), knot_std=0.6)
-    return Effort(config, generations=min(2 * shape.points, MOST_GENERATIONS), planner=planner)
+    return Effort(config, generations=min(4 * shape.points, MOST_GENERATIONS), planner=planner)
 
 
 @dataclass(frozen=True)
