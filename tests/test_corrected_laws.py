@@ -12,7 +12,7 @@ from recoveries.instant import NOW, built, drake_acceleration, entry
 from recoveries.models import ARM, PRESS, ROLLER, STAGE, scene_of
 from recoveries.rig import CONTINUOUS
 
-from drake_cafim.dynamics.motion import motion
+from drake_cafim.dynamics.motion import equations_of_motion, motion
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.effects.effect import JointSamples
@@ -71,9 +71,11 @@ def expected_acceleration(scene: Scene, q: Array, v: Array, u: Array) -> Array:
         acting[j] = effect.drive(Effort(np.zeros(1), acting[j : j + 1])).values[0]
     moving = motion(physics.tree, q[None], v[None])
     joints = [JointSamples(q[j : j + 1], v[j : j + 1], acting[j : j + 1]) for j in range(len(q))]
-    force, M = physics.acceleration(moving, acting[None], joints)
-    timed = moving.project(physics.body_wrenches(moving, np.array([NOW])) - physics.body_wrenches(moving))
-    return np.asarray(np.linalg.solve(M[0], (force + timed)[0]))
+    M, bias = equations_of_motion(moving, physics.gravity)
+    M = M + np.diag(physics.rotor_inertias)
+    wrenches = physics.contact_wrenches(moving) + physics.body_wrenches(moving, np.array([NOW]))
+    force = acting[None] - bias + moving.project(wrenches) + physics.applied_at_joints(joints)[0]
+    return np.asarray(np.linalg.solve(M[0], force[0]))
 
 
 @pytest.mark.parametrize(("name", "at", "values"), [("", "", {}), *JOINT, *ACTUATOR, *LINK])
