@@ -20,4 +20,4 @@ def test_a_function_that_cannot_be_kept_is_compiled_all_the_same(monkeypatch: py
     monkeypatch.setattr(numba, "njit", without_a_place)
     doubled = compiled(lambda x: 2.0 * x)
     assert doubled(3.0) == 6.0
-    assert asked == [True, False]
+    assert asked[:2] == [True, False]
