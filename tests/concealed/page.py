@@ -38,12 +38,12 @@ def curve_svg(scores: Scores) -> str:
         for key, colour, label in (
             ("detected", "#8a97a5", "something found"),
             ("place", "#2b6cb0", "place right"),
-            ("right", "#17743b", "name and place right"),
+            ("right", "#17743b", "name and place right, or an acceptable second name"),
         ):
             axes.plot(middle, [p[key] for p in points], "o-", color=colour, label=label, markersize=4)
         for x, p in zip(middle, points, strict=True):
             axes.annotate(f"{p['count']}", (x, -0.07), ha="center", fontsize=8, color="#53626f", annotation_clip=False)
-        axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(0.0, 0.94))
+        axes.legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.1))
     axes.axvline(3.0, color="#c9a227", linestyle="--", linewidth=1)
     axes.set(
         xscale="log",
