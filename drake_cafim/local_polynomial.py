@@ -21,9 +21,7 @@ def local_polynomial(time: Array, reach: float, degree: int, derivative: int, at
     scale = np.abs(offset).max(axis=1, keepdims=True)
     powers = (offset / scale)[..., None] ** np.arange(degree + 1)
     # the fit's value at zero is its first coefficient, its d-th derivative d! times coefficient d
-    Q, triangle = np.linalg.qr(powers)
-    picked = np.eye(degree + 1)[derivative, :, None]
-    weights = (Q @ np.linalg.solve(np.swapaxes(triangle, 1, 2), picked))[..., 0]
+    weights = np.linalg.pinv(powers)[:, derivative, :]
     weights = weights * float(np.prod(np.arange(1, derivative + 1))) / scale**derivative
     rows = np.repeat(np.arange(samples), count)
     return sp.csr_matrix((weights.ravel(), (rows, columns.ravel())), shape=(samples, samples))
