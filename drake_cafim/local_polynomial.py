@@ -1,5 +1,7 @@
 """Local polynomial fits as sparse matrices: smoothing and differentiation on an uneven grid."""
 
+from functools import lru_cache
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -10,8 +12,15 @@ def local_polynomial(time: Array, reach: float, degree: int, derivative: int, at
     """(N, N) matrix whose product with samples is the `derivative`-th derivative of a local least-squares polynomial.
 
     Each sample takes the neighbours within `reach` s on both sides, but at least `at_least` (and enough for the
-    degree) on each; near an end as many, from the inside (Savitzky, Golay, Anal. Chem. 36(8), 1964).
+    degree) on each; near an end as many, from the inside (Savitzky, Golay, Anal. Chem. 36(8), 1964). Kept for the
+    next recording at the same `time` (N,) s.
     """
+    return _local_polynomial(time.tobytes(), reach, degree, derivative, at_least)
+
+
+@lru_cache(maxsize=16)
+def _local_polynomial(at: bytes, reach: float, degree: int, derivative: int, at_least: int) -> sp.csr_matrix:
+    time = np.frombuffer(at)
     samples = len(time)
     half = max(int(np.floor(reach / np.median(np.diff(time)) + 1e-9)), at_least, (degree + 1) // 2)
     count = min(2 * half + 1, samples)
@@ -30,8 +39,15 @@ def local_polynomial(time: Array, reach: float, degree: int, derivative: int, at
 def track_polynomial(time: Array, reach: float, degree: int, ratio: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """(N, N) each: `from_q @ q + from_v @ v` is a local least-squares polynomial through positions and velocities.
 
-    `ratio` s is the standard deviation of a position over that of a velocity; 0 leaves the velocities out.
+    `ratio` s is the standard deviation of a position over that of a velocity; 0 leaves the velocities out. Kept for
+    the next recording at the same `time` (N,) s.
     """
+    return _track_polynomial(time.tobytes(), reach, degree, ratio)
+
+
+@lru_cache(maxsize=16)
+def _track_polynomial(at: bytes, reach: float, degree: int, ratio: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    time = np.frombuffer(at)
     samples = len(time)
     half = max(int(np.floor(reach / np.median(np.diff(time)) + 1e-9)), degree // 2 + 1)
     count = min(2 * half + 1, samples)

@@ -10,7 +10,6 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from drake_cafim.contact import NORMAL_LAWS, ContactLaw, ContactParameters
-from drake_cafim.contact.geometry import box_on_plane, sphere_on_plane
 from drake_cafim.contact.system import PARAMETER_NAMES, ContactLawSystem, SphereContact
 from drake_cafim.errors import InputError
 
@@ -107,24 +106,6 @@ def test_unknown_law_and_two_widths_are_refused():
         ContactLaw("coulomb")
     with pytest.raises(InputError, match="one of them"):
         ContactParameters(stiffness=1.0, slip_velocity=0.1, resistance=1.0)
-
-
-def test_sphere_and_box_on_a_plane():
-    zero = np.zeros((5, 3))
-    plane = {"point": np.array([0.0, 0.0, 0.1]), "normal": np.array([0.0, 0.0, 1.0])}
-    p_WBo = np.array([[0.3, 0.0, 0.1 + height] for height in (0.01, 0.02, 0.03, 0.04, 0.05)])
-    spin = np.tile([0.0, 2.0, 0.0], (5, 1))
-    ball = sphere_on_plane(p_WBo, zero, spin, radius=0.03, **plane)
-    np.testing.assert_allclose(ball.penetration[:, 0], [0.02, 0.01, 0.0, -0.01, -0.02], atol=1e-15)
-    np.testing.assert_allclose(ball.tangential_velocity[:, 0], np.tile([-0.06, 0.0, 0.0], (5, 1)))
-    np.testing.assert_allclose(ball.rate, 0.0)
-    box = box_on_plane(
-        p_WBo, np.tile(np.eye(3), (5, 1, 1)), -plane["normal"] + zero, zero, size=[0.1, 0.2, 0.06], **plane
-    )
-    assert box.penetration.shape == (5, 8)
-    np.testing.assert_allclose(box.penetration[0].min(), -0.04)
-    np.testing.assert_allclose(box.penetration[0].max(), 0.02)
-    np.testing.assert_allclose(box.rate, 1.0)
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -2,9 +2,14 @@
 
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JacobianWrtVariable
 
+from drake_cafim.contact.law import ContactLaw, ContactParameters
+from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
 from drake_cafim.dynamics.motion import bias_force, mass_matrix, momentum_balance, motion
 from drake_cafim.dynamics.tree import Tree, tree_of
 from drake_cafim.errors import InputError
@@ -56,6 +61,41 @@ def test_mass_matrix_bias_and_momentum_are_drakes(branched: MultibodyPlant) -> N
         np.testing.assert_allclose(M[k], M_drake, rtol=0, atol=1e-12)
         np.testing.assert_allclose(bias[k], bias_drake, rtol=0, atol=1e-12)
         np.testing.assert_allclose(balance.momentum[k], M_drake @ v[k], rtol=0, atol=1e-12)
+
+
+def test_a_touching_sphere_and_a_wrench_sensor_are_drakes(branched: MultibodyPlant) -> None:
+    tree, rng = tree_of(branched), np.random.default_rng(4)
+    q, v, normal = rng.normal(size=(5, 4)), rng.normal(size=(5, 4)), np.array([0.6, 0.0, 0.8])
+    joint, p_JC, point, radius = tree.joint_index("tip"), np.array([0.1, -0.2, 0.3]), np.array([0.2, 0.1, -0.4]), 0.05
+    moving = motion(tree, q, v)
+    law, numbers = ContactLaw(), ContactParameters(stiffness=100.0)
+    touch = SphereContact(("e", "plane"), joint, p_JC, radius, point, normal, law, numbers).touch(moving)
+    X_JS = RigidTransform(RollPitchYaw(0.1, 0.5, -0.7), [0.02, 0.03, -0.01])
+    sensor = WrenchSensor("wrist", joint, X_JS.rotation().matrix(), X_JS.translation())
+    wrench = rng.normal(size=(5, 6))
+    reading, on_links = sensor.reading(moving, wrench), np.zeros((5, 4, 6))
+    on_links[:, joint] = wrench
+    generalized = moving.project(on_links)
+    context, frame, world = branched.CreateDefaultContext(), branched.GetFrameByName("e"), branched.world_frame()
+    for k in range(len(q)):
+        branched.SetPositions(context, q[k])
+        branched.SetVelocities(context, v[k])
+        X_WE = frame.CalcPoseInWorld(context)
+        V_WE = frame.CalcSpatialVelocityInWorld(context)
+        p_WC = X_WE @ p_JC - radius * normal
+        v_WC = V_WE.Shift(p_WC - X_WE.translation()).translational()
+        np.testing.assert_allclose(touch.penetration[k], -normal @ (p_WC - point), atol=1e-12)
+        np.testing.assert_allclose(touch.rate[k], -normal @ v_WC, atol=1e-12)
+        np.testing.assert_allclose(touch.slip[k], v_WC - normal * (normal @ v_WC), atol=1e-12)
+        np.testing.assert_allclose(touch.position[k], p_WC, atol=1e-12)
+        np.testing.assert_allclose(touch.spinning[k], np.cross(V_WE.rotational(), -radius * normal), atol=1e-12)
+        X_WS = X_WE @ X_JS
+        F_Wo = SpatialForce(wrench[k, :3], wrench[k, 3:])
+        F_So = F_Wo.Shift(X_WS.translation()).Rotate(X_WS.rotation().inverse())
+        np.testing.assert_allclose(reading[k], [*F_So.translational(), *F_So.rotational()], atol=1e-12)
+        J = branched.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world)
+        about_frame = F_Wo.Shift(X_WE.translation()).get_coeffs()
+        np.testing.assert_allclose(generalized[k], J.T @ about_frame, atol=1e-12)
 
 
 def test_kinetic_energy_gradient_matches_differences(branched: MultibodyPlant) -> None:

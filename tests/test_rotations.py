@@ -4,7 +4,8 @@ import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
 
-from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product, rate, rotation_matrices
+from drake_cafim.diagnosis.tosses import rigid
+from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product, rotation_matrices
 
 
 def _random(count: int) -> np.ndarray:
@@ -31,5 +32,7 @@ def test_logarithm_undoes_the_exponential() -> None:
 def test_rate_is_the_slope_of_turning_about_the_worlds_axes() -> None:
     q, w, h = _random(4), np.random.default_rng(5).normal(size=(4, 3)), 1e-6
     later = product(exponential(h * w), q)
-    np.testing.assert_allclose((later - q) / h, rate(q, w), atol=1e-5)
+    numbers, rate = np.concatenate([np.zeros((4, 3)), q, np.zeros((4, 3)), w], axis=1), np.empty((4, 13))
+    rigid.rates(numbers, np.zeros((4, 6)), rate)
+    np.testing.assert_allclose((later - q) / h, rate[:, 3:7], atol=1e-5)
     np.testing.assert_allclose(logarithm(product(later, inverse(q))) / h, w, atol=1e-6)

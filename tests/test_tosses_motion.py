@@ -10,8 +10,9 @@ from pydrake.multibody.math import SpatialVelocity
 from scipy.integrate import solve_ivp
 
 from drake_cafim.diagnosis.tosses.flight import Flights, fly
-from drake_cafim.diagnosis.tosses.free_body import FreeBody, Moment, State
+from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.innovation import Innovation
+from drake_cafim.diagnosis.tosses.state import Moment, State
 from drake_cafim.diagnosis.tosses.tangent import Tangent, moved
 from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product, rotation_matrices
 from drake_cafim.effects.contact_friction import ContactPresliding

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from drake_cafim.diagnosis.tosses.flight import fly
-from drake_cafim.diagnosis.tosses.free_body import FreeBody, State
+from drake_cafim.diagnosis.tosses.free_body import FreeBody
+from drake_cafim.diagnosis.tosses.state import State
 from drake_cafim.dynamics.rotations import exponential, product
 from drake_cafim.recordings.recording import POSE_COMPONENTS, Recording
 from drake_cafim.scenario.physics import Physics

@@ -15,8 +15,8 @@ from drake_cafim.typing import Array
 @dataclass(frozen=True)
 class Touch:
     """One contact point over samples: `penetration` (N,) m, `rate` (N,) m/s, and in world axes `slip` (N, 3) m/s,
-    `position` (N, 3) m of the point, `w` (N, 3) rad/s, the body's angular velocity, and `arm` (N, 3) m, from what
-    turns with it to the point.
+    `position` (N, 3) m of the point, `w` (N, 3) rad/s, the body's angular velocity, and `arm` (N, 3) m, or the same
+    for all (1, 3), from what turns with it to the point.
 
     `axes` (3, 3) are the surface's x, y and normal as columns, world frame.
     """

@@ -15,7 +15,6 @@ from pydrake.systems.primitives import ConstantVectorSource
 from drake_cafim.dynamics.tree import OneAxisJoint
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointForce
-from drake_cafim.effects.mean_sign import MeanSign
 from drake_cafim.errors import InputError
 from drake_cafim.typing import Array
 
@@ -39,7 +38,7 @@ def beyond_brake(effect: JointForce, joint: JointSamples, level: float) -> Array
 
     A friction that is stronger one way than the other is a brake of the mean and a constant force, at rest as well.
     """
-    sign = MeanSign.of(joint.v, joint.v_std, _width(effect)).value
+    sign = joint.sign(_width(effect)).value
     return np.asarray(effect.force(joint).value + level * sign + _one_sided(effect) * (1.0 - np.abs(sign)))
 
 

@@ -39,9 +39,9 @@ def bent_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matrix:
 def scatter(weak: WeakForm, physics: Physics) -> Array:
     """Standard deviations (N, n) of the joints' laws beyond what their mean slopes make of the velocities' noise."""
     std, measured = weak.samples.v_std, weak.measurement(physics)
-    if not np.any(physics.applied_at_joints(weak.joint_samples(measured))[2]):
+    if not np.any(physics.applied_at_joints(weak.joint_samples(physics))[2]):
         return np.zeros_like(std)
-    known = weak.joint_samples(measured, noisy=False)
+    known = weak.sampled_joints(measured, np.zeros_like(weak.samples.v_std))
 
     def force(off: Array) -> Array:
         return physics.applied_at_joints([one.moved(off[:, j]) for j, one in enumerate(known)])[0]

@@ -93,6 +93,6 @@ def _rows(run: Run, physics: Physics, effect: ContactEffect | SurfaceEffect, val
 
 def _joined(touches: list[Touch]) -> Touch:
     """The touches of several recordings, one after the other."""
-    names = [one.name for one in fields(Touch) if one.name != "axes"]
+    names = [one.name for one in fields(Touch) if one.name not in ("arm", "axes")]
     together = {name: np.concatenate([getattr(touch, name) for touch in touches]) for name in names}
-    return Touch(**together, axes=touches[0].axes)
+    return Touch(**together, arm=touches[0].arm, axes=touches[0].axes)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.samples import samples_of
+from drake_cafim.diagnosis.samples import retaken, samples_of
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.dynamics.motion import bias_force, motion
@@ -49,10 +49,13 @@ def data_mistakes(scene: Scene, recordings: Sequence[Recording], std: dict[str, 
     run = problem.runs[0]
     quick = []
     for one in suspicions:
-        z = run.whitened(_weak(scene, _put_right(excerpts[0], one), std).residual(physics))
+        righted = retaken(given[0].samples, scene, _put_right(excerpts[0], one))
+        z = run.whitened(WeakForm(righted, scene.wrench_sensors).residual(physics))
         quick.append(float(z @ z))
     for index in np.argsort(quick)[:TRIED]:
-        if all(_explains(scene, std, excerpts[k], given[k], suspicions[index].sentence) for k in range(len(excerpts))):
+        if quick[index] < as_given and all(
+            _explains(scene, std, excerpts[k], given[k], suspicions[index].sentence) for k in range(len(excerpts))
+        ):
             return (suspicions[index].sentence,)
     return ()
 

@@ -1,6 +1,6 @@
 """What joints' recordings may lack, and linear looks at it: how an effect would move their whitened rows."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -19,7 +19,7 @@ from drake_cafim.effects.actuator import (
 from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance, pulse
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
-from drake_cafim.effects.effect import Effect, joined
+from drake_cafim.effects.effect import Effect, JointSamples, joined
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.plane import UnmodeledContact
@@ -30,6 +30,8 @@ from drake_cafim.typing import Array
 
 LEAST_SIGNAL = 10.0
 """Standard deviations of a sample's noise that a channel's own must be for its gain to be looked for."""
+KEPT = 30_000
+"""Rows of all recordings up to which looks at joints' laws are kept for the next model they are asked of."""
 OF_COMMANDS = (ActuatorSaturation, ActuatorDeadZone)
 Look = tuple[Array, Callable[[Array], Effect | None]]
 
@@ -103,18 +105,28 @@ def _moves(problem: WeakProblem, column: str) -> bool:
 def _force_looks(problem: WeakProblem, physics: Physics, effect: JointForce) -> Iterator[Look]:
     """The joint law's starts; they see all recordings at once, so that a grid is the same in each."""
     joint = problem.scene.tree.joint_index(effect.at)
-    samples = [run.weak.joint_samples(run.weak.measurement(physics))[joint] for run in problem.runs]
+    samples = tuple(run.weak.joint_samples(physics)[joint] for run in problem.runs)
+    known = problem.force_looks.get(effect.key)
+    if known is None or any(one is not other for one, other in zip(known[0], samples, strict=True)):
+        known = samples, _force_rows(problem, joint, effect, samples)
+        if problem.rows < KEPT:
+            problem.force_looks[effect.key] = known
+    for rows, shape in known[1]:
+        yield rows, partial(effect.from_coefficients, shape=shape)
+
+
+def _force_rows(
+    problem: WeakProblem, joint: int, effect: JointForce, samples: Sequence[JointSamples]
+) -> list[tuple[Array, Mapping[str, float]]]:
+    """Whitened rows (R, c) of each start, and its shape."""
     starts = list(effect.starts(joined(samples)))
     if not starts:
-        return
+        return []
     ends = np.cumsum([len(one.q) for one in samples])[:-1]
     all_columns = np.concatenate([start.columns for start in starts], axis=1)
     rows = problem.joint_columns(joint, np.split(all_columns, ends))
-    first = 0
-    for start in starts:
-        stop = first + start.columns.shape[1]
-        yield rows[:, first:stop], partial(effect.from_coefficients, shape=start.shape)
-        first = stop
+    widths = np.cumsum([start.columns.shape[1] for start in starts])[:-1]
+    return [(part, start.shape) for part, start in zip(np.split(rows, widths, axis=1), starts, strict=True)]
 
 
 def _drive_looks(problem: WeakProblem, physics: Physics, effect: ActuatorEffect) -> Iterator[Look]:
@@ -125,16 +137,16 @@ def _drive_looks(problem: WeakProblem, physics: Physics, effect: ActuatorEffect)
     for look in effect.looks(np.concatenate([effort.values for effort in efforts])):
         parts = []
         for run, effort in zip(problem.runs, efforts, strict=True):
-            weak = run.weak
-            here = weak.held(effort.times) @ effort.values
-            rows = np.zeros((len(weak.samples.windows), weak.rows_per_window, len(look)))
+            weak, windows = run.weak, run.weak.samples.windows
+            here = windows.held(effort.times) @ effort.values
+            rows = np.zeros((len(windows), weak.rows_per_window, len(look)))
             for k, step in enumerate(look):
                 driven = effect.with_values(step.ahead).drive(effort)
-                ahead = weak.held(driven.times) @ driven.values
+                ahead = windows.held(driven.times) @ driven.values
                 behind = here
                 if step.behind is not None:
                     driven = effect.with_values(step.behind).drive(effort)
-                    behind = weak.held(driven.times) @ driven.values
+                    behind = windows.held(driven.times) @ driven.values
                 rows[:, weak.dynamic.start + joint, k] = -(ahead - behind) / (step.size * gain)
             parts.append(run.whitened(rows))
         yield np.concatenate(parts), partial(effect.from_look, look)

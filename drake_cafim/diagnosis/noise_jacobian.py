@@ -24,7 +24,7 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
     s, n = weak.samples, weak.joints
     measured = weak.measurement(physics)
     q, v = measured.q_hat, measured.v_hat
-    joints = weak.joint_samples(measured)
+    joints = weak.joint_samples(physics)
     memory = weak.contact_memory(physics)
     _, d_q_law, d_v_law = physics.applied_at_joints(joints)
     rigid = balance_slopes(replace(weak.motion(physics), tree=physics.tree), physics)
@@ -62,7 +62,7 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
         else:
             add(f"q.{name}", sp.csr_matrix(from_q + from_v @ s.differentiate))
         if s.std[f"u.{name}"] > 0.0:
-            add(f"u.{name}", _place(weak, -weak.held(s.time), weak.kinematic_rows + j))
+            add(f"u.{name}", _place(weak, -s.windows.held(s.time), weak.kinematic_rows + j))
     for i, sensor in enumerate(weak.sensors):
         for k, axis in enumerate(WRENCH_COMPONENTS):
             row = weak.kinematic_rows + n + 6 * i + k

@@ -3,6 +3,7 @@
 A push on a body is, over its short time, some force at each joint; which body it was on is asked afterwards.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,8 @@ SPACING = 0.3
 """Of a duration, from one trial to the next."""
 TAIL = 8
 """Windows behind a pulse that its whitened rows are followed through."""
+KEPT = 2000
+"""Windows of a recording whose pulses are kept."""
 
 
 @dataclass(frozen=True)
@@ -30,50 +33,72 @@ class Push:
     gain: float
 
 
+@dataclass(frozen=True)
+class Pulse:
+    """A pulse over [start, stop] s of a recording, and the rows that it touches.
+
+    `directions` (R, n) are orthonormal in those whitened `rows`: what any force at each joint moves them by.
+    """
+
+    start: float
+    stop: float
+    rows: slice
+    directions: Array
+
+    def gain(self, residual: Array) -> float:
+        """What the pulse takes off the χ² of a recording's whitened rows."""
+        along = residual[self.rows] @ self.directions
+        return float(along @ along)
+
+
 def strongest_pushes(problem: WeakProblem, residual: Array) -> tuple[list[Push], int]:
     """The strongest push of each recording, best first, given whitened rows; and how many pulses were tried."""
     found: list[Push] = []
     trials = first = 0
     for index, run in enumerate(problem.runs):
-        stop = first + len(run.weak.samples.windows) * run.weak.rows_per_window
-        pushes = _pushes(run, index, residual[first:stop])
-        trials += len(pushes)
-        if pushes:
-            found.append(max(pushes, key=lambda push: push.gain))
-        first = stop
+        own = residual[first : first + run.rows]
+        gains = [(pulse.gain(own), pulse) for pulse in pulses_of(problem, index)]
+        trials += len(gains)
+        if gains:
+            gain, best = max(gains, key=lambda one: one[0])
+            found.append(Push(index, best.start, best.stop, gain))
+        first += run.rows
     return sorted(found, key=lambda push: -push.gain), trials
 
 
-def _pushes(run: Run, index: int, residual: Array) -> list[Push]:
+def pulses_of(problem: WeakProblem, index: int) -> Iterable[Pulse]:
+    """The pulses that are tried in one recording; those of a short one are kept, whatever the residual."""
+    run = problem.runs[index]
+    if len(run.weak.samples.windows) > KEPT:
+        return _laid_out(run)
+    if index not in problem.tried_pulses:
+        problem.tried_pulses[index] = list(_laid_out(run))
+    return problem.tried_pulses[index]
+
+
+def _laid_out(run: Run) -> Iterator[Pulse]:
     windows = run.weak.samples.windows
-    pushes: list[Push] = []
     for duration in DURATIONS:
         begin, end = windows.starts[0], windows.starts[-1] + windows.width - duration
         for start in np.arange(begin, end, SPACING * duration):
-            gain = _gain(run, residual, float(start), float(start) + duration)
-            if gain is not None:
-                pushes.append(Push(index, float(start), float(start) + duration, gain))
-    return pushes
+            one = _laid(run, float(start), float(start) + duration)
+            if one is not None:
+                yield one
 
 
-def _gain(run: Run, residual: Array, start: float, stop: float) -> float | None:
-    """What a pulse of any force at each joint takes off χ², by the rows that it touches."""
+def _laid(run: Run, start: float, stop: float) -> Pulse | None:
+    """The pulse in whitened rows."""
     weak = run.weak
-    windows, r = weak.samples.windows, weak.rows_per_window
+    windows, time, r = weak.samples.windows, weak.samples.time, weak.rows_per_window
     touched = np.flatnonzero((windows.starts + windows.width > start) & (windows.starts < stop))
     if len(touched) < 2:
         return None
     first, last = int(touched[0]), min(int(touched[-1]) + 1 + TAIL, len(windows))
-    weights = windows.value[first:last] @ pulse(weak.samples.time, start, stop)
+    pushing = slice(*np.searchsorted(time, (start, stop)))
+    weights = windows.value[first:last, pushing] @ pulse(time[pushing], start, stop)
     columns = np.zeros((last - first, r, weak.joints))
     for j in range(weak.joints):
         columns[:, weak.dynamic.start + j, j] = -weights
     rows = slice(first * r, last * r)
-    factor = run.whiten.factor[:, rows]
-    solved, info = lapack.dtbtrs(factor, columns.reshape(-1, weak.joints), uplo="L")
-    if info != 0:
-        return None
-    along = solved.T @ residual[rows]
-    strength = solved.T @ solved
-    strength[np.diag_indices(weak.joints)] *= 1.0 + 1e-9
-    return float(along @ np.linalg.solve(strength, along))
+    solved, info = lapack.dtbtrs(run.whiten.factor[:, rows], columns.reshape(-1, weak.joints), uplo="L")
+    return None if info != 0 else Pulse(start, stop, rows, np.linalg.qr(solved)[0])

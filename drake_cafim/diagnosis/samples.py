@@ -106,6 +106,20 @@ def noisier(samples: Samples, rng: np.random.Generator, fed_back: bool = False) 
     return replace(samples, recording=recording, q=q, v=v, u=u, wrenches=wrenches)
 
 
+def retaken(samples: Samples, scene: Scene, recording: Recording) -> Samples:
+    """The samples of another recording at the same times and with the same noise."""
+    names, slope = scene.tree.joint_names, samples.differentiate
+    q = _filled(recording.matrix("q", names))
+    return replace(
+        samples,
+        recording=recording,
+        q=q,
+        v=_filled(recording.matrix("v", names)) if slope is None else np.asarray(slope @ q, dtype=float),
+        u=_filled(recording.matrix("u", names)),
+        wrenches=tuple(_filled(recording.wrench(sensor.name)) for sensor in scene.wrench_sensors),
+    )
+
+
 def samples_of(
     scene: Scene,
     recording: Recording,

@@ -33,6 +33,8 @@ class Candidate:
 
 RAN_AWAY = 1e100
 """A hidden state that was simulated with a value it is not stable for."""
+LEAST_APART = 1e-9
+"""Information on a combination of columns, against that on the best one, below which nothing tells them apart."""
 LEAST_ECHO = 8.0
 """Gain of a coupling that is worth asking whether it is an echo of noise."""
 
@@ -141,9 +143,10 @@ def _projected(columns: Array, basis: Array, residual: Array) -> tuple[Array, fl
     if not np.any(seen):
         return None
     scale = left[seen]
-    inverse = np.linalg.pinv(gram[np.ix_(seen, seen)] / np.outer(scale, scale), rcond=1e-9, hermitian=True)
+    known, axes = np.linalg.eigh(gram[np.ix_(seen, seen)] / np.outer(scale, scale))
     score = unit[:, seen].T @ residual / scale
-    solution = -inverse @ score
+    told = known > LEAST_APART * known[-1]
+    solution = -axes[:, told] @ (axes[:, told].T @ score / known[told])
     coefficients = np.zeros(len(full))
     coefficients[seen] = solution / scale / full[seen]
     return coefficients, float(-score @ solution)

@@ -50,6 +50,7 @@ class _Prepared:
     """The corrected measurement, its motion, and the rows that follow from them."""
 
     measured: Measurement
+    joints: tuple[JointSamples, ...]
     moving: Motion
     regressor: InertialRegressor
     kinematic: Array
@@ -62,7 +63,6 @@ class WeakForm:
     samples: Samples
     sensors: tuple[WrenchSensor, ...]
     _cache: dict[tuple[object, ...], _Prepared] = field(default_factory=dict, repr=False, compare=False)
-    _held: dict[bytes, sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
     _trials: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False, compare=False)
     _changes: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
     _smooth: list[tuple[_Prepared, Motion]] = field(default_factory=list, repr=False, compare=False)
@@ -85,15 +85,6 @@ class WeakForm:
     def dynamic(self) -> slice:
         """The rows of a window that hold the joints' equations of motion."""
         return slice(self.kinematic_rows, self.kinematic_rows + self.joints)
-
-    def held(self, times: Array) -> sp.csr_matrix:
-        """(M, K): `held @ u` is ∫ w u dt for u held from each of `times` (K,) to the next; the last few are kept."""
-        key = times.tobytes()
-        if key not in self._held:
-            while len(self._held) >= 12:
-                self._held.pop(next(iter(self._held)))
-            self._held[key] = self.samples.windows.held(times)
-        return self._held[key]
 
     def measurement(self, physics: Physics) -> Measurement:
         """The channels, those of motion and effort corrected for the sensor effects of `physics`."""
@@ -138,18 +129,22 @@ class WeakForm:
         )
         return Measurement(q, v, u, s.smooth_q @ q, v_hat, wrenches)
 
-    def joint_samples(self, measured: Measurement, noisy: bool = True) -> list[JointSamples]:
-        """What the laws of joint effects are evaluated on.
+    def joint_samples(self, physics: Physics) -> tuple[JointSamples, ...]:
+        """What the laws of joint effects are evaluated on."""
+        return self._prepared(physics).joints
+
+    def sampled_joints(self, measured: Measurement, v_std: Array) -> tuple[JointSamples, ...]:
+        """`joint_samples` of a measurement whose smoothed velocities have an error of `v_std` (N, n).
 
         A held effort has two values at a sample; with their mean the trapezoid rule integrates it as a staircase.
         A sample stands for the time around it, and v passes through D on the way: the mean of a sign over D has the
         slope 2/D where it changes, as if v were known to D/√(2π).
         """
         u = 0.5 * (measured.u + np.concatenate([measured.u[:1], measured.u[:-1]]))
-        v_std = np.sqrt(noisy * self.samples.v_std**2 + np.gradient(measured.v_hat, axis=0) ** 2 / (2.0 * np.pi))
+        v_std = np.sqrt(v_std**2 + np.gradient(measured.v_hat, axis=0) ** 2 / (2.0 * np.pi))
         q_reach = 0.5 * np.abs(np.gradient(measured.q_hat, axis=0))
         columns = (measured.q_hat, measured.v_hat, u, v_std, q_reach)
-        return [JointSamples(*(column[:, j] for column in columns)) for j in range(self.joints)]
+        return tuple(JointSamples(*(np.ascontiguousarray(c[:, j]) for c in columns)) for j in range(self.joints))
 
     def effort(self, physics: Physics, joint: int, u: Array) -> Effort:
         """What acts at a joint when `u` (N, n) is asked for."""
@@ -167,7 +162,7 @@ class WeakForm:
     def effort_integral(self, physics: Physics, u: Array) -> Array:
         """∫ w u dt (M, n) with actuator effects."""
         efforts = [self.effort(physics, j, u) for j in range(self.joints)]
-        return np.stack([self.held(effort.times) @ effort.values for effort in efforts], axis=1)
+        return np.stack([self.samples.windows.held(effort.times) @ effort.values for effort in efforts], axis=1)
 
     def rotor_drives(self, physics: Physics) -> tuple[RotorDrive, ...]:
         """What drives each joint's twist between rotor and link; kept for the last physics but its couplings."""
@@ -191,8 +186,9 @@ class WeakForm:
                 self._responses.clear()
                 # the joints' masses may differ from those that the motion was prepared with
                 self._responses[inertial] = physics.free_response(replace(prepared.moving, tree=physics.tree))
-            joints = self.joint_samples(prepared.measured)
-            self._drives[key] = physics.rotor_drives(time, self._responses[inertial], self.mean_effort(physics), joints)
+            self._drives[key] = physics.rotor_drives(
+                time, self._responses[inertial], self.mean_effort(physics), prepared.joints
+            )
         return self._drives[key]
 
     def coupling_rows(self, physics: Physics, coupling: JointCoupling) -> Array:
@@ -232,7 +228,7 @@ class WeakForm:
         measured, windows = prepared.measured, self.samples.windows
         rotor = -(windows.rate @ measured.v) * physics.rotor_inertias
         dynamic = prepared.regressor.rows(inertial_parameters(physics.tree), physics.gravity) + rotor
-        force = physics.applied_at_joints(self.joint_samples(measured))[0]
+        force = physics.applied_at_joints(prepared.joints)[0]
         if physics.body_forces:
             force = force + self._pushed(physics, prepared.moving)
         dynamic = dynamic - windows.value @ force - self.effort_integral(physics, measured.u)
@@ -315,7 +311,8 @@ class WeakForm:
             correction = windows.rate_steps @ np.linalg.solve(M, measured.u[..., None])[..., 0]
             q, v, louder = self.compared(physics, measured)
             kinematic = (windows.rate @ q + windows.value @ v - correction) * louder
-        return _Prepared(measured, moving, inertial_regressor(moving, measured.v, windows), kinematic)
+        joints = self.sampled_joints(measured, self.samples.v_std)
+        return _Prepared(measured, joints, moving, inertial_regressor(moving, measured.v, windows), kinematic)
 
     def compared(self, physics: Physics, measured: Measurement) -> tuple[Array, Array, Array]:
         """Positions and velocities, (N, n) each, of which the first's rate is the second; and a factor (M, n).

@@ -107,6 +107,10 @@ class WeakProblem(Problem):
     _unknown_columns: dict[int, tuple[Any, Array]] = field(default_factory=dict, repr=False, compare=False)
     found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
     """The last residual that was searched for pushes, and what was found."""
+    tried_pulses: dict[int, list[Any]] = field(default_factory=dict, repr=False, compare=False)
+    """The pulses that are tried, by recording."""
+    force_looks: dict[tuple[str, str], Any] = field(default_factory=dict, repr=False, compare=False)
+    """The last looks at each joint law, with the samples that they saw."""
     _sensor_columns: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
     _last_rewhitened: list[tuple[Model, "WeakProblem"]] = field(default_factory=list, repr=False, compare=False)
 
@@ -158,7 +162,7 @@ class WeakProblem(Problem):
                 return False
             if isinstance(effect, JointForce):
                 joint = self.scene.tree.joint_index(effect.at)
-                samples = [run.weak.joint_samples(run.weak.measurement(physics))[joint] for run in self.runs]
+                samples = [run.weak.joint_samples(physics)[joint] for run in self.runs]
                 if not effect.plausible_over(joined(samples)):
                     return False
             if isinstance(effect, UnmodeledContact) and not self.touched_and_left(effect, physics):
@@ -248,7 +252,7 @@ class WeakProblem(Problem):
         joint = self.scene.tree.joint_index(effect.at)
         columns = []
         for run in self.runs:
-            joints = run.weak.joint_samples(run.weak.measurement(physics))
+            joints = run.weak.joint_samples(physics)
             columns.append(effect.force(joints[joint]).d_strengths)
         return self.joint_columns(joint, columns)
 

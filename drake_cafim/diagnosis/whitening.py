@@ -59,7 +59,16 @@ def _sampled(weak: WeakForm, jacobian: sp.csr_matrix, labels: Sequence[tuple[str
     if not samples.memories:
         return sp.csr_matrix(scaled @ scaled.T)
     alike = {memory: covariance(samples.time, memory) for memory in set(samples.memories.values())}
-    white = sp.eye_array(len(samples.time))
+    white = sp.csr_matrix(sp.eye_array(len(samples.time)))
     memories = [samples.memories.get(name) for name, _ in labels]
-    together = sp.block_diag([white if memory is None else alike[memory] for memory in memories], format="csr")
+    together = _block_diagonal([white if memory is None else alike[memory] for memory in memories])
     return sp.csr_matrix(scaled @ together @ scaled.T)
+
+
+def _block_diagonal(blocks: Sequence[sp.csr_matrix]) -> sp.csr_matrix:
+    """Square blocks of one size along a diagonal; SciPy's own goes through triplets, which takes ten times as long."""
+    size, entries = blocks[0].shape[0], np.cumsum([0, *(block.nnz for block in blocks)])
+    indices = [block.indices + k * size for k, block in enumerate(blocks)]
+    starts = [block.indptr[:-1] + first for block, first in zip(blocks, entries, strict=False)]
+    parts = [np.concatenate([block.data for block in blocks]), np.concatenate(indices)]
+    return sp.csr_matrix((*parts, np.append(np.concatenate(starts), entries[-1])), shape=(size * len(blocks),) * 2)

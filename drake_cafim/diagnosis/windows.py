@@ -6,7 +6,7 @@ taken as a cubic and w as it is; what that misses where a held effort steps is c
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -29,6 +29,7 @@ class Windows:
     width: float
     first: Indices
     stop: Indices
+    _held: dict[bytes, sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -62,10 +63,18 @@ class Windows:
         return sp.csr_matrix(-self._matrix(jumps, rows, columns) @ step)
 
     def held(self, times: Array) -> sp.csr_matrix:
-        """(M, K): `held @ u` is ∫ w u dt for u held from each of `times` (K,) to the next.
+        """(M, K): `held @ u` is ∫ w u dt for u held from each of `times` (K,) to the next; the last few are kept.
 
         Contains what `rate` misses because the slope of the momentum jumps by Δu wherever u steps.
         """
+        key = times.tobytes()
+        if key not in self._held:
+            while len(self._held) >= 12:
+                self._held.pop(next(iter(self._held)))
+            self._held[key] = self._integral_of_held(times)
+        return self._held[key]
+
+    def _integral_of_held(self, times: Array) -> sp.csr_matrix:
         clipped = np.clip(times, self.time[0], self.time[-1])
         ends = np.append(clipped[1:], self.time[-1])
         first = np.searchsorted(times, self.starts, side="right") - 1

@@ -52,7 +52,7 @@ class Effort:
 
 
 def default_effort(shape: Shape, planner: PlannerName = "predictive-sampling") -> Effort:
-    """A search of some hundred motions."""
+    """A search of some thousand motions."""
     config = PlannerConfig(candidates=16, horizon=shape.points, knots=max(shape.points, 4), knot_std=0.6)
     return Effort(config, generations=min(4 * shape.points, MOST_GENERATIONS), planner=planner)
 

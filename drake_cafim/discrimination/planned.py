@@ -3,11 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from drake_cafim.diagnosis.coloured_noise import stated_memories
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.samples import Samples, samples_of
+from drake_cafim.diagnosis.samples import Samples, retaken, samples_of
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.discrimination.motions import Motion
@@ -59,14 +57,12 @@ class Bench:
 
     scene: Scene
     samples: Samples
-    template: WeakForm
 
     @classmethod
     def of(cls, scene: Scene, planned: Motion) -> "Bench":
         """The bench for motions sampled as `planned` is."""
         std = noise_of(scene)
-        samples = _samples(scene, recording_of(scene, planned, std, "planned"), std)
-        return cls(scene, samples, WeakForm(samples, scene.wrench_sensors))
+        return cls(scene, _samples(scene, recording_of(scene, planned, std, "planned"), std))
 
     def problem(self, planned: Motion, like: WeakProblem | None = None) -> WeakProblem:
         """The motion's rows, whitened under the nominal model.
@@ -78,17 +74,8 @@ class Bench:
 
     def reading(self, recording: Recording, like: WeakProblem | None = None) -> WeakProblem:
         """The rows of a recording that was sampled as this bench's motions are."""
-        scene, names = self.scene, self.scene.tree.joint_names
-        q, slope = recording.matrix("q", names), self.samples.differentiate
-        samples = replace(
-            self.samples,
-            recording=recording,
-            q=q,
-            v=recording.matrix("v", names) if slope is None else np.asarray(slope @ q, dtype=float),
-            u=recording.matrix("u", names),
-            wrenches=tuple(recording.wrench(sensor.name) for sensor in scene.wrench_sensors),
-        )
-        weak = WeakForm(samples, scene.wrench_sensors, _held=self.template._held)
+        scene = self.scene
+        weak = WeakForm(retaken(self.samples, scene, recording), scene.wrench_sensors)
         if like is not None:
             return WeakProblem(scene, (replace(like.runs[0], weak=weak),))
         return WeakProblem.of(scene, [weak], Model(scene.priors.mean))

@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from drake_cafim.contact.change import ContactChange, Touch, surface_axes
-from drake_cafim.contact.geometry import sphere_on_plane
 from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.cross import cross
 from drake_cafim.dynamics.motion import Motion
+from drake_cafim.dynamics.touching import met, read
 from drake_cafim.typing import Array
 
 
@@ -52,6 +52,17 @@ class SphereContact:
         """The plane's axes; of a normal that stands still they do, too."""
         return surface_axes(self.normal)
 
+    @cached_property
+    def _placed(self) -> tuple[Array, float, Array, Array]:
+        """Centre, radius, point and normal, as compiled code takes them."""
+        center, point, normal = (np.ascontiguousarray(a, dtype=float) for a in (self.p_JC, self.point, self.normal))
+        return center, float(self.radius), point, normal
+
+    @cached_property
+    def _below(self) -> Array:
+        """(1, 3) m, from the centre to the deepest point."""
+        return np.asarray(-self.radius * self.normal[None])
+
     @property
     def memory(self) -> int:
         """How many numbers the changes remember."""
@@ -63,18 +74,9 @@ class SphereContact:
 
     def touch(self, moving: Motion) -> Touch:
         """How the sphere's deepest point meets the plane, over samples (N,)."""
-        p_WC, v_WC = moving.point(self.joint, self.p_JC)
-        w_WJ = moving.velocities[:, self.joint, :3]
-        points = sphere_on_plane(p_WC, v_WC, w_WJ, radius=self.radius, point=self.point, normal=self.normal)
-        return Touch(
-            penetration=points.penetration[:, 0],
-            rate=points.rate[:, 0],
-            slip=points.tangential_velocity[:, 0],
-            position=p_WC + points.p_BoC_W[:, 0],
-            w=w_WJ,
-            arm=points.p_BoC_W[:, 0],
-            axes=self._axes,
-        )
+        motion = (moving.R_WJ, moving.p_WJ, moving.velocities)
+        depth, rate, slip, position, w_WJ = met(*motion, self.joint, *self._placed)
+        return Touch(depth, rate, slip, position, w_WJ, self._below, self._axes)
 
     def recall(self, time: Array, touch: Touch, at: Touch) -> Array:
         """What the changes remember, (N, m), at samples at `time` (N,) s; see `ContactChange.recall`."""
@@ -129,8 +131,6 @@ class WrenchSensor:
 
     def reading(self, moving: Motion, wrench_W: Array) -> Array:
         """(N, 6) force then torque in S about So, from a wrench (N, 6) about the world origin, moment first."""
-        p_WS, _ = moving.point(self.joint, self.p_JS)
-        R_WS = moving.R_WJ[:, self.joint] @ self.R_JS
-        force = wrench_W[:, 3:]
-        moment = wrench_W[:, :3] - cross(p_WS, force)
-        return np.concatenate([np.einsum("nji,nj->ni", R_WS, force), np.einsum("nji,nj->ni", R_WS, moment)], axis=1)
+        R_JS, p_JS, wrench = (np.ascontiguousarray(a, dtype=float) for a in (self.R_JS, self.p_JS, wrench_W))
+        found = read(moving.R_WJ, moving.p_WJ, self.joint, R_JS, p_JS, wrench)
+        return np.asarray(found, dtype=float)

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from drake_cafim.cross import cross
-from drake_cafim.dynamics.recursions import equations, kinematics
+from drake_cafim.dynamics.recursions import equations, kinematics, projected
 from drake_cafim.dynamics.tree import FIXED, Tree
 from drake_cafim.typing import Array
 
@@ -70,7 +70,7 @@ class Motion:
 
     def project(self, wrench: Array) -> Array:
         """Generalized forces (N, n) of wrenches (N, n, 6) that act on the links."""
-        return np.asarray(np.einsum("njk,njk->nj", self.axes, self.carried(wrench)))
+        return np.asarray(projected(self.tree.frames[0], self.axes, np.ascontiguousarray(wrench)), dtype=float)
 
     def point(self, joint: int, p_JP: Array) -> tuple[Array, Array]:
         """World position and velocity, each (N, 3), of points fixed in frame J; `p_JP` (3,) or (N, 3)."""

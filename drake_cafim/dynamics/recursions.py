@@ -155,3 +155,21 @@ def equations(
                 for r in range(6):
                     force[parents[j], r] += force[j, r]
     return M, bias
+
+
+@compiled
+def projected(parents: Indices, S: Array, wrench: Array) -> Array:
+    """Generalized forces (N, n) of wrenches (N, n, 6) on the links; each joint feels its whole subtree's."""
+    N, n = wrench.shape[:2]
+    result, total = np.empty((N, n)), np.empty((n, 6))
+    for i in range(N):
+        for j in range(n):
+            for r in range(6):
+                total[j, r] = wrench[i, j, r]
+        for j in range(n - 1, -1, -1):
+            result[i, j] = 0.0
+            for r in range(6):
+                result[i, j] += S[i, j, r] * total[j, r]
+                if parents[j] >= 0:
+                    total[parents[j], r] += total[j, r]
+    return result

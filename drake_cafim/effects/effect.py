@@ -9,6 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from drake_cafim.dynamics.tree import Tree
+from drake_cafim.effects.mean_sign import MeanSign
 from drake_cafim.errors import InputError
 from drake_cafim.rounding import short
 from drake_cafim.typing import Array
@@ -26,6 +27,8 @@ class Place(Enum):
 
 
 CHANNEL_UNIT = "unit of the channel"
+SIGNS = 12
+"""Widths of sign changes whose means a joint's samples keep."""
 
 
 def channel_unit(column: str, tree: Tree) -> str:
@@ -81,6 +84,15 @@ class JointSamples:
     """What is not known of v; a force that bends sharply in v is averaged over it."""
     q_reach: Array | float = 0.0
     """How far q gets within half the time that a sample stands for; a force that sets in on the way is averaged."""
+    _signs: dict[float, MeanSign] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def sign(self, width: float) -> MeanSign:
+        """The mean sign of v that changes over `width`; the last few are kept."""
+        if width not in self._signs:
+            while len(self._signs) >= SIGNS:
+                self._signs.pop(next(iter(self._signs)))
+            self._signs[width] = MeanSign.of(self.v, self.v_std, width)
+        return self._signs[width]
 
     def moved(self, by: Array) -> "JointSamples":
         """The samples with other velocities."""

@@ -34,7 +34,7 @@ class JointStribeckFriction(JointForce):
     def force(self, joint: JointSamples) -> Force:
         coulomb, static, velocity = self.vector
         width = self.values.get("slip_velocity", SLIP_VELOCITY.nominal)
-        sign, rise = MeanSign.of(joint.v, joint.v_std, width), _Rise.of(joint, velocity, width)
+        sign, rise = joint.sign(width), _Rise.of(joint, velocity, width)
         zero, more = np.zeros_like(joint.v), static - coulomb
         d_strengths = np.stack([rise.value - sign.value, -rise.value, -more * rise.by_velocity], axis=1)
         value, by_v = -coulomb * sign.value - more * rise.value, -coulomb * sign.by_v - more * rise.by_v
@@ -44,7 +44,7 @@ class JointStribeckFriction(JointForce):
         speed = float(np.sqrt(np.mean(joint.v**2)))
         for velocity in (0.04, 0.08, 0.15, 0.3, 0.6):
             for width in SLIP_VELOCITY.grid:
-                sign = MeanSign.of(joint.v, joint.v_std, width).value
+                sign = joint.sign(width).value
                 rise = _Rise.of(joint, max(velocity * speed, 1e-3), width).value
                 columns = np.stack([rise - sign, -rise], axis=1)
                 yield Start(columns, {"velocity": max(velocity * speed, 1e-3), "slip_velocity": width})
@@ -109,7 +109,7 @@ class JointLoadDependentFriction(JointForce):
 
     def force(self, joint: JointSamples) -> Force:
         torque, coefficient = self.vector
-        sign = MeanSign.of(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
+        sign = joint.sign(self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
         level = torque + coefficient * np.abs(joint.u)
         d_strengths = np.stack([-sign.value, -np.abs(joint.u) * sign.value], axis=1)
         d_u = -coefficient * np.sign(joint.u) * sign.value
@@ -117,7 +117,7 @@ class JointLoadDependentFriction(JointForce):
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         for width in SLIP_VELOCITY.grid:
-            sign = MeanSign.of(joint.v, joint.v_std, width).value
+            sign = joint.sign(width).value
             loaded = -np.abs(joint.u) * sign
             yield Start(np.stack([-sign, loaded], axis=1), {"slip_velocity": width})
             yield Start(loaded[:, None], {"slip_velocity": width})

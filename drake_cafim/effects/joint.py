@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from drake_cafim.effects.effect import Effect, Force, JointSamples, Place, Start, Strength
-from drake_cafim.effects.mean_sign import MeanSign, mean_sides
+from drake_cafim.effects.mean_sign import mean_sides
 from drake_cafim.typing import Array
 
 SLIP_VELOCITY = Strength(
@@ -89,13 +89,13 @@ class JointCoulombFriction(JointForce):
     }
 
     def force(self, joint: JointSamples) -> Force:
-        sign = MeanSign.of(joint.v, joint.v_std, self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
+        sign = joint.sign(self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
         T = self.values["torque"]
         return Force(-T * sign.value, _zeros(joint), -T * sign.by_v, _zeros(joint), -sign.value[:, None])
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         for width in SLIP_VELOCITY.grid:
-            yield Start(-MeanSign.of(joint.v, joint.v_std, width).value[:, None], {"slip_velocity": width})
+            yield Start(-joint.sign(width).value[:, None], {"slip_velocity": width})
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointCoulombFriction":
         return JointCoulombFriction(self.at, shape).with_values(coefficients)
@@ -120,12 +120,12 @@ class JointAsymmetricCoulombFriction(JointForce):
 
     def force(self, joint: JointSamples) -> Force:
         width = self.values.get("slip_velocity", SLIP_VELOCITY.nominal)
-        columns, slopes = mean_sides(joint.v, joint.v_std, width)
+        columns, slopes = mean_sides(joint.sign(width), joint.v, joint.v_std, width)
         return Force(columns @ self.vector, _zeros(joint), slopes @ self.vector, _zeros(joint), columns)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         for width in SLIP_VELOCITY.grid:
-            yield Start(mean_sides(joint.v, joint.v_std, width)[0], {"slip_velocity": width})
+            yield Start(mean_sides(joint.sign(width), joint.v, joint.v_std, width)[0], {"slip_velocity": width})
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointAsymmetricCoulombFriction":
         return JointAsymmetricCoulombFriction(self.at, shape).with_values(coefficients)

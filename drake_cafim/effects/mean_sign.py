@@ -44,13 +44,12 @@ class MeanSign:
         return cls(value, by_v, by_std)
 
 
-def mean_sides(v: Array, v_std: Array | float, width: float) -> tuple[Array, Array]:
+def mean_sides(sign: MeanSign, v: Array, v_std: Array | float, width: float) -> tuple[Array, Array]:
     """The means of −max(0, tanh(v/w)) and max(0, −tanh(v/w)), and their slopes in v; each (N, 2).
 
-    They are ∓½ (|t| ± t) with t = tanh(v/w).
+    They are ∓½ (|t| ± t) with t = tanh(v/w), of which `sign` is the mean.
     """
-    sign, std = MeanSign.of(v, v_std, width), np.asarray(v_std)
-    size, size_by_v = np.ones_like(v), np.zeros_like(v)
+    std, size, size_by_v = np.asarray(v_std), np.ones_like(v), np.zeros_like(v)
     if not np.any(std):
         size, size_by_v = np.abs(sign.value), np.sign(v) * sign.by_v
     else:

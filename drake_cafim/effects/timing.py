@@ -148,7 +148,7 @@ class SensorLag(TimingEffect):
     def true(self, time: Array, measured: Array) -> Array:
         # x = y + τ ẏ with the slope of a smoothed y: an exact inverse would raise the channel's noise, and what it is
         # then compared with would no longer be the same measurement
-        return measured + self.values["time_constant"] * np.asarray(_smooth_slope(time.tobytes()) @ measured)
+        return measured + self.values["time_constant"] * np.asarray(_smooth_slope(time) @ measured)
 
     def columns(self, time: Array, true: Array) -> Array:
         return -np.asarray(_slope(time.tobytes()) @ true)[..., None]
@@ -192,7 +192,6 @@ def _slope(time: bytes) -> sp.csr_matrix:
     return interpolation(np.frombuffer(time), np.frombuffer(time), derivative=1)
 
 
-@lru_cache(maxsize=16)
-def _smooth_slope(time: bytes) -> sp.csr_matrix:
-    """The slope of a smoothed channel at `time`, kept for the recordings at hand."""
-    return local_polynomial(np.frombuffer(time), SMOOTHING_REACH, 5, 1, at_least=3)
+def _smooth_slope(time: Array) -> sp.csr_matrix:
+    """The slope of a smoothed channel at `time`."""
+    return local_polynomial(time, SMOOTHING_REACH, 5, 1, at_least=3)

@@ -108,5 +108,5 @@ def window_means(weak: WeakForm, physics: Physics) -> WindowMeans:
         windows.value @ measured.q_hat / area,
         windows.value @ measured.v_hat / area,
         -(windows.rate @ measured.v) / area,
-        weak.held(weak.samples.time) @ measured.u / area,
+        weak.samples.windows.held(weak.samples.time) @ measured.u / area,
     )

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from drake_cafim.diagnosis.tosses.free_body import State, stacked
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack
+from drake_cafim.diagnosis.tosses.state import State, stacked
 from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product
 from drake_cafim.typing import Array
 

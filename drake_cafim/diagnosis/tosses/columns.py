@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.tosses.free_body import FreeBody, State
+from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.shots import Shot
+from drake_cafim.diagnosis.tosses.state import State
 from drake_cafim.diagnosis.tosses.written import axes_of
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.effects.sensor import SensorEffect

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from drake_cafim.diagnosis.tosses import rigid
-from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State, stacked
+from drake_cafim.diagnosis.tosses.free_body import FreeBody
+from drake_cafim.diagnosis.tosses.state import Flags, Moment, State, stacked
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.typing import Array
 
@@ -89,7 +90,7 @@ def fly(
         here, touching, remembered = now[alive], mode[alive], memory[alive]
         moment = Moment(time[alive], recording[alive], names)
         left = times[alive, following[alive]] - moment.time
-        R = rigid.turned(here.numbers)
+        R = rotation_matrices(here.quaternion)
         felt = body.felt(here, R, touching, remembered)
         first = body.accelerated(here, R, felt, moment)
         landing = body.time_to_land(here, R, touching, first)

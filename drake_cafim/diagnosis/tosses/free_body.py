@@ -11,107 +11,35 @@ Simulations call this tens of thousands of times for a few dozen bodies: matrix 
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from drake_cafim.contact.change import Touch, surface_axes
 from drake_cafim.diagnosis.tosses import rigid
+from drake_cafim.diagnosis.tosses.state import Flags, Moment, State
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import skew
-from drake_cafim.dynamics.rotations import crossing
+from drake_cafim.dynamics.rotations import crossing, rotation_matrices
 from drake_cafim.dynamics.tree import FREE
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
-Flags: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
-
-
-@dataclass(frozen=True)
-class State:
-    """B states, `numbers` (B, 13) of each; in the world."""
-
-    numbers: Array
-
-    @classmethod
-    def of(cls, p: Array, quaternion: Array, v: Array, w: Array) -> "State":
-        """From the parts (B, 3), (B, 4), (B, 3) and (B, 3)."""
-        return cls(np.concatenate([p, quaternion, v, w], axis=1))
-
-    @property
-    def p(self) -> Array:
-        """(B, 3) m, the origin."""
-        return self.numbers[:, :3]
-
-    @property
-    def quaternion(self) -> Array:
-        """(B, 4)"""
-        return self.numbers[:, 3:7]
-
-    @property
-    def v(self) -> Array:
-        """(B, 3) m/s, of the origin."""
-        return self.numbers[:, 7:10]
-
-    @property
-    def w(self) -> Array:
-        """(B, 3) rad/s"""
-        return self.numbers[:, 10:]
-
-    def __len__(self) -> int:
-        return len(self.numbers)
-
-    def __getitem__(self, rows: Any) -> "State":
-        return State(self.numbers[rows])
-
-
-def upright(state: State) -> State:
-    """The states, their quaternions made of unit length; in place."""
-    q = state.quaternion
-    q /= np.sqrt((q * q).sum(axis=1))[:, None]
-    return state
-
-
-def stacked(states: "list[State]") -> State:
-    """The states one after the other."""
-    return State(np.concatenate([one.numbers for one in states]))
-
-
-def picked(first: Flags, one: State, other: State) -> State:
-    """The states of `one` where `first` (B,) says so, and those of `other` elsewhere."""
-    return State(np.where(first[:, None], one.numbers, other.numbers))
-
-
-def replaced(states: State, rows: np.ndarray[Any, np.dtype[np.int64]], other: State) -> State:
-    """`states` (B) with those of `other` (K) in `rows` (K,)."""
-    numbers = states.numbers.copy()
-    numbers[rows] = other.numbers
-    return State(numbers)
-
 
 @dataclass(frozen=True)
 class Felt:
-    """The E points that B states feel: whose each is, `rows` (E,); `lever` (E, 3) m to it from the origin; how it is
-    touched; and the force and the moment (E, 3) on it. World axes."""
+    """The E points that B states feel, in world axes.
+
+    Whose each is, `rows` (E,); `lever` (E, 3) m to it from the origin; how it touches; and the force N and the moment
+    N m (E, 3) on it.
+    """
 
     rows: np.ndarray[Any, np.dtype[np.int64]]
     lever: Array
     touch: Touch
     force: Array
     moment: Array
-
-
-@dataclass(frozen=True)
-class Moment:
-    """When and where states were: `time` (B,) s, and the index (B,) of their recording among `names`."""
-
-    time: Array
-    recording: np.ndarray[Any, np.dtype[np.int64]]
-    names: tuple[str, ...]
-
-    def __getitem__(self, rows: Any) -> "Moment":
-        return Moment(self.time[rows], self.recording[rows], self.names)
 
 
 @dataclass(frozen=True)
@@ -175,10 +103,6 @@ class FreeBody:
     def _reach(self) -> float:
         return max((change.reach for change in self.contact.changes), default=0.0) if self.contact else 0.0
 
-    def centers(self, R: Array) -> Array:
-        """(B, 3, K) m, from the origin to the spheres' centres, or to the points, that turn with the body."""
-        return np.asarray(R @ self._points)
-
     def levers(self, R: Array) -> Array:
         """(B, 3, K) m, from the origin to the points that may touch."""
         return np.asarray(R @ self._points + self._below)
@@ -187,7 +111,7 @@ class FreeBody:
         """How deep each point is, (B, K) m, and how fast it goes deeper, (B, K) m/s."""
         if self.contact is None:
             return np.zeros((len(state), 0)), np.zeros((len(state), 0))
-        R = rigid.turned(state.numbers) if R is None else R
+        R = rotation_matrices(state.quaternion) if R is None else R
         deep, sinking = rigid.depths(
             state.numbers, R, self._points, self._below[:, 0], self.contact.normal, self._height
         )
@@ -213,7 +137,7 @@ class FreeBody:
 
     def acceleration(self, state: State, mode: Flags, memory: Array, moment: Moment) -> Array:
         """(B, 6): v̇ then ω̇ in the world, the points of `mode` (B, K) touching; `memory` is (B, K, m)."""
-        R = rigid.turned(state.numbers)
+        R = rotation_matrices(state.quaternion)
         return self.accelerated(state, R, self.felt(state, R, mode, memory), moment)
 
     def accelerated(self, state: State, R: Array, felt: Felt | None, moment: Moment) -> Array:

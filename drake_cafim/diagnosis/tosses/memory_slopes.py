@@ -4,7 +4,8 @@ import numpy as np
 
 from drake_cafim.cross import cross
 from drake_cafim.diagnosis.tosses.flight import Fine, remember
-from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State, upright
+from drake_cafim.diagnosis.tosses.free_body import FreeBody
+from drake_cafim.diagnosis.tosses.state import Flags, Moment, State, upright
 from drake_cafim.dynamics.rotations import exponential, product, rotation_matrices
 from drake_cafim.typing import Array
 

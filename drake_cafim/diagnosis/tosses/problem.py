@@ -15,10 +15,11 @@ from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.tosses.arcs import Arcs
 from drake_cafim.diagnosis.tosses.columns import number_columns
-from drake_cafim.diagnosis.tosses.free_body import FreeBody, State
+from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
 from drake_cafim.diagnosis.tosses.settling import Settled, settled_from
 from drake_cafim.diagnosis.tosses.shots import Shot
+from drake_cafim.diagnosis.tosses.state import State
 from drake_cafim.dynamics.tree import FREE
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array

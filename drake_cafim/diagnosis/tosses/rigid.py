@@ -13,18 +13,6 @@ from drake_cafim.typing import Array, Indices
 
 
 @compiled
-def turned(numbers: Array) -> Array:
-    """R (B, 3, 3), the body's axes in the world."""
-    R = np.empty((len(numbers), 3, 3))
-    for i in range(len(numbers)):
-        a, b, c, d = numbers[i, 3], numbers[i, 4], numbers[i, 5], numbers[i, 6]
-        R[i, 0, 0], R[i, 0, 1], R[i, 0, 2] = a * a + b * b - c * c - d * d, 2.0 * (b * c - a * d), 2.0 * (b * d + a * c)
-        R[i, 1, 0], R[i, 1, 1], R[i, 1, 2] = 2.0 * (b * c + a * d), a * a - b * b + c * c - d * d, 2.0 * (c * d - a * b)
-        R[i, 2, 0], R[i, 2, 1], R[i, 2, 2] = 2.0 * (b * d - a * c), 2.0 * (c * d + a * b), a * a - b * b - c * c + d * d
-    return R
-
-
-@compiled
 def depths(numbers: Array, R: Array, points: Array, below: Array, normal: Array, height: float) -> tuple[Array, Array]:
     """How deep each point is, (B, K) m, and how fast it goes deeper, (B, K) m/s."""
     B, K = len(numbers), points.shape[1]

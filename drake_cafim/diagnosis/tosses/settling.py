@@ -10,10 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from drake_cafim.diagnosis.tosses.arcs import Arcs
-from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, State, picked, replaced
+from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.innovation import Innovation
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
 from drake_cafim.diagnosis.tosses.shots import Shot, chosen
+from drake_cafim.diagnosis.tosses.state import Flags, State, picked, replaced
 from drake_cafim.diagnosis.tosses.tangent import moved
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array

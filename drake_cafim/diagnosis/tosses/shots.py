@@ -7,8 +7,9 @@ import numpy as np
 
 from drake_cafim.diagnosis.tosses.arcs import Arcs
 from drake_cafim.diagnosis.tosses.flight import Fine, Flights, fly
-from drake_cafim.diagnosis.tosses.free_body import Flags, FreeBody, Moment, State, picked, replaced, stacked
+from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
+from drake_cafim.diagnosis.tosses.state import Flags, Moment, State, picked, replaced, stacked
 from drake_cafim.diagnosis.tosses.tangent import Tangent
 from drake_cafim.diagnosis.tosses.written import true_times, written, written_slopes
 from drake_cafim.dynamics.rotations import inverse, logarithm, product, rotation_matrices

@@ -14,7 +14,7 @@ import numpy as np
 
 from drake_cafim.cross import cross
 from drake_cafim.diagnosis.tosses.flight import Fine, Flights
-from drake_cafim.diagnosis.tosses.free_body import FreeBody, Moment, State, upright
+from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.memory_slopes import (
     FINE_SIZES,
     SIZES,
@@ -24,6 +24,7 @@ from drake_cafim.diagnosis.tosses.memory_slopes import (
     remembering,
     shifted,
 )
+from drake_cafim.diagnosis.tosses.state import Moment, State, upright
 from drake_cafim.dynamics.motion import skew
 from drake_cafim.dynamics.rotations import exponential, product, rotation_matrices
 from drake_cafim.typing import Array

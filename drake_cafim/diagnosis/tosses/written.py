@@ -3,7 +3,7 @@
 import numpy as np
 
 from drake_cafim.diagnosis.tosses.arcs import Arcs
-from drake_cafim.diagnosis.tosses.free_body import State
+from drake_cafim.diagnosis.tosses.state import State
 from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product
 from drake_cafim.effects.sensor import SensorEffect, SensorGainError
 from drake_cafim.effects.timing import ClockSkew, SensorLag

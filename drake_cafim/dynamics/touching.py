@@ -1,0 +1,60 @@
+"""How a sphere of the tree meets a plane, and what a wrench sensor reads, sample after sample."""
+
+import numpy as np
+
+from drake_cafim.compiled import compiled
+from drake_cafim.typing import Array
+
+
+@compiled
+def met(
+    R: Array, p: Array, V: Array, joint: int, p_JC: Array, radius: float, point: Array, normal: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Of a sphere's deepest point: penetration m, rate m/s (N,), slip m/s and place m (N, 3); and ω rad/s (N, 3).
+
+    `R` (N, n, 3, 3), `p` (N, n, 3) and `V` (N, n, 6) are those of `Motion`; the sphere's centre `p_JC` (3,) m rides the
+    joint, the plane goes through `point` (3,) m with its unit `normal` (3,) out of it, world frame.
+    """
+    N = len(p)
+    penetration, rate = np.empty(N), np.empty(N)
+    slip, place, w = np.empty((N, 3)), np.empty((N, 3)), np.empty((N, 3))
+    for i in range(N):
+        depth, faster = 0.0, 0.0
+        for x in range(3):
+            turned = R[i, joint, x, 0] * p_JC[0] + R[i, joint, x, 1] * p_JC[1] + R[i, joint, x, 2] * p_JC[2]
+            place[i, x] = p[i, joint, x] + turned - radius * normal[x]
+            w[i, x] = V[i, joint, x]
+        for x in range(3):
+            y, z = (x + 1) % 3, (x + 2) % 3
+            slip[i, x] = V[i, joint, 3 + x] + w[i, y] * place[i, z] - w[i, z] * place[i, y]
+            depth -= normal[x] * (place[i, x] - point[x])
+            faster -= normal[x] * slip[i, x]
+        for x in range(3):
+            slip[i, x] += faster * normal[x]
+        penetration[i], rate[i] = depth, faster
+    return penetration, rate, slip, place, w
+
+
+@compiled
+def read(R: Array, p: Array, joint: int, R_JS: Array, p_JS: Array, wrench: Array) -> Array:
+    """(N, 6) force then torque in a sensor's frame S about So, from a wrench (N, 6) about the world's origin.
+
+    The wrench has its moment first; `R` and `p` as for `met`, `R_JS` (3, 3) and `p_JS` (3,) the sensor on its joint.
+    """
+    N = len(p)
+    result, moment, at, onto = np.empty((N, 6)), np.empty(3), np.empty(3), np.empty(3)
+    for i in range(N):
+        for x in range(3):
+            turned = R[i, joint, x, 0] * p_JS[0] + R[i, joint, x, 1] * p_JS[1] + R[i, joint, x, 2] * p_JS[2]
+            at[x] = p[i, joint, x] + turned
+        for x in range(3):
+            y, z = (x + 1) % 3, (x + 2) % 3
+            moment[x] = wrench[i, x] - (at[y] * wrench[i, 3 + z] - at[z] * wrench[i, 3 + y])
+        for part in range(2):
+            for x in range(3):
+                onto[x] = 0.0
+                for y in range(3):
+                    onto[x] += R[i, joint, y, x] * (wrench[i, 3 + y] if part == 0 else moment[y])
+            for x in range(3):
+                result[i, 3 * part + x] = R_JS[0, x] * onto[0] + R_JS[1, x] * onto[1] + R_JS[2, x] * onto[2]
+    return result
