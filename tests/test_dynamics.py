@@ -144,7 +144,7 @@ def test_one_body_may_float_and_two_are_refused_with_a_sentence() -> None:
 
 
 def test_inertial_regressor_gives_the_same_rows_as_the_momentum(branched: MultibodyPlant) -> None:
-    from drake_cafim.diagnosis.inertial import inertial_parameters, inertial_regressor
+    from drake_cafim.diagnosis.inertial import inertial_regressor
     from drake_cafim.diagnosis.windows import lay_windows
 
     tree = tree_of(branched)
@@ -156,7 +156,7 @@ def test_inertial_regressor_gives_the_same_rows_as_the_momentum(branched: Multib
     moving = motion(tree, q, v)
     balance = momentum_balance(moving, moving.link_inertias, gravity)
     expected = -(windows.rate @ balance.momentum) - windows.value @ balance.force
-    rows = inertial_regressor(moving, v, windows).rows(inertial_parameters(tree), gravity)
+    rows = inertial_regressor(moving, v, windows).rows(tree.inertial_parameters, gravity)
     np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-12)
 
 

@@ -11,25 +11,10 @@ import numpy as np
 
 from drake_cafim.compiled import compiled
 from drake_cafim.diagnosis.windows import Windows
-from drake_cafim.dynamics.motion import Motion, skew
-from drake_cafim.dynamics.tree import FIXED, Tree
+from drake_cafim.dynamics.motion import Motion
 from drake_cafim.typing import Array
 
 INERTIAL = 10
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-
-
-def inertial_parameters(tree: Tree) -> Array:
-    """(n, 10): mass, first moment and inertia about Jo (xx, yy, zz, xy, xz, yz) of what rides each joint, frame J."""
-    result = np.zeros((len(tree.joints), INERTIAL))
-    for body in tree.bodies:
-        if body.joint == FIXED:
-            continue
-        p_JBcm = body.p_JB + body.R_JB @ body.p_BBcm
-        C = skew(p_JBcm)
-        I_Jo = body.R_JB @ body.I_BBcm_B @ body.R_JB.T - body.mass * C @ C
-        result[body.joint] += [body.mass, *(body.mass * p_JBcm), *(I_Jo[a, b] for a, b in _PAIRS)]
-    return result
 
 
 @dataclass(frozen=True)

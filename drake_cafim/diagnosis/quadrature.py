@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from drake_cafim.compiled import compiled
 from drake_cafim.typing import Array, Indices
 
 NODES = 4
@@ -33,28 +34,39 @@ def missed_kink(time: Array, at: Array, order: int = 1) -> Array:
     misses (Euler–Maclaurin).
     """
     own: Indices = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
-    moments = np.zeros((3, len(at)))
-    # further intervals take all their samples from one side of the kink
-    for offset in (-2, -1, 0, 1, 2):
-        interval = own + offset
-        inside = (interval >= 0) & (interval < len(time) - 1)
-        interval = np.clip(interval, 0, len(time) - 2)
-        nodes = time[np.clip(interval - 1, 0, len(time) - NODES)[:, None] + np.arange(NODES)]
-        sampled = _power(nodes - at[:, None], order)
-        kink = np.clip(at, time[interval], time[interval + 1])
-        # before and after the kink, of which an interval beside its own has but one
-        parts = [(time[interval], kink)] * (offset <= 0) + [(kink, time[interval + 1])] * (offset >= 0)
-        for lower, upper in parts:
-            t, weight = gauss(lower, upper)
-            since = t - at[:, None]
-            error = _power(since, order) - (lagrange(nodes, t) @ sampled[..., None])[..., 0]
-            weighed = np.where(inside[:, None], weight * error, 0.0)
-            for n in range(3):
-                moments[n] += np.sum(weighed, axis=1) / max(n, 1)
-                weighed = weighed * since
+    return np.asarray(_missed(np.ascontiguousarray(time), np.ascontiguousarray(at), own, order, _POINTS, _WEIGHTS))
+
+
+@compiled
+def _missed(time: Array, at: Array, own: Indices, order: int, points: Array, weights: Array) -> Array:
+    """`missed_kink` of kinks that are in the intervals `own` (K,)."""
+    N, K = len(time), len(at)
+    moments, x, sampled = np.zeros((3, K)), np.empty(NODES), np.empty(NODES)
+    for k in range(K):
+        # further intervals take all their samples from one side of the kink
+        for interval in range(max(own[k] - 2, 0), min(own[k] + 3, N - 1)):
+            first = min(max(interval - 1, 0), N - NODES)
+            for a in range(NODES):
+                x[a] = time[first + a] - at[k]
+                sampled[a] = max(x[a], 0.0) ** order / order
+            kink = min(max(at[k], time[interval]), time[interval + 1])
+            for part in range(2):
+                # before and after the kink, of which an interval beside its own has but one
+                lower, upper = (time[interval], kink) if part == 0 else (kink, time[interval + 1])
+                half = 0.5 * (upper - lower)
+                if half <= 0.0:
+                    continue
+                for g in range(len(points)):
+                    since = lower + half * (1.0 + points[g]) - at[k]
+                    error = max(since, 0.0) ** order / order
+                    for a in range(NODES):
+                        share = 1.0
+                        for b in range(NODES):
+                            if b != a:
+                                share *= (since - x[b]) / (x[a] - x[b])
+                        error -= share * sampled[a]
+                    missed = half * weights[g] * error
+                    moments[0, k] += missed
+                    moments[1, k] += missed * since
+                    moments[2, k] += missed * since * since / 2.0
     return moments
-
-
-def _power(x: Array, order: int) -> Array:
-    """x₊ⁿ/n!, n = 1 or 2."""
-    return np.asarray(np.clip(x, 0.0, None) ** order / order, dtype=float)

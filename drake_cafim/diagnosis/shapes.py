@@ -9,6 +9,7 @@ from drake_cafim.diagnosis.fitting import Fit, fit
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.effects.coupling import JointCoupling
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
 
@@ -24,8 +25,13 @@ def reshaped(problem: Problem, one: Fit) -> Fit:
     A width that is off makes a sign change look like a law that falls or rises near rest.
     """
     for position in range(len(one.model.effects)):
-        first = one.chi_square
-        one, worst = _best_shape(problem, one, position, one.model.effects[position].reshaped())
+        first, before = one.chi_square, np.inf
+        while before - one.chi_square > SHAPE_SEEN:
+            before, effect = one.chi_square, one.model.effects[position]
+            one, worst = _best_shape(problem, one, position, effect.reshaped())
+            if not isinstance(effect, JointCoupling):
+                # what is tried are values of a grid, the same ones again; of a gap, others than its own
+                break
         if max(first, worst) - one.chi_square < SHAPE_SEEN:
             continue
         for ratio in FINER:

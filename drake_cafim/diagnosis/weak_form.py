@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from drake_cafim.diagnosis.inertial import InertialRegressor, inertial_parameters, inertial_regressor
+from drake_cafim.diagnosis.inertial import InertialRegressor, inertial_regressor
 from drake_cafim.diagnosis.samples import Samples
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.motion import Motion, mass_matrix, motion
@@ -156,19 +156,25 @@ class WeakForm:
 
     def mean_effort(self, physics: Physics) -> Array:
         """What acts at the joints from each sample to the next, (N, n), on the average, but for what rotors take."""
-        u = self.measurement(physics).u
-        return np.stack([self.effort(physics, j, u).means(self.samples.time) for j in range(self.joints)], axis=1)
+        acting = self.measurement(physics).u.copy()
+        for j in {physics.tree.joint_index(effect.at) for effect in physics.actuators}:
+            acting[:, j] = self.effort(physics, j, acting).means(self.samples.time)
+        return acting
 
     def effort_integral(self, physics: Physics, u: Array) -> Array:
         """∫ w u dt (M, n) with actuator effects."""
-        efforts = [self.effort(physics, j, u) for j in range(self.joints)]
-        return np.stack([self.samples.windows.held(effort.times) @ effort.values for effort in efforts], axis=1)
+        windows, changed = self.samples.windows, {physics.tree.joint_index(effect.at) for effect in physics.actuators}
+        integral = windows.held(self.samples.time) @ u
+        for j in changed:
+            effort = self.effort(physics, j, u)
+            integral[:, j] = windows.held(effort.times) @ effort.values
+        return np.asarray(integral, dtype=float)
 
     def rotor_drives(self, physics: Physics) -> tuple[RotorDrive, ...]:
         """What drives each joint's twist between rotor and link; kept for the last physics but its couplings."""
         effects = (*physics.joint_forces, *physics.actuators, *physics.sensors, *physics.body_forces)
         inertial = (
-            inertial_parameters(physics.tree).tobytes(),
+            physics.tree.inertial_parameters.tobytes(),
             physics.gravity.tobytes(),
             physics.rotor_inertias.tobytes(),
             *((effect.key, *effect.values.values()) for effect in physics.sensors),
@@ -227,7 +233,7 @@ class WeakForm:
         prepared = self._prepared(physics)
         measured, windows = prepared.measured, self.samples.windows
         rotor = -(windows.rate @ measured.v) * physics.rotor_inertias
-        dynamic = prepared.regressor.rows(inertial_parameters(physics.tree), physics.gravity) + rotor
+        dynamic = prepared.regressor.rows(physics.tree.inertial_parameters, physics.gravity) + rotor
         force = physics.applied_at_joints(prepared.joints)[0]
         if physics.body_forces:
             force = force + self._pushed(physics, prepared.moving)

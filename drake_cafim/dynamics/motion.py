@@ -4,7 +4,7 @@ Spatial vectors stand about the world origin, in world axes, angular part first 
 Dynamics Algorithms*, 2008, ch. 2): a joint's axis S, a link's velocity V = Σ S v, its momentum h = I V.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -48,6 +48,9 @@ class Motion:
     velocities: Array
     lasting: Array | float = 0.0
     """s that each sample stands for, (N,); zero for a moment."""
+    _points: dict[tuple[int, bytes], tuple[Array, Array]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @cached_property
     def axes_rate(self) -> Array:
@@ -73,15 +76,19 @@ class Motion:
         return np.asarray(projected(self.tree.frames[0], self.axes, np.ascontiguousarray(wrench)), dtype=float)
 
     def point(self, joint: int, p_JP: Array) -> tuple[Array, Array]:
-        """World position and velocity, each (N, 3), of points fixed in frame J; `p_JP` (3,) or (N, 3)."""
+        """World position and velocity, each (N, 3), of a point fixed in frame J, `p_JP` (3,); the last few are kept."""
+        key = joint, p_JP.tobytes()
+        if key not in self._points:
+            while len(self._points) >= 8:
+                self._points.pop(next(iter(self._points)))
+            self._points[key] = self._point(joint, p_JP)
+        return self._points[key]
+
+    def _point(self, joint: int, p_JP: Array) -> tuple[Array, Array]:
         if joint == FIXED:
             position = np.broadcast_to(p_JP, (len(self.q), 3)).copy()
             return position, np.zeros_like(position)
-        position = (
-            self.p_WJ[:, joint] + np.einsum("nij,...j->ni", self.R_WJ[:, joint], p_JP)
-            if p_JP.ndim == 1
-            else self.p_WJ[:, joint] + np.einsum("nij,nj->ni", self.R_WJ[:, joint], p_JP)
-        )
+        position = self.p_WJ[:, joint] + self.R_WJ[:, joint] @ p_JP
         V = self.velocities[:, joint]
         return position, V[:, 3:] + cross(V[:, :3], position)
 

@@ -90,6 +90,21 @@ class Tree:
         return mass, center, inertia
 
     @cached_property
+    def inertial_parameters(self) -> Array:
+        """(n, 10): mass, first moment and inertia about Jo (xx, yy, zz, xy, xz, yz) of what rides each joint, frame J.
+
+        These are the numbers that momentum and weight are linear in.
+        """
+        result = np.zeros((len(self.joints), 10))
+        for body in self.bodies:
+            if body.joint == FIXED:
+                continue
+            c = body.p_JB + body.R_JB @ body.p_BBcm
+            I_Jo = body.R_JB @ body.I_BBcm_B @ body.R_JB.T + body.mass * (c @ c * np.eye(3) - np.outer(c, c))
+            result[body.joint] += [body.mass, *(body.mass * c), *I_Jo[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]]
+        return result
+
+    @cached_property
     def frames(self) -> tuple[Indices, Array, Array, Array, Indices]:
         """Each joint's parent (n,), R_PF (n, 3, 3), p_PF (n, 3) m, axis (n, 3), and whether it slides (n,)."""
         joints = self.joints

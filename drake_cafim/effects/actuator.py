@@ -7,6 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from drake_cafim.compiled import compiled
 from drake_cafim.effects.effect import Direction, Effect, Place, Strength
 from drake_cafim.typing import Array
 
@@ -139,11 +140,7 @@ class ActuatorLag(ActuatorEffect):
         tau = self.values["time_constant"]
         steps = np.append(np.diff(effort.times), 1.0)
         kept = np.exp(-steps / tau)
-        gap = np.empty_like(effort.values)  # y − u at each knot, before its own decay
-        y = float(effort.values[0])
-        for k, (u, keep) in enumerate(zip(effort.values.tolist(), kept.tolist(), strict=True)):
-            gap[k] = y - u
-            y = u + gap[k] * keep
+        gap = np.asarray(_behind(np.ascontiguousarray(effort.values), kept))
         # the mean over each part: the staircase then has the integral of the exponential
         part = np.arange(LAG_PARTS + 1) / LAG_PARTS
         decay = np.exp(-steps[:, None] * part / tau)
@@ -157,6 +154,16 @@ class ActuatorLag(ActuatorEffect):
 
     def from_look(self, look: Sequence[Direction], coefficients: Array) -> "ActuatorLag":
         return self.with_values({"time_constant": min(float(coefficients[0]), 2.0 * look[0].size)})
+
+
+@compiled
+def _behind(values: Array, kept: Array) -> Array:
+    """By how much a lagging effort is off each of the held `values` (K,) when it sets in; `kept` (K,) of it remains."""
+    gap, y = np.empty_like(values), values[0]
+    for k in range(len(values)):
+        gap[k] = y - values[k]
+        y = values[k] + gap[k] * kept[k]
+    return gap
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import lapack
 
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.effect import Effect, Place, Strength
-from drake_cafim.effects.gap import crossed
+from drake_cafim.effects.twist import crossed, swung, transition
 from drake_cafim.typing import Array
 
 LONGEST_STEP = 0.5e-3
@@ -63,17 +62,18 @@ class JointCoupling(Effect):
         law has the same doubt, or the one that has none would seem the better explanation.
         """
         phi, rest = self.stepped(drive)
-        twist = float(np.max(np.abs(rest)))
-        right = np.zeros((2 * len(drive.time), 2))
-        right[0, 0] = twist
-        right[1, 1] = twist * float(np.sqrt(self.values["stiffness"] * np.mean(drive.mobility)))
-        return np.asarray(_carried_on(phi, right)[1::2], dtype=float)
+        twist, still = float(np.max(np.abs(rest))), np.zeros_like(rest)
+        rate = twist * float(np.sqrt(self.values["stiffness"] * np.mean(drive.mobility)))
+        return np.stack([swung(phi, still, twist, 0.0), swung(phi, still, 0.0, rate)], axis=1)
 
-    def stepped(self, drive: RotorDrive) -> tuple[tuple[Array, Array, Array, Array], Array]:
-        """Φ of each interval, and the balance point x_e (N,) about which the motion is free: x' = Φ (x − x_e) + x_e."""
+    def stepped(self, drive: RotorDrive) -> tuple[Array, Array]:
+        """Φ (4, N − 1) of each interval, and the balance point x_e (N,) about which the motion is free.
+
+        x' = Φ (x − x_e) + x_e.
+        """
         stiffness, damping = self.values["stiffness"], self.values["damping"]
         pull, drag = stiffness * drive.mobility, damping * drive.mobility
-        return _transition(pull[:-1], drag[:-1], np.diff(drive.time)), drive.push / pull
+        return np.asarray(transition(pull[:-1], drag[:-1], np.diff(drive.time))), drive.push / pull
 
     @abstractmethod
     def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
@@ -115,11 +115,7 @@ class JointElasticity(JointCoupling):
 
     def twist_rate(self, drive: RotorDrive) -> Array:
         phi, rest = self.stepped(drive)
-        right = np.zeros((2 * len(drive.time), 1))
-        right[0] = rest[0]
-        right[2::2, 0] = rest[:-1] * (1.0 - phi[0])
-        right[3::2, 0] = -rest[:-1] * phi[2]
-        return np.asarray(_carried_on(phi, right)[1::2, 0], dtype=float)
+        return np.asarray(swung(phi, rest, float(rest[0]), 0.0), dtype=float)
 
     def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
         mobility = float(np.mean(drive.mobility))
@@ -139,26 +135,6 @@ class JointElasticity(JointCoupling):
         if not 0.02 < coefficient < 3.0:
             return None
         return self.with_values({**values, "stiffness": values["stiffness"] / min(coefficient, 1.5)})
-
-
-def _carried_on(phi: tuple[Array, Array, Array, Array], right: Array) -> Array:
-    """The states (2 N, c), ψ and ψ̇ in turn, that each follow from the one before by Φ and `right` (2 N, c)."""
-    band = np.zeros((4, len(right)))
-    band[0] = 1.0
-    band[2, 0:-2:2], band[1, 1:-2:2] = -phi[0], -phi[1]
-    band[3, 0:-2:2], band[2, 1:-2:2] = -phi[2], -phi[3]
-    return np.asarray(lapack.dtbtrs(band, right, uplo="L")[0], dtype=float)
-
-
-def _transition(pull: Array, drag: Array, step: Array) -> tuple[Array, Array, Array, Array]:
-    """The entries (ψψ, ψψ̇, ψ̇ψ, ψ̇ψ̇) of exp(A h) for ψ̈ = −pull ψ − drag ψ̇, each broadcast."""
-    half = 0.5 * drag
-    # the two roots are complex or real: one formula for all dampings, of exponentials that only decay
-    root = np.sqrt((half**2 - pull).astype(complex))
-    root = np.where(np.abs(root) < 1e-6, 1e-6, root)
-    slow, fast = np.exp((root - half) * step), np.exp(-(root + half) * step)
-    cosine, sine = (0.5 * (slow + fast)).real, (0.5 * (slow - fast) / root).real
-    return cosine + half * sine, sine, -pull * sine, cosine - half * sine
 
 
 @dataclass(frozen=True)
@@ -194,7 +170,7 @@ class JointBacklash(JointCoupling):
         gap, stiffness, damping = (float(x) for x in self.vector)
         steps = np.diff(drive.time)
         parts = max(int(np.ceil(float(np.median(steps)) / LONGEST_STEP)), 1)
-        flank = np.stack(_transition(stiffness * drive.mobility[:-1], damping * drive.mobility[:-1], steps / parts))
+        flank = transition(stiffness * drive.mobility[:-1], damping * drive.mobility[:-1], steps / parts)
         rest = drive.push / (stiffness * drive.mobility)
         twist = float(rest[0]) + 0.5 * gap * float(np.sign(rest[0]))
         rates, push, mobility = np.empty(len(drive.time)), drive.push, drive.mobility

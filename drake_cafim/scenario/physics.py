@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drake_cafim.cross import cross
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import Motion, equations_of_motion, momentum_balance
 from drake_cafim.dynamics.tree import Tree
@@ -127,7 +128,7 @@ class Physics:
             body = self.tree.body(effect.at)
             p_WP, v_WP = moving.point(body.joint, body.p_JB + body.R_JB @ effect.point(body))
             force = effect.force(p_WP, v_WP, time, recording, moving.lasting)
-            total[:, body.joint] += np.concatenate([np.cross(p_WP, force), force], axis=1)
+            total[:, body.joint] += np.concatenate([cross(p_WP, force), force], axis=1)
         return total
 
     def free_response(self, moving: Motion) -> FreeResponse:

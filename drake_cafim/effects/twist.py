@@ -1,7 +1,41 @@
-"""The motion of a rotor in its gap, from step to step."""
+"""The twist between a rotor and its link, from step to step."""
+
+import numpy as np
 
 from drake_cafim.compiled import compiled
 from drake_cafim.typing import Array
+
+
+@compiled
+def transition(pull: Array, drag: Array, step: Array) -> Array:
+    """The entries (4, N) ψψ, ψψ̇, ψ̇ψ, ψ̇ψ̇ of exp(A h) over steps h (N,) for ψ̈ = −pull ψ − drag ψ̇, each (N,)."""
+    phi = np.empty((4, len(step)))
+    for k in range(len(step)):
+        half, h = 0.5 * drag[k], step[k]
+        square = half * half - pull[k]
+        root = max(np.sqrt(abs(square)), 1e-6)
+        if square < 0.0:
+            decay = np.exp(-half * h)
+            cosine, sine = decay * np.cos(root * h), decay * np.sin(root * h) / root
+        else:
+            # exponentials that only decay, however strong the damping
+            slow, fast = np.exp((root - half) * h), np.exp(-(root + half) * h)
+            cosine, sine = 0.5 * (slow + fast), 0.5 * (slow - fast) / root
+        phi[0, k], phi[1, k] = cosine + half * sine, sine
+        phi[2, k], phi[3, k] = -pull[k] * sine, cosine - half * sine
+    return phi
+
+
+@compiled
+def swung(phi: Array, rest: Array, twist: float, rate: float) -> Array:
+    """ψ̇ (N,) from a `twist` ψ and a `rate` ψ̇ on, by transitions (4, N − 1) about the balance points `rest` (N,)."""
+    rates = np.empty(len(rest))
+    rates[0] = rate
+    for k in range(len(rest) - 1):
+        x = twist - rest[k]
+        twist, rate = rest[k] + phi[0, k] * x + phi[1, k] * rate, phi[2, k] * x + phi[3, k] * rate
+        rates[k + 1] = rate
+    return rates
 
 
 @compiled
