@@ -17,6 +17,7 @@ from typing import Any
 
 from .case import RECORDINGS
 from .make import make
+from .read_in import run_cafim
 from .score import score
 from .seal import Seal
 
@@ -54,25 +55,31 @@ def diagnosed(
     diagnose: list[str], folder: Path, home: Path, limit: float, recordings: Sequence[str] = RECORDINGS
 ) -> tuple[dict[str, Any] | None, str]:
     """The child's report, or why there is none. The report lies where the contract says, whatever the verdict."""
-    out = home / "report"
-    try:
-        done = subprocess.run(
-            command(diagnose, str(out), recordings),
-            cwd=folder,
-            env=scrubbed(home),
-            capture_output=True,
-            text=True,
-            timeout=limit,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
+    out, errors = home / "report", home / "stderr.txt"
+    line = command(diagnose, str(out), recordings)
+    if Path(line[0]).name == "cafim":
+        code = run_cafim(line[1:], folder, scrubbed(home), errors, limit)
+    else:
+        code = _run(line, folder, scrubbed(home), errors, limit)
+    if code is None:
         return None, f"no report after {limit:.0f} s"
-    if done.returncode != 0:
-        return None, f"exit {done.returncode}: {done.stderr.strip()[-600:]}"
+    if code != 0:
+        return None, f"exit {code}: {errors.read_text().strip()[-600:]}"
     try:
         return json.loads((out / "report.json").read_text()), ""
     except (OSError, ValueError) as error:
         return None, f"no readable report.json: {error}"
+
+
+def _run(line: list[str], folder: Path, environment: dict[str, str], errors: Path, limit: float) -> int | None:
+    """The exit code of another's diagnosis, None after `limit` s."""
+    with open(errors, "w") as stream:
+        try:
+            return subprocess.run(
+                line, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=stream, timeout=limit, check=False
+            ).returncode
+        except subprocess.TimeoutExpired:
+            return None
 
 
 def attempt(trial: Trial, diagnose: list[str], out: Path, limit: float, keep: bool) -> dict[str, Any]:
