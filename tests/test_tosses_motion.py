@@ -9,6 +9,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from scipy.integrate import solve_ivp
 
+from drake_cafim.contact.law import ContactLaw, ContactParameters
+from drake_cafim.contact.normal import NormalLaw
 from drake_cafim.diagnosis.tosses.flight import Flights, fly
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.innovation import Innovation
@@ -86,6 +88,34 @@ def test_a_bounce_is_that_of_a_fine_solver(tmp_path: Path) -> None:
     np.testing.assert_allclose(flights.at_samples.p[:, 2], truth.y[1], atol=2e-6)
     np.testing.assert_allclose(flights.at_samples.w[:, 1], truth.y[4], atol=2e-3)
     assert flights.at_samples.v[-1, 2] > 0.05  # it has bounced
+
+
+@pytest.mark.parametrize("shape", [BALL, BLOCK])
+@pytest.mark.parametrize(
+    ("law", "numbers"),
+    [
+        ("paper", {"damping": 6.0, "slip_velocity": 0.01}),
+        ("kelvin_voigt", {"damping": 6.0, "resistance": 40.0}),
+        ("kelvin_voigt", {"damping": 6.0}),
+        ("hunt_crossley", {"dissipation": 0.5, "slip_velocity": 0.01}),
+    ],
+)
+def test_compiled_flights_are_those_that_take_any_force(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shape: str, law: NormalLaw, numbers: dict[str, float]
+) -> None:
+    physics = thrown_scene(tmp_path, shape).physics
+    parameters = ContactParameters(stiffness=4000.0, friction=0.35, **numbers)
+    contact = replace(physics.contacts[0], law=ContactLaw(law), parameters=parameters)
+    body = FreeBody(replace(physics, contacts=(contact,)))
+    start, times = _turned([0.0, 0.0, 0.09], [0.5, 0.3, -1.0]), np.arange(0.0, 0.2, 0.004)[None]
+    compiled = _flown(body, start, times)
+    monkeypatch.setattr(FreeBody, "plain", False)
+    any_force = _flown(body, start, times)
+    assert np.any(compiled.fine.mode)
+    np.testing.assert_array_equal(compiled.fine.mode, any_force.fine.mode)
+    np.testing.assert_allclose(compiled.at_samples.numbers, any_force.at_samples.numbers, rtol=1e-9, atol=1e-9)
+    for part in ("flight", "time", "step"):
+        np.testing.assert_allclose(getattr(compiled.fine, part), getattr(any_force.fine, part), rtol=1e-6, atol=1e-9)
 
 
 def _differences(a: Flights, b: Flights) -> np.ndarray:

@@ -16,12 +16,13 @@ def crossing(vector: Array) -> Array:
 
 def rotation_matrices(quaternion: Array) -> Array:
     """R (..., 3, 3) of unit quaternions (..., 4)."""
-    R = _rotation_matrices(np.ascontiguousarray(quaternion.reshape(-1, 4)))
+    R = rotation_matrices_of(np.ascontiguousarray(quaternion.reshape(-1, 4)))
     return np.asarray(R.reshape(*quaternion.shape[:-1], 3, 3), dtype=float)
 
 
 @compiled
-def _rotation_matrices(quaternion: Array) -> Array:
+def rotation_matrices_of(quaternion: Array) -> Array:
+    """R (B, 3, 3) of unit quaternions (B, 4), for compiled code to call."""
     R = np.empty((len(quaternion), 3, 3))
     for i in range(len(quaternion)):
         a, b, c, d = quaternion[i]

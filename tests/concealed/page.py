@@ -13,7 +13,7 @@ import numpy as np
 from jinja2 import Environment
 from matplotlib.figure import Figure
 
-from .summary import calibration, confusion, curve, figures, part
+from .summary import calibration, confusion, curve, figures, held_out_gains, part
 from .truth import FAMILY
 
 Scores = Sequence[dict[str, Any]]
@@ -160,6 +160,17 @@ def _failures(scores: Scores) -> list[dict[str, Any]]:
     return rows
 
 
+def _held_out(scores: Scores) -> dict[str, str]:
+    """Of the gains on held-out runs: how many, quartiles, mean, and its standard error by run."""
+    gains = held_out_gains(scores)
+    if len(gains) < 2:
+        return {}
+    names = ("lower", "median", "upper")
+    found = {name: f"{value:.3g}" for name, value in zip(names, np.percentile(gains, [25, 50, 75]), strict=True)}
+    error = np.std(gains, ddof=1) / np.sqrt(len(gains))
+    return found | {"count": str(len(gains)), "mean": f"{np.mean(gains):.3g}", "error": f"{error:.2g}"}
+
+
 def _composition(scores: Scores, rigs: Sequence[str]) -> list[dict[str, Any]]:
     rows = []
     for kind, name in (
@@ -191,6 +202,7 @@ def write_page(path: Path, about: dict[str, Any], scores: Scores, elapsed: float
         made=median["made_seconds"],
         diagnosed=median["diagnosed_seconds"],
         figures=figures(scores),
+        held_out=_held_out(scores),
         rigs=rigs,
         composition=_composition(scores, rigs),
         curve_svg=curve_svg(scores),

@@ -77,13 +77,13 @@ def _located(place: str, report: Json) -> bool:
     return same_region(top, place) or any(same_region(item["at"], place) for item in report.get("explanation", []))
 
 
-def _matches(named: Sequence[str], effect: Json) -> bool:
+def matches(named: Sequence[str], effect: Json) -> bool:
     return named[0] == effect["effect"] and same_place(named[1], effect["at"])
 
 
 def _score_effects(truth: Json, report: Json, named: Sequence[Sequence[str]]) -> dict[str, Any]:
     effects = truth["effects"]
-    found = [any(_matches(name, effect) for name in named) for effect in effects]
+    found = [any(matches(name, effect) for name in named) for effect in effects]
     exact = all(found) and len(named) == len(effects)
     second = False
     if not exact and len(effects) == 1:
@@ -135,20 +135,15 @@ def _score_numbers(truth: Json, report: Json) -> dict[str, Any]:
     for effect in truth["effects"]:
         true = {name: float(value[0]) for name, value in effect["parameters"].items()}
         for item in report.get("explanation", []):
-            if not _matches([item["effect"], item["at"]], effect):
+            if not matches([item["effect"], item["at"]], effect):
                 continue
-            told = {name: float(entry["value"]) for name, entry in item["parameters"].items()}
-            told = equivalent(effect["effect"], told, true)
+            parameters = item["parameters"].items()
+            told = {name: (float(entry["value"]), float(entry.get("std") or 0.0)) for name, entry in parameters}
             first = next(iter(true))
             if first in told:
-                errors.append(_relative(effect["effect"], told[first], true[first]))
-            if effect.get("exact", True):
-                for name, value in true.items():
-                    std = item["parameters"].get(name, {}).get("std")
-                    if name in told and std:
-                        covered.append(
-                            [name, abs(told[name] - value) <= NORMAL_95 * float(std), (told[name] - value) / float(std)]
-                        )
+                value = equivalent(effect["effect"], {name: one for name, (one, _) in told.items()}, true)[first]
+                errors.append(_relative(effect["effect"], value, true[first]))
+            covered += covered_by(effect, told)
     return {
         "errors": errors,
         "covered": covered,
@@ -156,6 +151,19 @@ def _score_numbers(truth: Json, report: Json) -> dict[str, Any]:
         "held_out_gain": None if all("interval" in effect for effect in truth["effects"]) else _gain(report),
         "transient": _transient(truth, report),
     }
+
+
+def covered_by(effect: Json, told: Mapping[str, tuple[float, float]]) -> list[list[Any]]:
+    """Of each number of the effect: its name, whether its 95 % interval holds the truth, and how many stds off it is.
+
+    `told` holds values and stds. Laws that the vocabulary does not state exactly have no true numbers.
+    """
+    if not effect.get("exact", True):
+        return []
+    true = {name: float(value[0]) for name, value in effect["parameters"].items()}
+    values = equivalent(effect["effect"], {name: value for name, (value, _) in told.items()}, true)
+    off = {name: (values[name] - true[name]) / told[name][1] for name in true if name in told and told[name][1]}
+    return [[name, abs(z) <= NORMAL_95, z] for name, z in off.items()]
 
 
 def _relative(effect: str, told: float, true: float) -> float:

@@ -10,15 +10,16 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from .assumed import assumed
 from .case import RECORDINGS
 from .make import make
 from .read_in import run_cafim
-from .score import score
+from .score import covered_by, matches, score
 from .seal import Seal
 
 
@@ -100,11 +101,12 @@ def attempt(trial: Trial, diagnose: list[str], out: Path, limit: float, keep: bo
         ended = time.perf_counter()
         if keep:
             shutil.copytree(home, out / "kept" / name, dirs_exist_ok=True)
+        if not seal.verify(seal.digest):  # pragma: no cover
+            raise RuntimeError("the truth was changed after it was sealed")
+        result = score(seal.truth, report, failure)
+        result["covered_unnamed"] = covered_unnamed(folder, seal.truth, result["named"])
     finally:
         shutil.rmtree(home, ignore_errors=True)
-    if not seal.verify(seal.digest):  # pragma: no cover
-        raise RuntimeError("the truth was changed after it was sealed")
-    result = score(seal.truth, report, failure)
     result |= {
         "slot": trial.slot,
         "name": name,
@@ -119,6 +121,17 @@ def attempt(trial: Trial, diagnose: list[str], out: Path, limit: float, keep: bo
     temporary.write_text(json.dumps(result, default=float))
     temporary.replace(path)
     return result
+
+
+def covered_unnamed(folder: Path, truth: Mapping[str, Any], named: Sequence[Sequence[str]]) -> list[list[Any]]:
+    """As a score's `covered`, of effects that were not named, all that is there being told to a fit."""
+    effects = truth["effects"]
+    missed = [k for k, effect in enumerate(effects) if not any(matches(one, effect) for one in named)]
+    if str(truth["kind"]).partition(":")[0] not in ("single", "pair") or not missed:
+        return []
+    train = [name for name in RECORDINGS if name.startswith("train")]
+    found = assumed(folder, train, effects)
+    return [entry for k in missed if found for entry in covered_by(effects[k], found[k])]
 
 
 def _short(report: dict[str, Any] | None) -> dict[str, Any] | None:

@@ -1,8 +1,7 @@
 """Simulation of many short flights at once, each with steps of its own that end on its samples and its touch-downs.
 
-ROS34PW2, a Rosenbrock method of order 3 that asks for no exact Jacobian (Rang, Angermann, BIT 45, 2005): friction
-near rest and the damper are taken implicitly, springs explicitly. Which points touch is held during a step, so that
-no step sees a force jump.
+Friction near rest and the damper are taken implicitly, springs explicitly. Which points touch is held during a step,
+so that no step sees a force jump.
 """
 
 from dataclasses import dataclass
@@ -11,34 +10,24 @@ from typing import Any
 import numpy as np
 
 from drake_cafim.diagnosis.tosses import rigid
+from drake_cafim.diagnosis.tosses.bouncing import bounced
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
+from drake_cafim.diagnosis.tosses.rosenbrock import (
+    ALPHA,
+    CAREFUL,
+    EMBEDDED,
+    GAMMA,
+    LANDED,
+    LONGEST,
+    MOST_STEPS,
+    SHARE,
+    SHIFT,
+    SHORTEST,
+    WEIGHTS,
+)
 from drake_cafim.diagnosis.tosses.state import Flags, Moment, State, stacked
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.typing import Array
-
-GAMMA = 4.3586652150845900e-01
-ALPHA = (
-    np.zeros(0),
-    np.array([8.7173304301691801e-01]),
-    np.array([8.4457060015369423e-01, -1.1299064236484185e-01]),
-    np.array([0.0, 0.0, 1.0]),
-)
-SHIFT = (
-    np.zeros(0),
-    np.array([-8.7173304301691801e-01]),
-    np.array([-9.0338057013044082e-01, 5.4180672388095326e-02]),
-    np.array([2.4212380706095346e-01, -1.2232505839045147e00, 5.4526025533510214e-01]),
-)
-WEIGHTS = np.array([2.4212380706095346e-01, -1.2232505839045147e00, 1.5452602553351020e00, GAMMA])
-EMBEDDED = np.array([3.7810903145819369e-01, -9.6042292212423178e-02, 5.0000000000000000e-01, 2.1793326075422950e-01])
-SHARE, CAREFUL = 0.3, 0.1
-"""1/s: how much of a sample's noise, m and rad, a step may be off in speed, m/s and rad/s; and how much where a contact
-remembers, or is felt before it touches, of which the error estimate sees too little."""
-LONGEST, SHORTEST = 5e-3, 1e-7
-"""s"""
-LANDED = 1e-6
-"""m by which a point may be past its touch-down when it is seen."""
-MOST_STEPS = 20000
 
 
 @dataclass(frozen=True)
@@ -74,6 +63,8 @@ def fly(
     `std` (6,) is the noise of a sample, m and rad, below which errors may stay; `recording` (B,) tells whose each is
     among `names`; `memory` (B, K, m) is what the contact's points remember at first.
     """
+    if body.plain:
+        return _bounced(body, start, times, counts, std)
     B, S = times.shape
     depth, sinking = body.depths(start)
     mode, allowed = depth > 0.0, (CAREFUL if body.memory or body.pulls else SHARE) * std
@@ -131,6 +122,14 @@ def fly(
     return Flights(State(out.reshape(B * S, -1)), (B, S), _fine(trail, body))
 
 
+def _bounced(body: FreeBody, start: State, times: Array, counts: Any, std: Array) -> Flights:
+    at_samples, flight, time, step, state, mode = bounced(
+        start.numbers, times, counts, SHARE * std, (*body.inertial, body.physics.gravity), body.plane, body.law
+    )
+    fine = Fine(flight, time, step, State(state), mode, np.zeros((len(time), body.points, 0)))
+    return Flights(State(at_samples.reshape(-1, 13)), times.shape, fine)
+
+
 def remember(
     body: FreeBody, memory: Array, ended: State, mode: Flags, elapsed: Array, asked: Flags | None = None
 ) -> Array:
@@ -161,13 +160,13 @@ def _step(
     at, change = state, first
     for i in range(4):
         if i:
-            at = State(rigid.onwards(state.numbers, step, ALPHA[i], slopes))
+            at = State(rigid.onwards(state.numbers, step, ALPHA[i, :i], slopes))
             past = ALPHA[i].sum() * step
             kept = remember(body, memory, at, mode, past, mode) if body.memory else memory
             change = body.acceleration(at, mode, kept, Moment(moment.time + past, moment.recording, moment.names))
         if damping is not None and inverse is not None:
             if i:
-                change = change + h * (damping @ _mixed(SHIFT[i], slopes)[:, 7:, None])[..., 0]
+                change = change + h * (damping @ _mixed(SHIFT[i, :i], slopes)[:, 7:, None])[..., 0]
             change = (inverse @ change[..., None])[..., 0]
         rigid.rates(at.numbers, change, slopes[i])
     ended = State(rigid.onwards(state.numbers, step, WEIGHTS, slopes))

@@ -17,6 +17,7 @@ import numpy as np
 
 from drake_cafim.contact.change import Touch, surface_axes
 from drake_cafim.diagnosis.tosses import rigid
+from drake_cafim.diagnosis.tosses.bouncing import plain_law
 from drake_cafim.diagnosis.tosses.state import Flags, Moment, State
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import skew
@@ -102,6 +103,22 @@ class FreeBody:
     @cached_property
     def _reach(self) -> float:
         return max((change.reach for change in self.contact.changes), default=0.0) if self.contact else 0.0
+
+    @cached_property
+    def plain(self) -> bool:
+        """Whether nothing moves the body but its weight and a contact's law."""
+        return not self.physics.body_forces and not (self.contact and self.contact.changes)
+
+    @cached_property
+    def plane(self) -> tuple[Array, Array, Array, float]:
+        """The points that may touch (3, K), and below (3,) m from each; the plane's normal (3,), and its height m."""
+        normal = np.zeros(3) if self.contact is None else np.ascontiguousarray(self.contact.normal)
+        return self._points, np.ascontiguousarray(self._below[:, 0]), normal, self._height
+
+    @cached_property
+    def law(self) -> tuple[int, int, Array]:
+        """The contact's law, as compiled code takes it."""
+        return plain_law(self.contact)
 
     def levers(self, R: Array) -> Array:
         """(B, 3, K) m, from the origin to the points that may touch."""

@@ -1,0 +1,49 @@
+"""How well a strength is known where its effect was not named: a fit that is told what is there, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from drake_cafim.commands.inputs import read_all
+from drake_cafim.diagnosis.diagnose import prepare
+from drake_cafim.diagnosis.evidence import scale_of
+from drake_cafim.diagnosis.fitting import fit, unbiased_fit
+from drake_cafim.diagnosis.intervals import standard_deviations
+from drake_cafim.diagnosis.screening import hypotheses, screen
+from drake_cafim.diagnosis.shapes import reshaped
+from drake_cafim.scenario.scene import Scene
+
+from .score import same_place
+
+ROUNDS = 2
+"""Of reckoning the noise anew, which the effects move."""
+
+Strengths = dict[str, tuple[float, float]]
+"""Value and std by the parameter's name."""
+
+
+def assumed(folder: Path, recordings: Sequence[str], effects: Sequence[Mapping[str, Any]]) -> list[Strengths]:
+    """Of each of the effects; none where no look at one of them says anything.
+
+    It is what the diagnosis does with an effect that it has chosen, without the choice.
+    """
+    scene = Scene.load(str(folder / "scenario.yaml"))
+    problem = prepare(scene, read_all(scene, [str(folder / name) for name in recordings])).problem()
+    every = hypotheses(problem)
+    best = unbiased_fit(problem, problem.nominal())
+    for wanted in effects:
+        named = [one for one in every if one.name == wanted["effect"] and same_place(one.at, wanted["at"])]
+        looks = screen(problem, best, named)
+        if not looks:
+            return []
+        best = reshaped(problem, fit(problem, best.model.with_effects([looks[0].effect])))
+    for _ in range(ROUNDS):
+        problem = problem.rewhitened(best.model)
+        best = unbiased_fit(problem, reshaped(problem, fit(problem, best.model)).model)
+    std = iter(standard_deviations(problem, best, scale_of(best))[len(best.model.unknown) :])
+    return [
+        {strength.name: (effect.values[strength.name], float(next(std))) for strength in effect.strengths}
+        for effect in best.model.effects
+    ]
