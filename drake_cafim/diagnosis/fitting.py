@@ -149,6 +149,8 @@ def _minimised(
     problem: Problem, model: Model, offset: Array, iterations: int, most: float = np.inf
 ) -> tuple[Model, Array, Array]:
     """Model, residual and Jacobian where ½ z·z − offset·numbers is smallest nearby, the second part at most `most`."""
+    # what begins beyond its bounds begins at them: there is no slope outside
+    model = model.at(model.vector)
     residual, jacobian = problem.residual(model), problem.jacobian(model)
     start, damping = model.vector, 1e-6
     for _ in range(iterations):

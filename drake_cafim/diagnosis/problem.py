@@ -84,5 +84,6 @@ class Problem(ABC):
         return np.asarray((model.unknown - priors.mean) / priors.std, dtype=float)
 
     def start_cost(self, model: Model) -> float:
-        """ln det of what a model does not know of how the recordings began, of which a fit makes use."""
+        """What χ² lacks: ln det of what a model does not know of how the recordings began, of which a fit makes use,
+        and what a model gains by letting less noise through."""
         return 0.0

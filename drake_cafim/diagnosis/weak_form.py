@@ -323,8 +323,9 @@ class WeakForm:
     def compared(self, physics: Physics, measured: Measurement) -> tuple[Array, Array, Array]:
         """Positions and velocities, (N, n) each, of which the first's rate is the second; and a factor (M, n).
 
-        Undoing a lag raises the noise; where q and v only face each other, the other one is made to lag as well. That
-        smooths its noise, by which no model may gain: the factor makes rows as noisy as they are without a lag.
+        Undoing a lag raises the noise; where q and v only face each other, the other one is made to lag as well, and
+        both are then read a time constant later: rows of a lag and of a delay see the same noise, or one of them would
+        win by luck. To lag smooths noise, by which no model may gain: the factor makes rows as noisy as without it.
         """
         windows, std = self.samples.windows, self.samples.std
         louder = np.ones((len(windows), self.joints))
@@ -338,13 +339,16 @@ class WeakForm:
         for lag in lags:
             kind, joint = lag.at.split(".", 1)
             other = "v" if kind == "q" else "q"
-            j, writing = physics.tree.joint_index(joint), lag.writing(self.samples.time)
-            channels[other][:, j] = writing @ channels[other][:, j]
-            own, plain, smooth = (
-                std[f"{name}.{joint}"] ** 2 * np.asarray(rows.power(2).sum(axis=1)).ravel()
-                for name, rows in ((kind, slopes[kind]), (other, slopes[other]), (other, slopes[other] @ writing))
-            )
-            louder[:, j] *= np.sqrt((own + plain) / (own + smooth))
+            time, j = self.samples.time, physics.tree.joint_index(joint)
+            ahead = lag.ahead(time)
+            channels[other][:, j] = lag.measured(time, channels[other][:, j : j + 1])[:, 0]
+            as_noisy, noisy = np.zeros(len(windows)), np.zeros(len(windows))
+            for name, read in ((kind, ahead), (other, sp.csr_matrix(ahead @ lag.writing(time)))):
+                channels[name][:, j] = ahead @ channels[name][:, j]
+                variance = std[f"{name}.{joint}"] ** 2
+                as_noisy += variance * _squares(slopes[name])
+                noisy += variance * _squares(slopes[name] @ read)
+            louder[:, j] *= np.sqrt(as_noisy / noisy)
         return channels["q"], channels["v"], louder
 
     def _on(self, sensor: WrenchSensor, moving: Motion, wrench: Array | None) -> Array:
@@ -365,3 +369,8 @@ class WeakForm:
             force = force + self._pushed(physics, moving)
         readings = [sensor.reading(moving, self._on(sensor, moving, wrench)) for sensor in self.sensors]
         return np.concatenate([force, *readings], axis=1)
+
+
+def _squares(rows: sp.csr_matrix) -> Array:
+    """(M,) of the entries of each row, summed."""
+    return np.asarray(rows.power(2).sum(axis=1), dtype=float).ravel()

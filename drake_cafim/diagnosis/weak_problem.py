@@ -21,7 +21,7 @@ from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.surface import SurfaceEffect
-from drake_cafim.effects.timing import TimingEffect
+from drake_cafim.effects.timing import SensorLag, TimingEffect
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
@@ -29,6 +29,9 @@ from drake_cafim.typing import Array
 OF_CONTACTS = (ContactEffect, SurfaceEffect)
 IMPOSSIBLE = 1e9
 """Standard deviations of noise beyond which a row is of no motion that there could be."""
+
+SAME_LAG = 0.2
+"""Of a time constant, by which two lags raise a channel's noise alike."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,8 @@ class WeakProblem(Problem):
 
     scene: Scene
     runs: tuple[Run, ...]
+    under: Model
+    """What the rows are whitened under."""
     _unknown_columns: dict[int, tuple[Any, Array]] = field(default_factory=dict, repr=False, compare=False)
     found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
     """The last residual that was searched for pushes, and what was found."""
@@ -122,12 +127,12 @@ class WeakProblem(Problem):
         for form in weak:
             whiten, jacobian, labels = whitening(form, physics)
             runs.append(Run(form, whiten, jacobian, tuple(labels)))
-        return cls(scene, tuple(runs))
+        return cls(scene, tuple(runs), model)
 
     def rewhitened(self, model: Model) -> "WeakProblem":
         """The same recordings under another model's covariance; the last one is kept."""
         if not self._last_rewhitened or self._last_rewhitened[0][0] is not model:
-            self._last_rewhitened[:] = [(model, WeakProblem.of(self.scene, [run.weak for run in self.runs], model))]
+            self._last_rewhitened[:] = [(model, WeakProblem.of(self.scene, self._forms, model))]
         return self._last_rewhitened[0][1]
 
     @cached_property
@@ -148,7 +153,7 @@ class WeakProblem(Problem):
         for index, run in enumerate(self.runs):
             samples = noisier(run.weak.samples, np.random.default_rng(index), fed_back)
             runs.append(replace(run, weak=WeakForm(samples, run.weak.sensors)))
-        return WeakProblem(self.scene, tuple(runs))
+        return WeakProblem(self.scene, tuple(runs), self.under)
 
     @property
     def log_determinant(self) -> float:
@@ -189,7 +194,22 @@ class WeakProblem(Problem):
 
     def start_cost(self, model: Model) -> float:
         physics = model.physics(self.scene)
-        return sum(run.begun(physics).paid for run in self.runs) if doubtful(physics) else 0.0
+        begun = sum(run.begun(physics).paid for run in self.runs) if doubtful(physics) else 0.0
+        return begun + self._noise_cost(model)
+
+    def _noise_cost(self, model: Model) -> float:
+        """What χ² is too small by where the model's lags let less noise through than those of the whitening.
+
+        Undoing a lag raises a channel's noise: explanations with and without one are compared each under its own.
+        """
+        if _as_late(model, self.under):
+            return 0.0
+        rows, own = (one.rows_of(model) for one in (self, WeakProblem.of(self.scene, self._forms, model)))
+        return float(own @ own - rows @ rows)
+
+    @property
+    def _forms(self) -> list[WeakForm]:
+        return [run.weak for run in self.runs]
 
     def jacobian(self, model: Model) -> Array:
         columns = [self._by_unknown(model, i)[:, None] for i in range(len(model.unknown))]
@@ -296,6 +316,19 @@ class WeakProblem(Problem):
         ahead, behind = up.physics(self.scene), down.physics(self.scene)
         rows = [run.whitened(run.weak.contact_rows(ahead) - run.weak.contact_rows(behind)) for run in self.runs]
         return np.concatenate([*rows, self.prior_rows(up) - self.prior_rows(down)]) / taken
+
+
+def _as_late(one: Model, other: Model) -> bool:
+    """Whether the two have the same lags of positions and velocities, within a part of their time constants."""
+    lags = [
+        {effect.at: effect.values["time_constant"] for effect in model.effects
+         if isinstance(effect, SensorLag) and effect.at.startswith(("q.", "v."))}
+        for model in (one, other)
+    ]  # fmt: skip
+    first, second = lags
+    return first.keys() == second.keys() and all(
+        abs(first[at] - second[at]) < SAME_LAG * max(first[at], second[at]) for at in first
+    )
 
 
 def _either_side(model: Model, index: int, step: float) -> tuple[Model, Model, float]:

@@ -77,7 +77,7 @@ class Bench:
         scene = self.scene
         weak = WeakForm(retaken(self.samples, scene, recording), scene.wrench_sensors)
         if like is not None:
-            return WeakProblem(scene, (replace(like.runs[0], weak=weak),))
+            return WeakProblem(scene, (replace(like.runs[0], weak=weak),), like.under)
         return WeakProblem.of(scene, [weak], Model(scene.priors.mean))
 
 

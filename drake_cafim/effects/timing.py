@@ -8,6 +8,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from math import factorial
 from typing import ClassVar
 
 import numpy as np
@@ -23,12 +24,12 @@ POINTS = 6
 """Samples that a local polynomial goes through."""
 MEMORY = 8.0
 """Time constants after which a lag has forgotten."""
-SMOOTHING_REACH = 0.04
+SMOOTHING_REACH = 0.015
 """s on either side over which a lagging channel is smoothed before its slope is taken."""
 
 
 def interpolation(time: Array, at: Array, derivative: int = 0) -> sp.csr_matrix:
-    """(K, N): value or first derivative at `at` (K,) s of the local polynomials through samples at `time` (N,) s.
+    """(K, N): value or a derivative at `at` (K,) s of the local polynomials through samples at `time` (N,) s.
 
     Before the first and after the last sample the value is held.
     """
@@ -43,7 +44,7 @@ def interpolation(time: Array, at: Array, derivative: int = 0) -> sp.csr_matrix:
         powers[:, degree] = powers[:, degree - 1] * (offset / scale)
     # weights that give 1, x, x², ... their values (slopes) at x = 0
     wanted = np.zeros(count)
-    wanted[derivative] = 1.0
+    wanted[derivative] = factorial(derivative)
     weights = np.linalg.solve(powers, np.broadcast_to(wanted[:, None], (len(at), count, 1)))[..., 0]
     weights = weights / scale**derivative
     rows = np.repeat(np.arange(len(at)), count)
@@ -119,23 +120,14 @@ class SensorLag(TimingEffect):
         tau = self.values["time_constant"]
         if tau <= 0.0:
             return true
-        steps = np.diff(time)
-        kept = np.exp(-steps / tau)
-        # exact for a signal that is straight between samples
-        after, before = _shares(steps, tau, kept)
-        given = np.concatenate([true[:1], before[:, None] * true[:-1] + after[:, None] * true[1:]])
         # written[k + 1] − kept[k] written[k] = given[k + 1]
-        band = np.stack([np.ones(len(time)), np.append(-kept, 0.0)])
-        return np.asarray(solve_banded((1, 0), band, given, check_finite=False))
+        band = np.stack([np.ones(len(time)), np.append(-np.exp(-np.diff(time) / tau), 0.0)])
+        return np.asarray(solve_banded((1, 0), band, _given(time, tau) @ true, check_finite=False))
 
     def writing(self, time: Array) -> sp.csr_matrix:
         tau = self.values["time_constant"]
         if tau <= 0.0:
             return sp.csr_matrix(sp.eye_array(len(time)))
-        steps = np.diff(time)
-        kept = np.exp(-steps / tau)
-        after, before = _shares(steps, tau, kept)
-        given = sp.diags_array([np.concatenate([[1.0], after]), before], offsets=[0, -1])
         diagonals, offsets = [np.ones(len(time))], [0]
         for offset in range(1, len(time)):
             apart = time[offset:] - time[:-offset]
@@ -143,12 +135,19 @@ class SensorLag(TimingEffect):
                 break
             diagonals.append(np.exp(-apart / tau))
             offsets.append(-offset)
-        return sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets) @ given)
+        return sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets) @ _given(time, tau))
 
     def true(self, time: Array, measured: Array) -> Array:
-        # x = y + τ ẏ with the slope of a smoothed y: an exact inverse would raise the channel's noise, and what it is
-        # then compared with would no longer be the same measurement
-        return measured + self.values["time_constant"] * np.asarray(_smooth_slope(time) @ measured)
+        return np.asarray(self.undoing(time) @ measured)
+
+    def ahead(self, time: Array) -> sp.csr_matrix:
+        """(N, N) that reads a channel a time constant later, as if it were only late."""
+        return interpolation(time, time + self.values["time_constant"])
+
+    def undoing(self, time: Array) -> sp.csr_matrix:
+        """(N, N) of `true`: x = y + τ ẏ, with the slope of a smoothed y, for an exact inverse would be all noise."""
+        slope = self.values["time_constant"] * _smooth_slope(time)
+        return sp.csr_matrix(sp.eye_array(len(time)) + slope)
 
     def columns(self, time: Array, true: Array) -> Array:
         return -np.asarray(_slope(time.tobytes()) @ true)[..., None]
@@ -180,10 +179,23 @@ class ClockSkew(ShiftedSensor):
         return np.asarray((time[:, None] * slope)[..., None])
 
 
-def _shares(steps: Array, tau: float, kept: Array) -> tuple[Array, Array]:
-    """Parts of a sample and of the one before it in what is written, beside the part `kept` of what was."""
-    after = 1.0 - tau / steps * (1.0 - kept)
-    return after, 1.0 - kept - after
+def _given(time: Array, tau: float) -> sp.csr_matrix:
+    """(N, N): what each step adds to what is written, exact for a signal that is a parabola between two samples."""
+    steps = np.diff(time)
+    a = steps / tau
+    kept = np.exp(-a)
+    after = 1.0 - (1.0 - kept) / a
+    straight = sp.diags_array([np.concatenate([[1.0], after]), 1.0 - kept - after], offsets=[0, -1])
+    # ∫ e^(−u/τ)/τ · u (h − u)/2 du: how far a parabola of unit curvature lies below its chord
+    below = 0.5 * tau**2 * (a * (1.0 - (1.0 + a) * kept) - 2.0 + (a**2 + 2.0 * a + 2.0) * kept)
+    return sp.csr_matrix(straight - sp.diags_array(np.append(0.0, below)) @ _curvature(time.tobytes()))
+
+
+@lru_cache(maxsize=16)
+def _curvature(time: bytes) -> sp.csr_matrix:
+    """The second derivative of a channel over the step to each sample, kept for the recordings at hand."""
+    t = np.frombuffer(time)
+    return interpolation(t, np.append(t[0], 0.5 * (t[1:] + t[:-1])), derivative=2)
 
 
 @lru_cache(maxsize=16)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from .arm_case import Settings
@@ -36,6 +37,8 @@ class ArmRows:
         self.noise_v: ChannelNoise = case.study["noise_v"]  # type: ignore[assignment]
         self.has_velocity = settings.has_velocity
         self.nominal_torque = self.torque(self.robot)
+        loose = any(item.laws.transmissions for item in world.effects)
+        self.misfit = self._over_steps() if loose else self.nominal_torque - self.u
         self.std = self._noise()
         self.channels = tuple(self.names) + tuple(f"rate of {name}" for name in self.names if self.has_velocity)
 
@@ -44,6 +47,17 @@ class ArmRows:
         inverse = ArmInverse(robot)
         q, v, a = (own if given is None else given for own, given in ((self.q, q), (self.v, v), (self.a, a)))
         return inverse.torque(*(x.reshape(-1, robot.size) for x in (q, v, a))).reshape(q.shape)
+
+    def _over_steps(self) -> Array:
+        """The torque (B, N, n) that the nominal arm lacks in the mean over each step, the last one twice.
+
+        A rotor feels a new command before its link does: at the samples themselves the two are never alike.
+        """
+        step = np.diff(self.time, axis=1)[:, :, None]
+        (q, next_q), (v, next_v) = ((x[:, :-1], x[:, 1:]) for x in (self.q, self.v))
+        middle = 0.5 * (q + next_q) + step / 8.0 * (v - next_v)
+        missing = self.torque(self.robot, middle, 0.5 * (v + next_v), (next_v - v) / step) - self.u[:, :-1]
+        return np.concatenate([missing, missing[:, -1:]], axis=1)
 
     def _noise(self) -> Array:
         """Std (B, W, n) of a row: momentum, stiffness and velocity terms of every joint's noise, added in squares."""
@@ -87,6 +101,8 @@ class ArmRows:
     def whiten(self, torque: Array, q: Array | None = None, v: Array | None = None) -> Array:
         """Rows (B, W, n or 2 n) in std of torques (B, N, n) and of the mismatch of q and v (zero where not given)."""
         w, w1, _ = self.windows.shape
+        torque = self._evenly(torque)
+        q, v = (None if one is None else self._evenly(one) for one in (q, v))
         rows = self.windows.integrate(torque, w)
         if self.has_velocity:
             rate = np.zeros_like(rows)
@@ -95,13 +111,20 @@ class ArmRows:
             rows = np.concatenate([rows, rate], axis=2)
         return rows / self.std
 
+    def _evenly(self, values: Array) -> Array:
+        """Values (B, N, n) at even times: the windows know of no others."""
+        if np.allclose(np.diff(self.time, axis=1), self.windows.step, rtol=1e-6, atol=0.0):
+            return values
+        even = self.windows.step * np.arange(values.shape[1])
+        return np.stack([CubicSpline(t, own, axis=0)(t[0] + even) for t, own in zip(self.time, values, strict=True)])
+
     def excess(self) -> Excess:
         unknown = [self._unknown(entry) for entry in self.entries]  # type: ignore[attr-defined]
         centres = self.time[:, self.windows.centres()]
         shape = (0, *self.std.shape)
         return Excess(
             self.channels,
-            self.whiten(self.nominal_torque - self.u, self.q, self.v),
+            self.whiten(self.misfit, self.q, self.v),
             np.stack(unknown) if unknown else np.zeros(shape),
             centres,
         )

@@ -124,7 +124,8 @@ def _step(
 ) -> tuple[Array, float]:  # fmt: skip
     """The state a step later, and the largest error in units of what is allowed; see `flight`."""
     h, slopes, at, change = np.full(1, step), np.zeros((4, 1, 13)), state, first
-    inverse = np.linalg.inv(np.eye(6) - GAMMA * step * damping[0]) if touching else np.eye(6)
+    stiff = np.ascontiguousarray(damping[0])
+    inverse = np.linalg.inv(np.eye(6) - GAMMA * step * stiff) if touching else np.eye(6)
     for i in range(4):
         if i:
             at = rigid.onwards(state, h, ALPHA[i], slopes)
@@ -132,7 +133,7 @@ def _step(
         if touching:
             push = change[0].copy()
             for j in range(i):
-                push += step * SHIFT[i, j] * (damping[0] @ slopes[j, 0, 7:])
+                push += step * SHIFT[i, j] * (stiff @ np.ascontiguousarray(slopes[j, 0, 7:]))
             change = (inverse @ push).reshape(1, 6)
         rigid.rates(at, change, slopes[i])
     error = 0.0

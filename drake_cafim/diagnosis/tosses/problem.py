@@ -17,7 +17,7 @@ from drake_cafim.diagnosis.tosses.arcs import Arcs
 from drake_cafim.diagnosis.tosses.columns import number_columns
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
-from drake_cafim.diagnosis.tosses.settling import Settled, settled_from
+from drake_cafim.diagnosis.tosses.settling import Settled, begun, settled_from
 from drake_cafim.diagnosis.tosses.shots import Shot
 from drake_cafim.diagnosis.tosses.state import State
 from drake_cafim.dynamics.tree import FREE
@@ -148,12 +148,13 @@ class TossProblem(Problem):
     def _fitted(self, model: Model) -> Settled:
         physics, before = model.physics(self.scene), self.base
         memory = before.shot.memory_at_start(FreeBody(physics))
-        start = before.shot.start
         lead = self._leads.get(_kind(model))
-        if lead is not None:
+        if lead is None:
+            shot = begun(self.arcs, self.noise, physics, before.shot.start, memory)
+        else:
             before = lead.settled
             start = before.moved_start(lead.by_numbers @ (model.vector - lead.vector))
-        shot = Shot.of(self.arcs, self.noise, physics, start, memory)
+            shot = Shot.of(self.arcs, self.noise, physics, start, memory)
         settled = Settled.of(shot, self.base.innovation, before.damping)
         for _ in range(CORRECTIONS):
             if not np.any(settled.unsettled):

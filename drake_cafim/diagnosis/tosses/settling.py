@@ -54,8 +54,7 @@ class Settled:
     @cached_property
     def cost(self) -> Array:
         """(B,) χ² of each arc."""
-        cost = np.sum(self.shot.rows**2, axis=(1, 2))
-        return np.asarray(np.where(np.isfinite(cost), cost, np.inf))
+        return _cost(self.shot)
 
     @cached_property
     def far(self) -> Flags:
@@ -124,11 +123,26 @@ def settled_from(arcs: Arcs, noise: PoseNoise, physics: Physics, start: State) -
     return settled
 
 
+def begun(arcs: Arcs, noise: PoseNoise, physics: Physics, start: State, memory: Array | None = None) -> Shot:
+    """The arcs from `start` or, each that fits better so, from where its own samples have it.
+
+    Under physics that is far off, arcs settle far from their samples, from where the right one finds no way back.
+    """
+    shot, guessed = (Shot.of(arcs, noise, physics, one, memory) for one in (start, arcs.start))
+    return chosen(_cost(guessed) < _cost(shot), guessed, shot)
+
+
+def _cost(shot: Shot) -> Array:
+    """(B,) χ² of each arc."""
+    cost = np.sum(shot.rows**2, axis=(1, 2))
+    return np.asarray(np.where(np.isfinite(cost), cost, np.inf))
+
+
 def _settled_near(arcs: Arcs, noise: PoseNoise, physics: Physics, start: State) -> Settled:
-    shot, body = Shot.of(arcs, noise, physics, start), FreeBody(physics)
+    shot, body = begun(arcs, noise, physics, start), FreeBody(physics)
     memory = shot.memory_at_start(body)
     if memory is not None:
-        shot = Shot.of(arcs, noise, physics, start, memory)
+        shot = Shot.of(arcs, noise, physics, shot.start, memory)
     settled = Settled.of(shot, Innovation.of(shot.by_start), near=SETTLED)
     for _ in range(ROUNDS):
         if not np.any(settled.unsettled):
