@@ -96,7 +96,12 @@ def looks(problem: WeakProblem, at: Fit, effect: Effect) -> Iterator[Look]:
 
 
 def _moves(problem: WeakProblem, column: str) -> bool:
-    """Whether a channel has far more signal than noise: else a larger gain would explain noise by shrinking it."""
+    """Whether a channel has far more signal than noise: else a larger gain would explain noise by shrinking it.
+
+    Of a wrench it is the prediction that a gain scales.
+    """
+    if column.startswith("wrench."):
+        return True
     pieces = [run.weak.samples.recording[column] for run in problem.runs]
     spread = max(float(np.nanstd(piece)) for piece in pieces)
     return spread > LEAST_SIGNAL * problem.runs[0].weak.samples.std[column]
