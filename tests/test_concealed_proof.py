@@ -14,13 +14,14 @@ from concealed import fake_diagnosis, plan, prove
 from concealed.make import main as make_main
 from concealed.make import make, simulate
 from concealed.noise import ChannelNoise, Clock
+from concealed.read_in import run_cafim
 from concealed.score import score
 from concealed.seal import Seal, case_seed, fresh_seed
 from concealed.strength import Windows
 from concealed.strength_arm import ArmRows
 from concealed.summary import figures
 from concealed.timing import first_order, position_curve
-from concealed.trial import command, scrubbed
+from concealed.trial import command, covered_unnamed, scrubbed
 from concealed.truth import FAMILY, VOCABULARY
 
 
@@ -255,6 +256,36 @@ def test_child_is_started_as_a_user_would_and_told_nothing(tmp_path: Path) -> No
     assert words[:4] == ["cafim", "diagnose", "scenario.yaml", "--recording"]
     assert words[words.index("--held-out") + 1] == "held_1.parquet"
     assert set(scrubbed(tmp_path)) == {"PATH", "HOME", "TMPDIR", "LANG", "OMP_NUM_THREADS", "MPLBACKEND"}
+
+
+def test_forks_of_what_has_read_the_modules_run_commands(tmp_path: Path) -> None:
+    errors, environment = tmp_path / "stderr.txt", scrubbed(tmp_path)
+    assert run_cafim(["diagnose", "--help"], tmp_path, environment, errors, 60.0) == 0
+    assert run_cafim(["diagnose", "none.yaml", "--recording", "a.csv"], tmp_path, environment, errors, 60.0) == 2
+    assert "none.yaml" in errors.read_text()
+    assert run_cafim(["diagnose", "--help"], tmp_path, environment, errors, 1e-6) is None
+
+
+def test_strengths_are_not_those_of_an_uneven_clock_or_of_what_rotors_feel_first() -> None:
+    """Of a gap that stays on one flank: each sample by itself would show thirty times the noise."""
+    case = simulate("single:joint_backlash", "arm3", 0x2653792784D14621C10459C4A9276982)
+    rows = ArmRows(case)
+    steps = np.diff(rows.time, axis=1)
+    assert float(np.ptp(steps)) > 0.1 * rows.windows.step
+    left = rows.excess().remaining()
+    rates = [k for k, name in enumerate(rows.channels) if name.startswith("rate of")]
+    assert float(np.mean(left[:, :, rates] ** 2)) < 1e-3
+    assert float(np.mean(left[:, :, 2] ** 2)) < 0.1
+
+
+@pytest.mark.ci
+def test_intervals_of_what_was_not_named(tmp_path: Path) -> None:
+    case = make("single:joint_coulomb_friction", "arm2", 5)
+    case.write(tmp_path)
+    assert covered_unnamed(tmp_path, case.truth, [["joint_coulomb_friction", case.truth["effects"][0]["at"]]]) == []  # type: ignore[index]
+    [(name, _, z)] = covered_unnamed(tmp_path, case.truth, [])
+    assert name == "torque" and abs(z) < 4.0
+    assert covered_unnamed(tmp_path, case.truth | {"kind": "odd:any"}, []) == []
 
 
 @pytest.mark.ci

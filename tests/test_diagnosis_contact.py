@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from concealed.make import make
+from concealed.make import make, simulate
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.diagnose import Prepared, prepare
+from drake_cafim.diagnosis.diagnose import Prepared, diagnose, prepare
 from drake_cafim.diagnosis.fitting import unbiased_fit
 from drake_cafim.diagnosis.forecast import forecasts, root_mean_square
 from drake_cafim.diagnosis.innovations import innovations
@@ -100,3 +100,17 @@ def test_named_and_measured(effect: str, tmp_path: Path) -> None:
     [found] = best.model.effects
     first = next(iter(truth["parameters"]))
     assert found.values[first] == pytest.approx(truth["parameters"][first][0], rel=0.05)
+
+
+@pytest.mark.ci
+def test_the_gain_of_a_quiet_wrench_is_looked_for(tmp_path: Path) -> None:
+    """Friction is felt with an eighth of it as noise; the gain scales what is predicted, and no noise."""
+    case = simulate("pair", "press", 0xAE53DDB31F5426298249DE33E22B8BD3)
+    case.write(tmp_path)
+    scene = Scene.load(tmp_path / "scenario.yaml")
+    verdict = diagnose(scene, [recordings.read(tmp_path / f"train_{k}.parquet") for k in (1, 2, 3)])
+    assert verdict.kind == "explained", str(verdict)
+    assert {one.effect.key for one in verdict.explanation} == {
+        ("actuator_bias", "px"),
+        ("sensor_gain_error", "wrench.wrist.fx"),
+    }

@@ -110,6 +110,15 @@ def test_a_stiff_coupling_is_a_rigid_one(tmp_path: Path, coupling: JointCoupling
     assert rigid.chi_square - 12.0 < fitted.chi_square < rigid.chi_square + 12.0
 
 
+def test_what_begins_beyond_its_bounds_is_fitted_from_them(tmp_path: Path) -> None:
+    """Shapes are tried at multiples of a stiffness that may stand at its bound already; beyond it there is no slope."""
+    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=3, rotor=0.5)
+    beyond = JointElasticity("rail", {"stiffness": 1.6e8, "damping": 1.0})
+    fitted = fit(problem, Model(problem.scene.priors.mean, (beyond,)))
+    assert fitted.model.effects[0].values["stiffness"] <= 1e8
+    assert np.all(np.isfinite(fitted.jacobian)) and np.all(np.isfinite(fitted.covariance))
+
+
 def test_of_what_no_row_sees_nothing_is_known(tmp_path: Path) -> None:
     problem = _problem(tmp_path, mass=2.3, friction=0.0, seed=4)
     stop = JointHardStop("rail", {"position": 100.0, "stiffness": 10.0, "damping": 0.1})
