@@ -80,7 +80,7 @@ def test_efforts_come_through_late(effect: ActuatorEffect) -> None:
         (SensorDelay("wrench.w", {"delay": 0.05}), 1e-9),
         (ClockSkew("wrench.w", {"skew": -0.02}), 1e-9),
         (ClockSkew("wrench.w", {"skew": 0.005}), 1e-5),
-        (SensorLag("wrench.w", {"time_constant": 0.015}), 1e-9),
+        (SensorLag("wrench.w", {"time_constant": 0.015}), 1e-5),
     ],
 )
 def test_channels_come_late(effect: SensorEffect, tolerance: float) -> None:

@@ -4,6 +4,7 @@ What remembers is sampled with a period h: the plant's time step, or the time be
 """
 
 from collections.abc import Sequence
+from math import factorial
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -89,7 +90,8 @@ class ShiftedSensorSystem(SensorSystem):
             return array((interpolation(time, np.array([shown])) @ channels)[0])
         parts = range(min(3, len(time)))
         series = [interpolation(time[-3:], np.array([now]), order) @ channels[-3:] for order in parts]
-        return np.asarray(sum((shown - now) ** order * one[0] for order, one in zip(parts, series, strict=True)))
+        powers = [(shown - now) ** order / factorial(order) for order in parts]
+        return np.asarray(sum(power * one[0] for power, one in zip(powers, series, strict=True)))
 
 
 class LagSensor(SensorSystem):
@@ -101,27 +103,37 @@ class LagSensor(SensorSystem):
         input_ports: [true]
         output_ports: [measured]
 
-    Discrete state 0 is the last sample: when, NaN before there was one, the channels (c,), and what was written (c,).
+    Discrete state 0 are the last two samples (2, 1 + c), the older first: when, NaN before there was one, and the
+    channels; then what was written last (c,).
     """
 
     def __init__(self, effect: SensorLag, columns: Sequence[str], clock: Clock) -> None:
         super().__init__(effect, columns)
         self._constant = effect.values["time_constant"]
-        clock.keep(self, np.full(1 + 2 * len(self._on), np.nan), self._remember)
+        clock.keep(self, np.full(2 + 3 * len(self._on), np.nan), self._remember)
+
+    def _samples(self, context: Context) -> Array:
+        """(2, 1 + c)"""
+        return remembered(context)[: 2 + 2 * len(self._on)].reshape(2, -1)
 
     def _remember(self, context: Context) -> Array:
         true = self._true(context)[self._on]
-        return array(np.concatenate([[context.get_time()], true, self._written(context, true)]))
+        last = self._samples(context)[1]
+        return array(np.concatenate([last, [context.get_time()], true, self._written(context, true)]))
 
     def _written(self, context: Context, true: Array) -> Array:
-        state = remembered(context)
-        now, c = context.get_time(), len(self._on)
-        if not np.isfinite(state[0]) or now - state[0] < SAME_TIME:
-            return true if not np.isfinite(state[0]) else state[1 + c :]
-        before, written = state[1 : 1 + c], state[1 + c :]
-        settled = self.effect.measured(np.array([state[0], now]), np.stack([before, true]))[-1]
+        samples, now = self._samples(context), context.get_time()
+        written = remembered(context)[samples.size :]
+        if not np.isfinite(samples[1, 0]):
+            return true
+        if now - samples[1, 0] < SAME_TIME:
+            return written
+        samples = samples[np.isfinite(samples[:, 0])]
+        time, channels = np.append(samples[:, 0], now), np.concatenate([samples[:, 1:], true[None]])
+        settled = self.effect.measured(time, channels)
         # the law starts settled; what was not yet goes on dying away
-        return np.asarray(settled + np.exp((state[0] - now) / self._constant) * (written - before))
+        kept = np.exp((time[-2] - now) / self._constant)
+        return np.asarray(settled[-1] + kept * (written - settled[-2]))
 
 
 def sensor_system(effect: SensorEffect, columns: Sequence[str], clock: Clock) -> SensorSystem:

@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from drake_cafim.diagnosis.coloured_noise import left_by
 from drake_cafim.diagnosis.inertial import InertialRegressor, inertial_regressor
 from drake_cafim.diagnosis.samples import Samples
 from drake_cafim.dynamics.contact import WrenchSensor
@@ -327,7 +328,7 @@ class WeakForm:
         both are then read a time constant later: rows of a lag and of a delay see the same noise, or one of them would
         win by luck. To lag smooths noise, by which no model may gain: the factor makes rows as noisy as without it.
         """
-        windows, std = self.samples.windows, self.samples.std
+        windows = self.samples.windows
         louder = np.ones((len(windows), self.joints))
         lags = [effect for effect in physics.sensors if isinstance(effect, SensorLag) and effect.at[:2] in ("q.", "v.")]
         if not lags:
@@ -345,11 +346,15 @@ class WeakForm:
             as_noisy, noisy = np.zeros(len(windows)), np.zeros(len(windows))
             for name, read in ((kind, ahead), (other, sp.csr_matrix(ahead @ lag.writing(time)))):
                 channels[name][:, j] = ahead @ channels[name][:, j]
-                variance = std[f"{name}.{joint}"] ** 2
-                as_noisy += variance * _squares(slopes[name])
-                noisy += variance * _squares(slopes[name] @ read)
+                as_noisy += self._variance(f"{name}.{joint}", slopes[name])
+                noisy += self._variance(f"{name}.{joint}", sp.csr_matrix(slopes[name] @ read))
             louder[:, j] *= np.sqrt(as_noisy / noisy)
         return channels["q"], channels["v"], louder
+
+    def _variance(self, column: str, rows: sp.csr_matrix) -> Array:
+        """(M,) of rows (M, N) of a column's noise."""
+        s = self.samples
+        return np.asarray((s.std[column] * left_by(rows, s.time, s.memories.get(column))) ** 2, dtype=float)
 
     def _on(self, sensor: WrenchSensor, moving: Motion, wrench: Array | None) -> Array:
         return np.zeros((len(moving.q), 6)) if wrench is None else wrench[:, sensor.joint]
@@ -369,8 +374,3 @@ class WeakForm:
             force = force + self._pushed(physics, moving)
         readings = [sensor.reading(moving, self._on(sensor, moving, wrench)) for sensor in self.sensors]
         return np.concatenate([force, *readings], axis=1)
-
-
-def _squares(rows: sp.csr_matrix) -> Array:
-    """(M,) of the entries of each row, summed."""
-    return np.asarray(rows.power(2).sum(axis=1), dtype=float).ravel()

@@ -183,6 +183,10 @@ class JointBacklash(JointCoupling):
             for factor in factors:
                 yield self.with_values({**self.values, name: factor * self.values[name]})
 
+    def between_shapes(self, ratio: float) -> Iterator["JointBacklash"]:
+        for factor in (ratio, 1.0 / ratio):
+            yield self.with_values({**self.values, "gap": factor * self.values["gap"]})
+
     def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
         scale = 0.2 if prismatic else 1.0
         for gap in (3e-4, 8e-4, 2e-3, 5e-3, 1.2e-2):

@@ -186,6 +186,8 @@ def _given(time: Array, tau: float) -> sp.csr_matrix:
     kept = np.exp(-a)
     after = 1.0 - (1.0 - kept) / a
     straight = sp.diags_array([np.concatenate([[1.0], after]), 1.0 - kept - after], offsets=[0, -1])
+    if len(time) < 3:
+        return sp.csr_matrix(straight)
     # ∫ e^(−u/τ)/τ · u (h − u)/2 du: how far a parabola of unit curvature lies below its chord
     below = 0.5 * tau**2 * (a * (1.0 - (1.0 + a) * kept) - 2.0 + (a**2 + 2.0 * a + 2.0) * kept)
     return sp.csr_matrix(straight - sp.diags_array(np.append(0.0, below)) @ _curvature(time.tobytes()))

@@ -125,7 +125,7 @@ def _step(
     """The state a step later, and the largest error in units of what is allowed; see `flight`."""
     h, slopes, at, change = np.full(1, step), np.zeros((4, 1, 13)), state, first
     stiff = np.ascontiguousarray(damping[0])
-    inverse = np.linalg.inv(np.eye(6) - GAMMA * step * stiff) if touching else np.eye(6)
+    inverse = np.ascontiguousarray(np.linalg.inv(np.eye(6) - GAMMA * step * stiff)) if touching else np.eye(6)
     for i in range(4):
         if i:
             at = rigid.onwards(state, h, ALPHA[i], slopes)
