@@ -123,8 +123,10 @@ def fly(
 
 
 def _bounced(body: FreeBody, start: State, times: Array, counts: Any, std: Array) -> Flights:
+    numbers, instants = np.ascontiguousarray(start.numbers), np.ascontiguousarray(times)
+    inertial = (*body.inertial, body.physics.gravity)
     at_samples, flight, time, step, state, mode = bounced(
-        start.numbers, times, counts, SHARE * std, (*body.inertial, body.physics.gravity), body.plane, body.law
+        numbers, instants, counts, SHARE * std, inertial, body.plane, body.law
     )
     fine = Fine(flight, time, step, State(state), mode, np.zeros((len(time), body.points, 0)))
     return Flights(State(at_samples.reshape(-1, 13)), times.shape, fine)

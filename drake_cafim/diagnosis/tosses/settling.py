@@ -128,7 +128,10 @@ def begun(arcs: Arcs, noise: PoseNoise, physics: Physics, start: State, memory: 
 
     Under physics that is far off, arcs settle far from their samples, from where the right one finds no way back.
     """
-    shot, guessed = (Shot.of(arcs, noise, physics, one, memory) for one in (start, arcs.start))
+    shot = Shot.of(arcs, noise, physics, start, memory)
+    if start is arcs.start:
+        return shot
+    guessed = Shot.of(arcs, noise, physics, arcs.start, memory)
     return chosen(_cost(guessed) < _cost(shot), guessed, shot)
 
 
