@@ -18,7 +18,7 @@ def local_polynomial(time: Array, reach: float, degree: int, derivative: int, at
     return _local_polynomial(time.tobytes(), reach, degree, derivative, at_least)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _local_polynomial(at: bytes, reach: float, degree: int, derivative: int, at_least: int) -> sp.csr_matrix:
     time = np.frombuffer(at)
     samples = len(time)

@@ -279,6 +279,15 @@ def test_strengths_are_not_those_of_an_uneven_clock_or_of_what_rotors_feel_first
 
 
 @pytest.mark.ci
+def test_an_effect_that_a_motion_does_not_come_to_is_not_clear() -> None:
+    """A stop that a load keeps the joint away from; without the load it is struck hard."""
+    case = make("pair", "arm6", 0x4DC7227A3BD9FF671F9B783B82BFA621)
+    stop, load = case.truth["strengths"]  # type: ignore[misc]
+    assert stop["value"] > 100.0 and not stop["clear"]
+    assert load["clear"]
+
+
+@pytest.mark.ci
 def test_intervals_of_what_was_not_named(tmp_path: Path) -> None:
     case = make("single:joint_coulomb_friction", "arm2", 5)
     case.write(tmp_path)

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from drake_cafim.diagnosis.coloured_noise import left_by
+from drake_cafim.diagnosis.coloured_noise import Lasting, covariance
 from drake_cafim.diagnosis.inertial import InertialRegressor, inertial_regressor
 from drake_cafim.diagnosis.samples import Samples
 from drake_cafim.dynamics.contact import WrenchSensor
@@ -55,6 +55,8 @@ class _Prepared:
     moving: Motion
     regressor: InertialRegressor
     kinematic: Array
+    louder: Array
+    """(M, n), by what `kinematic` was made as noisy as it is without a lag."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,7 @@ class WeakForm:
     _cache: dict[tuple[object, ...], _Prepared] = field(default_factory=dict, repr=False, compare=False)
     _trials: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False, compare=False)
     _changes: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
+    _alike: dict[Lasting, sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
     _smooth: list[tuple[_Prepared, Motion]] = field(default_factory=list, repr=False, compare=False)
     _drives: dict[tuple[object, ...], tuple[RotorDrive, ...]] = field(default_factory=dict, repr=False, compare=False)
     _responses: dict[tuple[object, ...], FreeResponse] = field(default_factory=dict, repr=False, compare=False)
@@ -90,6 +93,10 @@ class WeakForm:
     def measurement(self, physics: Physics) -> Measurement:
         """The channels, those of motion and effort corrected for the sensor effects of `physics`."""
         return self._prepared(physics).measured
+
+    def louder(self, physics: Physics) -> Array:
+        """The factor (M, n) of `compared`."""
+        return self._prepared(physics).louder
 
     def motion(self, physics: Physics) -> Motion:
         """The smoothed motion, corrected alike."""
@@ -312,14 +319,14 @@ class WeakForm:
         measured = self._measured(physics)
         windows = self.samples.windows
         moving = replace(motion(physics.tree, measured.q_hat, measured.v_hat), lasting=np.gradient(self.samples.time))
-        kinematic = np.zeros((len(windows), 0))
+        kinematic, louder = np.zeros((len(windows), 0)), np.ones((len(windows), self.joints))
         if self.samples.velocity_measured:
             M = mass_matrix(moving) + np.diag(physics.rotor_inertias)
             correction = windows.rate_steps @ np.linalg.solve(M, measured.u[..., None])[..., 0]
             q, v, louder = self.compared(physics, measured)
             kinematic = (windows.rate @ q + windows.value @ v - correction) * louder
         joints = self.sampled_joints(measured, self.samples.v_std)
-        return _Prepared(measured, joints, moving, inertial_regressor(moving, measured.v, windows), kinematic)
+        return _Prepared(measured, joints, moving, inertial_regressor(moving, measured.v, windows), kinematic, louder)
 
     def compared(self, physics: Physics, measured: Measurement) -> tuple[Array, Array, Array]:
         """Positions and velocities, (N, n) each, of which the first's rate is the second; and a factor (M, n).
@@ -353,8 +360,14 @@ class WeakForm:
 
     def _variance(self, column: str, rows: sp.csr_matrix) -> Array:
         """(M,) of rows (M, N) of a column's noise."""
-        s = self.samples
-        return np.asarray((s.std[column] * left_by(rows, s.time, s.memories.get(column))) ** 2, dtype=float)
+        memory = self.samples.memories.get(column)
+        if memory is not None and memory not in self._alike:
+            # of two columns that face each other
+            while len(self._alike) >= 2:
+                self._alike.pop(next(iter(self._alike)))
+            self._alike[memory] = covariance(self.samples.time, memory)
+        alike = rows if memory is None else rows @ self._alike[memory]
+        return self.samples.std[column] ** 2 * np.asarray(rows.multiply(alike).sum(axis=1), dtype=float).ravel()
 
     def _on(self, sensor: WrenchSensor, moving: Motion, wrench: Array | None) -> Array:
         return np.zeros((len(moving.q), 6)) if wrench is None else wrench[:, sensor.joint]

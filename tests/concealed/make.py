@@ -65,13 +65,31 @@ def make(kind: str, rig: str, seed: int) -> Case:
         case = studied(case)
         if kind.startswith("pair"):
             # Each of the two by itself: in a common channel one would lend the other its strength.
-            alone = [reckoned(simulate(kind, rig, seed, attempt, only))["strengths"] for only in (0, 1)]
-            case = replace(case, truth=case.truth | {"strengths": [item[0] for item in alone]})  # type: ignore[index]
+            alone = [simulate(kind, rig, seed, attempt, only) for only in (0, 1)]
+            strengths = [reckoned(one)["strengths"][0] for one in alone]  # type: ignore[index]
+            # With the other one in it, a motion may not come to where an effect is.
+            traces = [leaves_a_trace(case, alone[1 - own]) for own in (0, 1)]
+            told = [item | {"clear": item["clear"] and seen} for item, seen in zip(strengths, traces, strict=True)]
+            case = replace(case, truth=case.truth | {"strengths": told})
         if not kind.startswith("odd") or case.truth["strengths"][0]["clear"]:  # type: ignore[index]
             return case
     if not calm(case):
         raise RuntimeError(f"{kind} on {rig}, seed {seed:#x}: {_ATTEMPTS} worlds ran away")
     return case if "strengths" in case.truth else studied(case)
+
+
+def leaves_a_trace(both: Case, without: Case) -> bool:
+    """Whether what `without` lacks moves a channel that is not held out by more than its noise, which both share."""
+    for name, table in both.recordings.items():
+        if name.startswith("held"):
+            continue
+        for column in table.columns.drop("time"):
+            values, others = (np.asarray(one[column], dtype=float) for one in (table, without.recordings[name]))
+            change = values[: len(others)] - others[: len(values)]
+            # fourth differences of white noise are sqrt(70) times as large
+            if np.sqrt(np.nanmean(change**2)) > np.nanstd(np.diff(values, 4)) / np.sqrt(70.0):
+                return True
+    return False
 
 
 def calm(case: Case) -> bool:
