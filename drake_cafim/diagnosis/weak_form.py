@@ -55,6 +55,8 @@ class _Prepared:
     moving: Motion
     regressor: InertialRegressor
     kinematic: Array
+    inverse_mass: Array
+    """(N, n, n), where velocities are measured."""
     louder: Array
     """(M, n), by what `kinematic` was made as noisy as it is without a lag."""
 
@@ -249,9 +251,20 @@ class WeakForm:
         for coupling in physics.couplings:
             dynamic[:, physics.tree.joint_index(coupling.at)] += self.coupling_rows(physics, coupling)
         # an effort of unknown gain is what is predicted: divided by it, so that no motion is not a perfect fit
-        rows = [prepared.kinematic, dynamic / physics.effort_gains]
+        rows = [prepared.kinematic - self._other_steps(physics, prepared), dynamic / physics.effort_gains]
         rows += [windows.value @ reading for reading in measured.wrenches]
         return np.concatenate(rows, axis=1) + self.contact_rows(physics)
+
+    def _other_steps(self, physics: Physics, prepared: "_Prepared") -> Array:
+        """What efforts that act otherwise than was asked for change in how v steps, kinematic rows (M, n or 0)."""
+        windows, time, u = self.samples.windows, self.samples.time, prepared.measured.u
+        rows = np.zeros_like(prepared.kinematic)
+        for j in {physics.tree.joint_index(effect.at) for effect in physics.actuators} if rows.size else ():
+            effort, by_effort = self.effort(physics, j, u), prepared.inverse_mass[:, :, j]
+            at = np.clip(np.searchsorted(time, effort.times, side="right") - 1, 0, None)
+            acting = windows.steps(effort.times) @ (by_effort[at] * effort.values[:, None])
+            rows += acting - windows.steps(time) @ (by_effort * u[:, j : j + 1])
+        return rows * prepared.louder if rows.size else rows
 
     def contact_rows(self, physics: Physics) -> Array:
         """What contacts contribute to the rows, (M, r): their push at the joints, and what each sensor is to write."""
@@ -320,13 +333,15 @@ class WeakForm:
         windows = self.samples.windows
         moving = replace(motion(physics.tree, measured.q_hat, measured.v_hat), lasting=np.gradient(self.samples.time))
         kinematic, louder = np.zeros((len(windows), 0)), np.ones((len(windows), self.joints))
+        inverse_mass: Array = np.zeros((0, self.joints, self.joints))
         if self.samples.velocity_measured:
-            M = mass_matrix(moving) + np.diag(physics.rotor_inertias)
-            correction = windows.rate_steps @ np.linalg.solve(M, measured.u[..., None])[..., 0]
+            inverse_mass = np.asarray(np.linalg.inv(mass_matrix(moving) + np.diag(physics.rotor_inertias)), dtype=float)
+            correction = windows.steps(self.samples.time) @ (inverse_mass @ measured.u[..., None])[..., 0]
             q, v, louder = self.compared(physics, measured)
             kinematic = (windows.rate @ q + windows.value @ v - correction) * louder
         joints = self.sampled_joints(measured, self.samples.v_std)
-        return _Prepared(measured, joints, moving, inertial_regressor(moving, measured.v, windows), kinematic, louder)
+        regressor = inertial_regressor(moving, measured.v, windows)
+        return _Prepared(measured, joints, moving, regressor, kinematic, inverse_mass, louder)
 
     def compared(self, physics: Physics, measured: Measurement) -> tuple[Array, Array, Array]:
         """Positions and velocities, (N, n) each, of which the first's rate is the second; and a factor (M, n).

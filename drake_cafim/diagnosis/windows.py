@@ -30,6 +30,7 @@ class Windows:
     first: Indices
     stop: Indices
     _held: dict[bytes, sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
+    _steps: dict[bytes, sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -48,41 +49,53 @@ class Windows:
         """(M, N): `rate @ f` is ∫ ẇ f dt."""
         return self._product(self._slope)
 
-    @cached_property
-    def rate_steps(self) -> sp.csr_matrix:
-        """(M, N): the correction to `rate @ q + value @ v` for accelerations (N,) held from sample to sample.
+    def steps(self, times: Array) -> sp.csr_matrix:
+        """(M, K): the correction to `rate @ q + value @ v` for accelerations held from each of `times` (K,) on.
 
-        The cubics between the samples miss what a jump of the slope of v and of the curvature of q adds.
+        The cubics between the samples miss what a jump of the slope of v and of the curvature of q adds. The last few
+        are kept.
         """
-        rows, columns = self._covered
-        since = self.time[columns] - self.starts[rows]
-        slope, curvature = missed_kink(self.time, self.time), missed_kink(self.time, self.time, order=2)
+        return self._kept(self._steps, times, self._correction_of_steps)
+
+    def _correction_of_steps(self, times: Array) -> sp.csr_matrix:
+        clipped, rows, columns = self._reached(times)
+        since = clipped[columns] - self.starts[rows]
+        slope, curvature = missed_kink(self.time, clipped), missed_kink(self.time, clipped, order=2)
         area, moment = slope[0, columns], slope[1, columns] + curvature[0, columns]
         jumps = self._weight(since) * area + self._slope(since) * moment
-        step = sp.diags_array([np.ones(len(self.time)), -np.ones(len(self.time) - 1)], offsets=[0, -1])
-        return sp.csr_matrix(-self._matrix(jumps, rows, columns) @ step)
+        return sp.csr_matrix(-self._matrix(jumps, rows, columns, len(times)) @ _jump(len(times)))
 
     def held(self, times: Array) -> sp.csr_matrix:
         """(M, K): `held @ u` is ∫ w u dt for u held from each of `times` (K,) to the next; the last few are kept.
 
         Contains what `rate` misses because the slope of the momentum jumps by Δu wherever u steps.
         """
-        key = times.tobytes()
-        if key not in self._held:
-            while len(self._held) >= 12:
-                self._held.pop(next(iter(self._held)))
-            self._held[key] = self._integral_of_held(times)
-        return self._held[key]
+        return self._kept(self._held, times, self._integral_of_held)
 
-    def _integral_of_held(self, times: Array) -> sp.csr_matrix:
+    def _kept(
+        self, known: dict[bytes, sp.csr_matrix], times: Array, made: Callable[[Array], sp.csr_matrix]
+    ) -> sp.csr_matrix:
+        key = times.tobytes()
+        if key not in known:
+            while len(known) >= 12:
+                known.pop(next(iter(known)))
+            known[key] = made(times)
+        return known[key]
+
+    def _reached(self, times: Array) -> tuple[Array, Indices, Indices]:
+        """`times` (K,) s within the recording, and window and time of every pair that may meet."""
         clipped = np.clip(times, self.time[0], self.time[-1])
-        ends = np.append(clipped[1:], self.time[-1])
         first = np.searchsorted(times, self.starts, side="right") - 1
         stop = np.searchsorted(times, self.starts + self.width, side="left")
         first = np.clip(first, 0, None)
         counts = np.maximum(stop - first, 0)
         rows = np.repeat(np.arange(len(self)), counts)
         columns = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(first, counts)
+        return clipped, rows, columns
+
+    def _integral_of_held(self, times: Array) -> sp.csr_matrix:
+        clipped, rows, columns = self._reached(times)
+        ends = np.append(clipped[1:], self.time[-1])
         origin = self.starts[rows]
         weights = self._antiderivative(ends[columns] - origin) - self._antiderivative(clipped[columns] - origin)
         missed = missed_kink(self.time, clipped)[:, columns]
@@ -90,21 +103,11 @@ class Windows:
         weights_there = (self._slope(since), self._curvature(since), self._jerk(since))
         at_step = sum(weight * moment for weight, moment in zip(weights_there, missed, strict=True))
         integral = self._matrix(weights, rows, columns, len(times))
-        jumps = self._matrix(at_step, rows, columns, len(times))
-        step = sp.diags_array([np.ones(len(times)), -np.ones(len(times) - 1)], offsets=[0, -1])
-        return sp.csr_matrix(integral + jumps @ step)
+        return sp.csr_matrix(integral + self._matrix(at_step, rows, columns, len(times)) @ _jump(len(times)))
 
     def rows(self, per_window: Array) -> Array:
         """Flatten (M, r, ...) to (M r, ...), window after window."""
         return per_window.reshape(-1, *per_window.shape[2:])
-
-    @cached_property
-    def _covered(self) -> tuple[Indices, Indices]:
-        """Window and sample of every pair of them."""
-        counts = self.stop - self.first
-        rows = np.repeat(np.arange(len(self)), counts)
-        offset = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        return rows, offset + np.repeat(self.first, counts)
 
     def _product(self, weight: Callable[[Array], Array]) -> sp.csr_matrix:
         """(M, N): ∫ weight(t − t₀) f dt with f cubic between the samples, of which only the window's own are used."""
@@ -149,6 +152,11 @@ class Windows:
         x = np.pi * np.clip(since, 0.0, self.width) / self.width
         antiderivative = self.width / np.pi * (0.375 * x - 0.25 * np.sin(2.0 * x) + np.sin(4.0 * x) / 32.0)
         return np.asarray(antiderivative, dtype=float)
+
+
+def _jump(count: int) -> sp.dia_array:
+    """(K, K): by how much each of `count` values differs from the one before it; the first from nothing."""
+    return sp.diags_array([np.ones(count), -np.ones(count - 1)], offsets=[0, -1])
 
 
 def lay_windows(time: Array, usable: np.ndarray[Any, np.dtype[np.bool_]], width: float) -> Windows:
