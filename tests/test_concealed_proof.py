@@ -11,10 +11,10 @@ import pandas as pd
 import pytest
 import yaml
 from concealed import fake_diagnosis, plan, prove
+from concealed.fork_server import run_cafim
 from concealed.make import main as make_main
 from concealed.make import make, simulate
 from concealed.noise import ChannelNoise, Clock
-from concealed.read_in import run_cafim
 from concealed.score import score
 from concealed.seal import Seal, case_seed, fresh_seed
 from concealed.strength import Windows
@@ -139,7 +139,7 @@ def test_nulls_pairs_and_oddities() -> None:
     assert score(truth([odd], "odd"), report("explained", ("payload", "link3", {})))["misnamed"]
 
 
-def test_contact_pairs_read_in_either_order_and_equal_forms_are_equal() -> None:
+def test_contact_pairs_fork_server_either_order_and_equal_forms_are_equal() -> None:
     mu = {"friction_1": [0.5, "1"], "friction_2": [0.3, "1"], "angle": [0.2, "rad"]}
     effect = {"effect": "contact_anisotropic_friction", "at": "tool/wall", "parameters": mu}
     swapped = {"friction_1": (0.3, 0.01), "friction_2": (0.5, 0.01), "angle": (0.2 + 0.5 * np.pi, 0.01)}

@@ -19,6 +19,7 @@ from drake_cafim.diagnosis.search import Settings, search
 from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scenario.scene import Scene
+from tests.concealed_case import written
 
 
 @dataclass(frozen=True)
@@ -105,10 +106,7 @@ def test_named_and_measured(effect: str, tmp_path: Path) -> None:
 @pytest.mark.ci
 def test_the_gain_of_a_quiet_wrench_is_looked_for(tmp_path: Path) -> None:
     """Friction is felt with an eighth of it as noise; the gain scales what is predicted, and no noise."""
-    case = simulate("pair", "press", 0xAE53DDB31F5426298249DE33E22B8BD3)
-    case.write(tmp_path)
-    scene = Scene.load(tmp_path / "scenario.yaml")
-    verdict = diagnose(scene, [recordings.read(tmp_path / f"train_{k}.parquet") for k in (1, 2, 3)])
+    verdict = diagnose(*written(simulate("pair", "press", 0xAE53DDB31F5426298249DE33E22B8BD3), tmp_path))
     assert verdict.kind == "explained", str(verdict)
     assert {one.effect.key for one in verdict.explanation} == {
         ("actuator_bias", "px"),

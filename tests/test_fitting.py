@@ -14,9 +14,11 @@ from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.pulses import strongest_pushes
 from drake_cafim.diagnosis.robust import wald_p_value
 from drake_cafim.diagnosis.samples import samples_of
+from drake_cafim.diagnosis.screening import screen
 from drake_cafim.diagnosis.shapes import reshaped
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.coupling import JointBacklash, JointCoupling, JointElasticity
 from drake_cafim.effects.joint import JointCoulombFriction, JointSpring, JointViscousFriction
@@ -25,6 +27,7 @@ from drake_cafim.effects.timing import SensorDelay
 from drake_cafim.effects.transmission import JointHardStop
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import Scene
+from tests.concealed_case import written
 
 MODEL = """<robot name="slider"><link name="base"/>
   <link name="block"><inertial><mass value="2.0"/>
@@ -185,6 +188,17 @@ def test_a_gap_is_found_past_the_impacts_that_stop_a_fit(tmp_path: Path) -> None
     assert found.chi_square < stopped.chi_square - 10.0
 
 
+def test_a_gap_between_those_that_are_tried_is_seen(tmp_path: Path) -> None:
+    """Of one that a slow motion crosses a few times, a gap a third off is worse than none."""
+    scene, read = written(simulate("single:joint_backlash", "arm3", 0x5B4E6BEE27FD3877245773903B9B7C9), tmp_path)
+    prepared = prepare(scene, read)
+    assert isinstance(prepared, Prepared)
+    problem = prepared.problem()
+    [look] = screen(problem, unbiased_fit(problem, problem.nominal()), [JointBacklash("j1", {})])
+    assert look.gain > 300.0
+    assert look.effect.values["gap"] == pytest.approx(0.0205, rel=0.1)
+
+
 def test_slopes_in_unknowns_hold_the_noise_of_a_late_sensors_own_time(tmp_path: Path) -> None:
     """What was reckoned before the delay was known holds the noise of other samples: masses then came out biased."""
     late = Model(np.array([2.3]), (SensorDelay("v.rail", {"delay": 0.006}),))
@@ -194,6 +208,28 @@ def test_slopes_in_unknowns_hold_the_noise_of_a_late_sensors_own_time(tmp_path: 
     before = used.jacobian(used.nominal())[:, 0]
     np.testing.assert_allclose(used.jacobian(late)[:, 0], wanted)
     assert np.linalg.norm(wanted - before) > 0.01 * np.linalg.norm(wanted)
+
+
+@pytest.mark.parametrize("delay", [0.0007, 0.0031])
+def test_a_velocity_steps_when_the_effort_acts(tmp_path: Path, delay: float) -> None:
+    """Efforts that shake step the velocity between its samples."""
+    like = _problem(tmp_path, mass=2.0, friction=0.0, seed=0)
+    h, N = 0.002, 1500
+    time, u = h * np.arange(N), np.random.default_rng(4).normal(0.0, 40.0, N)
+    fine = np.unique(np.concatenate([time, time + delay]))
+    acting = u[np.maximum(np.searchsorted(time + delay, fine[:-1] + 1e-12, side="right") - 1, 0)]
+    step = np.diff(fine)
+    v = np.append(0.0, np.cumsum(step * acting / 2.0))
+    q = np.append(0.0, np.cumsum(step * v[:-1] + 0.25 * step**2 * acting))
+    at = np.searchsorted(fine, time)
+    weak = WeakForm(
+        samples_of(like.scene, Recording("a", time, {"q.rail": q[at], "v.rail": v[at], "u.rail": u}), NOISE), ()
+    )
+    rows = {
+        name: weak.residual(Model(np.array([2.0]), effects).physics(like.scene))[:, 0]
+        for name, effects in (("late", (ActuatorDelay("rail", {"delay": delay}),)), ("at once", ()))
+    }
+    assert np.abs(rows["late"]).max() < 0.1 * np.abs(rows["at once"]).max()
 
 
 def test_looks_that_are_kept_are_those_of_the_samples_as_corrected(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ class Curve:
         along = np.log(c) if self.flat else c - 1.0
         return np.array([along / STD + x, x])
 
-    def start_cost(self, model: Model) -> float:
+    def penalty(self, model: Model) -> float:
         return 0.0
 
     def fit(self) -> Fit:

@@ -8,21 +8,20 @@ import numpy as np
 import pytest
 from concealed.make import make, simulate
 
-from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.fitting import unbiased_fit
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.timing import SensorDelay, SensorLag
 from drake_cafim.scenario.scene import Scene
+from tests.concealed_case import written
 
 
 def _problem(kind: str, rig: str, seed: int, folder: Path) -> tuple[WeakProblem, Scene, dict[str, Any]]:
     """Of three recordings, and the effect that is concealed in them."""
     case = make(kind, rig, seed)
-    case.write(folder)
-    scene = Scene.load(folder / "scenario.yaml")
-    prepared = prepare(scene, [recordings.read(folder / f"train_{k}.parquet") for k in (1, 2, 3)])
+    scene, read = written(case, folder)
+    prepared = prepare(scene, read)
     assert isinstance(prepared, Prepared)
     [effect] = case.truth["effects"]
     return (
@@ -96,9 +95,7 @@ def test_the_true_lag_leaves_noise_as_stated(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("seed", "at"), [(3, "v.shoulder"), (8, "v.axis_1")])
 def test_how_far_a_sensor_was_behind_at_first_is_not_known(seed: int, at: str, tmp_path: Path) -> None:
     """Of recordings that begin in the middle of a motion; were lags taken as settled, 200 and 3.7 would be left."""
-    simulate("single:sensor_lag", "arm2", seed).write(tmp_path)
-    scene = Scene.load(tmp_path / "scenario.yaml")
-    read = [recordings.read(tmp_path / f"train_{k}.parquet") for k in (1, 2, 3)]
+    scene, read = written(simulate("single:sensor_lag", "arm2", seed), tmp_path)
     late = [
         replace(one, time=one.time[500:], columns={name: values[500:] for name, values in one.columns.items()})
         for one in read

@@ -23,6 +23,7 @@ from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.report_html import render
 from drake_cafim.scenario.scene import Scene
+from tests.concealed_case import written
 from tests.tosses import BLOCK, SCENARIO, thrown, thrown_scene
 
 
@@ -101,9 +102,7 @@ def test_an_arc_on_the_wrong_side_of_an_edge_begins_again(tmp_path: Path, monkey
 def test_a_ground_that_is_tilted_by_far_is_found(tmp_path: Path) -> None:
     """Under the level one a ball's arcs settle centimetres from their samples, from where the tilt looked no better."""
     case = simulate("single:surface_tilt", "toss", 0xE841FF9AAD707E2882483F2FF5486021)
-    case.write(tmp_path)
-    scene = Scene.load(tmp_path / "scenario.yaml")
-    verdict = diagnose(scene, [drake_cafim.read(tmp_path / f"train_{k}.parquet") for k in (1, 2, 3)])
+    verdict = diagnose(*written(case, tmp_path))
     [found], [effect] = verdict.explanation, case.truth["effects"]
     assert verdict.kind == "explained" and found.effect.key == ("surface_tilt", "ground")
     for name, (true, _) in effect["parameters"].items():
@@ -128,10 +127,7 @@ def test_a_first_arc_that_strikes_an_edge_begins_as_its_half_did(tmp_path: Path)
 @pytest.mark.ci
 def test_edges_that_are_struck_otherwise_do_not_lead_astray(tmp_path: Path) -> None:
     """A box that lacks nothing, but of which the prior means tell one arc of 18 three hundred times too badly."""
-    case = simulate("null", "toss", 0xCF9DC434AEC3F34E2E51C2ABAD0F0360)
-    case.write(tmp_path)
-    scene = Scene.load(tmp_path / "scenario.yaml")
-    prepared = prepare(scene, [drake_cafim.read(tmp_path / f"train_{k}.parquet") for k in (1, 2, 3)])
+    prepared = prepare(*written(simulate("null", "toss", 0xCF9DC434AEC3F34E2E51C2ABAD0F0360), tmp_path))
     assert isinstance(prepared, PreparedTosses)
     problem = prepared.problem()
     assert np.any(problem.base.far)

@@ -104,7 +104,7 @@ def _behind_written(weak: WeakForm, physics: Physics, lag: SensorLag) -> Array:
             j = physics.tree.joint_index(joint)
             partner, slopes = (measured.v, windows.value) if kind == "q" else (measured.q, windows.rate)
             behind = float(np.std(partner[:, j] - lag.measured(time, partner[:, j : j + 1])[:, 0]))
-            rows[:, j, 0] = (slopes @ (lag.ahead(time) @ left)) * behind * weak.louder(physics)[:, j]
+            rows[:, j, 0] = (slopes @ (lag.facing(time) @ left)) * behind * weak.louder(physics)[:, j]
         return rows
     names = [f"wrench.{sensor.name}.{axis}" for sensor in weak.sensors for axis in WRENCH_COMPONENTS]
     on = [names.index(name) for name in lag.channels(names)]

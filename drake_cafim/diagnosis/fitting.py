@@ -41,13 +41,13 @@ class Fit:
     """Whether the noise that regressors share with the residual was reckoned with."""
     echo: bool = False
     """Whether what was fitted is an echo of noise, of which nothing is known."""
-    start_cost: float = 0.0
-    """What is paid for a start that was not known."""
+    penalty: float = 0.0
+    """What is paid beside the rows, see `Problem.penalty`."""
 
     @property
     def chi_square(self) -> float:
-        """Σ of squared whitened rows, priors included, and what is paid for an unknown start."""
-        return float(self.residual @ self.residual) + self.start_cost
+        """Σ of squared whitened rows, priors included, and what is paid beside them."""
+        return float(self.residual @ self.residual) + self.penalty
 
     @property
     def strengths(self) -> int:
@@ -73,7 +73,7 @@ def fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
     """
     model, residual, jacobian = _minimised(problem, model, np.zeros(len(model.vector)), iterations)
     covariance = _inverse(jacobian.T @ jacobian)
-    return Fit(model, residual, jacobian, covariance, problem.rows, start_cost=problem.start_cost(model))
+    return Fit(model, residual, jacobian, covariance, problem.rows, penalty=problem.penalty(model))
 
 
 def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
@@ -98,8 +98,8 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
         corrected = _minimised(problem, model, offset, 4, worth)
         if not float(offset @ (corrected[0].vector - first)) < worth:
             nothing = np.diag(np.full(n, NOTHING_KNOWN))
-            paid = problem.start_cost(model)
-            return Fit(model, residual, jacobian, nothing, problem.rows, unbiased=True, echo=True, start_cost=paid)
+            paid = problem.penalty(model)
+            return Fit(model, residual, jacobian, nothing, problem.rows, unbiased=True, echo=True, penalty=paid)
         model, residual, jacobian = corrected
         information = jacobian.T @ jacobian - excess
         # the noise that is shared grows with the numbers themselves, so a large correction is made again
@@ -109,8 +109,8 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
     empty = np.diag(information) < NOISE_ALONE * raw
     covariance = _inverse(_without(information, empty, raw))
     echo = bool(np.any(np.diag(covariance)[empty] >= NOTHING_KNOWN))
-    paid = problem.start_cost(model)
-    return Fit(model, residual, jacobian, covariance, problem.rows, unbiased=True, echo=echo, start_cost=paid)
+    paid = problem.penalty(model)
+    return Fit(model, residual, jacobian, covariance, problem.rows, unbiased=True, echo=echo, penalty=paid)
 
 
 def _worth(problem: Problem, model: Model, residual: Array) -> float:

@@ -64,7 +64,7 @@ def _rise(problem: Problem, one: Fit, index: int, step: float, looks: int) -> fl
         if abs(taken[index] - step) > 1e-6 * abs(step):
             break
         residual = problem.residual(trial)
-        cost = float(residual @ residual) + problem.start_cost(trial) - 2.0 * float(slope @ taken)
+        cost = float(residual @ residual) + problem.penalty(trial) - 2.0 * float(slope @ taken)
         least = min(least, cost - one.chi_square)
         moved = taken
         moved[others] -= np.linalg.lstsq(information, (J.T @ residual - slope)[others], rcond=1e-12)[0]

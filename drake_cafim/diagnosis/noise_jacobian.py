@@ -9,7 +9,6 @@ from drake_cafim.diagnosis.balance_slopes import balance_slopes
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.motion import motion
-from drake_cafim.effects.timing import SensorLag
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -29,8 +28,8 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
     memory = weak.contact_memory(physics)
     _, d_q_law, d_v_law = physics.applied_at_joints(joints)
     rigid = balance_slopes(replace(weak.motion(physics), tree=physics.tree), physics)
-    of_window = np.arange(weak.rows_per_window) < weak.kinematic_rows
-    facing, others = (sp.diags_array(np.tile(kind, len(s.windows)).astype(float)) for kind in (of_window, ~of_window))
+    first = np.arange(weak.rows_per_window) < weak.kinematic_rows
+    kinematic, dynamic = (sp.diags_array(np.tile(kind, len(s.windows)).astype(float)) for kind in (first, ~first))
     blocks: list[sp.csr_matrix] = []
     labels: list[tuple[str, slice]] = []
 
@@ -39,13 +38,10 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
         for effect in reversed(physics.sensors):
             if name.startswith("wrench.") or not effect.channels((name,)):
                 continue
-            if isinstance(effect, SensorLag):
-                # q and v that face each other are only read later, see `WeakForm.compared`
-                late, undone = facing @ block @ effect.ahead(s.time), others @ block @ effect.undoing(s.time)
-                block = sp.csr_matrix(late + undone)
-                continue
-            correction = effect.correction(s.time)
-            if correction is not None:
+            correction, facing = effect.correction(s.time), effect.facing(s.time)
+            if correction is not None and facing is not None:
+                block = sp.csr_matrix(kinematic @ block @ facing + dynamic @ block @ correction)
+            elif correction is not None:
                 block = sp.csr_matrix(block @ correction)
         if name in s.bridges:
             block = sp.csr_matrix(block @ s.bridges[name])

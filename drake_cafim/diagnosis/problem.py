@@ -83,7 +83,10 @@ class Problem(ABC):
         priors = self.scene.priors
         return np.asarray((model.unknown - priors.mean) / priors.std, dtype=float)
 
-    def start_cost(self, model: Model) -> float:
-        """What χ² lacks: ln det of what a model does not know of how the recordings began, of which a fit makes use,
-        and what a model gains by letting less noise through."""
+    def penalty(self, model: Model) -> float:
+        """What a model pays in χ² beside its rows.
+
+        That is ln det of what it does not know of how the recordings began, and what it would gain by letting less
+        noise through.
+        """
         return 0.0

@@ -74,4 +74,4 @@ def _expected(problem: WeakProblem, one: Fit, model: Model, position: int) -> fl
         for side, bound in ((-np.inf, "lower"), (np.inf, "upper"))
     )
     left = lsq_linear(triangle, -along, (lower - model.vector, upper - model.vector), method="bvls").cost
-    return float(residual @ residual - along @ along + 2.0 * left) + problem.start_cost(model)
+    return float(residual @ residual - along @ along + 2.0 * left) + problem.penalty(model)

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from drake_cafim.diagnosis.coloured_noise import Lasting, covariance
+from drake_cafim.diagnosis.facing import Facing, lags_of
 from drake_cafim.diagnosis.inertial import InertialRegressor, inertial_regressor
 from drake_cafim.diagnosis.samples import Samples
 from drake_cafim.dynamics.contact import WrenchSensor
@@ -24,7 +24,6 @@ from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.sensor import SensorEffect
-from drake_cafim.effects.timing import SensorLag
 from drake_cafim.local_polynomial import local_polynomial
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS
 from drake_cafim.scenario.physics import FreeResponse, Physics
@@ -70,7 +69,6 @@ class WeakForm:
     _cache: dict[tuple[object, ...], _Prepared] = field(default_factory=dict, repr=False, compare=False)
     _trials: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False, compare=False)
     _changes: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
-    _alike: dict[Lasting, sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
     _smooth: list[tuple[_Prepared, Motion]] = field(default_factory=list, repr=False, compare=False)
     _drives: dict[tuple[object, ...], tuple[RotorDrive, ...]] = field(default_factory=dict, repr=False, compare=False)
     _responses: dict[tuple[object, ...], FreeResponse] = field(default_factory=dict, repr=False, compare=False)
@@ -96,8 +94,12 @@ class WeakForm:
         """The channels, those of motion and effort corrected for the sensor effects of `physics`."""
         return self._prepared(physics).measured
 
+    @cached_property
+    def _facing(self) -> Facing:
+        return Facing(self.samples)
+
     def louder(self, physics: Physics) -> Array:
-        """The factor (M, n) of `compared`."""
+        """The factor (M, n) of `Facing.compared`."""
         return self._prepared(physics).louder
 
     def motion(self, physics: Physics) -> Motion:
@@ -337,52 +339,14 @@ class WeakForm:
         if self.samples.velocity_measured:
             inverse_mass = np.asarray(np.linalg.inv(mass_matrix(moving) + np.diag(physics.rotor_inertias)), dtype=float)
             correction = windows.steps(self.samples.time) @ (inverse_mass @ measured.u[..., None])[..., 0]
-            q, v, louder = self.compared(physics, measured)
+            lags = lags_of(physics.sensors)
+            others = tuple(effect for effect in physics.sensors if effect not in lags)
+            as_written = self._measured(replace(physics, sensors=others)) if lags else measured
+            q, v, louder = self._facing.compared(lags, physics.tree.joint_names, as_written.q, as_written.v)
             kinematic = (windows.rate @ q + windows.value @ v - correction) * louder
         joints = self.sampled_joints(measured, self.samples.v_std)
         regressor = inertial_regressor(moving, measured.v, windows)
         return _Prepared(measured, joints, moving, regressor, kinematic, inverse_mass, louder)
-
-    def compared(self, physics: Physics, measured: Measurement) -> tuple[Array, Array, Array]:
-        """Positions and velocities, (N, n) each, of which the first's rate is the second; and a factor (M, n).
-
-        Undoing a lag raises the noise; where q and v only face each other, the other one is made to lag as well, and
-        both are then read a time constant later: rows of a lag and of a delay see the same noise, or one of them would
-        win by luck. To lag smooths noise, by which no model may gain: the factor makes rows as noisy as without it.
-        """
-        windows = self.samples.windows
-        louder = np.ones((len(windows), self.joints))
-        lags = [effect for effect in physics.sensors if isinstance(effect, SensorLag) and effect.at[:2] in ("q.", "v.")]
-        if not lags:
-            return measured.q, measured.v, louder
-        others = tuple(effect for effect in physics.sensors if effect not in lags)
-        as_written = self._measured(replace(physics, sensors=others))
-        channels = {"q": as_written.q.copy(), "v": as_written.v.copy()}
-        slopes = {"q": windows.rate, "v": windows.value}
-        for lag in lags:
-            kind, joint = lag.at.split(".", 1)
-            other = "v" if kind == "q" else "q"
-            time, j = self.samples.time, physics.tree.joint_index(joint)
-            ahead = lag.ahead(time)
-            channels[other][:, j] = lag.measured(time, channels[other][:, j : j + 1])[:, 0]
-            as_noisy, noisy = np.zeros(len(windows)), np.zeros(len(windows))
-            for name, read in ((kind, ahead), (other, sp.csr_matrix(ahead @ lag.writing(time)))):
-                channels[name][:, j] = ahead @ channels[name][:, j]
-                as_noisy += self._variance(f"{name}.{joint}", slopes[name])
-                noisy += self._variance(f"{name}.{joint}", sp.csr_matrix(slopes[name] @ read))
-            louder[:, j] *= np.sqrt(as_noisy / noisy)
-        return channels["q"], channels["v"], louder
-
-    def _variance(self, column: str, rows: sp.csr_matrix) -> Array:
-        """(M,) of rows (M, N) of a column's noise."""
-        memory = self.samples.memories.get(column)
-        if memory is not None and memory not in self._alike:
-            # of two columns that face each other
-            while len(self._alike) >= 2:
-                self._alike.pop(next(iter(self._alike)))
-            self._alike[memory] = covariance(self.samples.time, memory)
-        alike = rows if memory is None else rows @ self._alike[memory]
-        return self.samples.std[column] ** 2 * np.asarray(rows.multiply(alike).sum(axis=1), dtype=float).ravel()
 
     def _on(self, sensor: WrenchSensor, moving: Motion, wrench: Array | None) -> Array:
         return np.zeros((len(moving.q), 6)) if wrench is None else wrench[:, sensor.joint]

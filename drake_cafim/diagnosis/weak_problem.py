@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.beginning import Begun, doubtful, start_rows
+from drake_cafim.diagnosis.facing import lags_of
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.samples import noisier
@@ -21,7 +22,7 @@ from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.surface import SurfaceEffect
-from drake_cafim.effects.timing import SensorLag, TimingEffect
+from drake_cafim.effects.timing import TimingEffect
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
@@ -192,7 +193,7 @@ class WeakProblem(Problem):
         slope_change = self.noisier_in_loop.jacobian(model) - jacobian
         return slope_change.T @ change, slope_change.T @ slope_change
 
-    def start_cost(self, model: Model) -> float:
+    def penalty(self, model: Model) -> float:
         physics = model.physics(self.scene)
         begun = sum(run.begun(physics).paid for run in self.runs) if doubtful(physics) else 0.0
         return begun + self._noise_cost(model)
@@ -320,12 +321,7 @@ class WeakProblem(Problem):
 
 def _as_late(one: Model, other: Model) -> bool:
     """Whether the two have the same lags of positions and velocities, within a part of their time constants."""
-    lags = [
-        {effect.at: effect.values["time_constant"] for effect in model.effects
-         if isinstance(effect, SensorLag) and effect.at.startswith(("q.", "v."))}
-        for model in (one, other)
-    ]  # fmt: skip
-    first, second = lags
+    first, second = ({lag.at: lag.values["time_constant"] for lag in lags_of(model.effects)} for model in (one, other))
     return first.keys() == second.keys() and all(
         abs(first[at] - second[at]) < SAME_LAG * max(first[at], second[at]) for at in first
     )

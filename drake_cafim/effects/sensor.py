@@ -38,6 +38,10 @@ class SensorEffect(Effect):
         """(N, N) by which `true` scales or moves a channel's samples, and their noise; None where it does not."""
         return None
 
+    def facing(self, time: Array) -> sp.csr_matrix | None:
+        """(N, N) that stands in for `correction` where q and v only face each other; None where nothing does."""
+        return None
+
     def writing(self, time: Array) -> sp.csr_matrix | None:
         """(N, N) by which `measured` mixes the samples of a channel; None where each is written at its own time."""
         return None

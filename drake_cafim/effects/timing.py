@@ -138,16 +138,16 @@ class SensorLag(TimingEffect):
         return sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets) @ _given(time, tau))
 
     def true(self, time: Array, measured: Array) -> Array:
-        return np.asarray(self.undoing(time) @ measured)
+        return np.asarray(self.correction(time) @ measured)
 
-    def ahead(self, time: Array) -> sp.csr_matrix:
-        """(N, N) that reads a channel a time constant later, as if it were only late."""
-        return interpolation(time, time + self.values["time_constant"])
-
-    def undoing(self, time: Array) -> sp.csr_matrix:
-        """(N, N) of `true`: x = y + τ ẏ, with the slope of a smoothed y, for an exact inverse would be all noise."""
+    def correction(self, time: Array) -> sp.csr_matrix:
+        # x = y + τ ẏ, with the slope of a smoothed y, for an exact inverse would be all noise
         slope = self.values["time_constant"] * _smooth_slope(time)
         return sp.csr_matrix(sp.eye_array(len(time)) + slope)
+
+    def facing(self, time: Array) -> sp.csr_matrix:
+        # a time constant later, as if the channel were only late
+        return interpolation(time, time + self.values["time_constant"])
 
     def columns(self, time: Array, true: Array) -> Array:
         return -np.asarray(_slope(time.tobytes()) @ true)[..., None]

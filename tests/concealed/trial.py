@@ -17,8 +17,8 @@ from typing import Any
 
 from .assumed import assumed
 from .case import RECORDINGS
+from .fork_server import run_cafim
 from .make import make
-from .read_in import run_cafim
 from .score import covered_by, matches, score
 from .seal import Seal
 

@@ -22,7 +22,7 @@ def _server() -> subprocess.Popen[str]:
     """This process's own; it ends with it."""
     told = {key: os.environ[key] for key in ("PATH", "HOME") if key in os.environ}
     one = subprocess.Popen(
-        [sys.executable, "-m", "tests.concealed.read_in"],
+        [sys.executable, "-m", "tests.concealed.fork_server"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

@@ -1,0 +1,15 @@
+"""What a diagnosis gets of a concealed case."""
+
+from pathlib import Path
+
+from concealed.case import Case
+
+from drake_cafim import recordings
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.scenario.scene import Scene
+
+
+def written(case: Case, folder: Path) -> tuple[Scene, list[Recording]]:
+    """The scene and the recordings that are not held out, from the case's files in `folder`."""
+    case.write(folder)
+    return Scene.load(folder / "scenario.yaml"), [recordings.read(folder / f"train_{k}.parquet") for k in (1, 2, 3)]
