@@ -5,7 +5,7 @@ gravity (Atkeson, An, Hollerbach, Int. J. Robotics Research 5(3), 1986). A chang
 payload or a tilt is then a matrix product.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,11 +23,22 @@ class InertialRegressor:
 
     inertia: Array
     weight: Array
+    _under: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
 
     def rows(self, parameters: Array, gravity: Array) -> Array:
         """−∫ ẇ p dt − ∫ w (∂T/∂q + gravity) dt, (M, n), without rotor inertias."""
-        inertial = np.tensordot(self.inertia, parameters, axes=([2, 3], [0, 1]))
-        return np.asarray(inertial + np.tensordot(self.weight @ gravity, parameters[:, :4], axes=([2, 3], [0, 1])))
+        return np.asarray(self._matrix(gravity) @ parameters.ravel()).reshape(self.inertia.shape[:2])
+
+    def _matrix(self, gravity: Array) -> Array:
+        """(M n, n 10) under a gravity (3,) m/s²; the last few are kept."""
+        key = gravity.tobytes()
+        if key not in self._under:
+            while len(self._under) >= 2:
+                self._under.pop(next(iter(self._under)))
+            together = self.inertia.copy()
+            together[..., :4] += self.weight @ gravity
+            self._under[key] = together.reshape(-1, together.shape[2] * INERTIAL)
+        return self._under[key]
 
 
 def inertial_regressor(smooth: Motion, v: Array, windows: Windows) -> InertialRegressor:

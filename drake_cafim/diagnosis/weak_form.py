@@ -17,6 +17,7 @@ import scipy.sparse as sp
 
 from drake_cafim.diagnosis.facing import Facing, lags_of
 from drake_cafim.diagnosis.inertial import InertialRegressor, inertial_regressor
+from drake_cafim.diagnosis.measured_rows import MeasuredRows
 from drake_cafim.diagnosis.samples import Samples
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.motion import Motion, mass_matrix, motion
@@ -50,6 +51,7 @@ class _Prepared:
     """The corrected measurement, its motion, and the rows that follow from them."""
 
     measured: Measurement
+    rows: MeasuredRows
     joints: tuple[JointSamples, ...]
     moving: Motion
     regressor: InertialRegressor
@@ -58,6 +60,8 @@ class _Prepared:
     """(N, n, n), where velocities are measured."""
     louder: Array
     """(M, n), by what `kinematic` was made as noisy as it is without a lag."""
+    asked_steps: dict[int, Array] = field(default_factory=dict)
+    """By joint, what its effort as it was asked for makes v step, (M, n)."""
 
 
 @dataclass(frozen=True)
@@ -173,14 +177,21 @@ class WeakForm:
             acting[:, j] = self.effort(physics, j, acting).means(self.samples.time)
         return acting
 
-    def effort_integral(self, physics: Physics, u: Array) -> Array:
+    def _acting(self, physics: Physics, prepared: "_Prepared") -> Array:
         """∫ w u dt (M, n) with actuator effects."""
-        windows, changed = self.samples.windows, {physics.tree.joint_index(effect.at) for effect in physics.actuators}
-        integral = windows.held(self.samples.time) @ u
-        for j in changed:
-            effort = self.effort(physics, j, u)
-            integral[:, j] = windows.held(effort.times) @ effort.values
-        return np.asarray(integral, dtype=float)
+        integral = prepared.rows.asked.copy()
+        for j in {physics.tree.joint_index(effect.at) for effect in physics.actuators}:
+            effort = self.effort(physics, j, prepared.measured.u)
+            integral[:, j] = self.samples.windows.held(effort.times) @ effort.values
+        return integral
+
+    def _at_joints(self, physics: Physics, prepared: "_Prepared") -> Array:
+        """∫ w force dt (M, n) of damping and joint effects."""
+        integral = -physics.dampings * prepared.rows.smoothed_velocity
+        for effect in physics.joint_forces:
+            force = physics.joint_force(effect, prepared.joints).value
+            integral[:, physics.tree.joint_index(effect.at)] += self.samples.windows.value @ force
+        return np.asarray(integral)
 
     def rotor_drives(self, physics: Physics) -> tuple[RotorDrive, ...]:
         """What drives each joint's twist between rotor and link; kept for the last physics but its couplings."""
@@ -242,20 +253,17 @@ class WeakForm:
 
     def residual(self, physics: Physics) -> Array:
         """All rows, (M, r): kinematic, dynamic, then each sensor's wrench."""
-        prepared = self._prepared(physics)
-        measured, windows = prepared.measured, self.samples.windows
-        rotor = -(windows.rate @ measured.v) * physics.rotor_inertias
-        dynamic = prepared.regressor.rows(physics.tree.inertial_parameters, physics.gravity) + rotor
-        force = physics.applied_at_joints(prepared.joints)[0]
+        prepared, windows = self._prepared(physics), self.samples.windows
+        dynamic = prepared.regressor.rows(physics.tree.inertial_parameters, physics.gravity)
+        dynamic = dynamic - prepared.rows.rate_of_velocity * physics.rotor_inertias
+        dynamic = dynamic - self._at_joints(physics, prepared) - self._acting(physics, prepared)
         if physics.body_forces:
-            force = force + self._pushed(physics, prepared.moving)
-        dynamic = dynamic - windows.value @ force - self.effort_integral(physics, measured.u)
+            dynamic = dynamic - windows.value @ self._pushed(physics, prepared.moving)
         for coupling in physics.couplings:
             dynamic[:, physics.tree.joint_index(coupling.at)] += self.coupling_rows(physics, coupling)
         # an effort of unknown gain is what is predicted: divided by it, so that no motion is not a perfect fit
         rows = [prepared.kinematic - self._other_steps(physics, prepared), dynamic / physics.effort_gains]
-        rows += [windows.value @ reading for reading in measured.wrenches]
-        return np.concatenate(rows, axis=1) + self.contact_rows(physics)
+        return np.concatenate([*rows, *prepared.rows.read], axis=1) + self.contact_rows(physics)
 
     def _other_steps(self, physics: Physics, prepared: "_Prepared") -> Array:
         """What efforts that act otherwise than was asked for change in how v steps, kinematic rows (M, n or 0)."""
@@ -263,9 +271,10 @@ class WeakForm:
         rows = np.zeros_like(prepared.kinematic)
         for j in {physics.tree.joint_index(effect.at) for effect in physics.actuators} if rows.size else ():
             effort, by_effort = self.effort(physics, j, u), prepared.inverse_mass[:, :, j]
+            if j not in prepared.asked_steps:
+                prepared.asked_steps[j] = windows.steps(time) @ (by_effort * u[:, j : j + 1])
             at = np.clip(np.searchsorted(time, effort.times, side="right") - 1, 0, None)
-            acting = windows.steps(effort.times) @ (by_effort[at] * effort.values[:, None])
-            rows += acting - windows.steps(time) @ (by_effort * u[:, j : j + 1])
+            rows += windows.steps(effort.times) @ (by_effort[at] * effort.values[:, None]) - prepared.asked_steps[j]
         return rows * prepared.louder if rows.size else rows
 
     def contact_rows(self, physics: Physics) -> Array:
@@ -346,7 +355,8 @@ class WeakForm:
             kinematic = (windows.rate @ q + windows.value @ v - correction) * louder
         joints = self.sampled_joints(measured, self.samples.v_std)
         regressor = inertial_regressor(moving, measured.v, windows)
-        return _Prepared(measured, joints, moving, regressor, kinematic, inverse_mass, louder)
+        rows = MeasuredRows(windows, measured.v, measured.u, measured.v_hat, measured.wrenches)
+        return _Prepared(measured, rows, joints, moving, regressor, kinematic, inverse_mass, louder)
 
     def _on(self, sensor: WrenchSensor, moving: Motion, wrench: Array | None) -> Array:
         return np.zeros((len(moving.q), 6)) if wrench is None else wrench[:, sensor.joint]
