@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from concealed.make import simulate
+from scipy.stats import chi2
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
@@ -22,6 +23,7 @@ from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.coupling import JointBacklash, JointCoupling, JointElasticity
 from drake_cafim.effects.joint import JointCoulombFriction, JointSpring, JointViscousFriction
+from drake_cafim.effects.link import Payload
 from drake_cafim.effects.sensor import SensorGainError
 from drake_cafim.effects.timing import SensorDelay
 from drake_cafim.effects.transmission import JointHardStop
@@ -145,6 +147,29 @@ def test_a_push_is_judged_by_the_direction_that_is_felt(tmp_path: Path, along: f
     covariance = np.linalg.pinv(columns.T @ columns, rcond=1e-30, hermitian=True)
     fitted = Fit(Model(np.array([2.0]), (push,)), rng.normal(size=len(columns)), columns, covariance, problem.rows)
     assert (wald_p_value(problem, fitted, push.key) < 1e-6) is seen
+
+
+@pytest.mark.parametrize(("moments", "there"), [((1.5, -1.0, 2.0), False), ((8.0, 0.0, 0.0), True)])
+@pytest.mark.parametrize("mass", [1e-3, 0.3, 20.0])
+def test_a_load_is_judged_by_its_moments_where_they_alone_are_known(
+    tmp_path: Path, mass: float, moments: tuple[float, float, float], there: bool
+) -> None:
+    """However mass and place share them, neither counts as known: the p-value is that of the moments themselves."""
+    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=0, still=True)
+    rng = np.random.default_rng(1)
+    by_moment, _ = np.linalg.qr(rng.normal(size=(problem.rows + 1, 4)))
+    place = np.array(moments) / mass
+    columns = np.column_stack([by_moment[:, 0], by_moment[:, 1:] @ place, mass * by_moment[:, 1:]])
+    load = Payload("block", dict(zip(("mass", "x", "y", "z"), (mass, *place), strict=True)))
+    information = columns.T @ columns
+    size = np.sqrt(np.diag(information))
+    known, axes = np.linalg.eigh(information / np.outer(size, size))
+    covariance = (axes / np.maximum(known, 1e-13)) @ axes.T / np.outer(size, size)
+    fitted = Fit(Model(np.array([2.0]), (load,)), rng.normal(size=len(columns)), columns, covariance, problem.rows)
+    p_value = wald_p_value(problem, fitted, load.key)
+    # beside variances of 1e13 of what is not known, the others are right to a few thousandths
+    assert p_value > 0.98 * chi2.sf(np.sum(np.square(moments)), 4)
+    assert (p_value < 1e-6) is there
 
 
 @pytest.mark.parametrize(("stiffness", "rings"), [(1e5, False), (20.0, True)])

@@ -18,14 +18,31 @@ LEAST = 1e-6
 at the minimum, and the sandwich is zero but for rounding."""
 
 
-def block_covariance(problem: Problem, fitted: Fit) -> Array:
-    """Covariance (n, n) of the numbers of `fitted` that allows for whatever correlation blocks of time have.
+def _sizes(fitted: Fit) -> Array:
+    """(n,) how far the rows move with each number."""
+    size = np.linalg.norm(fitted.jacobian, axis=0)
+    return np.asarray(np.where(size > 0.0, size, 1.0))
+
+
+def _factors(fitted: Fit) -> tuple[Array, Array]:
+    """F (n, a) and G (n, b) with FFᵀ + GGᵀ the covariance under the stated noise; G are directions that are not known.
+
+    Those stay in: a number that is known together with another alone is not known, and what says nothing is not exact.
+    """
+    size = _sizes(fitted)
+    spread, axes = np.linalg.eigh(fitted.covariance * np.outer(size, size))
+    factor = axes * np.sqrt(np.clip(spread, 0.0, None)) / size[:, None]
+    known = spread < KNOWN
+    return factor[:, known], factor[:, ~known]
+
+
+def _block_factor(problem: Problem, fitted: Fit, known: Array) -> Array:
+    """Factor (n, c) of a covariance of what is `known` (n, a) that allows for whatever correlation blocks of time have.
 
     The sandwich (JᵀJ)⁻¹ (Σ_b g_b g_bᵀ) (JᵀJ)⁻¹ with g_b = J_bᵀ z_b over blocks of four adequacy blocks
     (Liang, Zeger, Biometrika 73(1), 1986), less each block's part of their sum: what that is, is no chance, but what
     priors, and noise in the regressors, are known to make it.
     """
-    bread = _known(fitted)
     n = fitted.jacobian.shape[1]
     scores, sizes, start = [], [], 0
     for _, z in by_run(problem, fitted.residual[: problem.rows]):
@@ -37,31 +54,22 @@ def block_covariance(problem: Problem, fitted: Fit) -> Array:
             sizes.append(stop - first)
         start += z.size
     varying = np.array(scores) - np.outer(sizes, np.sum(scores, axis=0)) / start
-    meat = varying.T @ varying * len(scores) / max(len(scores) - n, 1)
-    sandwich = bread @ meat @ bread
-    return np.asarray(sandwich + LEAST * bread, dtype=float)
+    meat = varying.T * np.sqrt(len(scores) / max(len(scores) - n, 1))
+    return np.hstack([known @ (known.T @ meat), np.sqrt(LEAST) * known])
 
 
-def _sizes(fitted: Fit) -> Array:
-    """(n,) how far the rows move with each number."""
-    size = np.linalg.norm(fitted.jacobian, axis=0)
-    return np.asarray(np.where(size > 0.0, size, 1.0))
+def _distance(difference: Array, factor: Array, alone: Array) -> float:
+    """dᵀ (FFᵀ)⁻¹ d of a difference (c,) with `factor` F (c, m), along what is known; `alone` (c,) are the units.
 
-
-def _known(fitted: Fit) -> Array:
-    """The covariance (n, n) under the stated noise, of the directions that are known at all."""
-    size = _sizes(fitted)
-    spread, axes = np.linalg.eigh(fitted.covariance * np.outer(size, size))
-    spread = np.where(spread < KNOWN, spread, 0.0)
-    return np.asarray((axes * spread) @ axes.T / np.outer(size, size), dtype=float)
-
-
-def _distance(difference: Array, covariance: Array, alone: Array) -> float:
-    """dᵀ C⁻¹ d of a difference (c,) with covariance (c, c), along what is known; `alone` (c,) are the units."""
+    Directions of the difference itself are judged, all that is not known of the numbers reckoned with: one along which
+    nothing is known is worth nothing, and the others are left with their marginal variance.
+    """
     # a number that moves nothing, such as the rest of a spring without stiffness, says nothing
     unit = np.where(alone > 0.0, np.sqrt(alone), 1.0)
-    spread, axes = np.linalg.eigh(covariance / np.outer(unit, unit))
-    seen = spread > ROUNDING * np.max(spread, initial=0.0)
+    axes, root, _ = np.linalg.svd(factor / unit[:, None], full_matrices=False)
+    spread = root**2
+    seen = spread < KNOWN
+    seen &= spread > ROUNDING * np.max(spread[seen], initial=0.0)
     along = axes[:, seen].T @ (difference / unit)
     return float(np.sum(along**2 / spread[seen]))
 
@@ -79,8 +87,9 @@ def wald_p_value(problem: Problem, fitted: Fit, key: tuple[str, str]) -> float:
             part = slice(start, stop)
             difference, slope = effect.vanishing()
             alone = slope**2 @ (1.0 / _sizes(fitted)[part] ** 2)
-            covariances = (_known(fitted), block_covariance(problem, fitted))
-            statistics = [_distance(difference, slope @ one[part, part] @ slope.T, alone) for one in covariances]
+            known, nothing = _factors(fitted)
+            factors = (np.hstack([one, nothing]) for one in (known, _block_factor(problem, fitted, known)))
+            statistics = [_distance(difference, slope @ one[part], alone) for one in factors]
             return float(chi2.sf(min(statistics), len(difference)))
         start = stop
     raise KeyError(key)
