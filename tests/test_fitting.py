@@ -1,6 +1,8 @@
 """Fits on a pendulum: the estimate is where the truth is, also where the regressors are mostly noise."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.looks import looks
 from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.pulses import strongest_pushes
 from drake_cafim.diagnosis.robust import wald_p_value
 from drake_cafim.diagnosis.samples import samples_of
@@ -147,6 +150,49 @@ def test_a_push_is_judged_by_the_direction_that_is_felt(tmp_path: Path, along: f
     covariance = np.linalg.pinv(columns.T @ columns, rcond=1e-30, hermitian=True)
     fitted = Fit(Model(np.array([2.0]), (push,)), rng.normal(size=len(columns)), columns, covariance, problem.rows)
     assert (wald_p_value(problem, fitted, push.key) < 1e-6) is seen
+
+
+class _Pushed(Problem):
+    """A push whose force along y moves the rows by noise alone, of which a `share` is the rows' own."""
+
+    runs = (SimpleNamespace(name="a", shape=(1000, 1), rows=1000),)
+    scene: Any = SimpleNamespace(priors=SimpleNamespace(mean=np.zeros(0), std=np.zeros(0), clip=np.array))
+
+    def __init__(self, along_y: float, share: float) -> None:
+        rng = np.random.default_rng(2)
+        self.columns, self.noise = rng.normal(size=(1000, 5)), rng.normal(size=1000)
+        mixed = np.sqrt(1.0 - share**2) * self.columns[:, 1] - share * self.noise
+        self.columns[:, 1] = along_y / np.sqrt(1000) * mixed
+
+    def rows_of(self, model: Model) -> np.ndarray:
+        strengths = model.vector if model.effects else np.array([0.0, 0.0, 0.0, 1.0, 1.2])
+        return self.noise + self.columns @ (strengths - [3.0, 0.0, 2.0, 1.0, 1.2])
+
+    def jacobian(self, model: Model) -> np.ndarray:
+        return self.columns
+
+    def shared_noise(self, model: Model, residual: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        only_y = jacobian * [0.0, 1.0, 0.0, 0.0, 0.0]
+        return np.zeros(5), only_y.T @ only_y
+
+    def rewhitened(self, model: Model) -> "_Pushed":
+        return self
+
+    def plausible(self, model: Model) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(("along_y", "share", "echo"), [(0.3, 0.0, False), (30.0, 0.0, False), (30.0, 0.5, True)])
+def test_a_push_is_no_echo_for_a_direction_that_is_not_seen(along_y: float, share: float, echo: bool) -> None:
+    """It is one where noise of that direction is what fits the rows."""
+    problem = _Pushed(along_y, share)
+    push = ExternalDisturbance("hand", {"x": 2.5, "y": 0.0, "z": 2.5, "start": 1.0, "stop": 1.2}, "a")
+    found = unbiased_fit(problem, Model(np.zeros(0), (push,)))
+    assert found.echo is echo
+    assert (wald_p_value(problem, found, push.key) < 1e-6) is not echo
+    if not echo:
+        assert found.std[1] > 1e4 and np.all(found.std[[0, 2]] < 0.1)
+        assert found.model.effects[0].values["x"] == pytest.approx(3.0, abs=0.2)
 
 
 @pytest.mark.parametrize(("moments", "there"), [((1.5, -1.0, 2.0), False), ((8.0, 0.0, 0.0), True)])

@@ -40,7 +40,7 @@ class Fit:
     unbiased: bool = False
     """Whether the noise that regressors share with the residual was reckoned with."""
     echo: bool = False
-    """Whether what was fitted is an echo of noise, of which nothing is known."""
+    """Whether what was fitted is an echo of noise, of which nothing is known; it explains nothing."""
     penalty: float = 0.0
     """What is paid beside the rows, see `Problem.penalty`."""
 
@@ -108,9 +108,40 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
     raw = np.einsum("ij,ij->j", jacobian, jacobian)
     empty = np.diag(information) < NOISE_ALONE * raw
     covariance = _inverse(_without(information, empty, raw))
-    echo = bool(np.any(np.diag(covariance)[empty] >= NOTHING_KNOWN))
     paid = problem.penalty(model)
-    return Fit(model, residual, jacobian, covariance, problem.rows, unbiased=True, echo=echo, penalty=paid)
+    found = Fit(model, residual, jacobian, covariance, problem.rows, unbiased=True, penalty=paid)
+    return replace(found, echo=_owed_to_noise(found, empty))
+
+
+def _owed_to_noise(found: Fit, empty: np.ndarray[Any, np.dtype[np.bool_]]) -> bool:
+    """Whether the explanation lives by numbers whose regressors are noise, `empty` (n + k,).
+
+    It does where those take more off χ² than a criterion asks of as many numbers, ln R each over R rows (Schwarz, Ann.
+    Statist. 6(2), 1978); what they take off is what χ² rises by, to first order, where they are at their nominal values
+    and the other numbers follow. A direction that no row sees, as of a push along a link, takes off nothing.
+    """
+    change = _to_absent(found.model)
+    echoing = empty & np.isfinite(change)
+    if not np.any(echoing):
+        return False
+    without = found.residual + found.jacobian[:, echoing] @ change[echoing]
+    others = found.jacobian[:, ~echoing]
+    size = np.linalg.norm(others, axis=0)
+    basis = others / np.where(size > 0.0, size, 1.0)
+    left = without - basis @ np.linalg.lstsq(basis, without, rcond=None)[0]
+    scale = max(1.0, found.chi_square / max(found.degrees_of_freedom, 1))
+    gained = float(left @ left - found.residual @ found.residual) / scale
+    return gained > int(np.count_nonzero(echoing)) * float(np.log(max(found.data_rows, 2)))
+
+
+def _to_absent(model: Model) -> Array:
+    """(n + k,) how far each number is from where its effect is absent, by its slope here; NaN of all others."""
+    far = [np.nan] * len(model.unknown)
+    for effect in model.effects:
+        for s, value in zip(effect.strengths, effect.vector, strict=True):
+            # to first order in its inverse, what is absent at infinity is its own value away
+            far.append((value if s.inverse else s.nominal - value) if s.amplitude else np.nan)
+    return np.array(far)
 
 
 def _worth(problem: Problem, model: Model, residual: Array) -> float:
