@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from drake_cafim.diagnosis import search
+from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.model import Model
+from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.friction import JointStribeckFriction
+from drake_cafim.effects.joint import JointCoulombFriction
 
 
 class _Moving:
@@ -33,7 +37,7 @@ def test_the_noise_is_reckoned_anew_while_the_unknowns_move(
     monkeypatch: pytest.MonkeyPatch, places: list[float], whitened_at: list[float]
 ) -> None:
     def found(problem: Any, model: Model) -> Any:
-        return SimpleNamespace(model=Model(2.0 * np.array([next(problem.places)])))
+        return SimpleNamespace(model=Model(2.0 * np.array([next(problem.places)])), echo=False)
 
     monkeypatch.setattr(search, "unbiased_fit", found)
     monkeypatch.setattr(search, "hypotheses", lambda problem: ())
@@ -43,3 +47,45 @@ def test_the_noise_is_reckoned_anew_while_the_unknowns_move(
     outcome = search.search(problem, search.Settings())
     assert problem.whitened_at == whitened_at
     assert float(outcome.nominal.model.unknown[0]) == 2.0 * places[-1]
+
+
+COULOMB = JointCoulombFriction("j1", {"torque": 1.0})
+STRIBECK = JointStribeckFriction("j1", {"coulomb": 1.0, "static": 1.2, "velocity": 0.1})
+
+
+def _found(effect: Effect, chi_square: float, echo: bool = False) -> Fit:
+    """A fit of `effect` to a thousand rows."""
+    model = Model(np.zeros(0), (effect,))
+    rows, k = np.full(1000, np.sqrt(chi_square / 1000)), len(effect.strengths)
+    return Fit(model, rows, np.zeros((1000, k)), np.eye(k), 1000, unbiased=True, echo=echo)
+
+
+def _under_way(monkeypatch: pytest.MonkeyPatch, answers: dict[str, Fit]) -> Any:
+    """A search whose fits come out as `answers` has them by the effect's name."""
+    scene = SimpleNamespace(priors=SimpleNamespace(std=np.zeros(0)))
+    problem: Any = SimpleNamespace(scene=scene)
+    problem.rewhitened = lambda model: SimpleNamespace(scene=scene)
+    monkeypatch.setattr(search, "fit", lambda problem, model: SimpleNamespace(model=model))
+    monkeypatch.setattr(search, "reshaped", lambda problem, one: one)
+    monkeypatch.setattr(search, "unbiased_fit", lambda problem, model: answers[model.effects[0].name])
+    return search._State(problem, search.Settings(), (), 10, lambda text: None)
+
+
+def test_an_echo_that_competes_under_new_whitening_is_no_explanation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It fits better than what is there: that is how noise is taken for friction that falls with speed."""
+    real, echo = _found(COULOMB, 1000.0), _found(STRIBECK, 700.0, echo=True)
+    state = _under_way(monkeypatch, {COULOMB.name: real, STRIBECK.name: echo})
+    state.frontier = [_found(COULOMB, 1000.0), _found(STRIBECK, 950.0)]
+    best = state.rewhiten(state.frontier[0])
+    assert best is not None
+    assert search._best_of(state, best) is real
+    assert list(state.pool.fits.values()) == state.frontier == [real]
+
+
+def test_what_is_an_echo_under_its_own_noise_is_not_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
+    echo = _found(STRIBECK, 700.0, echo=True)
+    state = _under_way(monkeypatch, {STRIBECK.name: echo})
+    problem, frontier = state.problem, [_found(STRIBECK, 950.0)]
+    state.frontier = frontier
+    assert state.rewhiten(frontier[0]) is None
+    assert state.problem is problem and state.frontier is frontier

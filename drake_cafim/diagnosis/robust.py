@@ -78,8 +78,10 @@ def wald_p_value(problem: Problem, fitted: Fit, key: tuple[str, str]) -> float:
     """p-value of "this effect is absent", by the larger of the two covariances of the numbers.
 
     What only says how an effect looks where it is there (where a mass is, how fast a friction falls) proves nothing,
-    and neither does what no row sees, such as a push along a link.
+    and neither does what no row sees, such as a push along a link, nor an echo of noise.
     """
+    if fitted.echo:
+        return 1.0
     start = len(fitted.model.unknown)
     for effect in fitted.model.effects:
         stop = start + len(effect.strengths)

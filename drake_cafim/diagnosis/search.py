@@ -53,12 +53,16 @@ class Settings:
 
 @dataclass
 class Pool:
-    """Every explanation that was fitted, by the effects in it."""
+    """Every explanation that was fitted, by the effects in it; echoes of noise are none."""
 
     fits: dict[Key, Fit] = field(default_factory=dict)
 
     def add(self, one: Fit) -> None:
-        self.fits[key_of(one)] = one
+        """Keep `one` instead of an earlier fit of its effects; where it is an echo of noise, those were as well."""
+        if one.echo:
+            self.fits.pop(key_of(one), None)
+        else:
+            self.fits[key_of(one)] = one
 
     def sized(self, count: int) -> list[Fit]:
         return [one for key, one in self.fits.items() if len(key) == count]
@@ -153,20 +157,26 @@ class _State:
     def ranked(self, fits: Iterable[Fit]) -> list[Fit]:
         return sorted(fits, key=lambda one: criterion(one, 1.0, self.trials))
 
-    def rewhiten(self, best: Fit) -> Fit:
-        """Whiten under `best`, since accepted physics moves the noise too; what still competes is fitted anew."""
+    def rewhiten(self, best: Fit) -> Fit | None:
+        """Whiten under `best`, since accepted physics moves the noise too; what still competes is fitted anew.
+
+        None, and nothing is whitened anew, where under its own noise `best` is an echo of it.
+        """
         reach = criterion(best, 1.0, self.trials) + COMPETES * scale_of(best)
         competing = [one for one in self.frontier if criterion(one, 1.0, self.trials) < reach]
+        problem, pool = self.problem, Pool()
         for _ in range(ROUNDS):
-            self.problem = self.problem.rewhitened(best.model)
-            self.pool, self.screens = Pool(), {}
+            problem, pool = problem.rewhitened(best.model), Pool()
             for one in (best, *(one for one in competing if key_of(one) != key_of(best))):
                 # the width of a sign change is chosen anew as well
-                self.pool.add(unbiased_fit(self.problem, reshaped(self.problem, fit(self.problem, one.model)).model))
-            before, best = best, self.pool.fits[key_of(best)]
-            if not _moved(self.problem, before.model, best.model):
+                pool.add(unbiased_fit(problem, reshaped(problem, fit(problem, one.model)).model))
+                if key_of(best) not in pool.fits:
+                    return None
+            before, best = best, pool.fits[key_of(best)]
+            if not _moved(problem, before.model, best.model):
                 break
-        self.frontier = self.ranked(self.pool.fits.values())
+        self.problem, self.pool, self.screens = problem, pool, {}
+        self.frontier = self.ranked(pool.fits.values())
         return best
 
 
@@ -180,9 +190,12 @@ def _grown(state: _State, nominal: Fit) -> Fit:
         _expand(state, depth)
         for one in state.frontier:
             larger = unbiased_fit(state.problem, one.model)
+            state.pool.add(larger)
             if accepted(state.problem, best, larger, state.trials, state.settings.false_alarm_rate):
-                best = state.rewhiten(larger)
-                break
+                grown = state.rewhiten(larger)
+                if grown is not None:
+                    best = grown
+                    break
         else:
             break
     return best
@@ -288,11 +301,7 @@ def _best_of(state: _State, best: Fit) -> Fit:
         near = sorted((one for one in alike if not one.unbiased and cost(one) < least + NEAR), key=cost)
         if not near:
             break
-        exact = unbiased_fit(state.problem, near[0].model)
-        if exact.echo:
-            del state.pool.fits[key_of(exact)]
-        else:
-            state.pool.add(exact)
+        state.pool.add(unbiased_fit(state.problem, near[0].model))
     known = [
         one for one in state.pool.fits.values() if one.unbiased and len(one.model.effects) <= len(best.model.effects)
     ]
@@ -308,7 +317,7 @@ def _pruned(state: _State, best: Fit) -> Fit:
     for effect in best.model.effects if len(best.model.effects) > 1 else ():
         without = unbiased_fit(state.problem, _without(best.model, effect))
         known = state.pool.fits.get(key_of(without))
-        if known is None or without.chi_square < known.chi_square:
+        if not without.echo and (known is None or without.chi_square < known.chi_square):
             state.pool.add(without)
             if criterion(without, scale_of(best), state.trials) < criterion(best, scale_of(best), state.trials):
                 return _pruned(state, without)
