@@ -111,6 +111,42 @@ def test_friction_that_rises_with_speed_is_not_stribeck() -> None:
     assert JointStribeckFriction("j", {**values, "static": 0.6}).plausible()
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("position", "stiffness", "is_one"), [(-0.4, 0.02, True), (0.9, 0.02, True), (-0.4, 0.0, False)]
+)
+def test_a_stop_may_be_soft_or_leant_on(side: float, position: float, stiffness: float, is_one: bool) -> None:
+    """It is touched for two thirds of the time, or pushes back with a thousandth of the effort: still it is no plane."""
+    q = side * np.sin(np.linspace(0.0, 20.0, 4001))
+    joint = JointSamples(q, np.gradient(q), 30.0 * np.cos(3.0 * q), q_reach=0.003)
+    stop = JointHardStop("j", {"position": side * position, "stiffness": stiffness, "damping": 0.1, "side": side})
+    assert stop.plausible_over(joint) == is_one
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("position", [-1.2, -0.9999, 1.0001])
+def test_a_stop_is_both_met_and_left(side: float, position: float) -> None:
+    """What is always touched is a spring, which says the same in fewer numbers; what never is stops nothing."""
+    q = side * np.sin(np.linspace(0.0, 20.0, 4001))
+    joint = JointSamples(q, np.gradient(q), np.ones_like(q), q_reach=0.003)
+    stop = JointHardStop("j", {"position": side * position, "stiffness": 1e3, "damping": 0.1, "side": side})
+    assert not stop.plausible_over(joint)
+
+
+@pytest.mark.parametrize("touched", [0.7, 0.85])
+def test_a_start_finds_a_stop_that_is_leant_on(touched: float) -> None:
+    t = np.arange(0, 12, 0.004)
+    q = 0.8 * np.sin(1.3 * t) + 0.3 * np.sin(3.1 * t + 1)
+    joint = JointSamples(q, np.gradient(q, t), np.zeros_like(q))
+    position = float(np.quantile(q, 1.0 - touched))
+    stop = JointHardStop("j", {"position": position, "stiffness": 2.0, "damping": 0.1, "side": 1.0})
+    force, left = stop.force(joint).value, []
+    for start in stop.starts(joint):
+        coefficients = np.linalg.lstsq(start.columns, force, rcond=None)[0]
+        left.append(float(np.sum((force - start.columns @ coefficients) ** 2)))
+    assert min(left) < 0.01 * float(np.sum(force**2))
+
+
 def _averaged(effect: JointForce, v: float, v_std: float) -> float:
     """The law's mean over a Gaussian error of `v`, by a quadrature that is fine at the sign change and at the error."""
     fine = np.concatenate([v + v_std * np.linspace(-8, 8, 4001), 0.05 * np.linspace(-1, 1, 20001) ** 3])

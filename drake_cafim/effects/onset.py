@@ -7,6 +7,8 @@ import numpy as np
 from drake_cafim.typing import Array
 
 LEAST = 1e-12
+FREE = 0.02
+"""Least share of the time in which what sets in at a depth has not: a contact that is never left is a spring."""
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,8 @@ import numpy as np
 from drake_cafim.dynamics.tree import Body
 from drake_cafim.effects.body import BodyForce
 from drake_cafim.effects.effect import Strength
-from drake_cafim.effects.onset import Onset
+from drake_cafim.effects.onset import FREE, Onset
 from drake_cafim.typing import Array
-
-FREE = 0.02
-"""Least share of the time in which a contact is not one."""
 
 
 @dataclass(frozen=True)

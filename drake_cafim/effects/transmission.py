@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_cafim.effects.effect import Force, JointSamples, Start, Strength
 from drake_cafim.effects.joint import JointForce
-from drake_cafim.effects.onset import Onset
+from drake_cafim.effects.onset import FREE, Onset
 from drake_cafim.typing import Array
 
 MOST_PERIODS = 40.0
@@ -73,7 +73,7 @@ class JointHardStop(JointForce):
     shapes: ClassVar[tuple[Strength, ...]] = (Strength("side", "1", 1.0, nominal=1.0),)
     reference: ClassVar[str] = "Brogliato, Nonsmooth Mechanics, 2016, §2 (compliant unilateral constraint)"
     alike: ClassVar[Mapping[str, str]] = {
-        "joint_spring": "a stop that is touched most of the time is a spring",
+        "joint_spring": "a stop that is hardly ever left is a spring",
         "unmodeled_contact": "an obstacle met at the end of the range; other joints feel it too",
         "actuator_saturation": "the largest efforts may come at the end of the range",
     }
@@ -97,14 +97,15 @@ class JointHardStop(JointForce):
         )
 
     def plausible_over(self, joint: JointSamples) -> bool:
-        # what is touched most of the time stops nothing, nor does what pushes back far less than the drive can
+        # a stop may be soft, or leant on for most of the time; but what is never touched stops nothing, what is never
+        # left is a spring, and what does not push back at rest is a friction. How surely it does, evidence tells
         depth = self.values.get("side", 1.0) * (joint.q - self.values["position"])
-        firm = self.values["stiffness"] * np.max(depth) > 0.05 * np.max(np.abs(joint.u))
-        return bool(np.mean(depth > 0.0) < 0.4 and firm)
+        met, free = np.any(depth > joint.q_reach), np.mean(depth < -joint.q_reach) > FREE
+        return bool(met and free and self.values["stiffness"] > 0.0)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         for side in (1.0, -1.0):
-            for share in (0.5, 0.65, 0.75, 0.82, 0.88, 0.92, 0.95, 0.97, 0.985, 0.995):
+            for share in (0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.75, 0.82, 0.88, 0.92, 0.95, 0.97, 0.985, 0.995):
                 position = side * float(np.quantile(side * joint.q, share))
                 depth = np.maximum(0.0, side * (joint.q - position))
                 rate = np.where(depth > 0.0, joint.v, 0.0)
