@@ -116,7 +116,7 @@ def test_friction_that_rises_with_speed_is_not_stribeck() -> None:
     ("position", "stiffness", "is_one"), [(-0.4, 0.02, True), (0.9, 0.02, True), (-0.4, 0.0, False)]
 )
 def test_a_stop_may_be_soft_or_leant_on(side: float, position: float, stiffness: float, is_one: bool) -> None:
-    """It is touched for two thirds of the time, or pushes back with a thousandth of the effort: still it is no plane."""
+    """It is touched for two thirds of the time, or pushes back with a thousandth of the effort: no plane is meant."""
     q = side * np.sin(np.linspace(0.0, 20.0, 4001))
     joint = JointSamples(q, np.gradient(q), 30.0 * np.cos(3.0 * q), q_reach=0.003)
     stop = JointHardStop("j", {"position": side * position, "stiffness": stiffness, "damping": 0.1, "side": side})
@@ -131,6 +131,14 @@ def test_a_stop_is_both_met_and_left(side: float, position: float) -> None:
     joint = JointSamples(q, np.gradient(q), np.ones_like(q), q_reach=0.003)
     stop = JointHardStop("j", {"position": side * position, "stiffness": 1e3, "damping": 0.1, "side": side})
     assert not stop.plausible_over(joint)
+
+
+@pytest.mark.parametrize(("stiffness", "stands_out"), [(1.0, True), (0.02, False)])
+def test_a_soft_stop_does_not_stand_out_of_laws_that_are_wrong(stiffness: float, stands_out: bool) -> None:
+    q = np.sin(np.linspace(0.0, 20.0, 4001))
+    joint = JointSamples(q, np.gradient(q), 3.0 * np.cos(3.0 * q))
+    stop = JointHardStop("j", {"position": 0.5, "stiffness": stiffness, "damping": 0.1, "side": 1.0})
+    assert stop.stands_out(joint) == stands_out
 
 
 @pytest.mark.parametrize("touched", [0.7, 0.85])

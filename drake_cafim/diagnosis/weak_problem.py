@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.beginning import Begun, doubtful, start_rows
+from drake_cafim.diagnosis.evidence import MISFIT
 from drake_cafim.diagnosis.facing import lags_of
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
@@ -169,11 +170,19 @@ class WeakProblem(Problem):
             if isinstance(effect, JointForce):
                 joint = self.scene.tree.joint_index(effect.at)
                 samples = [run.weak.joint_samples(physics)[joint] for run in self.runs]
-                if not effect.plausible_over(joined(samples)):
+                together = joined(samples)
+                if not effect.plausible_over(together):
+                    return False
+                if not effect.stands_out(together) and self.leaves_more_than_noise(model):
                     return False
             if isinstance(effect, UnmodeledContact) and not self.touched_and_left(effect, physics):
                 return False
         return True
+
+    def leaves_more_than_noise(self, model: Model) -> bool:
+        """Whether no noise explains what the model leaves."""
+        rows = self.rows_of(model)
+        return float(rows @ rows) > MISFIT * len(rows)
 
     def touched_and_left(self, effect: UnmodeledContact, physics: Physics) -> bool:
         """Whether a plane in the way is one over all recordings."""

@@ -41,6 +41,10 @@ class JointForce(Effect):
         """Whether values that were fitted over this motion still are what the name says."""
         return True
 
+    def stands_out(self, joint: JointSamples) -> bool:
+        """Whether it is more than what a wrong law of something else leaves; asked where more than noise is left."""
+        return True
+
 
 def _zeros(joint: JointSamples) -> Array:
     return np.zeros_like(joint.v)

@@ -13,6 +13,8 @@ from drake_cafim.typing import Array
 
 MOST_PERIODS = 40.0
 """Ripples are looked for with up to so many periods over the range that the joint moves through."""
+PATCH = 0.05
+"""Of the largest effort, that other laws may be wrong by where more than noise is left."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,12 @@ class JointHardStop(JointForce):
         depth = self.values.get("side", 1.0) * (joint.q - self.values["position"])
         met, free = np.any(depth > joint.q_reach), np.mean(depth < -joint.q_reach) > FREE
         return bool(met and free and self.values["stiffness"] > 0.0)
+
+    def stands_out(self, joint: JointSamples) -> bool:
+        # laws of friction and drives are right to some hundredths of the effort: at the ends of the range, where motion
+        # turns, what they leave looks like a soft stop
+        depth = self.values.get("side", 1.0) * (joint.q - self.values["position"])
+        return bool(self.values["stiffness"] * np.max(depth) > PATCH * np.max(np.abs(joint.u)))
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         for side in (1.0, -1.0):
