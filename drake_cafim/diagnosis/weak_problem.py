@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.evidence import MISFIT
 from drake_cafim.diagnosis.facing import lags_of
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.reading import Reading, shifts_of
 from drake_cafim.diagnosis.samples import noisier
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening import Whitening, whitening
@@ -118,6 +119,8 @@ class WeakProblem(Problem):
     """The pulses that are tried, by recording."""
     force_looks: dict[tuple[str, str], Any] = field(default_factory=dict, repr=False, compare=False)
     """The last looks at each joint law, with the samples that they saw."""
+    _readings: dict[int, Reading] = field(default_factory=dict, repr=False, compare=False)
+    """How channels enter each recording's rows, where an explanation reads them between their samples."""
     _sensor_columns: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
     _last_rewhitened: list[tuple[Model, "WeakProblem"]] = field(default_factory=list, repr=False, compare=False)
 
@@ -207,13 +210,30 @@ class WeakProblem(Problem):
         begun = sum(run.begun(physics).paid for run in self.runs) if doubtful(physics) else 0.0
         return begun + self._noise_cost(model)
 
+    def _smoothed(self, model: Model) -> float:
+        """What χ² is too small by where channels are read between their samples, against those of the whitening."""
+        physics, under = model.physics(self.scene), self.under.physics(self.scene)
+        total = 0.0
+        for index, run in enumerate(self.runs):
+            if shifts_of(run.weak.samples, physics) != shifts_of(run.weak.samples, under):
+                reading = self._reading(index)
+                total += reading.gained(physics) - reading.gained(under)
+        return total
+
+    def _reading(self, index: int) -> Reading:
+        """What a recording's rows take from the samples, kept."""
+        if index not in self._readings:
+            run, under = self.runs[index], self.under.physics(self.scene)
+            self._readings[index] = Reading.of(run.weak, under, run.whiten.covariance, (run.jacobian, run.labels))
+        return self._readings[index]
+
     def _noise_cost(self, model: Model) -> float:
         """What χ² is too small by where the model's lags let less noise through than those of the whitening.
 
         Undoing a lag raises a channel's noise: explanations with and without one are compared each under its own.
         """
         if _as_late(model, self.under):
-            return 0.0
+            return self._smoothed(model)
         rows, own = (one.rows_of(model) for one in (self, WeakProblem.of(self.scene, self._forms, model)))
         return float(own @ own - rows @ rows)
 

@@ -1,7 +1,7 @@
 """Sensors whose values belong to another time: late, slow, or by a clock that runs at another rate.
 
 Their inverse reads the recorded channel between its samples by local polynomials. Under test functions that are much
-wider than a sample this only moves the noise, it does not smooth it.
+wider than a sample this moves the noise, and hardly smooths it; `diagnosis.reading` makes up for what it does.
 """
 
 from abc import abstractmethod
@@ -70,11 +70,21 @@ class ShiftedSensor(TimingEffect):
     def shown(self, time: Array) -> Array:
         """The times s whose values are written at `time` s."""
 
+    @abstractmethod
+    def read(self, time: Array) -> Array:
+        """The times s at which the values of `time` s are written."""
+
     def measured(self, time: Array, true: Array) -> Array:
         return np.asarray(self.writing(time) @ true)
 
     def writing(self, time: Array) -> sp.csr_matrix:
         return interpolation(time, self.shown(time))
+
+    def true(self, time: Array, measured: Array) -> Array:
+        return np.asarray(self.correction(time) @ measured)
+
+    def correction(self, time: Array) -> sp.csr_matrix:
+        return interpolation(time, self.read(time))
 
 
 @dataclass(frozen=True)
@@ -93,11 +103,8 @@ class SensorDelay(ShiftedSensor):
     def shown(self, time: Array) -> Array:
         return np.asarray(time - self.values["delay"])
 
-    def true(self, time: Array, measured: Array) -> Array:
-        return np.asarray(self.correction(time) @ measured)
-
-    def correction(self, time: Array) -> sp.csr_matrix:
-        return interpolation(time, time + self.values["delay"])
+    def read(self, time: Array) -> Array:
+        return np.asarray(time + self.values["delay"])
 
     def columns(self, time: Array, true: Array) -> Array:
         return -np.asarray(_slope(time.tobytes()) @ true)[..., None]
@@ -168,11 +175,8 @@ class ClockSkew(ShiftedSensor):
     def shown(self, time: Array) -> Array:
         return np.asarray(time * (1.0 + self.values["skew"]))
 
-    def true(self, time: Array, measured: Array) -> Array:
-        return np.asarray(self.correction(time) @ measured)
-
-    def correction(self, time: Array) -> sp.csr_matrix:
-        return interpolation(time, time / (1.0 + self.values["skew"]))
+    def read(self, time: Array) -> Array:
+        return np.asarray(time / (1.0 + self.values["skew"]))
 
     def columns(self, time: Array, true: Array) -> Array:
         slope = np.asarray(_slope(time.tobytes()) @ true)
