@@ -9,6 +9,7 @@ import pytest
 from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.intervals import standard_deviations
 from drake_cafim.diagnosis.model import Model
+from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.joint import JointViscousFriction
 
 STD = 0.5
@@ -50,3 +51,30 @@ def test_where_chi_square_is_a_parabola_slopes_tell_all() -> None:
     problem: Any = Curve(flat=False)
     one = problem.fit()
     np.testing.assert_allclose(standard_deviations(problem, one, 1.0), one.std, rtol=1e-6)
+
+
+@dataclass
+class Plateau:
+    """A row in a delay, up to 0.2 s, whose χ² never rises by more than 1.5² from where it is fitted, or not at all."""
+
+    delay: float
+    seen: bool = True
+
+    def residual(self, model: Model) -> Any:
+        off = float(model.vector[0]) - self.delay
+        return self.seen * 1.5 * np.tanh(np.array([off / 0.02]) / 1.5)
+
+    def penalty(self, model: Model) -> float:
+        return 0.0
+
+    def fit(self) -> Fit:
+        model = Model(np.zeros(0), (ActuatorDelay("a", {"delay": self.delay}),))
+        slope = 50.0 if self.seen else 1e-7
+        return Fit(model, self.residual(model), np.array([[slope]]), np.array([[slope**-2]]), 1)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.06, 0.2])
+@pytest.mark.parametrize("seen", [True, False])
+def test_what_is_hardly_seen_is_known_no_better_than_its_bounds(delay: float, seen: bool) -> None:
+    problem: Any = Plateau(delay, seen)
+    assert standard_deviations(problem, problem.fit(), 1.0) == pytest.approx([max(delay, 0.2 - delay) / 1.96])

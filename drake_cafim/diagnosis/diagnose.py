@@ -253,9 +253,7 @@ def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Explanatio
         values = {}
         for strength in effect.strengths:
             unit = effect.unit(strength, scene.tree)
-            # of what the recordings do not see, no more is known than its bounds
-            widest = (strength.upper - strength.lower) / np.sqrt(12.0)
-            values[strength.name] = Value(effect.values[strength.name], float(min(std[position], widest)), unit)
+            values[strength.name] = Value(effect.values[strength.name], float(std[position]), unit)
             position += 1
         sentence = effect.sentence(scene.tree)
         found.append(Explanation(effect, probability.get(effect.key, 1.0), values, sentence))

@@ -11,7 +11,7 @@ REACH = 1.96
 PARABOLA = 0.75
 """Of the rise that slopes promise, from which on they are believed."""
 DOUBLINGS, FOLLOWED = 6, 2
-"""Of a step, and looks at each for where the other numbers go."""
+"""Of a step where no bound ends them, and looks at each for where the other numbers go."""
 
 
 def standard_deviations(problem: Problem, one: Fit, scale: float) -> Array:
@@ -19,31 +19,48 @@ def standard_deviations(problem: Problem, one: Fit, scale: float) -> Array:
 
     As slopes at the fit have it, but for a strength of which 1.96 of these raise χ² by less than 1.96²: it reaches to
     where χ² does so, on the farther side, the other numbers following as slopes would have them (after Venzon,
-    Moolgavkar, Applied Statistics 37(1), 1988, profile likelihood).
+    Moolgavkar, Applied Statistics 37(1), 1988, profile likelihood); to its bound, where χ² does not do so before.
     """
     std = one.std * np.sqrt(scale)
-    first = len(one.model.unknown)
-    for index in range(first, len(std)):
-        if np.isfinite(std[index]) and one.covariance[index, index] < NOTHING_KNOWN:
-            reaches = [_reach(problem, one, index, side * REACH * std[index], scale) for side in (-1.0, 1.0)]
+    for index in range(len(one.model.unknown), len(std)):
+        bounds = _bounds(one, index)
+        if 0.0 < std[index] < np.inf and one.covariance[index, index] < NOTHING_KNOWN:
+            sides = zip((-REACH * float(std[index]), REACH * float(std[index])), bounds, strict=True)
+            reaches = [_reach(problem, one, index, step, bound, scale) for step, bound in sides]
             std[index] = max(std[index], *(abs(reach) / REACH for reach in reaches))
+        # of what the recordings do not see, no more is known than its bounds
+        std[index] = min(std[index], max(abs(bound) for bound in bounds) / REACH)
     return np.asarray(std)
 
 
-def _reach(problem: Problem, one: Fit, index: int, step: float, scale: float) -> float:
-    """How far from the fit χ² has risen by 1.96² times `scale`; nothing where it does so within `step`."""
+def _reach(problem: Problem, one: Fit, index: int, step: float, bound: float, scale: float) -> float:
+    """How far from the fit χ² has risen by 1.96² times `scale`, at most to its `bound`; nothing if within `step`."""
     wanted, known, reached = REACH * float(np.sqrt(scale)), 0.0, 0.0
-    if _rise(problem, one, index, step, 1) > PARABOLA * wanted**2:
+    if abs(step) >= abs(bound) or _rise(problem, one, index, step, 1) > PARABOLA * wanted**2:
         return 0.0
-    for _ in range(DOUBLINGS):
-        rise = _rise(problem, one, index, step, FOLLOWED)
+    for far in _steps(step, bound):
+        rise = _rise(problem, one, index, far, FOLLOWED)
         if not np.isfinite(rise):
             break
         risen = float(np.sqrt(max(rise, 0.0)))
         if risen >= wanted:
-            return reached + (step - reached) * (wanted - known) / (risen - known)
-        known, reached, step = risen, step, 2.0 * step
+            return reached + (far - reached) * (wanted - known) / (risen - known)
+        known, reached = risen, far
     return reached
+
+
+def _steps(step: float, bound: float) -> list[float]:
+    """Twice as far each time, up to a `bound` where there is one."""
+    if not np.isfinite(bound):
+        return [step * 2.0**k for k in range(DOUBLINGS)]
+    return [*(step * 2.0**k for k in range(int(np.ceil(np.log2(bound / step))))), bound]
+
+
+def _bounds(one: Fit, index: int) -> tuple[float, float]:
+    """How far from the fit the lower and the upper bound of a strength are; infinite where there is none."""
+    strengths = [strength for effect in one.model.effects for strength in effect.strengths]
+    strength, value = strengths[index - len(one.model.unknown)], float(one.model.vector[index])
+    return min(strength.lower - value, 0.0), max(strength.upper - value, 0.0)
 
 
 def _rise(problem: Problem, one: Fit, index: int, step: float, looks: int) -> float:
