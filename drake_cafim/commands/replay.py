@@ -62,6 +62,7 @@ def _corrected(bare: RecordingReplay, report: Path, recording: Recording) -> Rec
     shares: dict[str, float] = {}
     for location in (content.get("mismatch") or {}).get("locations", []):
         shares[location["name"]] = shares.get(location["name"], 0.0) + float(location["share"])
+    shares = {name: share for name, share in shares.items() if share > 0.0}
     return RecordingReplay(scene, weak, nominal, corrected, shares, str(content.get("sentence", "")))
 
 

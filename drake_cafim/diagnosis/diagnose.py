@@ -19,6 +19,7 @@ from drake_cafim.diagnosis.innovations import innovations
 from drake_cafim.diagnosis.intervals import standard_deviations
 from drake_cafim.diagnosis.location import locate
 from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.named_pushes import locate_named
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.quantisation import quantised_memories
 from drake_cafim.diagnosis.samples import samples_of
@@ -200,7 +201,7 @@ def _verdict(prepared: Prepared | PreparedTosses, outcome: Outcome, settings: Se
     best, kind = _decided(outcome, settings)
     # where the mismatch is: of the nominal physics at the numbers that the explanation found, or of what remains
     lacking = best.model if kind == "unexplained" else Model(best.model.unknown)
-    locations = () if kind == "none" else prepared.locate(outcome.nominal_problem, lacking)  # type: ignore[arg-type]
+    locations = () if kind == "none" else _locations(prepared, outcome.nominal_problem, best.model, lacking)
     corrected = scene.corrected(best.model.unknown, best.model.effects)
     progress("simulating with and without the effects")
     train, *held_out = _comparisons(prepared, [outcome.nominal, best])
@@ -221,6 +222,13 @@ def _verdict(prepared: Prepared | PreparedTosses, outcome: Outcome, settings: Se
             best.chi_square / best.degrees_of_freedom,
         ),
     )
+
+
+def _locations(
+    prepared: Prepared | PreparedTosses, problem: Problem, best: Model, lacking: Model
+) -> tuple[Location, ...]:
+    """Where the recordings differ from `lacking`, the pushes that `best` names by their own ends."""
+    return locate_named(problem, best, lacking, lambda model: prepared.locate(problem, model))  # type: ignore[arg-type]
 
 
 def _decided(outcome: Outcome, settings: Settings) -> tuple[Fit, Kind]:

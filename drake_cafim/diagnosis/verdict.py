@@ -34,6 +34,12 @@ class Mismatch:
     p_value: float
     """Accounts for the number of hypotheses that were looked at."""
     locations: tuple[Location, ...] = ()
+    """A push that is named has its own, without a share where `unexplained` is spoken of."""
+
+    @property
+    def standing(self) -> tuple[Location, ...]:
+        """The locations that have a share."""
+        return tuple(one for one in self.locations if one.share > 0.0)
 
 
 @dataclass(frozen=True)
@@ -103,7 +109,8 @@ class Verdict:
     - `kind`: "none", the recordings are as model and noise predict; "explained", what the accepted effects leave is
       as the noise predicts; "unexplained", something remains that is not in the vocabulary.
     - `mismatch`: whether anything differs (`detected`, `p_value`), and its `locations`, strongest first: `kind`,
-      `name`, `share` of the excess over noise, `intervals` in s of `recording`, and `where` in words.
+      `name`, `share` of the excess over noise, `intervals` in s of `recording`, and `where` in words. A push that is
+      named has its body's, over its own interval.
     - `explanation`: the accepted effects, surest first: `effect.name`, `effect.at`, `probability`, `sentence`, and
       `values`, by parameter its `value`, `std` and `unit` (SI).
     - `rivals`: what the data cannot tell from these: `effect`, `at`, `probability`, `why_alike`.
@@ -153,7 +160,7 @@ def _finding(verdict: Verdict) -> str:
     named = "; ".join(explanation.sentence for explanation in verdict.explanation)
     if verdict.kind == "explained":
         return f"The model lacks {named}. With that, what remains is noise."
-    rest = ", ".join(dict.fromkeys(location.name for location in verdict.mismatch.locations[:3]))
+    rest = ", ".join(dict.fromkeys(location.name for location in verdict.mismatch.standing[:3]))
     remains = (
         f"Something more is there, at {rest}, that is not in the vocabulary."
         if rest

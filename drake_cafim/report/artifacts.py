@@ -71,6 +71,6 @@ def replay_of(verdict: Verdict, outcome: Outcome, recording: Recording) -> Recor
     nominal = scene.physics_at(np.array([one.value for one in verdict.parameters]))
     corrected = verdict.corrected.physics if verdict.explanation else None
     shares: dict[str, float] = {}
-    for location in verdict.mismatch.locations:
+    for location in verdict.mismatch.standing:
         shares[location.name] = shares.get(location.name, 0.0) + location.share
     return RecordingReplay(scene, weak, nominal, corrected, shares, str(verdict))

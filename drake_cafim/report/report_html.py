@@ -82,7 +82,7 @@ def render(verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], co
         heat_map=residual_figure(shown, labels, with_after=changed),
         recordings=len(maps),
         recordings_shown=len(shown),
-        places=_places(verdict.mismatch.locations),
+        places=_places(verdict.mismatch.standing),
         effects=_effects(verdict, outcome, without, corrected),
         remains=_remains(verdict, outcome, corrected),
         forecast=_forecast(verdict, outcome, held_out, corrected),
@@ -208,7 +208,7 @@ def _remains(verdict: Verdict, outcome: Outcome, corrected: Physics) -> list[dic
     """What is left at the places where most of it is, for a verdict that leaves something."""
     if verdict.kind != "unexplained" or not isinstance(outcome.problem, WeakProblem):
         return []
-    names = list(dict.fromkeys(one["name"] for one in _places(verdict.mismatch.locations)))
+    names = list(dict.fromkeys(one["name"] for one in _places(verdict.mismatch.standing)))
     figures = [(name, remains_figure(outcome.problem, corrected, name)) for name in names[:2]]
     return [{"name": name, "svg": svg} for name, svg in figures if svg is not None]
 
