@@ -12,9 +12,10 @@ import scipy.sparse as sp
 from drake_cafim.diagnosis.coloured_noise import Lasting, drawn, left_by
 from drake_cafim.diagnosis.feedback import Feedback
 from drake_cafim.diagnosis.slow_channels import Bridges
+from drake_cafim.diagnosis.track import Track, track_of
 from drake_cafim.diagnosis.windows import Windows, lay_windows
 from drake_cafim.errors import InputError
-from drake_cafim.local_polynomial import local_polynomial, track_polynomial
+from drake_cafim.local_polynomial import local_polynomial
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
@@ -23,8 +24,6 @@ Flags: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
 
 SMOOTHING_REACH = 0.008
 """s on either side: the motion in products and kinked laws is smoothed over 16 ms."""
-TRACK_REACH, TRACK_DEGREE = 0.06, 7
-"""s on either side, and the degree: the motion that a contact remembers, whose noise would add up."""
 WINDOW_WIDTH = 0.06
 """s; test functions this wide resolve what happens at reversals and still average the noise."""
 
@@ -62,13 +61,17 @@ class Samples:
     """Of the columns that are written less often than the others: values and noise at every row from those written."""
 
     @cached_property
-    def smooth_track(self) -> tuple[tuple[sp.csr_matrix, sp.csr_matrix], ...]:
-        """One pair (N, N) a joint: its position smoothed over 120 ms is `from_q @ q_j + from_v @ v_j`."""
-        names = [name.removeprefix("q.") for name in self.std if name.startswith("q.")]
-        # without a velocity that was measured there is nothing but the position
-        ratios = [self.std[f"q.{n}"] / self.std[f"v.{n}"] if self.velocity_measured else 0.0 for n in names]
-        found = {ratio: track_polynomial(self.time, TRACK_REACH, TRACK_DEGREE, ratio) for ratio in set(ratios)}
-        return tuple(found[ratio] for ratio in ratios)
+    def tracks(self) -> tuple[Track, ...]:
+        """Each joint's position as a contact remembers it."""
+        return tuple(self._track(name.removeprefix("q.")) for name in self.std if name.startswith("q."))
+
+    def _track(self, joint: str) -> Track:
+        q, v = f"q.{joint}", f"v.{joint}"
+        # without a velocity that was measured there is nothing but the position; what was laid between samples that
+        # stand farther apart has no noise of its own to compare windows by
+        std_v = self.std[v] if self.velocity_measured else 0.0
+        widest = q in self.bridges or v in self.bridges
+        return track_of(self.time, self.std[q], std_v, self.memories.get(q), self.memories.get(v), widest)
 
     @property
     def velocity_measured(self) -> bool:

@@ -310,10 +310,7 @@ class WeakForm:
         """The motion for memories, from positions and velocities together; kept for the last measurement."""
         if not self._smooth or self._smooth[0][0] is not prepared:
             s, measured = self.samples, prepared.measured
-            columns = []
-            for j in range(self.joints):
-                from_q, from_v = s.smooth_track[j]
-                columns.append(from_q @ measured.q[:, j] + from_v @ measured.v[:, j])
+            columns = [track.of(measured.q[:, j], measured.v[:, j]) for j, track in enumerate(s.tracks)]
             smooth = motion(prepared.moving.tree, np.stack(columns, axis=1), measured.v_hat)
             self._smooth[:] = [(prepared, smooth)]
         return self._smooth[0][1]
