@@ -1,8 +1,18 @@
-"""What a controller makes of its sensors' noise is read off the efforts."""
+"""What a controller makes of its sensors' noise is read off the efforts, and shakes joints: that informs."""
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+from concealed.case import World
+from concealed.make import simulate
 
+from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.feedback import Feedback
+from drake_cafim.diagnosis.samples import retaken
+from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.effects.coupling import JointElasticity
+from tests.concealed_case import written
 
 
 def test_gains_of_a_noisy_loop_are_found_and_an_open_loop_has_none() -> None:
@@ -19,3 +29,26 @@ def test_gains_of_a_noisy_loop_are_found_and_an_open_loop_has_none() -> None:
     assert np.std(error) < 0.05 * np.std(expected)
     alone = Feedback.of(smooth + e_q, smooth + e_v, forward + 1e-3 * rng.normal(size=smooth.shape))
     assert np.all(alone.gains == 0.0)
+
+
+def test_what_noisy_efforts_shake_informs(tmp_path: Path) -> None:
+    """Information is that of slopes without error, of the motion that noise has made too: here it is most of it."""
+    case = simulate("single:joint_elasticity", "arm2", 104)
+    [concealed] = case.truth["effects"]
+    scene, [noisy, *_] = written(case, tmp_path)
+    world = case.study["world"]
+    assert isinstance(world, World)
+    columns = noisy.columns | {name: values[0] for name, values in world.measured.items()}
+    clean = replace(noisy, columns=columns)
+    prepared = prepare(scene, [noisy])
+    assert isinstance(prepared, Prepared)
+    values = {name: value for name, (value, _) in concealed["parameters"].items()}
+    problem = prepared.problem()
+    model = problem.nominal().with_effects([JointElasticity(concealed["at"], values)])
+    problem = problem.rewhitened(model)
+    [run] = problem.runs
+    samples = retaken(run.weak.samples, scene, clean)
+    exact = replace(problem, runs=(replace(run, weak=WeakForm(samples, run.weak.sensors)),), _unknown_columns={})
+    jacobian, true = problem.jacobian(model), exact.jacobian(model)
+    _, excess = problem.shared_noise(model, problem.residual(model), jacobian)
+    np.testing.assert_allclose(np.diag(jacobian.T @ jacobian - excess), np.diag(true.T @ true), rtol=0.1)

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from drake_cafim.diagnosis.beginning import Begun, doubtful, start_rows
 from drake_cafim.diagnosis.evidence import MISFIT
 from drake_cafim.diagnosis.facing import lags_of
+from drake_cafim.diagnosis.feedback import Feedback
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.reading import Reading, shifts_of
@@ -151,7 +152,13 @@ class WeakProblem(Problem):
 
         The motion that those make obeys the equations, so residuals do not see them; regressors do.
         """
-        return self._with_more_noise(fed_back=True)
+        return self._with_more_noise(fed_back=True) if self._closed else self.noisier
+
+    @property
+    def _closed(self) -> bool:
+        """Whether any recording's efforts are a controller's that hands noise on."""
+        every = (run.weak.samples for run in self.runs)
+        return any(np.any(Feedback.of(samples.q, samples.v, samples.u).gains) for samples in every)
 
     def _with_more_noise(self, fed_back: bool) -> "WeakProblem":
         runs = []
@@ -201,9 +208,14 @@ class WeakProblem(Problem):
         return np.concatenate([run.residual(physics) for run in self.runs])
 
     def shared_noise(self, model: Model, residual: Array, jacobian: Array) -> tuple[Array, Array]:
+        """The first with what a controller makes of the noise, which slopes share with it; the second without.
+
+        Efforts that noise has made are real, and so is what they shake: such slopes are no error, and they inform.
+        """
         change = self.noisier.residual(model) - residual
-        slope_change = self.noisier_in_loop.jacobian(model) - jacobian
-        return slope_change.T @ change, slope_change.T @ slope_change
+        error = self.noisier.jacobian(model) - jacobian
+        shared = self.noisier_in_loop.jacobian(model) - jacobian if self.noisier_in_loop is not self.noisier else error
+        return shared.T @ change, error.T @ error
 
     def penalty(self, model: Model) -> float:
         physics = model.physics(self.scene)
