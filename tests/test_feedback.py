@@ -11,6 +11,7 @@ from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.feedback import Feedback
 from drake_cafim.diagnosis.samples import retaken
 from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.weak_problem import DOSES, doses
 from drake_cafim.effects.coupling import JointElasticity
 from tests.concealed_case import written
 
@@ -51,4 +52,7 @@ def test_what_noisy_efforts_shake_informs(tmp_path: Path) -> None:
     exact = replace(problem, runs=(replace(run, weak=WeakForm(samples, run.weak.sensors)),), _unknown_columns={})
     jacobian, true = problem.jacobian(model), exact.jacobian(model)
     _, excess = problem.shared_noise(model, problem.residual(model), jacobian)
+    shared = problem.noisier_in_loop.jacobian(model) - jacobian
+    # what such efforts shake has to do with the rows' noise by chance alone, of which one dose holds too much
+    assert doses(shared, jacobian) == DOSES and doses(0.1 * jacobian, jacobian) == 1
     np.testing.assert_allclose(np.diag(jacobian.T @ jacobian - excess), np.diag(true.T @ true), rtol=0.1)

@@ -36,6 +36,8 @@ IMPOSSIBLE = 1e9
 
 SAME_LAG = 0.2
 """Of a time constant, by which two lags raise a channel's noise alike."""
+DOSES, DRAWN = 8, 0.25
+"""Of noise, at most; and what is left of chance in the mean of them, of the information."""
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,7 @@ class WeakProblem(Problem):
     _readings: dict[int, Reading] = field(default_factory=dict, repr=False, compare=False)
     """How channels enter each recording's rows, where an explanation reads them between their samples."""
     _sensor_columns: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
+    _more_doses: dict[int, tuple["WeakProblem", "WeakProblem"]] = field(default_factory=dict, repr=False, compare=False)
     _last_rewhitened: list[tuple[Model, "WeakProblem"]] = field(default_factory=list, repr=False, compare=False)
 
     @classmethod
@@ -160,10 +163,10 @@ class WeakProblem(Problem):
         every = (run.weak.samples for run in self.runs)
         return any(np.any(Feedback.of(samples.q, samples.v, samples.u).gains) for samples in every)
 
-    def _with_more_noise(self, fed_back: bool) -> "WeakProblem":
+    def _with_more_noise(self, fed_back: bool, dose: int = 0) -> "WeakProblem":
         runs = []
         for index, run in enumerate(self.runs):
-            samples = noisier(run.weak.samples, np.random.default_rng(index), fed_back)
+            samples = noisier(run.weak.samples, np.random.default_rng(index + dose * len(self.runs)), fed_back)
             runs.append(replace(run, weak=WeakForm(samples, run.weak.sensors)))
         return WeakProblem(self.scene, tuple(runs), self.under)
 
@@ -214,8 +217,20 @@ class WeakProblem(Problem):
         """
         change = self.noisier.residual(model) - residual
         error = self.noisier.jacobian(model) - jacobian
-        shared = self.noisier_in_loop.jacobian(model) - jacobian if self.noisier_in_loop is not self.noisier else error
-        return shared.T @ change, error.T @ error
+        if self.noisier_in_loop is self.noisier:
+            return error.T @ change, error.T @ error
+        shared = self.noisier_in_loop.jacobian(model) - jacobian
+        offsets = [shared.T @ change]
+        for dose in range(1, doses(shared, jacobian)):
+            quiet, closed = self._dose(dose)
+            offsets.append((closed.jacobian(model) - jacobian).T @ (quiet.residual(model) - residual))
+        return np.asarray(np.mean(offsets, axis=0)), error.T @ error
+
+    def _dose(self, dose: int) -> tuple["WeakProblem", "WeakProblem"]:
+        """`noisier` and `noisier_in_loop` with other noise."""
+        if dose not in self._more_doses:
+            self._more_doses[dose] = (self._with_more_noise(False, dose), self._with_more_noise(True, dose))
+        return self._more_doses[dose]
 
     def penalty(self, model: Model) -> float:
         physics = model.physics(self.scene)
@@ -358,6 +373,17 @@ class WeakProblem(Problem):
         ahead, behind = up.physics(self.scene), down.physics(self.scene)
         rows = [run.whitened(run.weak.contact_rows(ahead) - run.weak.contact_rows(behind)) for run in self.runs]
         return np.concatenate([*rows, self.prior_rows(up) - self.prior_rows(down)]) / taken
+
+
+def doses(shared: Array, jacobian: Array) -> int:
+    """How many doses of noise it takes, where slopes (R, n) change by `shared` with one of them.
+
+    A joint rings with what a controller made of noise long after rows had their share of it: the product of the two
+    then is mostly chance, of variance ΔJᵀΔJ, and a single one may throw a fit as far off as all of the rows' noise.
+    """
+    chance, known = (np.einsum("ij,ij->j", slopes, slopes) for slopes in (shared, jacobian))
+    needed = np.max(chance / np.maximum(DRAWN * known, 1e-300), initial=1.0)
+    return int(np.ceil(min(needed, DOSES)))
 
 
 def _as_late(one: Model, other: Model) -> bool:
