@@ -17,9 +17,10 @@ import numpy as np
 from .arm_case import make_arm
 from .case import Case, write_truth
 from .press_case import make_press
-from .strength_arm import arm_strength
-from .strength_press import press_strength
-from .strength_toss import toss_strength
+from .strength import Excess, Rows, reckoned
+from .strength_arm import ArmRows
+from .strength_press import PressRows
+from .strength_toss import TossRows
 from .toss_case import make_toss
 
 RIGS = ("arm2", "arm3", "arm6", "arm7", "press", "toss")
@@ -45,12 +46,31 @@ def simulate(kind: str, rig: str, seed: int, attempt: int = 0, only: int | None 
 
 def studied(case: Case) -> Case:
     """The case with strengths and acceptable other names in its truth."""
-    return replace(case, truth=case.truth | reckoned(case), study={})
+    return replace(case, truth=case.truth | reckoned(*seen_in(case)), study={})
 
 
-def reckoned(case: Case) -> dict[str, object]:
-    """Strengths and acceptable other names of a case that still has its study."""
-    return {"press": press_strength, "toss": toss_strength}.get(case.rig, arm_strength)(case)
+def seen_in(case: Case) -> tuple[Rows, Excess]:
+    """Rows of a case that still has its study, and what its effects leave in them."""
+    kinds: dict[str, type[PressRows] | type[TossRows]] = {"press": PressRows, "toss": TossRows}
+    rows: Rows = kinds[case.rig](case) if case.rig in kinds else ArmRows(case)
+    return rows, rows.excess()
+
+
+def paired(case: Case, alone: list[Case]) -> Case:
+    """A pair's case with strengths and acceptable other names in its truth, from those of each of the two by itself.
+
+    In a common channel one would lend the other its strength; for its names the other is fitted beside.
+    """
+    seen = [seen_in(one) for one in alone]
+    names, strengths = [], []
+    for own, (rows, excess) in enumerate(seen):
+        others, left = seen[1 - own]
+        told = reckoned(rows, excess, (others.effects[0], left.rows))
+        # With the other one in it, a motion may not come to where an effect is.
+        seen_at_all = leaves_a_trace(case, alone[1 - own])
+        strengths += [item | {"clear": item["clear"] and seen_at_all} for item in told["strengths"]]  # type: ignore[attr-defined]
+        names += [item | {"of": own} for item in told["accept"]]  # type: ignore[attr-defined]
+    return replace(case, truth=case.truth | {"strengths": strengths, "accept": names}, study={})
 
 
 def make(kind: str, rig: str, seed: int) -> Case:
@@ -62,15 +82,9 @@ def make(kind: str, rig: str, seed: int) -> Case:
         case = simulate(kind, rig, seed, attempt)
         if not calm(case):
             continue
-        case = studied(case)
         if kind.startswith("pair"):
-            # Each of the two by itself: in a common channel one would lend the other its strength.
-            alone = [simulate(kind, rig, seed, attempt, only) for only in (0, 1)]
-            strengths = [reckoned(one)["strengths"][0] for one in alone]  # type: ignore[index]
-            # With the other one in it, a motion may not come to where an effect is.
-            traces = [leaves_a_trace(case, alone[1 - own]) for own in (0, 1)]
-            told = [item | {"clear": item["clear"] and seen} for item, seen in zip(strengths, traces, strict=True)]
-            case = replace(case, truth=case.truth | {"strengths": told})
+            return paired(case, [simulate(kind, rig, seed, attempt, only) for only in (0, 1)])
+        case = studied(case)
         if not kind.startswith("odd") or case.truth["strengths"][0]["clear"]:  # type: ignore[index]
             return case
     if not calm(case):

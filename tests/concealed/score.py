@@ -81,17 +81,21 @@ def matches(named: Sequence[str], effect: Json) -> bool:
     return named[0] == effect["effect"] and same_place(named[1], effect["at"])
 
 
+def _replaces(other: Json, effects: Sequence[Json], named: Sequence[Sequence[str]], report: Json) -> bool:
+    """Whether what is named is the truth with one effect, the `of`-th, under the acceptable name; never two at once."""
+    wanted = [effect for k, effect in enumerate(effects) if k != other.get("of", 0)]
+    if other["effect"] != "none":
+        wanted.append(other)
+    elif not wanted and report["verdict"] != "none":
+        return False
+    return len(named) == len(wanted) and all(any(matches(name, effect) for name in named) for effect in wanted)
+
+
 def _score_effects(truth: Json, report: Json, named: Sequence[Sequence[str]]) -> dict[str, Any]:
     effects = truth["effects"]
     found = [any(matches(name, effect) for name in named) for effect in effects]
     exact = all(found) and len(named) == len(effects)
-    second = False
-    if not exact and len(effects) == 1:
-        for other in truth.get("accept", []):
-            if other["effect"] == "none":
-                second |= not named and report["verdict"] == "none"
-            else:
-                second |= len(named) == 1 and named[0][0] == other["effect"] and same_place(named[0][1], other["at"])
+    second = not exact and any(_replaces(other, effects, named, report) for other in truth.get("accept", []))
     families = [any(FAMILY.get(name[0]) == FAMILY.get(effect["effect"]) for name in named) for effect in effects]
     return {
         "right": exact or second,

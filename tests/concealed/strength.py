@@ -7,22 +7,28 @@ channel, over the number of the channel's rows, is the strength; `clear` is 3 or
 1.7 std a row). Rows are taken as independent: neighbours correlate at about -0.3, which is left out.
 
 The expected log Bayes factor of the truth over another explanation is half of what the other, fitted best, leaves over,
-plus (k_other - k_true)/2 ln(rows). Under 3 another name is acceptable.
+plus (k_other - k_true)/2 ln(rows). Under 3 another name is acceptable. All of it is reckoned about the true unknown
+parameters: what the nominal leaves is then the effect's own, and each explanation, the true one too, pays for the
+priors that it strains. Of a pair each effect is reckoned by itself, the other one fitted beside whatever is compared.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
+from .case import RECORDINGS
 from .noise import ChannelNoise
 from .robots import Array
+from .truth import Concealed
 
 WINDOW = 0.06  # s
 CLEAR = 3.0
 ACCEPT = 3.0
+TRAINED = slice(0, 3)  # recordings: what is held out says nothing
 
 
 @dataclass(frozen=True)
@@ -64,26 +70,55 @@ class Windows:
 
 @dataclass(frozen=True)
 class Excess:
-    """Whitened rows by channel: what the nominal leaves, and what a prior std of each unknown parameter would do."""
+    """Whitened rows by channel about the true unknown parameters: what the nominal leaves, what a prior std does."""
 
     channels: tuple[str, ...]
     rows: Array  # (B, W, C) in std
     unknown: Array  # (P, B, W, C)
     centres: Array  # (B, W) s
+    offset: Array  # (P,) of the true unknown parameters from their priors' means, in prior std
 
-    def remaining(self, others: Array | None = None, members: slice = slice(0, 3)) -> Array:
+    def remaining(self, others: Array | None = None, members: slice = TRAINED) -> Array:
         """Rows (b, W, C) after the unknown parameters, and any `others` (Q, B, W, C) without a prior, are fitted."""
         rows = self.rows[members]
-        unknown = self.unknown[:, members].reshape(len(self.unknown), -1).T
+        left, _, _ = self._fit(rows.ravel(), others, members)
+        return left.reshape(rows.shape)
+
+    def cost(self, others: Array | None = None, rows: Array | None = None) -> float:
+        """Half the squares that a fit to `rows` (B, W, C; else the excess) leaves, those of its priors among them."""
+        members = TRAINED
+        left, strain, _ = self._fit((self.rows if rows is None else rows)[members].ravel(), others, members)
+        return 0.5 * float(left @ left + strain @ strain)
+
+    def amount(self, other: Array) -> float:
+        """How much of `other` (B, W, C) the best fit takes."""
+        _, _, amounts = self._fit(self.rows[TRAINED].ravel(), other[None], TRAINED)
+        return float(amounts[0])
+
+    def _fit(self, rows: Array, others: Array | None, members: slice) -> tuple[Array, Array, Array]:
+        """Rows and priors left over, in std, and the amounts of the others."""
+        unknown = self.unknown[:, members].reshape(len(self.unknown), rows.size).T
         free = np.zeros((rows.size, 0)) if others is None else others[:, members].reshape(len(others), -1).T
         scale = np.maximum(np.linalg.norm(free, axis=0), 1e-30)
         design = np.hstack([unknown, free / scale])
-        prior = np.hstack([np.eye(unknown.shape[1]), np.zeros((unknown.shape[1], free.shape[1]))])
-        target = np.concatenate([rows.ravel(), np.zeros(unknown.shape[1])])
         if design.shape[1] == 0:
-            return rows
-        fit, *_ = np.linalg.lstsq(np.vstack([design, prior]), target, rcond=1e-10)
-        return (rows.ravel() - design @ fit).reshape(rows.shape)
+            return rows, self.offset, np.zeros(0)
+        prior = np.hstack([np.eye(unknown.shape[1]), np.zeros((unknown.shape[1], free.shape[1]))])
+        fit, *_ = np.linalg.lstsq(np.vstack([design, prior]), np.concatenate([rows, self.offset]), rcond=1e-10)
+        return rows - design @ fit, self.offset - prior @ fit, fit[unknown.shape[1] :] / scale
+
+
+def offsets(entries: Sequence[Mapping[str, object]], values: Mapping[str, float]) -> Array:
+    """True unknown parameters (P,) from their priors' means, in prior std; `values` as in a truth."""
+    far = [(true_value(entry, values) - float(entry["mean"])) / float(entry["std"]) for entry in entries]  # type: ignore[arg-type]
+    return np.array(far)
+
+
+def true_value(entry: Mapping[str, object], values: Mapping[str, float]) -> float:
+    """Of an unknown parameter; a contact's stand under their names alone."""
+    name = str(entry["parameter"])
+    place = entry.get("body", entry.get("joint"))
+    return float(values[name if place is None else f"{name}.{place}"])
 
 
 @dataclass(frozen=True)
@@ -117,16 +152,98 @@ def strength(
     return {"value": value, "total": total, "clear": bool(value >= CLEAR), "channels": per}
 
 
-def acceptable(excess: Excess, own: int, alternatives: Sequence[Alternative]) -> list[dict[str, object]]:
-    """Explanations whose expected log Bayes factor against the truth is under 3; for faint effects `none` is one."""
-    count = excess.rows[:3].size
-    found: list[dict[str, object]] = []
-    nominal = 0.5 * float(np.sum(excess.remaining() ** 2)) - 0.5 * own * np.log(count)
+def acceptable(
+    excess: Excess,
+    own: int,
+    rivals: Sequence[Alternative],
+    same: Sequence[Alternative] = (),
+    beside: Array | None = None,
+) -> list[dict[str, object]]:
+    """Explanations whose expected log Bayes factor against the truth is under 3; for faint effects `none` is one.
+
+    `same` are looks at the truth itself, whose own strengths may relieve the priors; `beside` (Q, B, W, C) is fitted
+    with every explanation.
+    """
+    count = excess.rows[TRAINED].size
+    silent = np.zeros_like(excess.rows)
+    own_looks = [one.regressors for one in same] if len(excess.unknown) else []
+    truth = min(excess.cost(_joined(beside, look), silent) for look in (None, *own_looks))
+    nominal = excess.cost(beside) - truth - 0.5 * own * np.log(count)
     if nominal < ACCEPT:
-        found.append({"effect": "none", "at": "", "log_bayes_factor": float(nominal)})
-    for other in alternatives:
-        left = 0.5 * float(np.sum(excess.remaining(other.regressors) ** 2))
+        return [{"effect": "none", "at": "", "log_bayes_factor": float(nominal)}]
+    found: dict[tuple[str, str], float] = {}
+    for other in rivals:
+        left = excess.cost(_joined(beside, other.regressors)) - truth
         factor = left + 0.5 * (other.parameters - own) * np.log(count)
-        if factor < ACCEPT and nominal >= ACCEPT:
-            found.append({"effect": other.effect, "at": other.at, "log_bayes_factor": float(factor)})
-    return found
+        if factor < ACCEPT:
+            name = (other.effect, other.at)
+            found[name] = min(float(factor), found.get(name, np.inf))
+    return [{"effect": effect, "at": at, "log_bayes_factor": factor} for (effect, at), factor in found.items()]
+
+
+def _joined(one: Array | None, other: Array | None) -> Array | None:
+    parts = [part for part in (one, other) if part is not None]
+    return np.concatenate(parts) if parts else None
+
+
+def secant(excess: Excess, change: Callable[[float], Array], first: float, rounds: int = 3) -> Array:
+    """Rows (B, W, C) a unit of one strength, taken over as much of it as explains the excess best.
+
+    A surface, or the encoder that tells its depth, moved by half the depth is not twice one moved by a quarter.
+    """
+    rows = change(first) / first
+    for _ in range(rounds):
+        best = excess.amount(rows)
+        if not np.isfinite(best) or abs(best) < abs(first):
+            return rows
+        rows = change(best) / best
+    return rows
+
+
+class Rows(Protocol):
+    """What a rig's case is reckoned by."""
+
+    effects: tuple[Concealed, ...]
+
+    def excess(self) -> Excess: ...
+    def shown_in(self, item: Concealed) -> list[str] | None: ...
+    def alternatives(self, item: Concealed, excess: Excess) -> list[Alternative]: ...
+
+
+def reckoned(rows: Rows, excess: Excess, beside: tuple[Concealed, Array] | None = None) -> dict[str, object]:
+    """Strength of each of the effects, and of one alone the acceptable other names; sealed with the truth.
+
+    `beside` is the other effect of a pair and the rows (B, W, C) that it leaves by itself.
+    """
+    told = []
+    for item in rows.effects:
+        member = RECORDINGS.index(item.recording) if item.recording else None
+        told.append(strength(excess, rows.shown_in(item), item.interval, member))
+    result: dict[str, object] = {"strengths": told, "accept": []}
+    if len(rows.effects) == 1 and not rows.effects[0].effect.startswith("odd_"):
+        result["accept"] = _second_names(rows, excess, beside)
+    return result
+
+
+def _second_names(rows: Rows, excess: Excess, beside: tuple[Concealed, Array] | None) -> list[dict[str, object]]:
+    own = rows.effects[0]
+    looks = rows.alternatives(own, excess)
+    taken, fitted = {(own.effect, own.at)}, None
+    if beside is not None:
+        other, footprint = beside
+        taken |= {(other.effect, other.at)}
+        fitted = _fitted_beside(rows.alternatives(other, excess), other, footprint, excess)
+    same = [look for look in looks if (look.effect, look.at) == (own.effect, own.at)]
+    rivals = [look for look in looks if (look.effect, look.at) not in taken]
+    return acceptable(excess, len(own.parameters), rivals, same, fitted)
+
+
+def _fitted_beside(looks: Sequence[Alternative], other: Concealed, footprint: Array, excess: Excess) -> Array:
+    """Regressors (Q, B, W, C) of a pair's other effect: what it leaves by itself, and the look that is most like it."""
+    # Tosses of a pair need not last alike.
+    left = np.zeros_like(excess.rows)
+    windows = min(left.shape[1], footprint.shape[1])
+    left[:, :windows] = footprint[:, :windows]
+    alike = [look for look in looks if (look.effect, look.at) == (other.effect, other.at)]
+    best = min(alike, key=lambda look: excess.cost(look.regressors, left), default=None)
+    return left[None] if best is None else np.concatenate([left[None], best.regressors])

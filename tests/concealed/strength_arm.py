@@ -13,7 +13,7 @@ from .case import RECORDINGS, Case, World
 from .mujoco_arm import ArmInverse
 from .noise import ChannelNoise
 from .robots import Array, Robot
-from .strength import Alternative, Excess, Windows, acceptable, strength
+from .strength import ACCEPT, TRAINED, Alternative, Excess, Windows, offsets, true_value
 from .truth import Concealed
 
 _EVERY = 12  # windows between two evaluations of the noise's Jacobian
@@ -25,19 +25,24 @@ class ArmRows:
     def __init__(self, case: Case) -> None:
         world: World = case.study["world"]  # type: ignore[assignment]
         settings: Settings = case.study["settings"]  # type: ignore[assignment]
-        self.robot, self.entries = world.nominal, case.study["entries"]
+        self.entries: list[dict[str, object]] = case.study["entries"]  # type: ignore[assignment]
+        self.values: dict[str, float] = case.truth["nominal_parameters_true"]  # type: ignore[assignment]
+        self.robot, self.effects = with_true_unknown(world.nominal, self.entries, self.values), world.effects
         self.names = [joint.name for joint in self.robot.joints]
-        self.time = world.motion.time
-        self.q = np.stack([world.measured[f"q.{name}"] for name in self.names], axis=2)
-        self.v = np.stack([world.measured[f"v.{name}"] for name in self.names], axis=2)
-        late = np.gradient(self.v - world.motion.v, settings.step, axis=1)
-        self.a, self.u = world.motion.a + late, world.motion.u
+        self.time = world.motion.time[TRAINED]
+        q, v, a, u = (x[TRAINED] for x in (world.motion.q, world.motion.v, world.motion.a, world.motion.u))
+        self.q = np.stack([world.measured[f"q.{name}"][TRAINED] for name in self.names], axis=2)
+        self.v = np.stack([world.measured[f"v.{name}"][TRAINED] for name in self.names], axis=2)
+        self.has_velocity = settings.has_velocity
+        if not self.has_velocity:
+            self.v = v + self.rate(self.q - q)
+        self.a, self.u = a + self.rate(self.v - v), u
+        self.halfway = 0.5 * (self.q + q), 0.5 * (self.v + v), 0.5 * (self.a + a)
         self.windows = Windows.over(self.q.shape[1], settings.step)
         self.noise_q: ChannelNoise = case.study["noise_q"]  # type: ignore[assignment]
         self.noise_v: ChannelNoise = case.study["noise_v"]  # type: ignore[assignment]
-        self.has_velocity = settings.has_velocity
         self.nominal_torque = self.torque(self.robot)
-        loose = any(item.laws.transmissions for item in world.effects)
+        loose = any(item.laws.transmissions for item in self.effects)
         self.misfit = self._over_steps() if loose else self.nominal_torque - self.u
         self.std = self._noise()
         self.channels = tuple(self.names) + tuple(f"rate of {name}" for name in self.names if self.has_velocity)
@@ -47,6 +52,10 @@ class ArmRows:
         inverse = ArmInverse(robot)
         q, v, a = (own if given is None else given for own, given in ((self.q, q), (self.v, v), (self.a, a)))
         return inverse.torque(*(x.reshape(-1, robot.size) for x in (q, v, a))).reshape(q.shape)
+
+    def rate(self, values: Array) -> Array:
+        """Rates (B, N, ...) of values at this case's instants."""
+        return np.stack([np.gradient(own, t, axis=0) for t, own in zip(self.time, values, strict=True)])
 
     def _over_steps(self) -> Array:
         """The torque (B, N, n) that the nominal arm lacks in the mean over each step, the last one twice.
@@ -119,7 +128,7 @@ class ArmRows:
         return np.stack([CubicSpline(t, own, axis=0)(t[0] + even) for t, own in zip(self.time, values, strict=True)])
 
     def excess(self) -> Excess:
-        unknown = [self._unknown(entry) for entry in self.entries]  # type: ignore[attr-defined]
+        unknown = [self._unknown(entry) for entry in self.entries]
         centres = self.time[:, self.windows.centres()]
         shape = (0, *self.std.shape)
         return Excess(
@@ -127,6 +136,7 @@ class ArmRows:
             self.whiten(self.misfit, self.q, self.v),
             np.stack(unknown) if unknown else np.zeros(shape),
             centres,
+            offsets(self.entries, self.values),
         )
 
     def _unknown(self, entry: dict[str, object]) -> Array:
@@ -139,11 +149,33 @@ class ArmRows:
         heavier = self.robot.replace_link(link, body.with_mass(body.mass + float(entry["std"])))  # type: ignore[arg-type]
         return self.whiten(self.torque(heavier) - self.nominal_torque)
 
+    def shown_in(self, item: Concealed) -> list[str]:
+        """Channels that an effect is to be seen in: its joint's, or of a link every joint's."""
+        place = item.at.split(".")[-1]
+        if place not in self.names:
+            return list(self.names)
+        return [place, f"rate of {place}"] if "." in item.at else [place]
+
+    def alternatives(self, item: Concealed, excess: Excess) -> list[Alternative]:
+        return list(arm_alternatives(self, item, excess))
+
     def only(self, joint: int, values: Array) -> Array:
         """Torques (B, N, n) that act at one joint alone."""
         out = np.zeros_like(self.u)
         out[:, :, joint] = values
         return out
+
+
+def with_true_unknown(robot: Robot, entries: list[dict[str, object]], values: dict[str, float]) -> Robot:
+    """The nominal robot with what is unknown of it as it truly is."""
+    for entry in entries:
+        value = true_value(entry, values)
+        if entry["parameter"] == "damping":
+            robot = robot.replace_joint(robot.joint_index(str(entry["joint"])), damping=value)
+        else:
+            link = robot.link_index(str(entry["body"]))
+            robot = robot.replace_link(link, robot.links[link].with_mass(value))
+    return robot
 
 
 def _late(rows: ArmRows, j: int, seconds: float) -> Array:
@@ -217,63 +249,113 @@ def body_alternatives(rows: ArmRows, joints: list[int]) -> Iterator[tuple[str, s
     yield "gravity_misalignment", "world", 2, tilts
 
 
+TIMES = (0.001, 0.002, 0.004, 0.008, 0.016, 0.03)
+"""Delays (s) that a late sensor is compared at; of a lag one is enough, as what undoes it grows in proportion."""
+
+
 def sensor_alternatives(rows: ArmRows, joints: list[int]) -> Iterator[tuple[str, str, Array]]:
-    """Faults of encoders, each with one parameter: whitened rows."""
-    time = rows.time[:, :, None]
-    for j in joints:
-        only = np.eye(rows.robot.size)[j]
-        for effect, shape in (("sensor_bias", np.ones_like(time)), ("sensor_drift", time), ("sensor_delay", None)):
-            change = 1e-3 * only * (-rows.v if shape is None else shape)
-            yield effect, f"q.{rows.names[j]}", _moved(rows, change)
-        yield "sensor_gain_error", f"q.{rows.names[j]}", _moved(rows, 1e-3 * only * rows.q)
-        if rows.has_velocity:
-            for effect, speed in (("sensor_bias", np.ones_like(rows.v)), ("sensor_gain_error", rows.v)):
-                change = 1e-3 * only * speed
-                late = np.gradient(change, rows.windows.step, axis=1)
-                torque = rows.torque(rows.robot, v=rows.v + change, a=rows.a + late) - rows.nominal_torque
-                yield effect, f"v.{rows.names[j]}", rows.whiten(torque, v=change)
+    """Faults of encoders, each with one parameter: whitened rows. Of joints not asked for, the biases only.
+
+    Each is what undoing the fault changes: a delay d by the value d later, a lag T by T times the value's rate.
+    """
+    base = rows.torque(rows.robot, *rows.halfway)
+    ones = np.ones_like(rows.time)
+    for j, name in enumerate(rows.names):
+        of_q = _slope(rows, j, 0, base)
+        yield "sensor_bias", f"q.{name}", rows.whiten(of_q)
+        if j not in joints:
+            continue
+        of_v, of_a = _slope(rows, j, 1, base), _slope(rows, j, 2, base)
+        for effect, change in undone(rows.time, rows.q[:, :, j]):
+            yield effect, f"q.{name}", _moved(rows, j, (of_q, of_v, of_a), change)
+        for effect, change in (("sensor_bias", ones), *undone(rows.time, rows.v[:, :, j])) if rows.has_velocity else ():
+            yield effect, f"v.{name}", _sped(rows, j, (of_v, of_a), change)
 
 
-def _moved(rows: ArmRows, change: Array) -> Array:
-    return rows.whiten(rows.torque(rows.robot, q=rows.q + change) - rows.nominal_torque, q=change)
+def undone(time: Array, value: Array) -> Iterator[tuple[str, Array]]:
+    """Faults of a channel's values (B, N) beyond a bias, and a small or their whole undoing (B, N)."""
+    yield "sensor_gain_error", 1e-3 * value
+    yield "sensor_drift", 1e-3 * time
+    curves = [CubicSpline(stamps, own) for stamps, own in zip(time, value, strict=True)]
+    rate = np.stack([curve(stamps, 1) for curve, stamps in zip(curves, time, strict=True)])
+    yield "clock_skew", 1e-3 * time * rate
+    yield "sensor_lag", 1e-3 * rate
+    for seconds in TIMES:
+        later = np.minimum(time + seconds, time[:, -1:])
+        ahead = np.stack([curve(stamps) for curve, stamps in zip(curves, later, strict=True)])
+        yield "sensor_delay", ahead - value
 
 
-def arm_strength(case: Case) -> dict[str, object]:
-    """Strength of each of the case's effects and the acceptable other names; sealed with the truth."""
-    rows = ArmRows(case)
-    excess = rows.excess()
-    effects: tuple[Concealed, ...] = case.study["world"].effects  # type: ignore[attr-defined]
-    told = []
-    for item in effects:
-        member = RECORDINGS.index(item.recording) if item.recording else None
-        told.append(strength(excess, _channels(rows, item), item.interval, member))
-    result: dict[str, object] = {"strengths": told, "accept": []}
-    if len(effects) == 1 and not effects[0].effect.startswith("odd_"):
-        only = effects[0]
-        rivals = _alternatives(rows, only.effect, only.at, _channels(rows, only))
-        result["accept"] = acceptable(excess, len(only.parameters), rivals)
-    return result
+def _slope(rows: ArmRows, j: int, which: int, base: Array) -> Array:
+    """Change of the torques (B, N, n) with a joint's q, v or a: halfway from what was measured to what was.
+
+    There a secant from the one to the other is right to the second order.
+    """
+    state = [x.copy() for x in rows.halfway]
+    state[which][:, :, j] += 1e-5
+    return (rows.torque(rows.robot, *state) - base) / 1e-5
 
 
-def _channels(rows: ArmRows, item: Concealed) -> list[str] | None:
-    place = item.at.split(".")[-1]
-    if place not in rows.names:
-        return list(rows.names)
-    return [place, f"rate of {place}"] if "." in item.at else [place]
+def _moved(rows: ArmRows, j: int, slopes: tuple[Array, Array, Array], change: Array) -> Array:
+    """Rows of a change of q; without measured velocities v and a are those of q too."""
+    torque = slopes[0] * change[:, :, None]
+    if not rows.has_velocity:
+        rate = rows.rate(change)
+        torque += slopes[1] * rate[:, :, None] + slopes[2] * rows.rate(rate)[:, :, None]
+    return rows.whiten(torque, q=rows.only(j, change))
 
 
-def _alternatives(rows: ArmRows, effect: str, at: str, channels: list[str] | None) -> list[Alternative]:
-    found = []
-    joints = [rows.names.index(name) for name in channels or rows.names if name in rows.names]
-    for j in joints if len(joints) == 1 else []:
-        for name, count, torques in joint_alternatives(rows, j):
-            if name != effect:
+def _sped(rows: ArmRows, j: int, slopes: tuple[Array, Array], change: Array) -> Array:
+    torque = slopes[0] * change[:, :, None] + slopes[1] * rows.rate(change)[:, :, None]
+    return rows.whiten(torque, v=rows.only(j, change))
+
+
+def pulse_alternatives(rows: ArmRows, item: Concealed) -> Iterator[Alternative]:
+    """The same pulse on each of the links: whitened rows of a force along each of the world's axes."""
+    assert item.interval is not None and item.recording is not None
+    member = RECORDINGS.index(item.recording)
+    part = (rows.time[member] - item.interval[0]) / (item.interval[1] - item.interval[0])
+    inside = np.flatnonzero((part > 0.0) & (part < 1.0))
+    shape = np.sin(np.pi * part[inside]) ** 2
+    inverse, q = ArmInverse(rows.robot), rows.q[member, inside]
+    for link, body in enumerate(rows.robot.links):
+        base = inverse.point(q, link, np.zeros(3))
+        torques = np.zeros((3, *rows.u.shape))
+        for j in range(rows.robot.size):
+            reach = (inverse.point(q + 1e-6 * np.eye(rows.robot.size)[j], link, np.zeros(3)) - base) / 1e-6
+            torques[:, member, inside, j] = (shape[:, None] * reach).T
+        yield Alternative("external_disturbance", body.name, np.stack([rows.whiten(x) for x in torques]), 3)
+
+
+def arm_alternatives(rows: ArmRows, item: Concealed, excess: Excess) -> Iterator[Alternative]:
+    """What could be taken for the effect, and looks at the effect itself."""
+    channels = rows.shown_in(item) or rows.names
+    joints = [rows.names.index(name) for name in channels if name in rows.names]
+    for j in range(rows.robot.size):
+        if joints == [j] or confined(rows, excess, j, len(item.parameters)):
+            for name, count, torques in joint_alternatives(rows, j):
                 regressors = np.stack([rows.whiten(rows.only(j, torque)) for torque in torques])
-                found.append(Alternative(name, rows.names[j], regressors, count))
+                yield Alternative(name, rows.names[j], regressors, count)
     for name, place, count, torques in body_alternatives(rows, joints):
-        if (name, place) != (effect, at):
-            found.append(Alternative(name, place, np.stack([rows.whiten(torque) for torque in torques]), count))
+        yield Alternative(name, place, np.stack([rows.whiten(torque) for torque in torques]), count)
     for name, place, row in sensor_alternatives(rows, joints):
-        if (name, place) != (effect, at):
-            found.append(Alternative(name, place, row[None], 1))
-    return found
+        yield Alternative(name, place, row[None], 1)
+    if item.effect == "external_disturbance":
+        yield from pulse_alternatives(rows, item)
+
+
+def confined(rows: ArmRows, excess: Excess, j: int, own: int) -> bool:
+    """Whether all that is seen could come from one joint, as of a tilted gravity on an arm that moves in a plane.
+
+    No torque at the joint explains what the other joints show: where that alone is too much, none need be tried.
+    """
+    others = np.array([k for k in range(len(excess.channels)) if k != j])
+    apart = Excess(
+        tuple(excess.channels[k] for k in others),
+        excess.rows[..., others],
+        excess.unknown[..., others],
+        excess.centres,
+        excess.offset,
+    )
+    paid = 0.5 * float(excess.offset @ excess.offset)  # at most, by the truth
+    return apart.cost() - paid + 0.5 * (1 - own) * np.log(excess.rows.size) < ACCEPT

@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .case import RECORDINGS, Case
+from .case import Case
 from .contact_law import ContactLaw
 from .noise import ChannelNoise
 from .robots import Array, Link
-from .strength import Alternative, Excess, Windows, acceptable, strength
+from .strength import Alternative, Excess, Windows, offsets, true_value
 from .toss import Toss
 from .toss_case import POSE, _pose_curves
 from .truth import Channels, Concealed
@@ -32,9 +32,12 @@ class TossRows:
         study = case.study
         true: Toss = study["toss"]  # type: ignore[assignment]
         self.link: Link = study["link"]  # type: ignore[assignment]
-        self.law: ContactLaw = study["nominal_law"]  # type: ignore[assignment]
         self.effects: tuple[Concealed, ...] = study["effects"]  # type: ignore[assignment]
         self.entries: list[dict[str, object]] = study["entries"]  # type: ignore[assignment]
+        self.values: dict[str, float] = case.truth["nominal_parameters_true"]  # type: ignore[assignment]
+        known: ContactLaw = study["nominal_law"]  # type: ignore[assignment]
+        told = {str(entry["parameter"]): true_value(entry, self.values) for entry in self.entries}
+        self.law: ContactLaw = replace(known, **told)  # type: ignore[arg-type]
         time: Array = study["time"]  # type: ignore[assignment]
         states: Array = study["states"]  # type: ignore[assignment]
         self.noise: tuple[ChannelNoise, ChannelNoise] = (study["position"], study["rotation"])  # type: ignore[assignment]
@@ -116,12 +119,21 @@ class TossRows:
         unknown = []
         for entry in self.entries:
             name = str(entry["parameter"])
-            law = replace(self.law, **{name: float(entry["mean"]) + 0.1 * float(entry["std"])})  # type: ignore[arg-type]
+            law = replace(self.law, **{name: float(getattr(self.law, name)) + 0.1 * float(entry["std"])})  # type: ignore[arg-type]
             unknown.append(10.0 * self.whiten(self.effort(replace(self.frame, law=law)) - self.nominal))
         rows = self.whiten(self.nominal, self.momentum(self.link))
-        return Excess(CHANNELS, rows, np.stack(unknown), self.time[:, self.windows.centres()])
+        return Excess(CHANNELS, rows, np.stack(unknown), self._centres(), offsets(self.entries, self.values))
 
-    def alternatives(self) -> Iterator[tuple[str, str, int, list[Array]]]:
+    def _centres(self) -> Array:
+        return self.time[:, self.windows.centres()]
+
+    def shown_in(self, item: Concealed) -> None:
+        """An effect may be seen in every channel."""
+
+    def alternatives(self, item: Concealed, excess: Excess) -> list[Alternative]:
+        return [Alternative(effect, at, np.stack(spans), count) for effect, at, count, spans in self._named()]
+
+    def _named(self) -> Iterator[tuple[str, str, int, list[Array]]]:
         """Name, place, number of parameters and rows that span it."""
         pair, body, law = f"{self.link.name}/ground", self.link.name, self.law
 
@@ -159,23 +171,3 @@ class TossRows:
             effort = self.effort(replace(self.frame, link=link)) - self.nominal
             loads.append(self.whiten(effort, self.momentum(link) - self.momentum(self.link)))
         yield "payload", body, 4, loads
-
-
-def toss_strength(case: Case) -> dict[str, object]:
-    """Strength of each of the case's effects and the acceptable other names; sealed with the truth."""
-    rows = TossRows(case)
-    excess = rows.excess()
-    told = []
-    for item in rows.effects:
-        member = RECORDINGS.index(item.recording) if item.recording else None
-        told.append(strength(excess, None, item.interval, member))
-    result: dict[str, object] = {"strengths": told, "accept": []}
-    if len(rows.effects) == 1 and not rows.effects[0].effect.startswith("odd_"):
-        only = rows.effects[0]
-        rivals = [
-            Alternative(effect, at, np.stack(spans), count)
-            for effect, at, count, spans in rows.alternatives()
-            if (effect, at) != (only.effect, only.at)
-        ]
-        result["accept"] = acceptable(excess, len(only.parameters), rivals)
-    return result
