@@ -8,7 +8,7 @@ import pytest
 from concealed.make import simulate
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.beginning import start_rows
+from drake_cafim.diagnosis.beginning import Begun, start_rows
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.effects.actuator import ActuatorLag, Effort
@@ -68,3 +68,34 @@ def test_what_a_wrench_sensor_writes_was_behind(tmp_path: Path) -> None:
         _assert_in_proportion(rows[:, weak.dynamic.stop + k, k], missed, behind[k] / usual[k])
         others = np.delete(rows[:, :, k], weak.dynamic.stop + k, axis=1)
         assert not np.any(others)
+
+
+def _told(rows: Array, U: Array) -> float:
+    begun = Begun.of(rows, U)
+    return float(begun.rows @ begun.rows) + begun.paid
+
+
+@pytest.mark.parametrize("off", [0.5, 3.5, 12.0])
+def test_a_start_is_paid_for_as_far_as_it_is_off(off: float) -> None:
+    """Of a doubt that could move the rows by 400 standard deviations; it used to be paid for as if it did."""
+    doubt = np.zeros((50, 1))
+    doubt[:4, 0] = 200.0
+    rows = np.random.default_rng(0).normal(size=50)
+    rows += doubt[:, 0] / 400.0 * (off - float(rows @ doubt[:, 0]) / 400.0)
+    wanted = off**2 if off < 1.0 else 1.0 + np.log(off**2)
+    assert _told(rows, doubt) == pytest.approx(float(rows @ rows) - off**2 + wanted, abs=1e-6)
+    if off > 1.0:
+        assert float(Begun.of(rows, doubt).start @ doubt[0]) == pytest.approx(-(off - 1.0 / off) / 2.0, rel=1e-3)
+
+
+def test_doubts_that_look_alike_are_as_wide_as_is_likeliest() -> None:
+    rng = np.random.default_rng(1)
+    doubts = rng.normal(size=(60, 3)) @ np.array([[30.0, 20.0, 0.0], [0.0, 20.0, 0.3], [0.0, 0.0, 0.1]])
+    for size in (0.0, 0.1, 2.0):
+        rows = rng.normal(size=60) + doubts @ rng.normal(size=3) * size
+        covariances = (np.eye(60) + (doubts * widths**2) @ doubts.T for widths in rng.uniform(size=(400, 3)) ** 3)
+        tried = [rows @ np.linalg.solve(C, rows) + np.linalg.slogdet(C)[1] for C in covariances]
+        assert _told(rows, doubts) <= min(*tried, float(rows @ rows)) + 1e-6
+        begun = Begun.of(rows, doubts)
+        own = np.eye(60) + (doubts * begun.widths**2) @ doubts.T if begun.paid > 0.0 else np.eye(60)
+        assert _told(rows, doubts) == pytest.approx(rows @ np.linalg.solve(own, rows) + np.linalg.slogdet(own)[1])

@@ -1,5 +1,6 @@
 """Fits on a pendulum: the estimate is where the truth is, also where the regressors are mostly noise."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -232,6 +233,22 @@ def test_a_start_in_balance_costs_nothing(tmp_path: Path, stiffness: float, ring
         assert begun.rows @ begun.rows + begun.paid < balanced @ balanced
     else:
         assert np.array_equal(begun.rows, balanced)
+
+
+def test_slopes_are_those_under_doubts_that_stay_as_they_are(tmp_path: Path) -> None:
+    """The likelihood is at its largest in how wide they are; rows under widths of their own hide what a ring tells."""
+    problem = _problem(tmp_path, mass=2.0, friction=1.5, seed=0, rotor=0.5)
+    coupling = JointElasticity("rail", {"stiffness": 500.0, "damping": 1.0})
+    model = Model(problem.scene.priors.mean, (coupling,))
+    run = problem.runs[0]
+    widths = run.begun(model.physics(problem.scene)).widths
+    assert 0.1 < np.max(widths) < 0.9
+    step = 0.1
+    sides = (coupling.with_values({**coupling.values, "stiffness": 500.0 + change}) for change in (step, -step))
+    ahead, behind = (run.begun(replace(model, effects=(side,)).physics(problem.scene), widths).rows for side in sides)
+    held, slope = (ahead - behind) / (2.0 * step), problem.jacobian(model)[: run.rows, 1]
+    doubts = run.begun(model.physics(problem.scene)).U.T
+    np.testing.assert_allclose(doubts @ slope, doubts @ held, rtol=0.02, atol=0.02 * np.max(np.abs(doubts @ held)))
 
 
 def test_a_spring_without_stiffness_is_absent(tmp_path: Path) -> None:

@@ -1,7 +1,10 @@
 """What nobody knows of a recording's beginning: how twisted soft joints were, and how far lags were behind.
 
-Both forget it, so only the first rows see it: U (R, c) is what a standard deviation of each doubt adds to whitened
-rows, whose covariance is then C = 1 + U Uᵀ, and they are multiplied by C^(−½).
+Both forget it, so only the first rows see it: U (R, c) is what each doubt adds to whitened rows where it is as large
+as could be, their covariance is then C = 1 + U W² Uᵀ, and they are multiplied by C^(−½). The widths W, from 0 to 1,
+are the likeliest ones (type-II maximum likelihood; MacKay, Neural Computation 4(3), 1992): a start that is a little
+off is paid for as far as it is off, and one in balance costs nothing. With doubts as wide as could be, a stiffness
+under which nothing rings, and which pays for no doubt, would pass for likelier than the one that is there.
 """
 
 from dataclasses import dataclass, field
@@ -16,6 +19,11 @@ from drake_cafim.recordings.recording import WRENCH_COMPONENTS
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
+TURNS, SETTLED = 60, 1e-8
+"""Turns at the variances at most, and the part of one that ends them."""
+FAINT = 1e-4
+"""Of a squared whitened row: what a doubt must change the rows by, all together, to be one."""
+
 
 def doubtful(physics: Physics) -> bool:
     """Whether anything remembers how it was before the first sample."""
@@ -27,33 +35,76 @@ def doubtful(physics: Physics) -> bool:
 class Begun:
     """Whitened `rows` (R,) less what the beginning is to blame for, and ln det C, which that is `paid` with.
 
-    `plain` are the rows before that, and `U` (R, c) what the doubt may change; both empty where there is none.
+    `plain` are the rows before that, `U` (R, c) what the doubts may change at their `widths` (c,); the first
+    two are empty where there is none.
     """
 
     rows: Array
     paid: float = 0.0
     plain: Array = field(default_factory=lambda: np.zeros(0))
     U: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    widths: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
-    def of(cls, rows: Array, U: Array) -> "Begun":
-        """The likelier of two: in balance and settled, or not.
-
-        A doubt that is not there would count against every joint that rings for long.
-        """
-        paid = float(np.sum(np.log1p(np.maximum(np.linalg.eigvalsh(U.T @ U), 0.0))))
-        ringing = rows - _to_blame(U, rows)
-        return cls(ringing, paid, rows, U) if ringing @ ringing + paid < rows @ rows else cls(rows)
+    def of(cls, rows: Array, U: Array, widths: Array | None = None) -> "Begun":
+        """With each doubt as wide as is likeliest, or as `widths` say; settled, where that is no doubt at all."""
+        if widths is None or len(widths) != U.shape[1]:
+            widths = likeliest_widths(U.T @ U, U.T @ rows)
+        if not np.any(widths):
+            return cls(rows, widths=widths)
+        U = U * widths
+        return cls(rows - _to_blame(U, rows), _log_determinant(U.T @ U), rows, U, widths)
 
     @property
     def start(self) -> Array:
-        """What the rows say of the doubts, (c,), in prior standard deviations."""
+        """What the rows say of the doubts, (c,), in what each is at most."""
         information = self.U.T @ self.U + np.eye(self.U.shape[1])
-        return -np.asarray(np.linalg.solve(information, self.U.T @ self.plain), dtype=float)
+        return np.asarray(-self.widths * np.linalg.solve(information, self.U.T @ self.plain), dtype=float)
 
     def without(self, columns: Array) -> Array:
         """Columns (R, k) less what the beginning is to blame for."""
         return columns - _to_blame(self.U, columns) if self.paid > 0.0 else columns
+
+
+def likeliest_widths(gram: Array, seen: Array) -> Array:
+    """The widths (c,) from 0 to 1 under which rows z are likeliest, of `gram` UᵀU (c, c) and `seen` Uᵀz (c,).
+
+    From no doubt and from every doubt as large as could be, whichever leads to the likelier.
+    """
+    found = [_climbed(gram, seen, start) for start in (np.zeros(len(seen)), np.ones(len(seen)))]
+    return np.asarray(np.sqrt(min(found, key=lambda variances: _cost(gram, seen, variances))))
+
+
+def _climbed(gram: Array, seen: Array, variances: Array) -> Array:
+    """Each variance in its turn where the likelihood is largest in it (Tipping, Faul, AISTATS 2003)."""
+    for _ in range(TURNS):
+        before = variances.copy()
+        for i in range(len(seen)):
+            others = np.where(np.arange(len(seen)) == i, 0.0, np.sqrt(variances))
+            left, answer = _beside(gram, seen, others, i)
+            wanted = (answer**2 - left) / left**2 if left > FAINT else 0.0
+            variances[i] = min(max(wanted, 0.0), 1.0)
+        if np.all(np.abs(variances - before) <= SETTLED * variances):
+            break
+    return variances
+
+
+def _beside(gram: Array, seen: Array, widths: Array, i: int) -> tuple[float, float]:
+    """uᵀC⁻¹u and uᵀC⁻¹z of doubt `i` under the covariance of the others, of `widths` (c,)."""
+    shared = widths * gram[:, i]
+    solved = np.linalg.solve(np.eye(len(seen)) + widths[:, None] * gram * widths, shared)
+    return float(gram[i, i] - shared @ solved), float(seen[i] - (widths * seen) @ solved)
+
+
+def _cost(gram: Array, seen: Array, variances: Array) -> float:
+    """zᵀC⁻¹z + ln det C, less zᵀz."""
+    widths = np.sqrt(variances)
+    scaled, answer = widths[:, None] * gram * widths, widths * seen
+    return _log_determinant(scaled) - float(answer @ np.linalg.solve(np.eye(len(seen)) + scaled, answer))
+
+
+def _log_determinant(gram: Array) -> float:
+    return float(np.sum(np.log1p(np.maximum(np.linalg.eigvalsh(gram), 0.0))))
 
 
 def _to_blame(U: Array, rows: Array) -> Array:

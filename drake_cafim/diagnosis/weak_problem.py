@@ -71,8 +71,8 @@ class Run:
         """Whitened rows (R,), less what an unknown start is to blame for."""
         return self.begun(physics).rows
 
-    def begun(self, physics: Physics) -> Begun:
-        """How the recording began, under `physics`."""
+    def begun(self, physics: Physics, widths: Array | None = None) -> Begun:
+        """How the recording began, under `physics`, with doubts as wide as is likeliest unless `widths` say."""
         if not doubtful(physics):
             return Begun(self.whitened(self.weak.residual(physics)))
         # a link that is lighter than its rotor runs away
@@ -80,7 +80,7 @@ class Run:
             rows, U = self.whitened(self.weak.residual(physics)), self.whitened(start_rows(self.weak, physics))
             if not np.all(np.abs(rows) < IMPOSSIBLE) or not np.all(np.isfinite(U)):
                 return Begun(np.full(len(rows), np.inf))
-        return Begun.of(rows, U)
+        return Begun.of(rows, U, widths)
 
     def pushed(self, force: Array, gains: Array) -> Array:
         """Rows (M, r, k) of generalized forces (N, n, k), at joints whose efforts count `gains` (n,) times."""
@@ -362,10 +362,18 @@ class WeakProblem(Problem):
 
     def _difference(self, model: Model, index: int, step: float) -> Array:
         up, down, taken = _either_side(model, index, step)
-        ahead, behind = self.residual(up), self.residual(down)
+        ahead, widths = self._begun(up, [None] * len(self.runs))
+        # the likelihood is at its largest in the widths: it has the slope that it has while they stay as they are
+        behind, _ = self._begun(down, widths)
         # beside what is impossible there is no slope to follow
         possible = np.all(np.isfinite(ahead)) and np.all(np.isfinite(behind))
         return (ahead - behind) / taken if possible else np.zeros(len(ahead))
+
+    def _begun(self, model: Model, widths: Sequence[Array | None]) -> tuple[Array, list[Array | None]]:
+        """Residual with the doubts of each recording's start as wide as `widths` or as is likeliest; and how wide."""
+        physics = model.physics(self.scene)
+        begun = [run.begun(physics, own) for run, own in zip(self.runs, widths, strict=True)]
+        return np.concatenate([*(one.rows for one in begun), self.prior_rows(model)]), [one.widths for one in begun]
 
     def _contact_difference(self, model: Model, index: int, step: float) -> Array:
         """The same for a number that only contacts know of."""
