@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.effects.actuator import ActuatorLag, Effort
+from drake_cafim.effects.actuator import ActuatorLag
 from drake_cafim.effects.coupling import JointCoupling
 from drake_cafim.effects.timing import SensorLag
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS
@@ -136,9 +136,7 @@ def _twisted(weak: WeakForm, physics: Physics, coupling: JointCoupling) -> Array
 def _behind(weak: WeakForm, physics: Physics, lag: ActuatorLag) -> Array:
     """(M, r, 1) of an effort that was as far behind, at first, as it is on the average."""
     joint, samples = physics.tree.joint_index(lag.at), weak.samples
-    asked = weak.measurement(physics).u[:, joint]
-    acting = lag.drive(Effort(samples.time, asked)).means(samples.time)
-    left = _decay(samples.time, lag.values["time_constant"]) * float(np.std(asked - acting))
+    left = _decay(samples.time, lag.values["time_constant"]) * weak.std_behind(physics, lag)
     rows = np.zeros((len(samples.windows), weak.rows_per_window, 1))
     rows[:, weak.dynamic.start + joint, 0] = -(samples.windows.value @ left) / physics.effort_gains[joint]
     return rows

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drake_cafim.compiled import compiled
+from drake_cafim.diagnosis.kept import make_room
 from drake_cafim.diagnosis.windows import Windows
 from drake_cafim.dynamics.motion import Motion
 from drake_cafim.typing import Array
@@ -33,8 +34,7 @@ class InertialRegressor:
         """(M n, n 10) under a gravity (3,) m/s²; the last few are kept."""
         key = gravity.tobytes()
         if key not in self._under:
-            while len(self._under) >= 2:
-                self._under.pop(next(iter(self._under)))
+            make_room(self._under, 2)
             together = self.inertia.copy()
             together[..., :4] += self.weight @ gravity
             self._under[key] = together.reshape(-1, together.shape[2] * INERTIAL)

@@ -15,13 +15,15 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from drake_cafim.diagnosis.driven import DrivenRows, effort_at
 from drake_cafim.diagnosis.facing import Facing, lags_of
 from drake_cafim.diagnosis.inertial import InertialRegressor, inertial_regressor
+from drake_cafim.diagnosis.kept import make_room
 from drake_cafim.diagnosis.measured_rows import MeasuredRows
 from drake_cafim.diagnosis.samples import Samples
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.motion import Motion, mass_matrix, motion
-from drake_cafim.effects.actuator import Effort
+from drake_cafim.effects.actuator import ActuatorLag, Effort
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.sensor import SensorEffect
@@ -56,12 +58,9 @@ class _Prepared:
     moving: Motion
     regressor: InertialRegressor
     kinematic: Array
-    inverse_mass: Array
-    """(N, n, n), where velocities are measured."""
+    driven: DrivenRows
     louder: Array
     """(M, n), by what `kinematic` was made as noisy as it is without a lag."""
-    asked_steps: dict[int, Array] = field(default_factory=dict)
-    """By joint, what its effort as it was asked for makes v step, (M, n)."""
 
 
 @dataclass(frozen=True)
@@ -164,11 +163,7 @@ class WeakForm:
 
     def effort(self, physics: Physics, joint: int, u: Array) -> Effort:
         """What acts at a joint when `u` (N, n) is asked for."""
-        effort = Effort(self.samples.time, u[:, joint])
-        for effect in physics.actuators:
-            if effect.at == physics.tree.joints[joint].name:
-                effort = effect.drive(effort)
-        return effort
+        return effort_at(physics, joint, Effort(self.samples.time, u[:, joint]))
 
     def mean_effort(self, physics: Physics) -> Array:
         """What acts at the joints from each sample to the next, (N, n), on the average, but for what rotors take."""
@@ -177,13 +172,9 @@ class WeakForm:
             acting[:, j] = self.effort(physics, j, acting).means(self.samples.time)
         return acting
 
-    def _acting(self, physics: Physics, prepared: "_Prepared") -> Array:
-        """∫ w u dt (M, n) with actuator effects."""
-        integral = prepared.rows.asked.copy()
-        for j in {physics.tree.joint_index(effect.at) for effect in physics.actuators}:
-            effort = self.effort(physics, j, prepared.measured.u)
-            integral[:, j] = self.samples.windows.held(effort.times) @ effort.values
-        return integral
+    def std_behind(self, physics: Physics, lag: ActuatorLag) -> float:
+        """How far, on the average, an effort that lags is off what was asked for."""
+        return self._prepared(physics).driven.std_behind(physics, lag)
 
     def _at_joints(self, physics: Physics, prepared: "_Prepared") -> Array:
         """∫ w force dt (M, n) of damping and joint effects."""
@@ -256,26 +247,17 @@ class WeakForm:
         prepared, windows = self._prepared(physics), self.samples.windows
         dynamic = prepared.regressor.rows(physics.tree.inertial_parameters, physics.gravity)
         dynamic = dynamic - prepared.rows.rate_of_velocity * physics.rotor_inertias
-        dynamic = dynamic - self._at_joints(physics, prepared) - self._acting(physics, prepared)
+        dynamic = dynamic - self._at_joints(physics, prepared) - prepared.driven.integral(physics)
         if physics.body_forces:
             dynamic = dynamic - windows.value @ self._pushed(physics, prepared.moving)
         for coupling in physics.couplings:
             dynamic[:, physics.tree.joint_index(coupling.at)] += self.coupling_rows(physics, coupling)
         # an effort of unknown gain is what is predicted: divided by it, so that no motion is not a perfect fit
-        rows = [prepared.kinematic - self._other_steps(physics, prepared), dynamic / physics.effort_gains]
+        kinematic = prepared.kinematic
+        if physics.actuators and kinematic.size:
+            kinematic = kinematic - prepared.driven.steps(physics) * prepared.louder
+        rows = [kinematic, dynamic / physics.effort_gains]
         return np.concatenate([*rows, *prepared.rows.read], axis=1) + self.contact_rows(physics)
-
-    def _other_steps(self, physics: Physics, prepared: "_Prepared") -> Array:
-        """What efforts that act otherwise than was asked for change in how v steps, kinematic rows (M, n or 0)."""
-        windows, time, u = self.samples.windows, self.samples.time, prepared.measured.u
-        rows = np.zeros_like(prepared.kinematic)
-        for j in {physics.tree.joint_index(effect.at) for effect in physics.actuators} if rows.size else ():
-            effort, by_effort = self.effort(physics, j, u), prepared.inverse_mass[:, :, j]
-            if j not in prepared.asked_steps:
-                prepared.asked_steps[j] = windows.steps(time) @ (by_effort * u[:, j : j + 1])
-            at = np.clip(np.searchsorted(time, effort.times, side="right") - 1, 0, None)
-            rows += windows.steps(effort.times) @ (by_effort[at] * effort.values[:, None]) - prepared.asked_steps[j]
-        return rows * prepared.louder if rows.size else rows
 
     def contact_rows(self, physics: Physics) -> Array:
         """What contacts contribute to the rows, (M, r): their push at the joints, and what each sensor is to write."""
@@ -331,8 +313,7 @@ class WeakForm:
             (effect.key, *effect.values.values()) for effect in physics.sensors if not effect.at.startswith("wrench.")
         )
         if key not in self._cache:
-            while len(self._cache) >= 4:
-                self._cache.pop(next(iter(self._cache)))
+            make_room(self._cache, 4)
             self._cache[key] = self._prepare(physics)
         return self._cache[key]
 
@@ -353,7 +334,7 @@ class WeakForm:
         joints = self.sampled_joints(measured, self.samples.v_std)
         regressor = inertial_regressor(moving, measured.v, windows)
         rows = MeasuredRows(windows, measured.v, measured.u, measured.v_hat, measured.wrenches)
-        return _Prepared(measured, rows, joints, moving, regressor, kinematic, inverse_mass, louder)
+        return _Prepared(measured, rows, joints, moving, regressor, kinematic, DrivenRows(rows, inverse_mass), louder)
 
     def _on(self, sensor: WrenchSensor, moving: Motion, wrench: Array | None) -> Array:
         return np.zeros((len(moving.q), 6)) if wrench is None else wrench[:, sensor.joint]

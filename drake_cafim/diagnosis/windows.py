@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from drake_cafim.diagnosis.kept import make_room
 from drake_cafim.diagnosis.quadrature import NODES, gauss, lagrange, missed_kink
 from drake_cafim.typing import Array, Indices
 
@@ -77,8 +78,7 @@ class Windows:
     ) -> sp.csr_matrix:
         key = times.tobytes()
         if key not in known:
-            while len(known) >= 12:
-                known.pop(next(iter(known)))
+            make_room(known, 12)
             known[key] = made(times)
         return known[key]
 
