@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from .inverse import Moving
 from .laws import BodyLaw
 from .robots import Array, Robot
 
@@ -109,7 +110,7 @@ class ArmPlant:
 
 
 class ArmInverse:
-    """Inverse dynamics, mass matrix times a vector and body points of one arm, for tests, excitations and strengths."""
+    """Inverse dynamics, mass matrix and body points of one arm, for tests, excitations and strengths."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -120,16 +121,7 @@ class ArmInverse:
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
         """M a + bias + damping v for rows of q, v, a (N, n)."""
-        # hundreds of thousands of rows: the engine's own order and its own arrays, each looked up once
-        back = np.argsort(self._order)
-        Q, V, A = (np.ascontiguousarray(x[:, back]) for x in (q, v, a))
-        out, model, data = np.empty_like(Q), self.model, self.data
-        qpos, qvel, qacc, found = data.qpos, data.qvel, data.qacc, data.qfrc_inverse
-        for row in range(len(Q)):
-            qpos[:], qvel[:], qacc[:] = Q[row], V[row], A[row]
-            mujoco.mj_inverse(model, data)
-            out[row] = found
-        return out[:, self._order]
+        return Moving(self.robot, q, v, a).efforts()
 
     def mass_matrix(self, q: Array) -> Array:
         """(n, n) at q (n,)."""

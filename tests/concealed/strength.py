@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from .case import RECORDINGS
 from .noise import ChannelNoise
@@ -52,10 +53,17 @@ class Windows:
         s, c = np.sin(angle), np.cos(angle)
         return s**4, 4.0 * rate * s**3 * c, 4.0 * rate**2 * (3.0 * s**2 * c**2 - s**4)
 
+    def sums(self, samples: int, weight: Array) -> csr_array:
+        """What makes sums (W,) over windows of weight times values (samples,), times the step."""
+        columns = self.starts[:, None] + np.arange(self.length)
+        ends = self.length * np.arange(len(self.starts) + 1)
+        weights = np.tile(self.step * weight, len(self.starts))
+        return csr_array((weights, columns.ravel(), ends), shape=(len(self.starts), samples))
+
     def integrate(self, values: Array, weight: Array) -> Array:
         """Sums over windows (B, W, ...) of weight times values (B, N, ...), times the step."""
-        index = self.starts[:, None] + np.arange(self.length)
-        return self.step * np.einsum("bwl...,l->bw...", values[:, index], weight)
+        sums = self.sums(values.shape[1], weight)
+        return summed([sums] * len(values), values)
 
     def centres(self) -> np.ndarray:
         return self.starts + self.length // 2
@@ -66,6 +74,13 @@ class Windows:
         correlation = np.exp(-lag / noise.correlation_time) if noise.correlation_time else (lag == 0.0).astype(float)
         white = noise.quantum**2 / 12.0 * (weight @ weight)
         return self.step * float(np.sqrt(noise.std**2 * weight @ correlation @ weight + white))
+
+
+def summed(sums: Sequence[csr_array], values: Array) -> Array:
+    """Sums (B, W, ...) of each recording's values (B, N, ...)."""
+    flat = values.reshape(*values.shape[:2], -1)
+    rows = np.stack([own @ recorded for own, recorded in zip(sums, flat, strict=True)])
+    return rows.reshape(*rows.shape[:2], *values.shape[2:])
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from .arm_case import Settings
 from .case import RECORDINGS, Case, World
+from .inverse import Moving
 from .mujoco_arm import ArmInverse
 from .noise import ChannelNoise
-from .robots import Array, Robot
-from .strength import ACCEPT, TRAINED, Alternative, Excess, Windows, offsets, true_value
+from .robots import Array, Link, Robot
+from .strength import ACCEPT, TRAINED, Alternative, Excess, Windows, offsets, summed, true_value
 from .truth import Concealed
+from .uneven import sums_of
 
 _EVERY = 12  # windows between two evaluations of the noise's Jacobian
 
@@ -39,12 +43,16 @@ class ArmRows:
         self.a, self.u = a + self.rate(self.v - v), u
         self.halfway = 0.5 * (self.q + q), 0.5 * (self.v + v), 0.5 * (self.a + a)
         self.windows = Windows.over(self.q.shape[1], settings.step)
+        self.plain, self.slope = sums_of(self.windows, self.time, self.windows.shape[:2])
         self.noise_q: ChannelNoise = case.study["noise_q"]  # type: ignore[assignment]
         self.noise_v: ChannelNoise = case.study["noise_v"]  # type: ignore[assignment]
-        self.nominal_torque = self.torque(self.robot)
+        self.moving = Moving(self.robot, *(x.reshape(-1, self.robot.size) for x in (self.q, self.v, self.a)))
+        self.nominal_torque = self.moving.efforts().reshape(self.q.shape)
         loose = any(item.laws.transmissions for item in self.effects)
         self.misfit = self._over_steps() if loose else self.nominal_torque - self.u
         self.std = self._noise()
+        self._halfway_torque: Array | None = None
+        self._looks: dict[tuple[str, int], list[Alternative]] = {}
         self.channels = tuple(self.names) + tuple(f"rate of {name}" for name in self.names if self.has_velocity)
 
     def torque(self, robot: Robot, q: Array | None = None, v: Array | None = None, a: Array | None = None) -> Array:
@@ -52,6 +60,10 @@ class ArmRows:
         inverse = ArmInverse(robot)
         q, v, a = (own if given is None else given for own, given in ((self.q, q), (self.v, v), (self.a, a)))
         return inverse.torque(*(x.reshape(-1, robot.size) for x in (q, v, a))).reshape(q.shape)
+
+    def carried(self, link: int, body: Link) -> Array:
+        """Torques (B, N, n) of all joints for `body` alone in a link's place."""
+        return self.moving.carried(link, body).reshape(self.q.shape)
 
     def rate(self, values: Array) -> Array:
         """Rates (B, N, ...) of values at this case's instants."""
@@ -79,53 +91,66 @@ class ArmRows:
         speed = (
             self.windows.noise_std(w, self.noise_v) if self.has_velocity else self.windows.noise_std(w1, self.noise_q)
         )
-        centres = self.windows.centres()
-        inverse, n = ArmInverse(self.robot), self.robot.size
-        variance = np.empty((len(self.q), len(centres), n))
-        for b in range(len(self.q)):
-            for i in range(0, len(centres), _EVERY):
-                k = centres[i]
-                mass = inverse.mass_matrix(self.q[b, k])
-                dq, dv = self._jacobians(inverse, b, k)
-                now = (
-                    (mass**2).sum(axis=1) * momentum**2
-                    + (dq**2).sum(axis=1) * place**2
-                    + (dv**2).sum(axis=1) * speed**2
-                )
-                variance[b, i : i + _EVERY] = now
+        at = self.windows.centres()[::_EVERY]
+        of_noise = zip((momentum, place, speed), (self._masses(at), *self._jacobians(at)), strict=True)
+        now = sum(std**2 * (slope**2).sum(axis=3) for std, slope in of_noise)
+        variance = np.repeat(now, _EVERY, axis=1)[:, : len(self.windows.centres())]
         if self.has_velocity:
             rate = self.windows.noise_std(w, self.noise_v) ** 2 + self.windows.noise_std(w1, self.noise_q) ** 2
             variance = np.concatenate([variance, np.full_like(variance, rate)], axis=2)
         return np.sqrt(variance)
 
-    def _jacobians(self, inverse: ArmInverse, b: int, k: int) -> tuple[Array, Array]:
+    def _masses(self, at: np.ndarray) -> Array:
+        """Mass matrices (B, K, n, n) at samples (K,)."""
+        inverse = ArmInverse(self.robot)
+        return np.array([[inverse.mass_matrix(q) for q in own] for own in self.q[:, at]])
+
+    def _jacobians(self, at: np.ndarray) -> tuple[Array, Array]:
+        """Slopes (B, K, n, n) of the torques with q and v at samples (K,)."""
         n, step = self.robot.size, 1e-5
-        q, v, a = self.q[b, k], self.v[b, k], self.a[b, k]
         nudge = step * np.eye(n)
-        base = inverse.torque(q[None], v[None], a[None])
-        dq = inverse.torque(q + nudge, np.tile(v, (n, 1)), np.tile(a, (n, 1))) - base
-        dv = inverse.torque(np.tile(q, (n, 1)), v + nudge, np.tile(a, (n, 1))) - base
-        return dq.T / step, dv.T / step
+        none = np.zeros_like(nudge)
+        change = np.concatenate([np.zeros((1, 2 * n)), np.block([[nudge, none], [none, nudge]])])
+        q, v, a = (
+            x[:, at, None, :] + more
+            for x, more in ((self.q, change[:, :n]), (self.v, change[:, n:]), (self.a, 0.0 * change[:, :n]))
+        )
+        torque = self.torque(self.robot, q, v, a)
+        slopes = ((torque[:, :, 1:] - torque[:, :, :1]) / step).swapaxes(2, 3)
+        return slopes[..., :n], slopes[..., n:]
 
     def whiten(self, torque: Array, q: Array | None = None, v: Array | None = None) -> Array:
         """Rows (B, W, n or 2 n) in std of torques (B, N, n) and of the mismatch of q and v (zero where not given)."""
-        w, w1, _ = self.windows.shape
-        torque = self._evenly(torque)
-        q, v = (None if one is None else self._evenly(one) for one in (q, v))
-        rows = self.windows.integrate(torque, w)
+        rows = summed(self.plain, torque)
         if self.has_velocity:
             rate = np.zeros_like(rows)
-            rate = rate if v is None else rate + self.windows.integrate(v, w)
-            rate = rate if q is None else rate + self.windows.integrate(q, w1)
+            rate = rate if v is None else rate + summed(self.plain, v)
+            rate = rate if q is None else rate + summed(self.slope, q)
             rows = np.concatenate([rows, rate], axis=2)
         return rows / self.std
 
-    def _evenly(self, values: Array) -> Array:
-        """Values (B, N, n) at even times: the windows know of no others."""
-        if np.allclose(np.diff(self.time, axis=1), self.windows.step, rtol=1e-6, atol=0.0):
-            return values
-        even = self.windows.step * np.arange(values.shape[1])
-        return np.stack([CubicSpline(t, own, axis=0)(t[0] + even) for t, own in zip(self.time, values, strict=True)])
+    def whiten_at(self, joint: int, torques: Sequence[Array]) -> Array:
+        """Rows (Q, B, W, n or 2 n) in std of torques, each (B, N), that act at one joint alone."""
+        rows = np.zeros((len(torques), *self.std.shape))
+        rows[..., joint] = np.moveaxis(summed(self.plain, np.stack(torques, axis=2)), 2, 0) / self.std[..., joint]
+        return rows
+
+    def slope_with(self, j: int, which: int) -> Array:
+        """Change of the torques (B, N, n) with a joint's q, v or a: halfway from what was measured to what was.
+
+        There a secant from the one to the other is right to the second order.
+        """
+        if self._halfway_torque is None:
+            self._halfway_torque = self.torque(self.robot, *self.halfway)
+        state = [x.copy() for x in self.halfway]
+        state[which][:, :, j] += 1e-5
+        return (self.torque(self.robot, *state) - self._halfway_torque) / 1e-5
+
+    def once(self, key: tuple[str, int], looks: Callable[[], Iterable[Alternative]]) -> list[Alternative]:
+        """Looks that these rows alone decide, kept for what asks next."""
+        if key not in self._looks:
+            self._looks[key] = list(looks())
+        return self._looks[key]
 
     def excess(self) -> Excess:
         unknown = [self._unknown(entry) for entry in self.entries]
@@ -143,11 +168,11 @@ class ArmRows:
         """Rows that one prior std of an unknown parameter makes."""
         if entry["parameter"] == "damping":
             j = self.names.index(str(entry["joint"]))
-            return self.whiten(float(entry["std"]) * self.only(j, self.v[:, :, j]))  # type: ignore[arg-type]
+            return self.whiten_at(j, [float(entry["std"]) * self.v[:, :, j]])[0]  # type: ignore[arg-type]
         link = self.robot.link_index(str(entry["body"]))
         body = self.robot.links[link]
-        heavier = self.robot.replace_link(link, body.with_mass(body.mass + float(entry["std"])))  # type: ignore[arg-type]
-        return self.whiten(self.torque(heavier) - self.nominal_torque)
+        heavier = body.with_mass(body.mass + float(entry["std"]))  # type: ignore[arg-type]
+        return self.whiten(self.carried(link, heavier) - self.carried(link, body))
 
     def shown_in(self, item: Concealed) -> list[str]:
         """Channels that an effect is to be seen in: its joint's, or of a link every joint's."""
@@ -190,11 +215,8 @@ def _late(rows: ArmRows, j: int, seconds: float) -> Array:
 def _slow(rows: ArmRows, j: int, seconds: float) -> Array:
     u = rows.u[:, :, j]
     keep = float(np.exp(-rows.windows.step / seconds))
-    out = np.empty_like(u)
-    out[:, 0] = u[:, 0]
-    for k in range(1, u.shape[1]):
-        out[:, k] = keep * out[:, k - 1] + (1.0 - keep) * u[:, k - 1]
-    return out - u
+    late, _ = lfilter([0.0, 1.0 - keep], [1.0, -keep], u, axis=1, zi=u[:, :1])
+    return np.asarray(late - u)
 
 
 def joint_alternatives(rows: ArmRows, j: int) -> Iterator[tuple[str, int, list[Array]]]:
@@ -232,44 +254,57 @@ def joint_alternatives(rows: ArmRows, j: int) -> Iterator[tuple[str, int, list[A
             yield "joint_hard_stop", 3, [over]
 
 
-def body_alternatives(rows: ArmRows, joints: list[int]) -> Iterator[tuple[str, str, int, list[Array]]]:
-    """Explanations that act on many joints: payloads and the tilt of gravity; torques (B, N, n)."""
-    base = rows.nominal_torque
-    for link, body in enumerate(rows.robot.links):
-        if not set(joints) & {joint for joint in range(rows.robot.size) if link in rows.robot.descendants(joint)}:
-            continue
-        points = [body.com, *(body.com + 0.05 * np.eye(3))]
-        mass = 0.02 * body.mass
-        loads = [rows.torque(rows.robot.replace_link(link, body.with_point_mass(mass, p))) - base for p in points]
-        yield "payload", body.name, 4, loads
+def body_alternatives(rows: ArmRows, joints: list[int]) -> Iterator[Alternative]:
+    """Explanations that act on many joints: payloads and the tilt of gravity."""
+    for link in range(rows.robot.size):
+        if set(joints) & {joint for joint in range(rows.robot.size) if link in rows.robot.descendants(joint)}:
+            yield from rows.once(("payload", link), lambda link=link: [_payload(rows, link)])
+    yield from rows.once(("gravity", 0), lambda: [_tilted(rows)])
+
+
+def _payload(rows: ArmRows, link: int) -> Alternative:
+    body = rows.robot.links[link]
+    points = [body.com, *(body.com + 0.05 * np.eye(3))]
+    base = rows.carried(link, body)
+    loads = [rows.carried(link, body.with_point_mass(0.02 * body.mass, p)) - base for p in points]
+    return Alternative("payload", body.name, np.stack([rows.whiten(load) for load in loads]), 4)
+
+
+def _tilted(rows: ArmRows) -> Alternative:
     tilts = []
     for axis in ("x", "y"):
         g = Rotation.from_euler(axis, 1e-3).as_matrix() @ rows.robot.gravity
-        tilts.append(rows.torque(Robot(rows.robot.name, rows.robot.links, rows.robot.joints, g)) - base)
-    yield "gravity_misalignment", "world", 2, tilts
+        tilts.append(rows.torque(replace(rows.robot, gravity=g)) - rows.nominal_torque)
+    return Alternative("gravity_misalignment", "world", np.stack([rows.whiten(tilt) for tilt in tilts]), 2)
 
 
 TIMES = (0.001, 0.002, 0.004, 0.008, 0.016, 0.03)
 """Delays (s) that a late sensor is compared at; of a lag one is enough, as what undoes it grows in proportion."""
 
 
-def sensor_alternatives(rows: ArmRows, joints: list[int]) -> Iterator[tuple[str, str, Array]]:
-    """Faults of encoders, each with one parameter: whitened rows. Of joints not asked for, the biases only.
+def sensor_alternatives(rows: ArmRows, joints: list[int]) -> Iterator[Alternative]:
+    """Faults of encoders, each with one parameter. Of joints not asked for, the biases only.
 
     Each is what undoing the fault changes: a delay d by the value d later, a lag T by T times the value's rate.
     """
-    base = rows.torque(rows.robot, *rows.halfway)
-    ones = np.ones_like(rows.time)
-    for j, name in enumerate(rows.names):
-        of_q = _slope(rows, j, 0, base)
-        yield "sensor_bias", f"q.{name}", rows.whiten(of_q)
-        if j not in joints:
-            continue
-        of_v, of_a = _slope(rows, j, 1, base), _slope(rows, j, 2, base)
-        for effect, change in undone(rows.time, rows.q[:, :, j]):
-            yield effect, f"q.{name}", _moved(rows, j, (of_q, of_v, of_a), change)
-        for effect, change in (("sensor_bias", ones), *undone(rows.time, rows.v[:, :, j])) if rows.has_velocity else ():
-            yield effect, f"v.{name}", _sped(rows, j, (of_v, of_a), change)
+    for j in range(rows.robot.size):
+        yield from rows.once(("bias", j), lambda j=j: [_biased(rows, j)])
+        if j in joints:
+            yield from rows.once(("encoder", j), lambda j=j: _encoders(rows, j))
+
+
+def _biased(rows: ArmRows, j: int) -> Alternative:
+    return Alternative("sensor_bias", f"q.{rows.names[j]}", rows.whiten(rows.slope_with(j, 0))[None], 1)
+
+
+def _encoders(rows: ArmRows, j: int) -> Iterator[Alternative]:
+    """Faults of a joint's q and v beyond a bias of q."""
+    name, ones = rows.names[j], np.ones_like(rows.time)
+    of_q, of_v, of_a = (rows.slope_with(j, which) for which in range(3))
+    for effect, change in undone(rows.time, rows.q[:, :, j]):
+        yield Alternative(effect, f"q.{name}", _moved(rows, j, (of_q, of_v, of_a), change)[None], 1)
+    for effect, change in (("sensor_bias", ones), *undone(rows.time, rows.v[:, :, j])) if rows.has_velocity else ():
+        yield Alternative(effect, f"v.{name}", _sped(rows, j, (of_v, of_a), change)[None], 1)
 
 
 def undone(time: Array, value: Array) -> Iterator[tuple[str, Array]]:
@@ -284,16 +319,6 @@ def undone(time: Array, value: Array) -> Iterator[tuple[str, Array]]:
         later = np.minimum(time + seconds, time[:, -1:])
         ahead = np.stack([curve(stamps) for curve, stamps in zip(curves, later, strict=True)])
         yield "sensor_delay", ahead - value
-
-
-def _slope(rows: ArmRows, j: int, which: int, base: Array) -> Array:
-    """Change of the torques (B, N, n) with a joint's q, v or a: halfway from what was measured to what was.
-
-    There a secant from the one to the other is right to the second order.
-    """
-    state = [x.copy() for x in rows.halfway]
-    state[which][:, :, j] += 1e-5
-    return (rows.torque(rows.robot, *state) - base) / 1e-5
 
 
 def _moved(rows: ArmRows, j: int, slopes: tuple[Array, Array, Array], change: Array) -> Array:
@@ -327,19 +352,20 @@ def pulse_alternatives(rows: ArmRows, item: Concealed) -> Iterator[Alternative]:
         yield Alternative("external_disturbance", body.name, np.stack([rows.whiten(x) for x in torques]), 3)
 
 
+def _at_joint(rows: ArmRows, j: int) -> Iterator[Alternative]:
+    for name, count, torques in joint_alternatives(rows, j):
+        yield Alternative(name, rows.names[j], rows.whiten_at(j, torques), count)
+
+
 def arm_alternatives(rows: ArmRows, item: Concealed, excess: Excess) -> Iterator[Alternative]:
     """What could be taken for the effect, and looks at the effect itself."""
     channels = rows.shown_in(item) or rows.names
     joints = [rows.names.index(name) for name in channels if name in rows.names]
     for j in range(rows.robot.size):
         if joints == [j] or confined(rows, excess, j, len(item.parameters)):
-            for name, count, torques in joint_alternatives(rows, j):
-                regressors = np.stack([rows.whiten(rows.only(j, torque)) for torque in torques])
-                yield Alternative(name, rows.names[j], regressors, count)
-    for name, place, count, torques in body_alternatives(rows, joints):
-        yield Alternative(name, place, np.stack([rows.whiten(torque) for torque in torques]), count)
-    for name, place, row in sensor_alternatives(rows, joints):
-        yield Alternative(name, place, row[None], 1)
+            yield from rows.once(("joint", j), lambda j=j: _at_joint(rows, j))
+    yield from body_alternatives(rows, joints)
+    yield from sensor_alternatives(rows, joints)
     if item.effect == "external_disturbance":
         yield from pulse_alternatives(rows, item)
 
