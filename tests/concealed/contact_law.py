@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from .robots import Array
+from .small import size_of
 
 _RELEASE = 1e-3  # s, in which a bristle or a relaxing force is let go once out of contact
 
@@ -41,12 +43,12 @@ class ContactLaw:
 
     hidden = 5  # per point: bristle x, y; relaxing force; time in contact; deepest depth
 
-    @property
+    @cached_property
     def normal(self) -> Array:
         """Unit normal of the true surface, world axes."""
         sx, sy = self.tilt
         n = np.array([-np.tan(sx), -np.tan(sy), 1.0])
-        return n / np.linalg.norm(n)
+        return np.asarray(n / np.linalg.norm(n))
 
     def depth(self, time: Array, point: Array) -> Array:
         """Penetration (B, K) of points (B, K, 3); the nominal surface is z = 0 through the origin."""
@@ -61,7 +63,8 @@ class ContactLaw:
         """
         n = self.normal
         d = self.depth(time, point)
-        d_rate = self.swelling - velocity @ n
+        along = velocity @ n
+        d_rate = self.swelling - along
         push = self.stiffness * d * (1.0 + self.dissipation * d_rate) + self.damping * d_rate + self.cubic * d**3
         if self.relaxing:
             push = push + z[:, :, 2]
@@ -75,8 +78,8 @@ class ContactLaw:
         net = pushing
         if self.adhesion:
             net = net - self.adhesion * np.where(d > 0.0, 1.0, np.exp(np.minimum(d, 0.0) / self.adhesion_range))
-        tangential = velocity - (velocity @ n)[:, :, None] * n
-        speed = np.linalg.norm(tangential, axis=2)
+        tangential = velocity - along[:, :, None] * n
+        speed = size_of(tangential)
         friction = self._friction(tangential, speed, point, z)
         force = net[:, :, None] * n - pushing[:, :, None] * friction
         return force, pushing, self._rates(tangential, speed, d, d_rate, z, touching), d
@@ -86,7 +89,7 @@ class ContactLaw:
         if self.presliding:
             bristle = self.friction / self.presliding * z[:, :, :2]
             return self._in_plane(bristle)
-        mu = np.full_like(speed, self.friction)
+        mu: Array | float = self.friction
         if self.static is not None:
             mu = mu + (self.static - self.friction) * np.exp(-((speed / self.stribeck_velocity) ** 2))
         if self.patch is not None:
@@ -108,6 +111,7 @@ class ContactLaw:
             return factor[:, :, None] * self._in_plane(both)
         return (mu * factor)[:, :, None] * tangential
 
+    @cached_property
     def _axes(self) -> tuple[Array, Array]:
         n = self.normal
         first = np.array([1.0, 0.0, 0.0]) - n[0] * n
@@ -115,11 +119,11 @@ class ContactLaw:
         return first, np.cross(n, first)
 
     def _components(self, tangential: Array) -> Array:
-        first, second = self._axes()
+        first, second = self._axes
         return np.stack([tangential @ first, tangential @ second], axis=2)
 
     def _in_plane(self, components: Array) -> Array:
-        first, second = self._axes()
+        first, second = self._axes
         return components[:, :, :1] * first + components[:, :, 1:] * second
 
     def _rates(self, tangential: Array, speed: Array, d: Array, d_rate: Array, z: Array, touching: np.ndarray) -> Array:

@@ -24,9 +24,9 @@ _A = (
 _C = (0.0, 1 / 5, 3 / 10, 3 / 5, 1.0, 7 / 8)
 _B5 = (37 / 378, 0.0, 250 / 621, 125 / 594, 0.0, 512 / 1771)
 _B4 = (2825 / 27648, 0.0, 18575 / 48384, 13525 / 55296, 277 / 14336, 1 / 4)
-_WEIGHTS = np.array(_B5)
-_ERROR = np.array(_B5) - np.array(_B4)
-_STAGES = [np.array(row) for row in _A]
+_WEIGHTS = np.array([_B5])
+_ERROR = np.array([_B5]) - np.array([_B4])
+_STAGES = [np.array([row]) for row in _A]
 
 Derivative = Callable[[Array, Array, np.ndarray], Array]  # (times (B,), state (B, n), mode (B, m)) -> (B, n)
 Boundary = Callable[[Array, Array], Array]  # (times (B,), state (B, n)) -> (B, m), positive in the mode
@@ -45,6 +45,7 @@ class Integrator:
 
     def __post_init__(self) -> None:
         self._step: Array | None = None
+        self._tolerances = self.tolerance * self.looseness
         self._usual: Array = np.zeros(0)  # step before it was cut short to end on an event
 
     def initial_mode(self, time: Array, state: Array) -> np.ndarray:
@@ -52,8 +53,10 @@ class Integrator:
             return np.zeros((len(state), 0), dtype=bool)
         return self.boundary(time, state) > 0.0
 
-    def advance(self, start: Array, stop: Array, state: Array, mode: np.ndarray) -> tuple[Array, np.ndarray]:
-        """State (B, n) and mode (B, m) at `stop` (B,)."""
+    def advance(
+        self, start: Array, stop: Array, state: Array, mode: np.ndarray, rates: Array | None = None
+    ) -> tuple[Array, np.ndarray]:
+        """State (B, n) and mode (B, m) at `stop` (B,); `rates` (B, n) of the state at `start` if they are known."""
         time, x, mode = start.copy(), state.copy(), mode.copy()
         if self._step is None:
             self._step = np.full(len(time), np.inf)
@@ -61,12 +64,13 @@ class Integrator:
         left = stop - time
         while True:
             step = np.minimum(self._step, left)
-            new, error = self._attempt(time, x, mode, step)
-            scale = self.tolerance * self.looseness * (1.0 + np.maximum(np.abs(x), np.abs(new)))
-            norm = np.max(np.abs(error) / scale, axis=1)
+            new, error = self._attempt(time, x, mode, step, rates)
+            rates = None
+            scale = self._tolerances * (1.0 + np.maximum(np.abs(x), np.abs(new)))
+            norm = (np.abs(error) / scale).max(axis=1)
             norm = np.where(np.isfinite(norm), norm, 1e9)
             good = (norm <= 1.0) | (step <= self.smallest)
-            growth = np.clip(0.9 * np.maximum(norm, 1e-12) ** -0.2, 0.15, 5.0)
+            growth = np.minimum(np.maximum(0.9 * np.maximum(norm, 1e-12) ** -0.2, 0.15), 5.0)
             proposal = np.where(step > 0.0, step * growth, self._step)
             if self.boundary is not None:
                 good, proposal, mode = self._events(time, x, new, mode, step, good, proposal)
@@ -82,14 +86,16 @@ class Integrator:
             if not left.any():
                 return x, mode
 
-    def _attempt(self, time: Array, x: Array, mode: np.ndarray, step: Array) -> tuple[Array, Array]:
+    def _attempt(
+        self, time: Array, x: Array, mode: np.ndarray, step: Array, rates: Array | None
+    ) -> tuple[Array, Array]:
         slopes = np.empty((6, *x.shape))
-        h = step[:, None]
-        slopes[0] = self.derivative(time, x, mode)
+        flat, h = slopes.reshape(6, -1), step[:, None]
+        slopes[0] = self.derivative(time, x, mode) if rates is None else rates
         for stage in range(1, 6):
-            shift = np.tensordot(_STAGES[stage], slopes[:stage], 1)
+            shift = (_STAGES[stage] @ flat[:stage]).reshape(x.shape)
             slopes[stage] = self.derivative(time + _C[stage] * step, x + h * shift, mode)
-        return x + h * np.tensordot(_WEIGHTS, slopes, 1), h * np.tensordot(_ERROR, slopes, 1)
+        return x + h * (_WEIGHTS @ flat).reshape(x.shape), h * (_ERROR @ flat).reshape(x.shape)
 
     def _events(
         self, time: Array, x: Array, new: Array, mode: np.ndarray, step: Array, good: np.ndarray, proposal: Array

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from .contact_law import ContactLaw
 from .robots import Array, Joint, Link, Robot
+from .small import cross
 from .urdf import arm_urdf, sphere
 
 NAMES = ("px", "py", "pz")
@@ -21,12 +23,17 @@ class Stage:
     tip: Array  # (3,)
     radius: float
 
-    @property
+    @cached_property
     def moved(self) -> Array:
         """Mass (kg) that each axis moves."""
         masses = np.array([link.mass for link in self.robot.links])
         rotors = np.array([joint.rotor_inertia for joint in self.robot.joints])
-        return np.cumsum(masses[::-1])[::-1] + rotors
+        return np.asarray(np.cumsum(masses[::-1])[::-1] + rotors)
+
+    @cached_property
+    def weight(self) -> Array:
+        """Weight (N) of all that hangs on each axis, along it."""
+        return np.asarray(np.cumsum([link.mass for link in self.robot.links][::-1])[::-1] * self.robot.gravity)
 
     def urdf(self) -> str:
         origin = " ".join(repr(float(value)) for value in self.tip)
@@ -79,7 +86,11 @@ class PressPlant:
 
     def contact_point(self, q: Array) -> Array:
         """The sphere's deepest point (B, 3) towards the true surface."""
-        return q + self.stage.tip - self.stage.radius * self.law.normal
+        return q + self.stage.tip - self._reach
+
+    @cached_property
+    def _reach(self) -> Array:
+        return np.asarray(self.stage.radius * self.law.normal)
 
     def boundary(self, t: Array, q: Array, v: Array, z: Array) -> Array:
         return self.law.depth(t, self.contact_point(q)[:, None, :])
@@ -91,11 +102,9 @@ class PressPlant:
 
     def acceleration(self, t: Array, q: Array, v: Array, z: Array, mode: np.ndarray, tau: Array) -> tuple[Array, Array]:
         force, rates = self.contact(t, q, v, z, mode)
-        # Each axis carries the weight of all that hangs on it.
-        weight = np.cumsum([link.mass for link in self.stage.robot.links][::-1])[::-1] * self.stage.robot.gravity
-        return (tau + force + weight) / self.stage.moved, rates
+        return (tau + force + self.stage.weight) / self.stage.moved, rates
 
     def wrench(self, t: Array, q: Array, v: Array, z: Array, mode: np.ndarray) -> Array:
         """What the wall exerts about the tool frame's origin, in tool axes (those of the world): (B, 6)."""
         force, _ = self.contact(t, q, v, z, mode)
-        return np.concatenate([force, np.cross(self.contact_point(q) - q, force)], axis=1)
+        return np.concatenate([force, cross(self.contact_point(q) - q, force)], axis=1)

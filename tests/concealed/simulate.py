@@ -65,6 +65,8 @@ class Simulation:
         self._command: Array = np.zeros((0, n))
         self._delayed: dict[int, Array] = {}
         self._noise: Array | float = 0.0
+        self._own_modes = sum(law.boundary is not None for law in laws.joints)
+        self._own_modes += 2 * sum(item.boundary is not None for item in laws.transmissions)
         self._boundaries = self._count_boundaries()
         # A drive's lag is felt only through what it moves, whose own error is watched.
         looseness = np.ones(column)
@@ -115,7 +117,7 @@ class Simulation:
         n = self.size
         out = np.zeros_like(x)
         q, v = x[:, :n], x[:, n : 2 * n]
-        plant_modes = mode.shape[1] - self._own_modes()
+        plant_modes = mode.shape[1] - self._own_modes
         tau = self._acting(x)
         cursor = plant_modes
         on_joint = np.zeros_like(tau)
@@ -149,11 +151,6 @@ class Simulation:
         out[:, n : 2 * n] = a
         out[:, self._plant_at] = rate
         return out
-
-    def _own_modes(self) -> int:
-        return sum(law.boundary is not None for law in self.laws.joints) + 2 * sum(
-            item.boundary is not None for item in self.laws.transmissions
-        )
 
     def _start(self, q: Array, v: Array, u: Array) -> Array:
         n = self.size
@@ -194,7 +191,7 @@ class Simulation:
         x = self._start(q0, v0, u[:, 0])
         self._command = u[:, 0]
         mode = self.integrator.initial_mode(time[:, 0], x)
-        plant_modes = mode.shape[1] - self._own_modes()
+        plant_modes = mode.shape[1] - self._own_modes
         record = np.empty((samples, members, self.columns))
         slope = np.empty((samples, members, n))
         modes = np.empty((samples, members, plant_modes), dtype=bool)
@@ -206,9 +203,10 @@ class Simulation:
             self._noise = 0.0 if process is None else process[:, k]
             self._delay(time, u, k, time[:, k])
             record[k], modes[k], acting[k] = x, mode[:, :plant_modes], self._acting(x)
-            slope[k] = self._derivative(time[:, k], x, mode)[:, n : 2 * n]
+            rates = self._derivative(time[:, k], x, mode)
+            slope[k] = rates[:, n : 2 * n]
             if k + 1 < samples:
-                x, mode = self._interval(time, u, k, x, mode)
+                x, mode = self._interval(time, u, k, x, mode, rates)
         keep = slice(skip, samples)
         record = record.swapaxes(0, 1)[:, keep]
         return Motion(
@@ -229,18 +227,20 @@ class Simulation:
             q[:, joint], v[:, joint] = x[:, at], x[:, at + 1]
         return q, v
 
-    def _interval(self, time: Array, u: Array, k: int, x: Array, mode: np.ndarray) -> tuple[Array, np.ndarray]:
-        """From sample k to the next, stopping wherever a delayed command changes."""
+    def _interval(
+        self, time: Array, u: Array, k: int, x: Array, mode: np.ndarray, rates: Array | None
+    ) -> tuple[Array, np.ndarray]:
+        """From sample k, where the state's rates are known, to the next; it stops where a delayed command changes."""
         now, end = time[:, k].copy(), time[:, k + 1]
         while True:
             stop = end
             for drive in self.laws.drives:
                 if drive.delay > 0.0:
                     stop = np.minimum(stop, self._next_change(time, drive, k, now))
-            x, mode = self.integrator.advance(now, stop, x, mode)
+            x, mode = self.integrator.advance(now, stop, x, mode, rates)
             if np.all(stop >= end):
                 return x, mode
-            now = stop
+            now, rates = stop, None
             self._delay(time, u, k, now)
 
     @staticmethod

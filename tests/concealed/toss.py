@@ -5,13 +5,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from .contact_law import ContactLaw
 from .integrate import Integrator
 from .robots import Array, Link
+from .small import cross, quaternion_rate, size_of, turn_of
 
 _ROLLING_WIDTH = 0.05  # rad/s, smoothing of rolling resistance's direction
 
@@ -26,10 +27,11 @@ class Shape:
     radius: float = 0.0
     extents: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    @property
+    @cached_property
     def corners(self) -> Array:
         """(K, 3) body-frame contact points of a box."""
-        return 0.5 * np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * np.array(self.extents)
+        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+        return np.asarray(0.5 * signs * np.array(self.extents))
 
     @property
     def points(self) -> int:
@@ -58,7 +60,7 @@ class Toss:
         """World points (B, K, 3) that may touch; `centre` is the body's origin."""
         if self.shape.radius:
             return (centre - self.shape.radius * self.law.normal)[:, None, :]
-        return centre[:, None, :] + np.einsum("bij,kj->bki", rotation, self.shape.corners)
+        return centre[:, None, :] + self.shape.corners @ rotation.swapaxes(1, 2)
 
     def _read(self, x: Array) -> tuple[Array, Array, Array, Array, Array]:
         """Rotation, its lever to the centre of mass, origin, velocities of the centre of mass, spin."""
@@ -75,33 +77,43 @@ class Toss:
         rotation, lever, origin, v, omega = self._read(x)
         points = self.contact_points(origin, rotation)
         arms = points - x[:, None, :3]
-        speeds = v[:, None, :] + np.cross(omega[:, None, :], arms)
+        speeds = v[:, None, :] + cross(omega[:, None, :], arms)
         z = x[:, 13:].reshape(len(x), -1, ContactLaw.hidden)
         force, pushing, rates, _ = self.law.force(t, points, speeds, z, mode)
         total = force.sum(axis=1)
-        torque = np.cross(arms, force).sum(axis=1)
+        torque = cross(arms, force).sum(axis=1)
         if self.law.rolling:
             torque -= self._rolling(omega, pushing.sum(axis=1))
-        total = total + self.link.mass * self.gravity - self.drag * np.linalg.norm(v, axis=1, keepdims=True) * v
+        total = total + self.link.mass * self.gravity - self.drag * size_of(v)[:, None] * v
         if self.magnus:
-            total = total + self.magnus * np.cross(omega, v)
+            total = total + self.magnus * cross(omega, v)
         if self.at_origin is not None:
             extra = self.at_origin(t, origin, v)
-            total, torque = total + extra, torque + np.cross(-lever, extra)
-        inertia = rotation @ self.link.inertia @ rotation.swapaxes(1, 2)
-        spin = np.einsum("bij,bj->bi", inertia, omega)
+            total, torque = total + extra, torque + cross(-lever, extra)
+        own = (omega[:, None, :] @ rotation) @ self.link.inertia
+        spin = (rotation @ own.swapaxes(1, 2))[:, :, 0]
         out = np.empty_like(x)
         out[:, :3] = v
-        out[:, 3:7] = _quaternion_rate(x[:, 3:7], omega)
+        out[:, 3:7] = quaternion_rate(x[:, 3:7], omega)
         out[:, 7:10] = total / self.link.mass
-        out[:, 10:13] = np.linalg.solve(inertia, (torque - np.cross(omega, spin))[:, :, None])[:, :, 0]
+        out[:, 10:13] = self._turned_by(torque - cross(omega, spin), rotation)
         out[:, 13:] = rates.reshape(len(x), -1)
         return out
+
+    def _turned_by(self, torque: Array, rotation: Array) -> Array:
+        """Rate of the spin (B, 3)."""
+        own = (torque[:, None, :] @ rotation) @ self._ease
+        return np.asarray((rotation @ own.swapaxes(1, 2))[:, :, 0])
+
+    @cached_property
+    def _ease(self) -> Array:
+        """Inverse of the inertia about the centre of mass, body axes (3, 3)."""
+        return np.linalg.inv(self.link.inertia)
 
     def _rolling(self, omega: Array, pushing: Array) -> Array:
         n = self.law.normal
         tangential = omega - (omega @ n)[:, None] * n
-        size = np.linalg.norm(tangential, axis=1)
+        size = size_of(tangential)
         factor = np.tanh(size / _ROLLING_WIDTH) / np.maximum(size, 1e-9)
         return (self.law.rolling * pushing * factor)[:, None] * tangential
 
@@ -127,11 +139,4 @@ class Toss:
 
 def rotation_matrix(quaternion: Array) -> Array:
     """(B, 3, 3) of (w, x, y, z), normalised."""
-    return Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]).as_matrix()
-
-
-def _quaternion_rate(q: Array, omega: Array) -> Array:
-    """q' = half (0, omega) q for omega in world axes."""
-    w, xyz = q[:, :1], q[:, 1:]
-    scalar = -np.sum(omega * xyz, axis=1, keepdims=True)
-    return 0.5 * np.concatenate([scalar, w * omega + np.cross(omega, xyz)], axis=1)
+    return turn_of(quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True))
