@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .recursion import followed
 from .robots import Array
 
 KINDS = ("white", "white", "white", "coloured_declared", "quantised")
@@ -39,13 +40,9 @@ class ChannelNoise:
 
 def _ornstein_uhlenbeck(white: Array, time: Array, correlation_time: float) -> Array:
     """Stationary unit-variance noise with autocorrelation exp(-|dt|/correlation_time)."""
-    out = np.empty_like(white)
-    out[:, 0] = white[:, 0]
-    keep = np.exp(-np.diff(time, axis=1) / correlation_time)
+    keep = np.exp(-np.diff(time, axis=1, prepend=-np.inf) / correlation_time)
     fresh = np.sqrt(1.0 - keep**2)
-    for k in range(1, white.shape[1]):
-        out[:, k] = keep[:, k - 1, None] * out[:, k - 1] + fresh[:, k - 1, None] * white[:, k]
-    return out
+    return followed(keep, fresh[:, :, None] * white)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from .contact_law import ContactLaw
 from .draw_contact import WRENCH
 from .noise import ChannelNoise
 from .press import NAMES, PressPlant, Stage
+from .recursion import followed
 from .robots import Array
 from .strength import TRAINED, Alternative, Excess, Windows, offsets, secant, true_value
 from .strength_arm import TIMES, undone
@@ -48,6 +49,7 @@ class PressRows:
         self.nominal = self.wrench(self.law)
         self.slopes: dict[tuple[str, int], Array] = {}  # of the wrench with an axis's q and v (B, N, 6)
         self.std = self._noise()
+        self._looks: tuple[Excess, list[Alternative]] | None = None
 
     def wrench(
         self, law: ContactLaw, q: Array | None = None, v: Array | None = None, hidden: Array | None = None
@@ -120,6 +122,12 @@ class PressRows:
         return [place] if place in NAMES else [*WRENCH]
 
     def alternatives(self, item: Concealed, excess: Excess) -> list[Alternative]:
+        """They are the same for every effect, and are kept for the last excess that was asked for."""
+        if self._looks is None or self._looks[0] is not excess:
+            self._looks = excess, self._alternatives(excess)
+        return self._looks[1]
+
+    def _alternatives(self, excess: Excess) -> list[Alternative]:
         found = [Alternative(effect, at, np.stack(spans), count) for effect, at, count, spans in self._named()]
         found.append(Alternative("surface_offset", "wall", secant(excess, self._raised, 1e-6)[None], 1))
         return found + [Alternative(name, at, row[None], 1) for name, at, row in self._encoders(excess)]
@@ -195,22 +203,20 @@ class PressRows:
     def _relaxed(self, time: float) -> Array:
         depth = self.stage.radius - self.stage.tip[2] - self.q[:, :, 2]
         hidden = np.zeros((*depth.shape, ContactLaw.hidden))
-        step = self.windows.step
-        for k in range(1, depth.shape[1]):
-            held = np.exp(-step / time) * (
-                hidden[:, k - 1, 2] + self.law.stiffness * 0.1 * (depth[:, k] - depth[:, k - 1])
-            )
-            hidden[:, k, 2] = np.where(depth[:, k] > 0.0, held, 0.0)
+        keep = np.where(depth > 0.0, np.exp(-self.windows.step / time), 0.0)
+        deeper = np.diff(depth, axis=1, prepend=depth[:, :1])
+        hidden[:, :, 2] = followed(keep, keep * self.law.stiffness * 0.1 * deeper)
         law = replace(self.law, relaxing=0.1 * self.law.stiffness, relaxation_time=time)
         return self.whiten(self.wrench(law, hidden=hidden) - self.nominal)
 
     def _presliding(self, distance: float) -> Array:
         hidden = np.zeros((*self.time.shape, ContactLaw.hidden))
-        for k in range(1, self.time.shape[1]):
-            slide = self.v[:, k - 1, :2] * self.windows.step
-            path = np.linalg.norm(slide, axis=1, keepdims=True)
-            along = slide / np.maximum(path, 1e-15) * distance
-            hidden[:, k, :2] = along + (hidden[:, k - 1, :2] - along) * np.exp(-path / distance)
+        slide = self.v[:, :-1, :2] * self.windows.step
+        path = np.linalg.norm(slide, axis=2, keepdims=True)
+        keep = np.exp(-path / distance)
+        fed = (1.0 - keep) * slide / np.maximum(path, 1e-15) * distance
+        # The first is at rest.
+        hidden[:, 1:, :2] = followed(keep[:, :, 0], fed)
         return self.whiten(self.wrench(replace(self.law, presliding=distance), hidden=hidden) - self.nominal)
 
 

@@ -62,6 +62,7 @@ class TossRows:
         self.windows = Windows.over(self.p.shape[1], self.step, _WINDOW)
         self.nominal = self.effort(self.frame)
         self.std = self._noise()
+        self._looks: list[Alternative] | None = None
 
     def effort(self, toss: Toss) -> Array:
         """Force and torque about the body's origin (B, N, 6), weight and contact, by memoryless laws."""
@@ -131,7 +132,10 @@ class TossRows:
         """An effect may be seen in every channel."""
 
     def alternatives(self, item: Concealed, excess: Excess) -> list[Alternative]:
-        return [Alternative(effect, at, np.stack(spans), count) for effect, at, count, spans in self._named()]
+        """They are the same for every effect and excess."""
+        if self._looks is None:
+            self._looks = [Alternative(name, at, np.stack(spans), count) for name, at, count, spans in self._named()]
+        return self._looks
 
     def _named(self) -> Iterator[tuple[str, str, int, list[Array]]]:
         """Name, place, number of parameters and rows that span it."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from .recursion import followed
 from .robots import Array
 from .truth import Channels, Sensor
 
@@ -101,15 +102,13 @@ def lagged(columns: list[str], time_constant: float, parts: int = 16) -> Sensor:
 
 def first_order(time: Array, value: Array, time_constant: float) -> Array:
     """y' = (x - y)/T for x linear between times (B, M), from y = x at the first."""
-    out = np.empty_like(value)
-    out[:, 0] = value[:, 0]
     step = np.diff(time, axis=1)
-    keep = np.exp(-step / time_constant)
     slope = np.diff(value, axis=1) / step
-    for k in range(value.shape[1] - 1):
-        target = value[:, k] - slope[:, k] * time_constant
-        out[:, k + 1] = keep[:, k] * (out[:, k] - target) + target + slope[:, k] * step[:, k]
-    return out
+    # Behind the line that x runs along it stays by T times the line's slope.
+    target = value[:, :-1] - slope * time_constant
+    keep = np.exp(-step / time_constant)
+    fed = target + slope * step - keep * target
+    return followed(np.pad(keep, ((0, 0), (1, 0))), np.concatenate([value[:, :1], fed], axis=1))
 
 
 def turned(sensor: str, rotation: Array) -> Sensor:
