@@ -7,10 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
+from .contact_kernel import LAW, NUMBERS, at_points
 from .robots import Array
-from .small import size_of
-
-_RELEASE = 1e-3  # s, in which a bristle or a relaxing force is let go once out of contact
 
 
 @dataclass(frozen=True)
@@ -61,84 +59,17 @@ class ContactLaw:
 
         point, velocity: (B, K, 3) in world axes; touching (B, K) is the mode, so that a step never sees a jump.
         """
-        n = self.normal
-        d = self.depth(time, point)
-        along = velocity @ n
-        d_rate = self.swelling - along
-        push = self.stiffness * d * (1.0 + self.dissipation * d_rate) + self.damping * d_rate + self.cubic * d**3
-        if self.relaxing:
-            push = push + z[:, :, 2]
-        if self.plastic:
-            push = push - self.stiffness * self.plastic * z[:, :, 4]
-        if self.hysteresis:
-            push = push * (1.0 + self.hysteresis * np.tanh(d_rate / 0.003))
-        if self.electric:
-            push = push + self.electric * np.sin(2.0 * np.pi * 3.3 * time[:, None]) ** 3
-        pushing = np.where(touching, np.maximum(0.0, push), 0.0)
-        net = pushing
-        if self.adhesion:
-            net = net - self.adhesion * np.where(d > 0.0, 1.0, np.exp(np.minimum(d, 0.0) / self.adhesion_range))
-        tangential = velocity - along[:, :, None] * n
-        speed = size_of(tangential)
-        friction = self._friction(tangential, speed, point, z)
-        force = net[:, :, None] * n - pushing[:, :, None] * friction
-        return force, pushing, self._rates(tangential, speed, d, d_rate, z, touching), d
-
-    def _friction(self, tangential: Array, speed: Array, point: Array, z: Array) -> Array:
-        """What lambda is multiplied by, along the motion: (B, K, 3)."""
-        if self.presliding:
-            bristle = self.friction / self.presliding * z[:, :, :2]
-            return self._in_plane(bristle)
-        mu: Array | float = self.friction
-        if self.static is not None:
-            mu = mu + (self.static - self.friction) * np.exp(-((speed / self.stribeck_velocity) ** 2))
-        if self.patch is not None:
-            part, per_metre, phase = self.patch
-            mu = mu * (
-                1.0 + part * np.sin(per_metre * point[:, :, 0] + phase) * np.sin(per_metre * point[:, :, 1] - phase)
-            )
-        if self.ageing:
-            mu = mu * (1.0 + self.ageing * z[:, :, 3])
-        # tanh(s/w)/s is finite at rest.
-        ratio = speed / self.slip_velocity
-        factor = np.where(ratio > 1e-6, np.tanh(ratio) / np.maximum(speed, 1e-300), 1.0 / self.slip_velocity)
-        if self.anisotropic is not None:
-            mu_1, mu_2, angle = self.anisotropic
-            axis = np.array([np.cos(angle), np.sin(angle)])
-            other = np.array([-axis[1], axis[0]])
-            plane = self._components(tangential)
-            both = mu_1 * (plane @ axis)[:, :, None] * axis + mu_2 * (plane @ other)[:, :, None] * other
-            return factor[:, :, None] * self._in_plane(both)
-        return (mu * factor)[:, :, None] * tangential
+        at = (np.ascontiguousarray(x) for x in (time, point, velocity, z, touching))
+        return at_points(*self._numbers, *at)  # type: ignore[no-any-return]
 
     @cached_property
-    def _axes(self) -> tuple[Array, Array]:
-        n = self.normal
-        first = np.array([1.0, 0.0, 0.0]) - n[0] * n
+    def _numbers(self) -> tuple[np.ndarray, Array]:
+        """The law and its surface's axes as the compiled one reads them."""
+        nan, numbers = float("nan"), dict(self.__dict__)
+        numbers["static"] = nan if self.static is None else self.static
+        numbers["first"], numbers["second"], numbers["angle"] = self.anisotropic or (nan, nan, nan)
+        numbers["patch_part"], numbers["patch_rate"], numbers["patch_phase"] = self.patch or (0.0, 0.0, 0.0)
+        law = np.array([tuple(numbers[name] for name in NUMBERS)], dtype=LAW)
+        first = np.array([1.0, 0.0, 0.0]) - self.normal[0] * self.normal
         first /= np.linalg.norm(first)
-        return first, np.cross(n, first)
-
-    def _components(self, tangential: Array) -> Array:
-        first, second = self._axes
-        return np.stack([tangential @ first, tangential @ second], axis=2)
-
-    def _in_plane(self, components: Array) -> Array:
-        first, second = self._axes
-        return components[:, :, :1] * first + components[:, :, 1:] * second
-
-    def _rates(self, tangential: Array, speed: Array, d: Array, d_rate: Array, z: Array, touching: np.ndarray) -> Array:
-        rates = np.where(touching[:, :, None], 0.0, -z / _RELEASE)
-        if self.presliding:
-            slide = self._components(tangential) - speed[:, :, None] * z[:, :, :2] / self.presliding
-            rates[:, :, :2] = np.where(touching[:, :, None], slide, rates[:, :, :2])
-        if self.relaxing:
-            relax = self.relaxing * d_rate - z[:, :, 2] / self.relaxation_time
-            rates[:, :, 2] = np.where(touching, relax, rates[:, :, 2])
-        if self.ageing:
-            rates[:, :, 3] = np.where(touching, 1.0, rates[:, :, 3])
-        if self.plastic:
-            # The deepest depth so far, followed within a few milliseconds, forgotten within a second.
-            rates[:, :, 4] = np.where(
-                touching, np.maximum(0.0, d - z[:, :, 4]) / 3e-3 - z[:, :, 4] / 0.8, -z[:, :, 4] / 0.8
-            )
-        return rates
+        return law, np.stack([self.normal, first, np.cross(self.normal, first)])

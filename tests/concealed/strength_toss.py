@@ -69,22 +69,27 @@ class TossRows:
         count = self.p.shape[0] * self.p.shape[1]
         p, v, omega = (x.reshape(count, 3) for x in (self.p, self.v, self.omega))
         rotation = self.rotation.reshape(count, 3, 3)
-        points = toss.contact_points(p, rotation)
-        arms = points - p[:, None, :]
-        speeds = v[:, None, :] + np.cross(omega[:, None, :], arms)
-        t = self.time.ravel()
-        touching = toss.law.depth(t, points) > 0.0
-        hidden = np.zeros((count, points.shape[1], ContactLaw.hidden))
-        force, pushing, _, _ = toss.law.force(t, points, speeds, hidden, touching)
-        torque = np.cross(arms, force).sum(axis=1)
-        if toss.law.rolling:
-            torque -= toss._rolling(omega, pushing.sum(axis=1))
-        total = (
-            force.sum(axis=1) + toss.link.mass * toss.gravity - toss.drag * np.linalg.norm(v, axis=1, keepdims=True) * v
-        )
+        pushed, torque = self._contact(toss, p, v, omega, rotation)
+        total = pushed + toss.link.mass * toss.gravity - toss.drag * np.linalg.norm(v, axis=1, keepdims=True) * v
         lever = rotation @ toss.link.com
         torque += np.cross(lever, toss.link.mass * toss.gravity)
         return np.concatenate([total, torque], axis=1).reshape(*self.p.shape[:2], 6)
+
+    def _contact(self, toss: Toss, p: Array, v: Array, omega: Array, rotation: Array) -> tuple[Array, Array]:
+        """Force and torque (N, 3) about the body's origin where the ground is near enough to be felt."""
+        points, t = toss.contact_points(p, rotation), self.time.ravel()
+        felt = 40.0 * toss.law.adhesion_range if toss.law.adhesion else 0.0  # beyond which 1e-17 is left
+        near = np.flatnonzero((toss.law.depth(t, points) > -felt).any(axis=1))
+        points, t = points[near], t[near]
+        arms = points - p[near, None, :]
+        speeds = v[near, None, :] + np.cross(omega[near, None, :], arms)
+        hidden = np.zeros((*points.shape[:2], ContactLaw.hidden))
+        force, pushing, _, _ = toss.law.force(t, points, speeds, hidden, toss.law.depth(t, points) > 0.0)
+        total, torque = np.zeros_like(p), np.zeros_like(p)
+        total[near], torque[near] = force.sum(axis=1), np.cross(arms, force).sum(axis=1)
+        if toss.law.rolling:
+            torque[near] -= toss._rolling(omega[near], pushing.sum(axis=1))
+        return total, torque
 
     def momentum(self, link: Link) -> Array:
         """Momentum and spin about the body's origin (B, N, 6)."""
