@@ -55,7 +55,13 @@ class ArmPlant:
         self.data = mujoco.MjData(self.model)
         n = robot.size
         order = [self.model.joint(f"{joint.name}_{copy}").dofadr[0] for copy in range(copies) for joint in robot.joints]
-        self._order = np.array(order).reshape(copies, n)
+        if not np.array_equal(order, np.arange(copies * n)):
+            raise ValueError("joints are to be in the engine's order, depth first")
+        data = self.data
+        # the engine's own arrays, each looked up once and seen as (copies, n)
+        self._q, self._v, self._applied, self._found = (
+            own.reshape(copies, n) for own in (data.qpos, data.qvel, data.qfrc_applied, data.qacc_smooth)
+        )
         self._rows = [
             np.array([self.model.body(f"{robot.links[law.link].name}_{copy}").id for copy in range(copies)])
             for law in bodies
@@ -63,8 +69,7 @@ class ArmPlant:
         self._touching = [index for index, law in enumerate(bodies) if law.boundary is not None]
 
     def _place(self, q: Array, v: Array) -> None:
-        self.data.qpos[self._order] = q
-        self.data.qvel[self._order] = v
+        self._q[:], self._v[:] = q, v
         mujoco.mj_fwdPosition(self.model, self.data)
         mujoco.mj_fwdVelocity(self.model, self.data)
 
@@ -73,9 +78,9 @@ class ArmPlant:
         self._place(q, v)
         if self.bodies:
             self._apply(t)
-        self.data.qfrc_applied[self._order] = tau
+        self._applied[:] = tau
         mujoco.mj_fwdAcceleration(self.model, self.data)
-        return self.data.qacc_smooth[self._order], z
+        return self._found.copy(), z
 
     def _apply(self, t: Array) -> None:
         self.data.xfrc_applied[:] = 0.0

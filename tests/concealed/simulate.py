@@ -115,12 +115,12 @@ class Simulation:
 
     def _derivative(self, t: Array, x: Array, mode: np.ndarray) -> Array:
         n = self.size
-        out = np.zeros_like(x)
+        out = np.zeros(x.shape)
         q, v = x[:, :n], x[:, n : 2 * n]
         plant_modes = mode.shape[1] - self._own_modes
         tau = self._acting(x)
         cursor = plant_modes
-        on_joint = np.zeros_like(tau)
+        on_joint = np.zeros(tau.shape)
         for law, at in zip(self.laws.joints, self._law_at, strict=True):
             j, z, own = law.joint, x[:, at], None
             if law.boundary is not None:
