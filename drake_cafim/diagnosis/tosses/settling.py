@@ -119,7 +119,7 @@ def settled_from(arcs: Arcs, noise: PoseNoise, physics: Physics, start: State) -
             break
         shot = chosen(better, other.shot, settled.shot)
         damping = np.where(better, other.damping, settled.damping)
-        settled = Settled.of(shot, Innovation.of(shot.by_start), damping)
+        settled = Settled.of(shot, _innovation_of(shot, settled.shot, settled.innovation), damping)
     return settled
 
 
@@ -153,9 +153,20 @@ def _settled_near(arcs: Arcs, noise: PoseNoise, physics: Physics, start: State) 
         before, settled = settled.shot, settled.corrected(memory)
         if settled.shot is not before:
             memory = settled.shot.memory_at_start(body)
-            innovation = Innovation.of(settled.shot.by_start)
+            innovation = _innovation_of(settled.shot, before, settled.innovation)
             settled = Settled.of(settled.shot, innovation, settled.damping, SETTLED)
     return replace(settled, near=NEAR)
+
+
+def _innovation_of(shot: Shot, before: Shot, known: Innovation) -> Innovation:
+    """The innovation of `shot`: of arcs that begin where they did `before` it is `known`.
+
+    What contacts remember is the exception: its finite steps are those of all arcs together.
+    """
+    new = np.any(shot.start.numbers != before.start.numbers, axis=1)
+    if shot.body.memory or np.all(new):
+        return Innovation.of(shot.by_start)
+    return known.replaced(new, Innovation.of(shot[new].by_start)) if np.any(new) else known
 
 
 def _freedom(arcs: Arcs) -> Array:

@@ -49,6 +49,14 @@ class Shot:
         fine = _joined(_kept(self.flights.fine, ~which), new)
         return replace(self, start=picked(which, start, self.start), flights=Flights(at_samples, (B, S), fine))
 
+    def __getitem__(self, which: Flags) -> "Shot":
+        """The arcs of `which` (B,) alone."""
+        rows, S = np.flatnonzero(which), self.flights.shape[1]
+        fine = _kept(self.flights.fine, which)
+        fine = replace(fine, flight=np.searchsorted(rows, fine.flight))
+        flights = Flights(self.flights.at_samples[np.repeat(which, S)], (len(rows), S), fine)
+        return replace(self, arcs=self.arcs[rows], start=self.start[rows], flights=flights)
+
     @cached_property
     def body(self) -> FreeBody:
         return FreeBody(self.physics)
