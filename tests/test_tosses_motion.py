@@ -17,9 +17,20 @@ from drake_cafim.diagnosis.tosses.innovation import Innovation
 from drake_cafim.diagnosis.tosses.state import Moment, State
 from drake_cafim.diagnosis.tosses.tangent import Tangent, moved
 from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product, rotation_matrices
-from drake_cafim.effects.contact_friction import ContactPresliding
+from drake_cafim.effects.body import AerodynamicDrag
+from drake_cafim.effects.contact_friction import (
+    ContactAnisotropicFriction,
+    ContactPresliding,
+    ContactRollingResistance,
+    ContactStribeckFriction,
+)
 from drake_cafim.effects.effect import Effect
-from drake_cafim.effects.normal_contact import ContactViscoelasticRelaxation
+from drake_cafim.effects.normal_contact import (
+    ContactAdhesion,
+    ContactHuntCrossleyDissipation,
+    ContactNonlinearStiffness,
+    ContactViscoelasticRelaxation,
+)
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.scene import Scene
 from tests.tosses import BALL, BLOCK, SCENARIO, thrown_scene
@@ -116,6 +127,44 @@ def test_compiled_flights_are_those_that_take_any_force(
     np.testing.assert_allclose(compiled.at_samples.numbers, any_force.at_samples.numbers, rtol=1e-9, atol=1e-9)
     for part in ("flight", "time", "step"):
         np.testing.assert_allclose(getattr(compiled.fine, part), getattr(any_force.fine, part), rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("shape", [BALL, BLOCK])
+@pytest.mark.parametrize(
+    "effects",
+    [
+        [ContactPresliding("body/ground", {"distance": 3e-4})],
+        [ContactViscoelasticRelaxation("body/ground", {"stiffness": 2000.0, "time_constant": 0.02}),
+         ContactPresliding("body/ground", {"distance": 3e-4})],
+        [ContactNonlinearStiffness("body/ground", {"cubic": 1e8}),
+         ContactHuntCrossleyDissipation("body/ground", {"dissipation": 0.8}),
+         ContactStribeckFriction("body/ground", {"static": 0.6, "velocity": 0.1})],
+        [ContactRollingResistance("body/ground", {"coefficient": 2e-3}),
+         ContactAnisotropicFriction("body/ground", {"friction_1": 0.5, "friction_2": 0.2, "angle": 0.4})],
+        [AerodynamicDrag("body", {"coefficient": 0.1})],
+    ],
+)  # fmt: skip
+def test_compiled_flights_know_what_changes_a_contact(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shape: str, effects: list[Effect]
+) -> None:
+    body = FreeBody(thrown_scene(tmp_path, shape, com="0.003 -0.002 0.001").physics.with_effects(effects))
+    assert body.plain
+    start, times = _turned([0.0, 0.0, 0.07], [0.3, 0.1, -0.5]), np.arange(0.0, 0.2, 0.004)[None]
+    compiled = _flown(body, start, times)
+    monkeypatch.setattr(FreeBody, "plain", False)
+    any_force = _flown(body, start, times)
+    assert np.any(compiled.fine.mode)
+    np.testing.assert_array_equal(compiled.fine.mode, any_force.fine.mode)
+    np.testing.assert_allclose(compiled.at_samples.numbers, any_force.at_samples.numbers, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(compiled.fine.memory, any_force.fine.memory, rtol=1e-6, atol=1e-10)
+
+
+def test_what_compiled_flights_do_not_know_is_left_to_the_others(tmp_path: Path) -> None:
+    bare = thrown_scene(tmp_path).physics
+    twice = [AerodynamicDrag("body", {"coefficient": c}) for c in (0.1, 0.2)]
+    adhesion = ContactAdhesion("body/ground", {"force": 1.0, "range": 1e-3})
+    assert FreeBody(bare).plain
+    assert not any(FreeBody(bare.with_effects(effects)).plain for effects in ([adhesion], twice))
 
 
 def _differences(a: Flights, b: Flights) -> np.ndarray:

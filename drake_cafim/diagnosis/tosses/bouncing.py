@@ -1,7 +1,8 @@
-"""The same steps as `flight`, compiled, for bodies that nothing moves but their weight and a contact's plain law.
+"""The same steps as `flight`, compiled, for bodies that only their weight, drag and a contact `touching` knows move.
 
 Each body flies by itself, so that none waits for those that touch. Bodies and points are laid out as in `rigid`; a
-`body` is its mass, centre of mass, inertia and the inverse of all, as in `FreeBody.inertial`, and gravity (3,) m/s².
+`body` is its mass, centre of mass, inertia and the inverse of all, as in `FreeBody.inertial`, gravity (3,) m/s², and
+its drag N s²/m² at a point (3,) m of it.
 """
 
 from typing import Any
@@ -9,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from drake_cafim.compiled import compiled
-from drake_cafim.contact.normal import NORMAL_LAWS
 from drake_cafim.diagnosis.tosses import rigid
 from drake_cafim.diagnosis.tosses.rosenbrock import (
     ALPHA,
@@ -22,44 +22,29 @@ from drake_cafim.diagnosis.tosses.rosenbrock import (
     SHORTEST,
     WEIGHTS,
 )
-from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.diagnosis.tosses.touching import ahead, forces
 from drake_cafim.dynamics.rotations import rotation_matrices_of
 from drake_cafim.typing import Array, Indices
-
-PAPER, HUNT_CROSSLEY = NORMAL_LAWS.index("paper"), NORMAL_LAWS.index("hunt_crossley")
-FRICTIONLESS, SLIPPING, RESISTING = range(3)
-
-
-def plain_law(contact: SphereContact | None) -> tuple[int, int, Array]:
-    """Which normal law and which friction, and their numbers: stiffness, damping, dissipation, μ and w or R."""
-    if contact is None:
-        return PAPER, FRICTIONLESS, np.zeros(5)
-    p = contact.parameters
-    surface, width = FRICTIONLESS, p.slip_velocity
-    if p.slip_velocity is not None:
-        surface = SLIPPING
-    elif p.resistance is not None:
-        surface, width = RESISTING, p.resistance
-    numbers = np.array([p.stiffness, p.damping, p.dissipation, p.friction, width or 0.0], dtype=float)
-    return NORMAL_LAWS.index(contact.law.normal), surface, numbers
 
 
 @compiled
 def bounced(
-    start: Array, times: Array, counts: Any, allowed: Array, body: Any, plane: Any, law: Any
-) -> tuple[Array, Indices, Array, Array, Array, Any]:
-    """States (B, S, 13) at the samples, and the steps between: `flight`, `time`, `step`, `state`, `mode` of `Fine`.
+    start: Array, memory: Array, times: Array, counts: Any, allowed: Array, body: Any, plane: Any, law: Any
+) -> tuple[Array, Indices, Array, Array, Array, Any, Array]:
+    """States (B, S, 13) at the samples, and the steps between: all that `Fine` holds, in its order.
 
-    `start` (B, 13), `times` (B, S) s and `counts` (B,) as in `fly`; `allowed` (6,) m/s and rad/s is how much a step may
-    be off for each second of it.
+    `start` (B, 13), `memory` (B, K, m), `times` (B, S) s and `counts` (B,) as in `fly`; `allowed` (6,) m/s and rad/s is
+    how much a step may be off for each second of it.
     """
     B, S = times.shape
     points, below, normal, height = plane
     out, K, found, room = np.zeros((B, S, 13)), points.shape[1], 0, 64 * (B + 1)
     flight, time_at, taken = np.empty(room, dtype=np.int64), np.empty(room), np.empty(room)
     states, modes = np.empty((room, 13)), np.empty((room, K), dtype=np.bool_)
+    memories = np.empty((room, K, memory.shape[2]))
     for b in range(B):
         now, time, following, usual = start[b : b + 1].copy(), times[b, 0], 1, 1e-3
+        known = memory[b].copy()
         out[b, 0] = now[0]
         R = _turned(now)
         deep, sinking = rigid.depths(now, R, points, below, normal, height)
@@ -68,13 +53,13 @@ def bounced(
             if following >= counts[b]:
                 break
             left, touching = times[b, following] - time, np.any(mode)
-            first, damping = _accelerated(now, R, mode, body, plane, law, touching)
+            first, damping = _accelerated(now, R, mode, known, body, plane, law, touching)
             landing = rigid.landing(now, R, points, deep, sinking, mode, first, normal)[0]
             step = min(usual, left, max(landing, SHORTEST))
             # a crumb of a step before a sample is left to the one before
             if left - step < 1e-9:
                 step = left
-            ended, error = _step(now, mode, body, plane, law, first, damping, touching, step, allowed)
+            ended, error = _step(now, mode, known, body, plane, law, first, damping, touching, step, allowed)
             turned = _turned(ended)
             deeper, faster = rigid.depths(ended, turned, points, below, normal, height)
             past = False
@@ -92,10 +77,11 @@ def bounced(
                 continue
             if found == room:
                 flight, time_at, taken = _longer(flight), _longer(time_at), _longer(taken)
-                states, modes, room = _longer(states), _longer(modes), 2 * room
+                states, modes, memories, room = _longer(states), _longer(modes), _longer(memories), 2 * room
             flight[found], time_at[found], taken[found] = b, time, step
-            states[found], modes[found] = now[0], mode[0]
+            states[found], modes[found], memories[found] = now[0], mode[0], known
             found += 1
+            known = _remembered(known, ended, turned, mode, True, step, plane, law)
             now, R, deep, sinking, time = ended, turned, deeper, faster, time + step
             for k in range(K):
                 into = sinking[0, k] > 0.0
@@ -103,7 +89,7 @@ def bounced(
             if abs(times[b, following] - time) < 1e-12:
                 time, out[b, following] = times[b, following], now[0]
                 following += 1
-    return out, flight[:found], time_at[:found], taken[:found], states[:found], modes[:found]
+    return out, flight[:found], time_at[:found], taken[:found], states[:found], modes[:found], memories[:found]
 
 
 @compiled
@@ -119,8 +105,8 @@ def _longer(values: Any) -> Any:
 
 @compiled
 def _step(
-    state: Array, mode: Any, body: Any, plane: Any, law: Any, first: Array, damping: Array, touching: bool, step: float,
-    allowed: Array,
+    state: Array, mode: Any, memory: Array, body: Any, plane: Any, law: Any, first: Array, damping: Array,
+    touching: bool, step: float, allowed: Array,
 ) -> tuple[Array, float]:  # fmt: skip
     """The state a step later, and the largest error in units of what is allowed; see `flight`."""
     h, slopes, at, change = np.full(1, step), np.zeros((4, 1, 13)), state, first
@@ -129,7 +115,9 @@ def _step(
     for i in range(4):
         if i:
             at = rigid.onwards(state, h, ALPHA[i], slopes)
-            change, _ = _accelerated(at, _turned(at), mode, body, plane, law, False)
+            turned, past = _turned(at), step * np.sum(ALPHA[i])
+            kept = _remembered(memory, at, turned, mode, False, past, plane, law)
+            change, _ = _accelerated(at, turned, mode, kept, body, plane, law, False)
         if touching:
             push = change[0].copy()
             for j in range(i):
@@ -147,51 +135,62 @@ def _step(
 
 @compiled
 def _accelerated(
-    state: Array, R: Array, mode: Any, body: Any, plane: Any, law: Any, stiff: bool
+    state: Array, R: Array, mode: Any, memory: Array, body: Any, plane: Any, law: Any, stiff: bool
 ) -> tuple[Array, Array]:
     """v̇ then ω̇ (1, 6) of a body (1, 13), and where it is `stiff` the slopes (1, 6, 6) of `FreeBody.damping`."""
     points, below, normal, height = plane
-    mass, center, inertia, inverse, gravity = body
+    mass, center, inertia, inverse, gravity, drag, middle = body
     wrench, damping = np.zeros((1, 2, 3)), np.zeros((1, 6, 6))
     if np.any(mode):
-        rows, _, lever = rigid.near(R, points, below, np.zeros(mode.shape), mode, 0.0)
+        rows, columns, lever = rigid.near(R, points, below, np.zeros(mode.shape), mode, 0.0)
         touching = np.ones(len(rows), dtype=np.bool_)
-        held, rate, slip, _ = rigid.meeting(state[rows], lever, touching, normal, height)
-        force, slopes = _forces(held, rate, slip, normal, law)
-        rigid.pushed(wrench, rows, lever, force, np.zeros(force.shape))
+        held, rate, slip, position = rigid.meeting(state[rows], lever, touching, normal, height)
+        force, moment, slopes = forces(held, rate, slip, position, state[0, 10:], memory[columns], normal, law)
+        rigid.pushed(wrench, rows, lever, force, moment)
         if stiff:
             along, across, onward, into = slip.copy(), slopes[:, 0].copy(), slopes[:, 1].copy(), slopes[:, 2].copy()
             for e in range(len(rows)):
                 along[e] /= max(np.sqrt(np.sum(slip[e] ** 2)), 1e-12)
             damping = rigid.damped(R, inverse, rows, lever, along, across, onward, into, normal)
+    if drag != 0.0:
+        _braked(wrench[0], state[0], R[0], drag, middle)
     return rigid.accelerated(state, R, wrench, mass, center, inertia, inverse, gravity), damping
 
 
 @compiled
-def _forces(held: Array, rate: Array, slip: Array, normal: Array, law: Any) -> tuple[Array, Array]:
-    """Forces (E, 3) N at points, and how they grow with velocity (E, 3), N s/m: across slip, along it, and pressing."""
-    kind, surface, numbers = law
-    stiffness, damping, dissipation, friction, width = numbers
-    force, slopes = np.empty((len(held), 3)), np.zeros((len(held), 3))
-    for e in range(len(held)):
-        if kind == PAPER:
-            push = stiffness * held[e] - damping * abs(rate[e])
-        elif kind == HUNT_CROSSLEY:
-            push = stiffness * held[e] * (1.0 + dissipation * rate[e])
-        else:
-            push = stiffness * held[e] + damping * rate[e]
-        push = max(push, 0.0)
-        most, speed, rubbed = friction * push, np.sqrt(np.sum(slip[e] ** 2)), 0.0
-        if surface == SLIPPING:
-            ratio = max(speed / width, 1e-6)
-            level = np.tanh(ratio)
-            rubbed = most * level / (ratio * width)
-            slopes[e, 0], slopes[e, 1] = rubbed, most * (1.0 - level**2) / width
-        elif surface == RESISTING:
-            rubbing = width * speed > most
-            rubbed = most / max(speed, 1e-12) if rubbing else width
-            slopes[e, 0], slopes[e, 1] = rubbed, 0.0 if rubbing else width
-        slopes[e, 2] = damping if push > 0.0 else 0.0
-        for x in range(3):
-            force[e, x] = push * normal[x] - rubbed * slip[e, x]
-    return force, slopes
+def _braked(wrench: Array, state: Array, R: Array, drag: float, middle: Array) -> None:
+    """Adds −drag |v| v and its moment at `middle` (3,) m of the body to its wrench (2, 3)."""
+    w, lever, v, square = state[10:], np.zeros(3), np.empty(3), 0.0
+    for x in range(3):
+        for y in range(3):
+            lever[x] += R[x, y] * middle[y]
+    for x in range(3):
+        y, z = (x + 1) % 3, (x + 2) % 3
+        v[x] = state[7 + x] + w[y] * lever[z] - w[z] * lever[y]
+        square += v[x] * v[x]
+    v *= -drag * np.sqrt(square)
+    for x in range(3):
+        y, z = (x + 1) % 3, (x + 2) % 3
+        wrench[0, x] += v[x]
+        wrench[1, x] += lever[y] * v[z] - lever[z] * v[y]
+
+
+@compiled
+def _remembered(
+    memory: Array, state: Array, R: Array, mode: Any, everywhere: bool, elapsed: float, plane: Any, law: Any
+) -> Array:
+    """The points' memory (K, m) `elapsed` s later, where the body (1, 13) is then; of all, or of those that touch."""
+    if memory.shape[1] == 0:
+        return memory
+    points, below, normal, height = plane
+    result, asked, spinning = np.zeros(memory.shape), np.ones(mode.shape, dtype=np.bool_), np.empty(3)
+    rows, columns, lever = rigid.near(R, points, below, np.zeros(mode.shape), asked if everywhere else mode, 0.0)
+    pressing = mode[0, columns]
+    held, _, _, position = rigid.meeting(state[rows], lever, pressing, normal, height)
+    for x in range(3):
+        y, z = (x + 1) % 3, (x + 2) % 3
+        spinning[x] = state[0, 10 + y] * below[z] - state[0, 10 + z] * below[y]
+    for e in range(len(columns)):
+        k = columns[e]
+        ahead(memory[k], held[e], pressing[e], position[e], spinning, elapsed, normal, law, result[k])
+    return result

@@ -63,12 +63,13 @@ def fly(
     `std` (6,) is the noise of a sample, m and rad, below which errors may stay; `recording` (B,) tells whose each is
     among `names`; `memory` (B, K, m) is what the contact's points remember at first.
     """
-    if body.plain:
-        return _bounced(body, start, times, counts, std)
     B, S = times.shape
-    depth, sinking = body.depths(start)
-    mode, allowed = depth > 0.0, (CAREFUL if body.memory or body.pulls else SHARE) * std
     memory = np.zeros((B, body.points, body.memory)) if memory is None else memory.copy()
+    allowed = (CAREFUL if body.memory or body.pulls else SHARE) * std
+    if body.plain:
+        return _bounced(body, start, memory, times, counts, allowed)
+    depth, sinking = body.depths(start)
+    mode = depth > 0.0
     now, out = State(start.numbers.copy()), np.zeros((B, S, start.numbers.shape[1]))
     out[:, 0] = now.numbers
     time, following = times[:, 0].copy(), np.ones(B, dtype=int)
@@ -122,13 +123,13 @@ def fly(
     return Flights(State(out.reshape(B * S, -1)), (B, S), _fine(trail, body))
 
 
-def _bounced(body: FreeBody, start: State, times: Array, counts: Any, std: Array) -> Flights:
+def _bounced(body: FreeBody, start: State, memory: Array, times: Array, counts: Any, allowed: Array) -> Flights:
     numbers, instants = np.ascontiguousarray(start.numbers), np.ascontiguousarray(times)
-    inertial = (*body.inertial, body.physics.gravity)
-    at_samples, flight, time, step, state, mode = bounced(
-        numbers, instants, counts, SHARE * std, inertial, body.plane, body.law
+    moving = (*body.inertial, body.physics.gravity, *body.drag)
+    at_samples, flight, time, step, state, mode, remembered = bounced(
+        numbers, memory, instants, counts, allowed, moving, body.plane, body.law
     )
-    fine = Fine(flight, time, step, State(state), mode, np.zeros((len(time), body.points, 0)))
+    fine = Fine(flight, time, step, State(state), mode, remembered)
     return Flights(State(at_samples.reshape(-1, 13)), times.shape, fine)
 
 

@@ -17,13 +17,13 @@ import numpy as np
 
 from drake_cafim.contact.change import Touch, surface_axes
 from drake_cafim.diagnosis.tosses import rigid
-from drake_cafim.diagnosis.tosses.bouncing import plain_law
 from drake_cafim.diagnosis.tosses.state import Flags, Moment, State
+from drake_cafim.diagnosis.tosses.touching import Law, law_of
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import skew
 from drake_cafim.dynamics.rotations import crossing, rotation_matrices
 from drake_cafim.dynamics.tree import FREE
-from drake_cafim.effects.body import ExternalDisturbance
+from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -106,8 +106,17 @@ class FreeBody:
 
     @cached_property
     def plain(self) -> bool:
-        """Whether nothing moves the body but its weight and a contact's law."""
-        return not self.physics.body_forces and not (self.contact and self.contact.changes)
+        """Whether compiled code knows all that moves the body."""
+        forces = self.physics.body_forces
+        return self.law is not None and len(forces) < 2 and all(type(one) is AerodynamicDrag for one in forces)
+
+    @cached_property
+    def drag(self) -> tuple[float, Array]:
+        """N s²/m² of a `plain` body, and where on it (3,) m."""
+        for effect in self.physics.body_forces:
+            body = self.physics.tree.body(effect.at)
+            return float(effect.values["coefficient"]), np.asarray(body.p_JB + body.R_JB @ effect.point(body))
+        return 0.0, np.zeros(3)
 
     @cached_property
     def plane(self) -> tuple[Array, Array, Array, float]:
@@ -116,9 +125,9 @@ class FreeBody:
         return self._points, np.ascontiguousarray(self._below[:, 0]), normal, self._height
 
     @cached_property
-    def law(self) -> tuple[int, int, Array]:
-        """The contact's law, as compiled code takes it."""
-        return plain_law(self.contact)
+    def law(self) -> Law | None:
+        """The contact's law as compiled code takes it, where it knows it."""
+        return law_of(self.contact)
 
     def levers(self, R: Array) -> Array:
         """(B, 3, K) m, from the origin to the points that may touch."""
