@@ -100,19 +100,35 @@ def forces(
     force, moment, slopes = np.empty((len(held), 3)), np.zeros((len(held), 3)), np.zeros((len(held), 3))
     for e in range(len(held)):
         push = _pushing(held[e], rate[e], memory[e], law)
-        speed = np.sqrt(np.sum(slip[e] ** 2))
+        speed = _size(slip[e])
         rubbed, slopes[e, 1] = _rubbed(friction * push, speed, surface, width)
         slopes[e, 0], slopes[e, 2] = rubbed, damping if push > 0.0 else 0.0
-        if law[5] == OF_LAW:
-            for x in range(3):
-                force[e, x] = push * normal[x] - rubbed * slip[e, x]
-        else:
-            force[e] = push * normal + _traction(push, speed, slip[e], position[e], memory[e], normal, law)
+        for x in range(3):
+            force[e, x] = -rubbed * slip[e, x]
+        if law[5] != OF_LAW:
+            _pull(push, speed, slip[e], position[e], memory[e], normal, law, force[e])
+        for x in range(3):
+            force[e, x] += push * normal[x]
         if rolling != 0.0:
-            spin = w - np.sum(w * normal) * normal
-            size = np.sqrt(np.sum(spin**2))
-            moment[e] = -rolling * push * np.tanh(size / ROLLING_WIDTH) / max(size, 1e-9) * spin
+            _along(w, normal, moment[e])
+            size = _size(moment[e])
+            share = rolling * push * np.tanh(size / ROLLING_WIDTH) / max(size, 1e-9)
+            for x in range(3):
+                moment[e, x] *= -share
     return force, moment, slopes
+
+
+@compiled
+def _size(vector: Array) -> float:
+    return float(np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2))
+
+
+@compiled
+def _along(vector: Array, normal: Array, into: Array) -> None:
+    """Fills `into` (3,) with the part of a vector (3,) in the plane."""
+    through = vector[0] * normal[0] + vector[1] * normal[1] + vector[2] * normal[2]
+    for x in range(3):
+        into[x] = vector[x] - through * normal[x]
 
 
 @compiled
@@ -145,26 +161,29 @@ def _rubbed(most: float, speed: float, surface: int, width: float) -> tuple[floa
 
 
 @compiled
-def _traction(push: float, speed: float, slip: Array, position: Array, memory: Array, normal: Array, law: Any) -> Array:
-    """The tangential force (3,) N of what replaces the law's, at a point pushed by `push` N."""
-    surface, friction, width, beyond, along, turned = law[1], law[2][3], law[2][4], law[3], np.zeros(3), slip
+def _pull(
+    push: float, speed: float, slip: Array, position: Array, memory: Array, normal: Array, law: Any, into: Array
+) -> None:
+    """Fills `into` (3,) with the tangential force of what replaces the law's, at a point pushed by `push` N."""
+    surface, friction, width, beyond, turned = law[1], law[2][3], law[2][4], law[3], slip.copy()
     if law[5] == PRESLIDING:
-        moved = position - memory[law[6] + 3 : law[6] + 6]
-        bristle = _slid(memory[law[6] : law[6] + 3], moved - np.sum(moved * normal) * normal, beyond[DISTANCE])
+        _along(position - memory[law[6] + 3 : law[6] + 6], normal, turned)
+        _slide(memory[law[6] : law[6] + 3], turned, beyond[DISTANCE], into)
         for x in range(3):
-            along[x] = -friction / beyond[DISTANCE] * push * bristle[x]
-        return along
+            into[x] *= -friction / beyond[DISTANCE] * push
+        return
     if law[5] == STRIBECK:
         friction += (beyond[STATIC] - friction) * np.exp(-((speed / beyond[VELOCITY]) ** 2))
     else:
         for x in range(3):
-            for y in range(3):
-                along[x] += slip[y] * law[4][y, x]
-        size = np.sqrt(np.sum(along**2))
+            turned[x] = slip[0] * law[4][0, x] + slip[1] * law[4][1, x] + slip[2] * law[4][2, x]
+        size = _size(turned)
         friction = size / speed if speed > 0.0 else 0.0
-        turned = along * (speed / size if size > 0.0 else 1.0)
-    result: Array = -_rubbed(friction * push, speed, surface, width)[0] * turned
-    return result
+        for x in range(3):
+            turned[x] *= speed / size if size > 0.0 else 1.0
+    rubbed, _ = _rubbed(friction * push, speed, surface, width)
+    for x in range(3):
+        into[x] = -rubbed * turned[x]
 
 
 @compiled
@@ -176,23 +195,22 @@ def ahead(
     bristles, relaxed, beyond = law[6], law[7], law[3]
     if law[5] == PRESLIDING:
         moved = position - memory[bristles + 3 : bristles + 6]
-        turned = 0.5 * (memory[bristles + 6 : bristles + 9] + spinning) * elapsed
-        moved = moved - np.sum(moved * normal) * normal + turned
+        _along(moved, normal, moved)
+        for x in range(3):
+            moved[x] += 0.5 * (memory[bristles + 6 + x] + spinning[x]) * elapsed
+            into[bristles + x], into[bristles + 3 + x], into[bristles + 6 + x] = 0.0, position[x], spinning[x]
         if pressing:
-            into[bristles : bristles + 3] = _slid(memory[bristles : bristles + 3], moved, beyond[DISTANCE])
-        else:
-            into[bristles : bristles + 3] = 0.0
-        into[bristles + 3 : bristles + 6], into[bristles + 6 : bristles + 9] = position, spinning
+            _slide(memory[bristles : bristles + 3], moved, beyond[DISTANCE], into[bristles : bristles + 3])
     if beyond[TIME] > 0.0:
         y = memory[relaxed]
         into[relaxed] = y + (held - y) * -np.expm1(-elapsed / beyond[TIME]) if pressing else 0.0
 
 
 @compiled
-def _slid(bristle: Array, moved: Array, distance: float) -> Array:
-    """A bristle (3,) m after a straight way `moved` (3,) m; see `ContactPresliding`."""
-    way = np.sqrt(np.sum(moved**2))
+def _slide(bristle: Array, moved: Array, distance: float, into: Array) -> None:
+    """Fills `into` with a bristle (3,) m after a straight way `moved` (3,) m; see `ContactPresliding`."""
+    way = _size(moved)
     lost = -np.expm1(-way / distance)
     share = lost / way if way > 1e-12 * distance else 1.0 / distance
-    result: Array = (1.0 - lost) * bristle + distance * share * moved
-    return result
+    for x in range(3):
+        into[x] = (1.0 - lost) * bristle[x] + distance * share * moved[x]
