@@ -31,9 +31,8 @@ class PreparedTosses:
     noise_remarks: tuple[str, ...]
 
     def problem(self) -> TossProblem:
-        """The recordings' likelihood, white under the model as given."""
-        arcs = arcs_of(self.tracks, self.noise)
-        return TossProblem.settled(self.scene, arcs, self.noise, Model(self.scene.priors.mean))
+        """The recordings' likelihood, white under the scene's own physics."""
+        return TossProblem.nominally(self.scene, arcs_of(self.tracks, self.noise), self.noise)
 
     def locate(self, problem: TossProblem, lacking: Model) -> tuple[Location, ...]:
         """Where the recordings differ from `lacking`."""

@@ -4,8 +4,7 @@ Each arc is simulated from a state of its own, which is fitted with whatever a m
 samples say beyond that state. Regressors come from simulations and hold no noise of the measurement.
 """
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -67,6 +66,8 @@ class TossProblem(Problem):
     arcs: Arcs
     noise: PoseNoise
     base: Settled
+    first: Model
+    """Where a fit of the unknowns begins."""
     found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
     """The last residual that was searched for pushes, and what was found."""
     _shots: dict[Any, Settled] = field(default_factory=dict, repr=False, compare=False)
@@ -83,22 +84,28 @@ class TossProblem(Problem):
     ) -> "TossProblem":
         """The problem whose rows are white under `model`."""
         base = settled_from(arcs, noise, model.physics(scene), start or arcs.start)
-        return cls(scene, _runs(arcs), arcs, noise, base)
+        return cls(scene, _runs(arcs), arcs, noise, base, model)
+
+    @classmethod
+    def nominally(cls, scene: Scene, arcs: Arcs, noise: PoseNoise) -> "TossProblem":
+        """The problem under the scene's own physics.
+
+        Where something strikes an edge, numbers that are a little off miss by so much that slopes mean nothing, and
+        arcs settle on its wrong side, from where better numbers find no way back. So the arcs that the prior means
+        tell well say what the unknowns are, and all begin anew from their samples.
+        """
+        given = Model(scene.priors.mean)
+        problem = cls.settled(scene, arcs, noise, given)
+        near = np.flatnonzero(~problem.base.far)
+        if len(near) == len(problem.base.far):
+            return problem
+        told = fit(cls.settled(scene, arcs[near], noise, given, problem.base.shot.start[near]), given).model
+        anew = cls.settled(scene, arcs, noise, told)
+        better = np.sum(anew.base.cost) < np.sum(problem.base.cost)
+        return anew if better else replace(problem, first=told)
 
     def nominal(self) -> Model:
-        return self._nominal
-
-    @cached_property
-    def _nominal(self) -> Model:
-        """Unknowns as the arcs have them that the prior means tell well, no effects.
-
-        Where something strikes an edge, numbers that are a little off miss by so much that slopes mean nothing.
-        """
-        given, near = Model(self.scene.priors.mean), np.flatnonzero(~self.base.far)
-        if len(near) == len(self.base.far):
-            return given
-        told = self.settled(self.scene, self.arcs[near], self.noise, given, self.base.shot.start[near])
-        return fit(told, given).model
+        return self.first
 
     def rewhitened(self, model: Model) -> "TossProblem":
         """The same arcs under another model."""
