@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.dynamics.motion import equations_of_motion, motion
+from drake_cafim.dynamics.stepping import stepped
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.plane import UnmodeledContact
@@ -59,9 +60,34 @@ def advance(physics: Physics, state: State, effort: Array, duration: Array) -> S
     touching = physics.contacts or any(isinstance(one, UnmodeledContact) for one in physics.body_forces)
     longest = LONGEST_CONTACT_STEP if touching else LONGEST_STEP
     count = max(1, int(np.ceil(float(np.max(duration)) / longest - 1e-6)))
+    quickly = physics.spheres is not None and not physics.body_forces
+    if quickly and not physics.joint_forces:
+        return _stepped(physics, state, effort, np.zeros_like(effort), duration / count, count)
+    one = _step_by_laws if quickly else step
     for _ in range(count):
-        state = step(physics, state, effort, duration / count)
+        state = one(physics, state, effort, duration / count)
     return state
+
+
+def _step_by_laws(physics: Physics, state: State, effort: Array, duration: Array) -> State:
+    """`step` where nothing but the joints' laws is beyond the nominal physics."""
+    q_middle = state.q + 0.5 * duration[:, None] * state.v
+    joints = [JointSamples(q_middle[:, j], state.v[:, j], effort[:, j]) for j in range(state.q.shape[1])]
+    law, slope = effort.copy(), np.zeros_like(effort)
+    for effect in physics.joint_forces:
+        j, found = physics.tree.joint_index(effect.at), physics.joint_force(effect, joints)
+        law[:, j] += found.value
+        slope[:, j] += found.d_v
+    return _stepped(physics, state, law, slope, duration, 1)
+
+
+def _stepped(physics: Physics, state: State, force: Array, slope: Array, duration: Array, count: int) -> State:
+    """`count` steps of `duration` (B,) s under a `force` (B, n) that stays, with its `slope` (B, n) in v."""
+    tree = physics.tree
+    numbers = (*tree.lumps, physics.rotor_inertias, physics.dampings, physics.gravity)
+    samples = (*numbers, *(physics.spheres or ()), state.q, state.v, force, slope, duration)
+    q, v = stepped(*tree.frames, *(np.ascontiguousarray(one) for one in samples), count)
+    return State(q, v, state.memory)
 
 
 def driven(physics: Physics, time: Array, u: Array) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from drake_cafim.contact.change import ContactChange, Touch, surface_axes
 from drake_cafim.contact.law import ContactLaw, ContactParameters
+from drake_cafim.contact.normal import NORMAL_LAWS
 from drake_cafim.cross import cross
 from drake_cafim.dynamics.motion import Motion
 from drake_cafim.dynamics.touching import met, read
@@ -57,6 +58,24 @@ class SphereContact:
         """Centre, radius, point and normal, as compiled code takes them."""
         center, point, normal = (np.ascontiguousarray(a, dtype=float) for a in (self.p_JC, self.point, self.normal))
         return center, float(self.radius), point, normal
+
+    @cached_property
+    def numbers(self) -> tuple[Array, Array] | None:
+        """Its place (10,) and its law (7,) as `pressed` takes them; None where it is more than one law of one sphere.
+
+        The law is its kind, stiffness, damping or dissipation, smoothing, friction, and kind and width of the friction.
+        """
+        if type(self) is not SphereContact or self.changes:
+            return None
+        one, kind = self.parameters, NORMAL_LAWS.index(self.law.normal)
+        loss = one.dissipation if self.law.normal == "hunt_crossley" else one.damping
+        rubbing, width = (1, one.slip_velocity) if one.slip_velocity is not None else (2, one.resistance)
+        rubs = (0, 0.0) if width is None else (rubbing, width)
+        law = (kind, one.stiffness, loss, self.law.smoothing, one.friction, *rubs)
+        if any(np.ndim(number) for number in law):
+            return None
+        center, radius, point, normal = self._placed
+        return np.concatenate([center, [radius], point, normal]), np.array(law, dtype=float)
 
     @cached_property
     def _below(self) -> Array:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from drake_cafim.compiled import compiled
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 
 @compiled
@@ -33,6 +33,63 @@ def met(
             slip[i, x] += faster * normal[x]
         penetration[i], rate[i] = depth, faster
     return penetration, rate, slip, place, w
+
+
+@compiled
+def _pushed(depth: float, rate: float, law: Array) -> float:
+    """Normal force N of `normal_force`, by a contact's numbers as `SphereContact.numbers` lays them out."""
+    kind, stiffness, loss, smoothing = law[0], law[1], law[2], law[3]
+    force: float = stiffness * depth
+    if kind == 0.0:
+        force = force - loss * abs(rate)
+    elif kind == 1.0:
+        force = force + loss * rate
+    else:
+        force = force * (1.0 + loss * rate)
+    if smoothing > 0.0:
+        force = 0.5 * (force + np.sqrt(force * force + smoothing * smoothing))
+        return force
+    return force if depth > 0.0 and force > 0.0 else 0.0
+
+
+@compiled
+def _rubbed(normal: float, speed: float, law: Array) -> float:
+    """Friction over speed, N s/m, of `slip_force` or `resistance_force` under a `normal` force N."""
+    friction, kind, width = law[4], law[5], law[6]
+    if kind == 0.0:
+        return 0.0
+    rubbed: float = width
+    if kind == 1.0:
+        rubbed = friction * normal * (np.tanh(speed / width) / speed if speed > 0.0 else 1.0 / width)
+    elif speed > 0.0 and friction * normal < width * speed:
+        rubbed = friction * normal / speed
+    return rubbed
+
+
+@compiled
+def pressed(R: Array, p: Array, V: Array, joints: Indices, placed: Array, laws: Array) -> Array:
+    """Wrenches (N, n, 6) on the links about the world's origin, moment first, of C spheres against their planes.
+
+    `R`, `p` and `V` as for `met`. `joints` (C,) carry the spheres, `placed` (C, 10) are centre, radius, point and
+    normal of each, `laws` (C, 7) the numbers of its law.
+    """
+    wrench, f = np.zeros((*p.shape[:2], 6)), np.empty(3)
+    for k in range(len(joints)):
+        j, at, law = joints[k], placed[k], laws[k]
+        depth, rate, slip, place, _ = met(R, p, V, j, at[:3], at[3], at[4:7], at[7:])
+        for i in range(len(p)):
+            normal = _pushed(depth[i], rate[i], law)
+            if normal == 0.0:
+                continue
+            speed = np.sqrt(slip[i, 0] * slip[i, 0] + slip[i, 1] * slip[i, 1] + slip[i, 2] * slip[i, 2])
+            rubbed = _rubbed(normal, speed, law)
+            for x in range(3):
+                f[x] = normal * at[7 + x] - rubbed * slip[i, x]
+            for x in range(3):
+                y, z = (x + 1) % 3, (x + 2) % 3
+                wrench[i, j, x] += place[i, y] * f[z] - place[i, z] * f[y]
+                wrench[i, j, 3 + x] += f[x]
+    return wrench
 
 
 @compiled

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from drake_cafim.cross import cross
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import Motion, equations_of_motion, momentum_balance
+from drake_cafim.dynamics.touching import pressed
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.body import BodyForce
@@ -19,7 +21,7 @@ from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.errors import InputError
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,15 @@ class Physics:
     def rotor_inertias(self) -> Array:
         """Reflected rotor inertia of each joint, (n,)."""
         return np.array([joint.rotor_inertia for joint in self.tree.joints])
+
+    @cached_property
+    def spheres(self) -> tuple[Indices, Array, Array] | None:
+        """The contacts as `pressed` takes them: joints (C,), places (C, 10), laws (C, 7); None where one is changed."""
+        numbers = [one for contact in self.contacts if (one := contact.numbers) is not None]
+        if len(numbers) < len(self.contacts):
+            return None
+        places, laws = (np.array([one[k] for one in numbers]).reshape(-1, size) for k, size in ((0, 10), (1, 7)))
+        return np.array([contact.joint for contact in self.contacts], dtype=np.int64), places, laws
 
     @property
     def effort_gains(self) -> Array:
@@ -100,6 +111,8 @@ class Physics:
 
         `memory` (N, m) as `contact_memory` has it; without it the contacts remember nothing.
         """
+        if self.spheres is not None:
+            return np.asarray(pressed(moving.R_WJ, moving.p_WJ, moving.velocities, *self.spheres), dtype=float)
         total = np.zeros((*moving.q.shape, 6))
         start = 0
         for contact in self.contacts:

@@ -1,0 +1,65 @@
+"""Steps in time of many simulations at once, compiled."""
+
+import numpy as np
+
+from drake_cafim.compiled import compiled
+from drake_cafim.dynamics.recursions import equations, kinematics, projected
+from drake_cafim.dynamics.touching import pressed
+from drake_cafim.typing import Array, Indices
+
+
+@compiled
+def _solved(A: Array, b: Array) -> None:
+    """`b` (n,) becomes A⁻¹ b, by Gauss with pivots; `A` (n, n) is used up."""
+    n = len(b)
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if abs(A[i, k]) > abs(A[pivot, k]):
+                pivot = i
+        if pivot != k:
+            for j in range(n):
+                A[k, j], A[pivot, j] = A[pivot, j], A[k, j]
+            b[k], b[pivot] = b[pivot], b[k]
+        for i in range(k + 1, n):
+            share = A[i, k] / A[k, k]
+            for j in range(k + 1, n):
+                A[i, j] -= share * A[k, j]
+            b[i] -= share * b[k]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            b[k] -= A[k, j] * b[j]
+        b[k] /= A[k, k]
+
+
+@compiled
+def stepped(
+    parents: Indices, R_PF: Array, p_PF: Array, joint_axes: Array, prismatic: Indices, mass: Array, center: Array,
+    inertia: Array, rotors: Array, dampings: Array, gravity: Array, joints: Indices, placed: Array, laws: Array,
+    q: Array, v: Array, force: Array, slope: Array, duration: Array, count: int,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Positions and velocities (B, n) after `count` steps of `duration` (B,) s each, by `stepper.step`'s rule.
+
+    The tree as for `kinematics` and `equations`, `rotors` and `dampings` (n,) of its joints, contacts as for `pressed`.
+    `force` (B, n) acts at the joints beside damping, and its `slope` (B, n) in v is taken implicitly.
+    """
+    B, n = q.shape
+    q, v, change = q.copy(), v.copy(), np.empty(n)
+    for _ in range(count):
+        middle = np.empty((B, n))
+        for i in range(B):
+            for j in range(n):
+                middle[i, j] = q[i, j] + 0.5 * duration[i] * v[i, j]
+        R, p, S, V = kinematics(parents, R_PF, p_PF, joint_axes, prismatic, middle, v)
+        M, bias = equations(parents, R, p, S, V, v, mass, center, inertia, gravity)
+        push = projected(parents, S, pressed(R, p, V, joints, placed, laws))
+        for i in range(B):
+            h = duration[i]
+            for j in range(n):
+                M[i, j, j] += rotors[j] + 0.5 * h * (dampings[j] - slope[i, j])
+                change[j] = h * (force[i, j] - dampings[j] * v[i, j] - bias[i, j] + push[i, j])
+            _solved(M[i], change)
+            for j in range(n):
+                q[i, j] += h * (v[i, j] + 0.5 * change[j])
+                v[i, j] += change[j]
+    return q, v

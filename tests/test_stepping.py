@@ -1,0 +1,83 @@
+"""Compiled steps against those of the physics' own objects."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from concealed.make import make
+
+from drake_cafim.contact import NORMAL_LAWS, ContactLaw
+from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.stepper import State, advance, step
+from drake_cafim.dynamics.motion import motion
+from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.scenario.physics import Physics
+from tests.concealed_case import written
+
+RUBBING = ({"slip_velocity": 0.01}, {"resistance": 30.0}, {})
+
+
+@pytest.fixture(scope="module")
+def press(tmp_path_factory: pytest.TempPathFactory) -> Physics:
+    scene, _ = written(make("null", "press", 5), tmp_path_factory.mktemp("press"))
+    return Model(scene.priors.mean).physics(scene)
+
+
+def _variant(physics: Physics, law: str, rubbing: dict[str, float], smoothing: float) -> Physics:
+    [contact] = physics.contacts
+    numbers = replace(contact.parameters, slip_velocity=None, resistance=None, dissipation=0.7)
+    changed = replace(contact, law=ContactLaw(law, smoothing), parameters=replace(numbers, **rubbing))
+    return replace(physics, contacts=(changed,))
+
+
+def _states(physics: Physics, count: int = 60) -> tuple[State, np.ndarray, np.ndarray]:
+    """States about the plane, on either side of it, some at rest; with efforts and durations."""
+    rng, n = np.random.default_rng(2), len(physics.tree.joints)
+    [contact] = physics.contacts
+    start = motion(physics.tree, np.zeros((1, n)), np.zeros((1, n)))
+    depth, toward = contact.touch(start).penetration, contact.normal @ start.axes[0, :, 3:].T
+    q = np.zeros((count, n)) + (depth + rng.normal(0.0, 1e-3, count))[:, None] * toward
+    v = rng.normal(0.0, 0.1, (count, n)) * (np.arange(count) % 4 > 0)[:, None]
+    return State(q, v, np.zeros((count, 0))), rng.normal(0.0, 5.0, (count, n)), rng.uniform(0.001, 0.002, count)
+
+
+def _assert_alike(physics: Physics) -> None:
+    state, effort, duration = _states(physics)
+    slowly = state
+    for _ in range(4):
+        slowly = step(physics, slowly, effort, duration / 4)
+    quickly = advance(physics, state, effort, duration)
+    np.testing.assert_allclose(quickly.q, slowly.q, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(quickly.v, slowly.v, rtol=1e-10, atol=1e-13)
+
+
+@pytest.mark.parametrize("law", NORMAL_LAWS)
+@pytest.mark.parametrize("rubbing", RUBBING)
+@pytest.mark.parametrize("smoothing", [0.0, 0.5])
+def test_spheres_press_alike(press: Physics, law: str, rubbing: dict[str, float], smoothing: float) -> None:
+    physics = _variant(press, law, rubbing, smoothing)
+    state, *_ = _states(physics)
+    moving = motion(physics.tree, state.q, state.v)
+    [contact] = physics.contacts
+    wrench = physics.contact_wrenches(moving)[:, contact.joint]
+    touched = np.any(wrench != 0.0, axis=1)
+    assert np.any(touched) and (smoothing > 0.0 or not np.all(touched))
+    np.testing.assert_allclose(wrench, contact.wrench(moving), rtol=1e-12, atol=1e-12)
+
+
+def test_steps_alike(press: Physics) -> None:
+    _assert_alike(press)
+
+
+def test_joint_laws_step_alike(press: Physics) -> None:
+    at = press.tree.joint_names[1]
+    friction = effect_named("joint_coulomb_friction")(at, {"torque": 1.0})
+    _assert_alike(press.with_effects([friction]))
+
+
+def test_a_changed_contact_keeps_its_change(press: Physics) -> None:
+    [contact] = press.contacts
+    effect = effect_named("contact_adhesion")(contact.name, {"force": 1.0, "range": 0.002})
+    physics = press.with_effects([effect])
+    assert physics.spheres is None
+    _assert_alike(physics)
