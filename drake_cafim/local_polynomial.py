@@ -4,8 +4,9 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.polynomial.chebyshev import chebder, chebvander
 
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 
 def local_polynomial(time: Array, reach: float, degree: int, derivative: int, at_least: int = 0) -> sp.csr_matrix:
@@ -21,19 +22,10 @@ def local_polynomial(time: Array, reach: float, degree: int, derivative: int, at
 @lru_cache(maxsize=64)
 def _local_polynomial(at: bytes, reach: float, degree: int, derivative: int, at_least: int) -> sp.csr_matrix:
     time = np.frombuffer(at)
-    samples = len(time)
     half = max(int(np.floor(reach / np.median(np.diff(time)) + 1e-9)), at_least, (degree + 1) // 2)
-    count = min(2 * half + 1, samples)
-    first = np.clip(np.arange(samples) - half, 0, samples - count)
-    columns = first[:, None] + np.arange(count)
-    offset = time[columns] - time[:, None]
-    scale = np.abs(offset).max(axis=1, keepdims=True)
-    powers = (offset / scale)[..., None] ** np.arange(degree + 1)
-    # the fit's value at zero is its first coefficient, its d-th derivative d! times coefficient d
-    weights = np.linalg.pinv(powers)[:, derivative, :]
-    weights = weights * float(np.prod(np.arange(1, derivative + 1))) / scale**derivative
-    rows = np.repeat(np.arange(samples), count)
-    return sp.csr_matrix((weights.ravel(), (rows, columns.ravel())), shape=(samples, samples))
+    columns, x, width = _neighbours(time, half)
+    weights = _weights(_basis(x, degree), _basis(_at_zero(x, columns), degree, derivative) / width**derivative)
+    return _laid(weights, columns)
 
 
 def track_polynomial(time: Array, reach: float, degree: int, ratio: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
@@ -41,21 +33,49 @@ def track_polynomial(time: Array, reach: float, degree: int, ratio: float) -> tu
 
     `ratio` s is the standard deviation of a position over that of a velocity; 0 leaves the velocities out.
     """
-    samples = len(time)
     half = max(int(np.floor(reach / np.median(np.diff(time)) + 1e-9)), degree // 2 + 1)
+    columns, x, width = _neighbours(time, half)
+    slopes = ratio * _basis(x, degree, 1) / width[..., None]
+    weights = _weights(np.concatenate([_basis(x, degree), slopes], axis=1), _basis(_at_zero(x, columns), degree))
+    count = columns.shape[1]
+    return _laid(weights[:, :count], columns), _laid(ratio * weights[:, count:], columns)
+
+
+def _neighbours(time: Array, half: int) -> tuple[Indices, Array, Array]:
+    """Which samples each one's window takes, (N, c), where in it they are, −1 … 1, and its half width (N, 1) s."""
+    samples = len(time)
     count = min(2 * half + 1, samples)
     first = np.clip(np.arange(samples) - half, 0, samples - count)
     columns = first[:, None] + np.arange(count)
-    offset = time[columns] - time[:, None]
-    scale = np.abs(offset).max(axis=1, keepdims=True)
-    exponents = np.arange(degree + 1)
-    x = (offset / scale)[..., None]
-    powers = x**exponents
-    slopes = exponents * x ** np.maximum(exponents - 1, 0) / scale[..., None]
-    weights = np.linalg.pinv(np.concatenate([powers, ratio * slopes], axis=1))[:, 0, :]
-    rows = np.repeat(np.arange(samples), count)
+    begin, end = time[columns[:, :1]], time[columns[:, -1:]]
+    width = 0.5 * (end - begin)
+    return columns, (time[columns] - 0.5 * (begin + end)) / width, width
 
-    def laid(values: Array) -> sp.csr_matrix:
-        return sp.csr_matrix((values.ravel(), (rows, columns.ravel())), shape=(samples, samples))
 
-    return laid(weights[:, :count]), laid(ratio * weights[:, count:])
+def _at_zero(x: Array, columns: Indices) -> Array:
+    """Where each sample itself is in its window `x` (N, c), (N,)."""
+    own = np.arange(len(x))
+    return np.asarray(x[own, own - columns[:, 0]], dtype=float)
+
+
+def _basis(x: Array, degree: int, derivative: int = 0) -> Array:
+    """Chebyshev's polynomials up to `degree` at `x` (...,), or a derivative of theirs, (..., degree + 1).
+
+    Least squares by their normal equations lose no digits, as those of powers would.
+    """
+    return np.asarray(chebvander(x, degree - derivative) @ chebder(np.eye(degree + 1), derivative), dtype=float)
+
+
+def _weights(basis: Array, wanted: Array) -> Array:
+    """(N, c) of samples in a fit by `basis` (N, c, k) of which `wanted` (N, k) are read."""
+    if basis.shape[1] < basis.shape[2]:
+        return np.asarray((wanted[:, None] @ np.linalg.pinv(basis))[:, 0], dtype=float)
+    normal = np.swapaxes(basis, 1, 2) @ basis
+    return np.asarray((basis @ np.linalg.solve(normal, wanted[..., None]))[..., 0], dtype=float)
+
+
+def _laid(weights: Array, columns: Indices) -> sp.csr_matrix:
+    """The (N, N) matrix of `weights` (N, c) on the samples `columns` (N, c)."""
+    samples, count = columns.shape
+    starts = np.arange(samples + 1) * count
+    return sp.csr_matrix((weights.ravel(), columns.ravel(), starts), shape=(samples, samples))

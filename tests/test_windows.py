@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.windows import lay_windows
-from drake_cafim.local_polynomial import local_polynomial
+from drake_cafim.local_polynomial import local_polynomial, track_polynomial
 
 
 def _staircase_motion(time: np.ndarray, steps: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -77,3 +77,23 @@ def test_local_polynomial_is_exact_on_polynomials_even_on_an_uneven_grid() -> No
     slope = 2.0 - 60.0 * time + 300.0 * time**2
     np.testing.assert_allclose(local_polynomial(time, 0.008, 3, 0) @ cubic, cubic, atol=1e-10)
     np.testing.assert_allclose(local_polynomial(time, 0.008, 3, 1) @ cubic, slope, atol=1e-7)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.5])
+def test_local_polynomials_take_what_is_one_as_it_is(jitter: float) -> None:
+    """At the ends, too, and in every derivative; positions and velocities together alike."""
+    time = _grid(200, jitter)
+    position = np.polynomial.Polynomial([0.3, -1.0, 4.0, 20.0, -60.0, 100.0, 300.0, -500.0])
+    for derivative in range(3):
+        found = local_polynomial(time, 0.02, 7, derivative) @ position(time)
+        wanted = position.deriv(derivative)(time) if derivative else position(time)
+        np.testing.assert_allclose(found, wanted, atol=1e-7 * np.abs(wanted).max())
+    for ratio in (0.0, 0.01):
+        from_q, from_v = track_polynomial(time, 0.03, 7, ratio)
+        together = from_q @ position(time) + from_v @ position.deriv()(time)
+        np.testing.assert_allclose(together, position(time), atol=1e-10)
+
+
+def test_fewer_samples_than_powers_are_fitted_as_they_are() -> None:
+    time = _grid(4, 0.5)
+    np.testing.assert_allclose(local_polynomial(time, 0.0, 6, 0) @ np.sin(100.0 * time), np.sin(100.0 * time))
