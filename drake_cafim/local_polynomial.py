@@ -31,8 +31,15 @@ def _local_polynomial(at: bytes, reach: float, degree: int, derivative: int, at_
 def track_polynomial(time: Array, reach: float, degree: int, ratio: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """(N, N) each: `from_q @ q + from_v @ v` is a local least-squares polynomial through positions and velocities.
 
-    `ratio` s is the standard deviation of a position over that of a velocity; 0 leaves the velocities out.
+    `ratio` s is the standard deviation of a position over that of a velocity; 0 leaves the velocities out. Kept for the
+    next joint.
     """
+    return _track_polynomial(time.tobytes(), reach, degree, ratio)
+
+
+@lru_cache(maxsize=8)
+def _track_polynomial(at: bytes, reach: float, degree: int, ratio: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    time = np.frombuffer(at)
     half = max(int(np.floor(reach / np.median(np.diff(time)) + 1e-9)), degree // 2 + 1)
     columns, x, width = _neighbours(time, half)
     slopes = ratio * _basis(x, degree, 1) / width[..., None]

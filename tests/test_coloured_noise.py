@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.coloured_noise import Memory, covariance, drawn, left_by, seen_memories, widened
+from drake_cafim.diagnosis import coloured_noise
+from drake_cafim.diagnosis.coloured_noise import Memory, apart_by, covariance, drawn, left_by, seen_memories, widened
 from drake_cafim.local_polynomial import local_polynomial
 from drake_cafim.recordings.recording import Recording
 
@@ -55,3 +56,29 @@ def test_what_fourth_differences_miss_of_slow_noise_is_put_back() -> None:
     assert seen < 0.5
     wide = widened({"v.joint": seen, "q.joint": 1.0}, {"v.joint": Memory(0.01)}, {"v.joint"}, STEP)
     assert wide["v.joint"] == pytest.approx(1.0, rel=0.02) and wide["q.joint"] == 1.0
+
+
+@pytest.mark.parametrize("memory", [None, Memory(0.01), Memory(0.004, share=0.6, white=0.4)])
+def test_how_far_two_smoothers_are_apart(memory: Memory | None) -> None:
+    time = 0.002 * np.arange(300)
+    smoothers = [local_polynomial(time, reach, 3, 0) for reach in (0.05, 0.03, 0.02)]
+    apart = apart_by(smoothers, time, memory)
+    for i, one in enumerate(smoothers):
+        for j, other in enumerate(smoothers):
+            np.testing.assert_allclose(apart[i, j], left_by(one - other, time, memory), rtol=1e-9, atol=1e-9)
+
+
+def test_covariances_are_kept_by_all_that_they_depend_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    times = [0.002 * np.arange(50), 0.003 * np.arange(50)]
+    cases = [
+        (time, Memory(tau, share, 1.0 - share)) for time in times for tau in (0.0101, 0.0203) for share in (1.0, 0.5)
+    ]
+    for most in (coloured_noise.KEPT, 1000):
+        monkeypatch.setattr(coloured_noise, "KEPT", most)
+        monkeypatch.setattr(coloured_noise, "_COVARIANCES", {})
+        for _ in range(2):
+            for time, memory in cases:
+                age = np.abs(np.subtract.outer(time, time)) / memory.time
+                wanted = np.where(age > coloured_noise.MEMORY, 0.0, memory.share * np.exp(-age))
+                found = covariance(time, memory).toarray()
+                np.testing.assert_allclose(found, wanted + memory.white * np.eye(50), atol=1e-12)

@@ -10,7 +10,9 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import periodogram
 from scipy.stats import chi2
 
+from drake_cafim.contact.change import recursion
 from drake_cafim.diagnosis.even_clock import evened
+from drake_cafim.diagnosis.kept import make_room
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
@@ -26,6 +28,9 @@ LONGEST = 0.05
 """s; of a longer memory the quiet frequencies show nothing but the slope."""
 MEMORY = 8.0
 """Correlation times after which noise has forgotten: e⁻⁸ = 3·10⁻⁴."""
+KEPT = 10_000_000
+"""Entries of covariances that are kept, 120 MB."""
+_COVARIANCES: dict[tuple[bytes, "Lasting"], sp.csr_matrix] = {}
 
 
 class Lasting(ABC):
@@ -62,11 +67,9 @@ class Memory(Lasting):
         return np.exp(-apart)
 
     def drawn(self, rng: np.random.Generator, time: Array) -> Array:
-        noise = rng.standard_normal(len(time))
-        kept = self.correlation(np.diff(self.age(time)))
-        for k, keep in enumerate(kept):
-            noise[k + 1] = keep * noise[k] + np.sqrt(1.0 - keep**2) * noise[k + 1]
-        return noise
+        kept = np.concatenate([[0.0], self.correlation(np.diff(self.age(time)))])
+        fresh = np.sqrt(1.0 - kept**2) * rng.standard_normal(len(time))
+        return recursion(kept, fresh[:, None])[:, 0]
 
 
 def stated_memories(scene: Scene, columns: Sequence[str]) -> dict[str, Memory]:
@@ -127,7 +130,20 @@ def widened(
 
 
 def covariance(time: Array, memory: Lasting) -> sp.csr_matrix:
-    """(N, N) covariance of unit noise at `time`: of what lasts, and the white part on the diagonal."""
+    """(N, N) covariance of unit noise at `time`: of what lasts, and the white part on the diagonal. The last are kept.
+
+    It is not to be changed.
+    """
+    key = time.tobytes(), memory
+    if key not in _COVARIANCES:
+        found = _covariance(time, memory)
+        while _COVARIANCES and found.nnz + sum(one.nnz for one in _COVARIANCES.values()) > KEPT:
+            make_room(_COVARIANCES, len(_COVARIANCES))
+        _COVARIANCES[key] = found
+    return _COVARIANCES[key]
+
+
+def _covariance(time: Array, memory: Lasting) -> sp.csr_matrix:
     age = memory.age(time)
     diagonals, offsets = [np.full(len(time), memory.share + memory.white)], [0]
     for offset in range(1, len(time)):
@@ -144,9 +160,28 @@ def covariance(time: Array, memory: Lasting) -> sp.csr_matrix:
 
 def left_by(operator: sp.csr_matrix, time: Array, memory: Lasting | None) -> Array:
     """(N,) standard deviation of what `operator` (N, N) makes of unit noise at `time`; without a memory it is white."""
-    carried = operator if memory is None else operator @ covariance(time, memory)
-    variance: Array = np.asarray(carried.multiply(operator).sum(axis=1), dtype=float).ravel()
-    return np.sqrt(np.maximum(variance, 0.0))
+    return np.sqrt(np.maximum(_shared(_carried(operator, time, memory), operator), 0.0))
+
+
+def apart_by(operators: Sequence[sp.csr_matrix], time: Array, memory: Lasting | None) -> Array:
+    """(K, K, N) standard deviation of the difference of what each two of the K `operators` make of unit noise."""
+    count = len(operators)
+    shared = np.zeros((count, count, len(time)))
+    for k, one in enumerate(operators):
+        carried = _carried(one, time, memory)
+        for other in range(k + 1):
+            shared[k, other] = shared[other, k] = _shared(carried, operators[other])
+    own = shared[np.arange(count), np.arange(count)]
+    return np.sqrt(np.maximum(own[:, None] + own - 2.0 * shared, 0.0))
+
+
+def _carried(operator: sp.csr_matrix, time: Array, memory: Lasting | None) -> sp.csr_matrix:
+    return operator if memory is None else sp.csr_matrix(operator @ covariance(time, memory))
+
+
+def _shared(carried: sp.csr_matrix, operator: sp.csr_matrix) -> Array:
+    """(N,) covariance of what two operators make of noise, the one with its covariance already in it."""
+    return np.asarray(carried.multiply(operator).sum(axis=1), dtype=float).ravel()
 
 
 def drawn(rng: np.random.Generator, time: Array, memory: Lasting | None) -> Array:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_cafim.compiled import compiled
 from drake_cafim.diagnosis.coloured_noise import LONGEST, Lasting
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.typing import Array
@@ -38,18 +39,27 @@ class Rounding(Lasting):
         return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
 
     def correlation(self, apart: Array) -> Array:
-        return np.asarray(_oscillation(apart)[1, 1])
+        turned = TURN / DECAY * apart
+        return np.asarray(np.exp(-apart) * (np.cos(turned) - DECAY / TURN * np.sin(turned)))
 
     def drawn(self, rng: np.random.Generator, time: Array) -> Array:
-        phi = np.moveaxis(_oscillation(np.diff(self.age(time))), 2, 0)
+        phi = np.ascontiguousarray(np.moveaxis(_oscillation(np.diff(self.age(time))), 2, 0))
         lasting = np.diag([1.0 / (DECAY**2 + TURN**2), 1.0])
         # what is forgotten from sample to sample comes in anew
         fresh, axes = np.linalg.eigh(lasting - phi @ lasting @ np.swapaxes(phi, 1, 2))
         pushes = np.einsum("nij,nj->ni", axes * np.sqrt(np.maximum(fresh, 0.0))[:, None], rng.normal(size=fresh.shape))
-        states = [np.sqrt(lasting) @ rng.normal(size=2)]
-        for step, push in zip(phi, pushes, strict=True):
-            states.append(step @ states[-1] + push)
-        return np.array(states)[:, 1]
+        return np.asarray(_followed(phi, np.sqrt(lasting) @ rng.normal(size=2), pushes)[:, 1])
+
+
+@compiled
+def _followed(steps: Array, start: Array, pushes: Array) -> Array:
+    """States (N + 1, 2) from `start` (2,) on, each by one of `steps` (N, 2, 2) and of `pushes` (N, 2) from the last."""
+    states = np.empty((len(pushes) + 1, 2))
+    states[0] = start
+    for k in range(len(pushes)):
+        for i in range(2):
+            states[k + 1, i] = steps[k, i, 0] * states[k, 0] + steps[k, i, 1] * states[k, 1] + pushes[k, i]
+    return states
 
 
 def _oscillation(age: Array) -> Array:

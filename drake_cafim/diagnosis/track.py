@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from drake_cafim.diagnosis.coloured_noise import Lasting, left_by
+from drake_cafim.diagnosis.coloured_noise import Lasting, apart_by
 from drake_cafim.local_polynomial import track_polynomial
 from drake_cafim.typing import Array
 
@@ -89,10 +89,7 @@ def _track_of(
     time = np.frombuffer(at)
     ratio = std_q / std_v if std_v > 0.0 else 0.0
     smoothers = tuple(track_polynomial(time, reach, DEGREE, ratio) for reach in reaches)
-    apart = np.zeros((len(reaches), len(reaches), len(time)))
-    for one, other in zip(*np.triu_indices(len(reaches), 1), strict=True):
-        from_q, from_v = (sp.csr_matrix(a - b) for a, b in zip(smoothers[one], smoothers[other], strict=True))
-        by_q, by_v = std_q * left_by(from_q, time, memory_q), std_v * left_by(from_v, time, memory_v)
-        apart[one, other] = apart[other, one] = np.hypot(by_q, by_v)
+    from_q, from_v = zip(*smoothers, strict=True)
+    apart = np.hypot(std_q * apart_by(from_q, time, memory_q), std_v * apart_by(from_v, time, memory_v))
     near = int(np.floor(reaches[-1] / np.median(np.diff(time)) + 1e-9))
     return Track(smoothers, apart, near)
