@@ -1,6 +1,7 @@
 """How the noise of the samples reaches the rows: their slopes in every recorded sample."""
 
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,6 +14,8 @@ from drake_cafim.recordings.recording import WRENCH_COMPONENTS
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
+Parts: TypeAlias = dict[int, tuple[sp.csr_matrix, Array]]
+"""By row of a window: a matrix (M, N) over the windows, and what its columns are multiplied by, (N,)."""
 POSITION_STEP, VELOCITY_STEP = 1e-6, 1e-5
 
 
@@ -74,8 +77,9 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
             add(f"wrench.{sensor.name}.{axis}", _place(weak, s.windows.value, row))
     scale = np.ones(weak.rows_per_window)
     scale[weak.dynamic] = 1.0 / physics.effort_gains
-    scaling = sp.diags_array(np.tile(scale, len(s.windows)))
-    return sp.csr_matrix(scaling @ sp.hstack(blocks)), labels
+    whole = sp.csr_matrix(sp.hstack(blocks, format="csr"))
+    whole.data *= np.repeat(np.tile(scale, len(s.windows)), np.diff(whole.indptr))
+    return whole, labels
 
 
 def _felt_slope(
@@ -103,23 +107,20 @@ def _reading_windows(weak: WeakForm, physics: Physics, sensor: WrenchSensor, axi
 
 def _block(weak: WeakForm, momentum: Array, force: Array, kinematic: int, rate: bool) -> sp.csr_matrix:
     """Rows' derivative by one column of samples from the point-wise ones (N, n) of the rigid bodies."""
-    windows = weak.samples.windows
-    parts: dict[int, sp.csr_matrix] = {}
+    windows, first = weak.samples.windows, weak.dynamic.start
+    rates: Parts = {first + k: (windows.rate, -momentum[:, k]) for k in range(weak.joints)}
+    values: Parts = {first + k: (windows.value, -force[:, k]) for k in range(weak.joints)}
     if weak.kinematic_rows:
-        parts[kinematic] = windows.rate if rate else windows.value
-    for k in range(weak.joints):
-        slope = -windows.rate @ sp.diags_array(momentum[:, k]) - windows.value @ sp.diags_array(force[:, k])
-        parts[weak.dynamic.start + k] = slope
-    return _interleave(weak, parts)
+        (rates if rate else values)[kinematic] = windows.rate if rate else windows.value, np.ones(len(momentum))
+    return sp.csr_matrix(_interleave(weak, rates) + _interleave(weak, values))
 
 
 def _felt(weak: WeakForm, readings: list[sp.csr_matrix], slopes: Array, smooth: sp.csr_matrix) -> sp.csr_matrix:
     """Rows' derivative by one column of samples, of what is felt, by `slopes` (N, n + 6 s), once it is smoothed."""
-    parts: dict[int, sp.csr_matrix] = {}
-    for k, windows in enumerate([*[weak.samples.windows.value] * weak.joints, *readings]):
-        if np.any(slopes[:, k]):
-            parts[weak.dynamic.start + k] = sp.csr_matrix(-windows @ sp.diags_array(slopes[:, k]) @ smooth)
-    return _interleave(weak, parts)
+    every = [*[weak.samples.windows.value] * weak.joints, *readings]
+    felt = [k for k in range(len(every)) if np.any(slopes[:, k])]
+    parts = {weak.dynamic.start + k: (every[k], -slopes[:, k]) for k in felt}
+    return sp.csr_matrix(_interleave(weak, parts) @ smooth)
 
 
 def _place(weak: WeakForm, matrix: sp.csr_matrix, row: int) -> sp.csr_matrix:
@@ -128,13 +129,17 @@ def _place(weak: WeakForm, matrix: sp.csr_matrix, row: int) -> sp.csr_matrix:
     return sp.csr_matrix((coo.data, (coo.row * weak.rows_per_window + row, coo.col)), shape=shape)
 
 
-def _interleave(weak: WeakForm, parts: dict[int, sp.csr_matrix]) -> sp.csr_matrix:
-    """The rows (M r, N) of which each window's k-th are `parts[k]` (M, N)."""
-    shape = (len(weak.samples.windows) * weak.rows_per_window, len(weak.samples.time))
-    rows, columns, data = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)], [np.zeros(0)]
-    for k, part in parts.items():
-        coo = sp.coo_matrix(part)
-        rows.append(coo.row * weak.rows_per_window + k)
-        columns.append(coo.col)
-        data.append(coo.data)
-    return sp.csr_matrix((np.concatenate(data), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+def _interleave(weak: WeakForm, parts: Parts) -> sp.csr_matrix:
+    """The rows (M r, N) of which each window's k-th are those of `parts[k]`, all at once."""
+    counts = np.zeros((len(weak.samples.windows), weak.rows_per_window), dtype=np.int64)
+    begins, total = counts.copy(), 0
+    indices, data = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+    for k, (matrix, weights) in parts.items():
+        counts[:, k], begins[:, k] = np.diff(matrix.indptr), total + matrix.indptr[:-1]
+        total += matrix.nnz
+        indices.append(matrix.indices)
+        data.append(matrix.data * weights[matrix.indices])
+    starts = np.append(0, np.cumsum(counts))
+    taken = np.arange(total) + np.repeat(begins.ravel() - starts[:-1], counts.ravel())
+    rows = (np.concatenate(data)[taken], np.concatenate(indices)[taken], starts)
+    return sp.csr_matrix(rows, shape=(counts.size, len(weak.samples.time)))

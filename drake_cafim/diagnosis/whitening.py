@@ -55,7 +55,7 @@ def _sampled(weak: WeakForm, jacobian: sp.csr_matrix, labels: Sequence[tuple[str
     """The covariance (R, R) of rows whose slopes in the samples are `jacobian` (R, columns)."""
     samples = weak.samples
     std = np.concatenate([np.full(part.stop - part.start, samples.std[name]) for name, part in labels])
-    scaled = sp.csr_matrix(jacobian @ sp.diags_array(std))
+    scaled = sp.csr_matrix((jacobian.data * std[jacobian.indices], jacobian.indices, jacobian.indptr), jacobian.shape)
     if not samples.memories:
         return sp.csr_matrix(scaled @ scaled.T)
     alike = {memory: covariance(samples.time, memory) for memory in set(samples.memories.values())}
