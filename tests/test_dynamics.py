@@ -51,7 +51,7 @@ def test_mass_matrix_bias_and_momentum_are_drakes(branched: MultibodyPlant) -> N
     moving = motion(tree, q, v)
     M = mass_matrix(moving)
     bias = bias_force(moving, gravity)
-    balance = momentum_balance(moving, moving.link_inertias, gravity)
+    balance = momentum_balance(moving, gravity)
     context = branched.CreateDefaultContext()
     for k in range(len(q)):
         branched.SetPositions(context, q[k])
@@ -108,7 +108,7 @@ def test_kinetic_energy_gradient_matches_differences(branched: MultibodyPlant) -
         return 0.5 * np.einsum("nj,njk,nk->n", v, mass_matrix(moving), v)
 
     moving = motion(tree, q, v)
-    force = momentum_balance(moving, moving.link_inertias, np.zeros(3)).force
+    force = momentum_balance(moving, np.zeros(3)).force
     for j in range(4):
         step = np.zeros(4)
         step[j] = 1e-6
@@ -154,7 +154,7 @@ def test_inertial_regressor_gives_the_same_rows_as_the_momentum(branched: Multib
     gravity = np.array([1.0, -2.0, -9.0])
     windows = lay_windows(time, np.ones(100, dtype=bool), 0.08)
     moving = motion(tree, q, v)
-    balance = momentum_balance(moving, moving.link_inertias, gravity)
+    balance = momentum_balance(moving, gravity)
     expected = -(windows.rate @ balance.momentum) - windows.value @ balance.force
     rows = inertial_regressor(moving, v, windows).rows(tree.inertial_parameters, gravity)
     np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-12)

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from drake_cafim.cross import cross
-from drake_cafim.dynamics.recursions import equations, kinematics, projected
+from drake_cafim.dynamics.recursions import balanced, equations, kinematics, projected
 from drake_cafim.dynamics.tree import FIXED, Tree
 from drake_cafim.typing import Array
 
@@ -57,20 +57,6 @@ class Motion:
         """Ṡ = V × S, (N, n, 6)."""
         return cross_motion(self.velocities, self.axes)
 
-    @cached_property
-    def link_inertias(self) -> Array:
-        """(N, n, 6, 6) spatial inertia of all that rides each joint itself."""
-        return link_inertias(self)
-
-    def carried(self, wrench: Array) -> Array:
-        """Sums (N, n, ...) over each joint's subtree."""
-        total = wrench.copy()
-        for j in range(len(self.tree.joints) - 1, -1, -1):
-            parent = self.tree.joints[j].parent
-            if parent != FIXED:
-                total[:, parent] += total[:, j]
-        return total
-
     def project(self, wrench: Array) -> Array:
         """Generalized forces (N, n) of wrenches (N, n, 6) that act on the links."""
         return np.asarray(projected(self.tree.frames[0], self.axes, np.ascontiguousarray(wrench)), dtype=float)
@@ -109,20 +95,6 @@ def motion(tree: Tree, q: Array, v: Array) -> Motion:
     return Motion(tree, q, v, *kinematics(*tree.frames, q, v))
 
 
-def link_inertias(moving: Motion) -> Array:
-    """(N, n, 6, 6) spatial inertias about the world origin of all that rides each joint itself."""
-    mass, p_JJcm, I_JJcm = moving.tree.lumps
-    p_WJcm = moving.p_WJ + np.einsum("njab,jb->nja", moving.R_WJ, p_JJcm)
-    C, identity, mass = skew(p_WJcm), np.eye(3), mass[:, None, None]
-    result = np.zeros((*moving.q.shape, 6, 6))
-    # parallel axis from the centre of mass to Wo: I_Wo = R I_cm Rᵀ − m c× c×
-    result[..., :3, :3] = moving.R_WJ @ I_JJcm @ np.swapaxes(moving.R_WJ, 2, 3) - mass * (C @ C)
-    result[..., :3, 3:] = mass * C
-    result[..., 3:, :3] = -result[..., :3, 3:]
-    result[..., 3:, 3:] = mass * identity
-    return result
-
-
 @dataclass(frozen=True)
 class MomentumBalance:
     """The two sides of d/dt(∂T/∂v) = ∂T/∂q + gravity + applied, each (N, n)."""
@@ -133,19 +105,11 @@ class MomentumBalance:
     """∂T/∂q + gravity."""
 
 
-def momentum_balance(moving: Motion, inertias: Array, gravity: Array) -> MomentumBalance:
-    """Generalized momentum and its inertial and gravity forces.
-
-    `inertias` (N, n, 6, 6) about the world origin; `gravity` (3,) m/s² in the world. With h the momentum that
-    joint k carries, p_k = S_k·h and ∂T/∂q_k = Ṡ_k·h.
-    """
-    h = moving.carried(np.einsum("njab,njb->nja", inertias, moving.velocities))
-    field = np.concatenate([np.zeros(3), gravity])
-    weight = moving.carried(inertias @ field)
-    return MomentumBalance(
-        momentum=np.einsum("njk,njk->nj", moving.axes, h),
-        force=np.einsum("njk,njk->nj", moving.axes_rate, h) + np.einsum("njk,njk->nj", moving.axes, weight),
-    )
+def momentum_balance(moving: Motion, gravity: Array) -> MomentumBalance:
+    """Generalized momentum and its inertial and gravity forces; `gravity` (3,) m/s² in the world."""
+    places = (moving.R_WJ, moving.p_WJ, moving.axes, moving.velocities)
+    numbers = (np.ascontiguousarray(one, dtype=float) for one in (*places, *moving.tree.lumps, gravity))
+    return MomentumBalance(*balanced(moving.tree.frames[0], *numbers))
 
 
 def equations_of_motion(moving: Motion, gravity: Array) -> tuple[Array, Array]:

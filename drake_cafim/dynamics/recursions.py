@@ -83,6 +83,32 @@ def _momentum(inertia: Array, V: Array, h: Array) -> None:
 
 
 @compiled
+def _inertia(
+    R: Array, p: Array, mass: float, center: Array, inertia: Array, turned: Array, c: Array, found: Array
+) -> None:
+    """`found` (10,): what rides a joint at pose `R` (3, 3), `p` (3,); `turned` (3, 3) and `c` (3,) are for work."""
+    for r in range(3):
+        c[r] = p[r]
+        for s in range(3):
+            c[r] += R[r, s] * center[s]
+            turned[r, s] = 0.0
+            for t in range(3):
+                turned[r, s] += R[r, t] * inertia[t, s]
+    square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
+    found[0] = mass
+    for r in range(3):
+        found[1 + r] = mass * c[r]
+        # parallel axis from the centre of mass to the world's origin
+        found[4 + r] = mass * (square - c[r] * c[r])
+        for t in range(3):
+            found[4 + r] += turned[r, t] * R[r, t]
+    for k, r, s in ((7, 0, 1), (8, 0, 2), (9, 1, 2)):
+        found[k] = -mass * c[r] * c[s]
+        for t in range(3):
+            found[k] += turned[r, t] * R[s, t]
+
+
+@compiled
 def equations(
     parents: Indices, R: Array, p: Array, S: Array, V: Array, v: Array, mass: Array, center: Array, inertia: Array,
     gravity: Array,
@@ -98,26 +124,7 @@ def equations(
     turned, c, h, f = np.empty((3, 3)), np.empty(3), np.empty(6), np.empty(6)
     for i in range(N):
         for j in range(n):
-            m = mass[j]
-            for r in range(3):
-                c[r] = p[i, j, r]
-                for s in range(3):
-                    c[r] += R[i, j, r, s] * center[j, s]
-                    turned[r, s] = 0.0
-                    for t in range(3):
-                        turned[r, s] += R[i, j, r, t] * inertia[j, t, s]
-            square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2]
-            total[j, 0] = m
-            for r in range(3):
-                total[j, 1 + r] = m * c[r]
-                # parallel axis from the centre of mass to the world's origin
-                total[j, 4 + r] = m * (square - c[r] * c[r])
-                for t in range(3):
-                    total[j, 4 + r] += turned[r, t] * R[i, j, r, t]
-            for k, r, s in ((7, 0, 1), (8, 0, 2), (9, 1, 2)):
-                total[j, k] = -m * c[r] * c[s]
-                for t in range(3):
-                    total[j, k] += turned[r, t] * R[i, j, s, t]
+            _inertia(R[i, j], p[i, j], mass[j], center[j], inertia[j], turned, c, total[j])
             W, A, parent, rate = V[i, j], S[i, j], parents[j], v[i, j]
             own = acceleration[j]
             for r in range(3):
@@ -155,6 +162,40 @@ def equations(
                 for r in range(6):
                     force[parents[j], r] += force[j, r]
     return M, bias
+
+
+@compiled
+def balanced(
+    parents: Indices, R: Array, p: Array, S: Array, V: Array, mass: Array, center: Array, inertia: Array, gravity: Array
+) -> tuple[Array, Array]:
+    """Generalized momentum M v and ∂T/∂q + gravity, each (N, n), without rotor inertias; arguments as `equations`.
+
+    With h the momentum that joint k carries and w the weight, they are S_k·h and Ṡ_k·h + S_k·w with Ṡ = V × S.
+    """
+    N, n = S.shape[:2]
+    momentum, force = np.empty((N, n)), np.empty((N, n))
+    h, w, own, pull = np.empty((n, 6)), np.empty((n, 6)), np.empty(10), np.zeros(6)
+    turned, c = np.empty((3, 3)), np.empty(3)
+    pull[3:] = gravity
+    for i in range(N):
+        for j in range(n):
+            _inertia(R[i, j], p[i, j], mass[j], center[j], inertia[j], turned, c, own)
+            _momentum(own, V[i, j], h[j])
+            _momentum(own, pull, w[j])
+        for j in range(n - 1, -1, -1):
+            W, A, g = V[i, j], S[i, j], h[j]
+            momentum[i, j], force[i, j] = 0.0, 0.0
+            for r in range(6):
+                momentum[i, j] += A[r] * g[r]
+                force[i, j] += A[r] * w[j, r]
+                if parents[j] >= 0:
+                    h[parents[j], r] += g[r]
+                    w[parents[j], r] += w[j, r]
+            for x in range(3):
+                y, z = (x + 1) % 3, (x + 2) % 3
+                force[i, j] += g[x] * (W[y] * A[z] - W[z] * A[y])
+                force[i, j] += g[3 + x] * (W[y] * A[3 + z] - W[z] * A[3 + y] + W[3 + y] * A[z] - W[3 + z] * A[y])
+    return momentum, force
 
 
 @compiled

@@ -75,7 +75,7 @@ class Physics:
 
     def momentum_and_force(self, moving: Motion) -> tuple[Array, Array]:
         """Generalized momentum and the rigid-body force, each (N, n): ∂T/∂q and gravity."""
-        balance = momentum_balance(moving, moving.link_inertias, self.gravity)
+        balance = momentum_balance(moving, self.gravity)
         return balance.momentum + self.rotor_inertias * moving.v, balance.force
 
     def applied_at_joints(self, joints: Sequence[JointSamples]) -> tuple[Array, Array, Array]:
