@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from drake_cafim.compiled import compiled
+from drake_cafim.diagnosis.kept import make_room
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.effects.actuator import ActuatorLag
 from drake_cafim.effects.coupling import JointCoupling
@@ -21,6 +23,8 @@ from drake_cafim.typing import Array
 
 TURNS, SETTLED = 60, 1e-8
 """Turns at the variances at most, and the part of one that ends them."""
+LAGS_KEPT = 8
+"""Of what a sensor's lag leaves in doubt."""
 FAINT = 1e-4
 """Of a squared whitened row: what a doubt must change the rows by, all together, to be one."""
 
@@ -71,16 +75,19 @@ def likeliest_widths(gram: Array, seen: Array) -> Array:
 
     From no doubt and from every doubt as large as could be, whichever leads to the likelier.
     """
+    gram, seen = np.ascontiguousarray(gram), np.ascontiguousarray(seen)
     found = [_climbed(gram, seen, start) for start in (np.zeros(len(seen)), np.ones(len(seen)))]
     return np.asarray(np.sqrt(min(found, key=lambda variances: _cost(gram, seen, variances))))
 
 
+@compiled
 def _climbed(gram: Array, seen: Array, variances: Array) -> Array:
     """Each variance in its turn where the likelihood is largest in it (Tipping, Faul, AISTATS 2003)."""
     for _ in range(TURNS):
         before = variances.copy()
         for i in range(len(seen)):
-            others = np.where(np.arange(len(seen)) == i, 0.0, np.sqrt(variances))
+            others = np.sqrt(variances)
+            others[i] = 0.0
             left, answer = _beside(gram, seen, others, i)
             wanted = (answer**2 - left) / left**2 if left > FAINT else 0.0
             variances[i] = min(max(wanted, 0.0), 1.0)
@@ -89,11 +96,26 @@ def _climbed(gram: Array, seen: Array, variances: Array) -> Array:
     return variances
 
 
+@compiled
 def _beside(gram: Array, seen: Array, widths: Array, i: int) -> tuple[float, float]:
     """uᵀC⁻¹u and uᵀC⁻¹z of doubt `i` under the covariance of the others, of `widths` (c,)."""
+    C = np.eye(len(seen)) + np.expand_dims(widths, 1) * gram * widths
     shared = widths * gram[:, i]
-    solved = np.linalg.solve(np.eye(len(seen)) + widths[:, None] * gram * widths, shared)
-    return float(gram[i, i] - shared @ solved), float(seen[i] - (widths * seen) @ solved)
+    left, answer = gram[i, i], seen[i]
+    # C holds what is there for certain beside what may be: elimination needs no pivots
+    for c in range(len(seen)):
+        for r in range(c + 1, len(seen)):
+            C[r, c] /= C[c, c]
+            for k in range(c + 1, len(seen)):
+                C[r, k] -= C[r, c] * C[c, k]
+            shared[r] -= C[r, c] * shared[c]
+    for c in range(len(seen) - 1, -1, -1):
+        for k in range(c + 1, len(seen)):
+            shared[c] -= C[c, k] * shared[k]
+        shared[c] /= C[c, c]
+        left -= widths[c] * gram[c, i] * shared[c]
+        answer -= widths[c] * seen[c] * shared[c]
+    return left, answer
 
 
 def _cost(gram: Array, seen: Array, variances: Array) -> float:
@@ -143,7 +165,15 @@ def _behind(weak: WeakForm, physics: Physics, lag: ActuatorLag) -> Array:
 
 
 def _behind_written(weak: WeakForm, physics: Physics, lag: SensorLag) -> Array:
-    """(M, r, c) of what is compared with a sensor's channels that were behind."""
+    """(M, r, c) of what is compared with a sensor's channels that were behind; kept with what they were read as."""
+    known, key = weak.in_doubt(physics), (lag.at, lag.values["time_constant"])
+    if key not in known:
+        make_room(known, LAGS_KEPT)
+        known[key] = _reckoned_behind(weak, physics, lag)
+    return known[key]
+
+
+def _reckoned_behind(weak: WeakForm, physics: Physics, lag: SensorLag) -> Array:
     windows, time, measured = weak.samples.windows, weak.samples.time, weak.measurement(physics)
     left = _decay(time, lag.values["time_constant"])
     kind, _, joint = lag.at.partition(".")

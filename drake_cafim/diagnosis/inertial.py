@@ -6,6 +6,7 @@ payload or a tilt is then a matrix product.
 """
 
 from dataclasses import dataclass, field
+from hashlib import blake2b
 
 import numpy as np
 
@@ -13,9 +14,11 @@ from drake_cafim.compiled import compiled
 from drake_cafim.diagnosis.kept import make_room
 from drake_cafim.diagnosis.windows import Windows
 from drake_cafim.dynamics.motion import Motion
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 INERTIAL = 10
+LINKS_KEPT = 4
+"""Of a link's part under motions that are tried."""
 
 
 @dataclass(frozen=True)
@@ -41,56 +44,83 @@ class InertialRegressor:
         return self._under[key]
 
 
-def inertial_regressor(smooth: Motion, v: Array, windows: Windows) -> InertialRegressor:
-    """The regressor of one recording.
+@dataclass(frozen=True)
+class LinkRegressors:
+    """The parts of one recording's regressors that are a link's; the last few of each link are kept.
 
-    `smooth` is the motion that products are evaluated at; the momentum is linear in the measured `v` (N, n), whose
-    noise then stays linear.
+    They know of the joints that carry the link alone: what is tried of the sensors of one leaves most links as they
+    were.
     """
-    tree, n, M = smooth.tree, smooth.q.shape[1], len(windows)
-    supports = tree.supports()
-    inertia = np.zeros((M, n, n, INERTIAL))
-    weight = np.zeros((M, n, n, 4, 3))
-    for j in range(n):
-        carriers = np.flatnonzero(supports[j])
-        axes, rates = (np.ascontiguousarray(one[:, carriers]) for one in (smooth.axes, smooth.axes_rate))
-        measured = np.einsum("nka,nk->na", axes, v[:, carriers])
-        moving = np.ascontiguousarray(smooth.velocities[:, j])
-        frame = (np.ascontiguousarray(smooth.R_WJ[:, j]), np.ascontiguousarray(smooth.p_WJ[:, j]))
-        momenta, forces, weights = products(*frame, axes, rates, measured, moving)
-        inertial = windows.rate @ momenta.reshape(len(v), -1) + windows.value @ forces.reshape(len(v), -1)
-        inertia[:, carriers, j] = -inertial.reshape(M, -1, INERTIAL)
-        weight[:, carriers, j] = -(windows.value @ weights.reshape(len(v), -1)).reshape(M, -1, 4, 3)
-    return InertialRegressor(inertia, weight)
+
+    windows: Windows
+    _known: dict[int, dict[tuple[bytes, ...], tuple[Array, Array]]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
+
+    def regressor(self, smooth: Motion, v: Array) -> InertialRegressor:
+        """The regressor of a motion.
+
+        `smooth` is the motion that products are evaluated at; the momentum is linear in the measured `v` (N, n), whose
+        noise then stays linear.
+        """
+        n, M = smooth.q.shape[1], len(self.windows)
+        inertia, weight = np.zeros((M, n, n, INERTIAL)), np.zeros((M, n, n, 4, 3))
+        columns = [_digest(smooth.q[:, j], smooth.v[:, j], v[:, j]) for j in range(n)]
+        for j, carried in enumerate(smooth.tree.supports()):
+            carriers = np.flatnonzero(carried)
+            known, key = self._known.setdefault(j, {}), tuple(columns[k] for k in carriers)
+            if key not in known:
+                make_room(known, LINKS_KEPT)
+                known[key] = self._of(smooth, v, j, carriers)
+            inertia[:, carriers, j], weight[:, carriers, j] = known[key]
+        return InertialRegressor(inertia, weight)
+
+    def _of(self, smooth: Motion, v: Array, j: int, carriers: Indices) -> tuple[Array, Array]:
+        """(M, k, 10) and (M, k, 4, 3) of link `j` at its carriers."""
+        rate, value, N, k = self.windows.rate, self.windows.value, len(v), len(carriers)
+        places = (smooth.R_WJ, smooth.p_WJ, smooth.axes, smooth.axes_rate, v, smooth.velocities)
+        momenta, forces, weights = products(j, carriers, *(np.ascontiguousarray(one) for one in places))
+        inertial = rate @ momenta.reshape(N, -1) + value @ forces.reshape(N, -1)
+        weighed = value @ weights.reshape(N, -1)
+        return -inertial.reshape(-1, k, INERTIAL), -weighed.reshape(-1, k, 4, 3)
+
+
+def _digest(*columns: Array) -> bytes:
+    """What tells numbers apart."""
+    return blake2b(b"".join(column.tobytes() for column in columns), digest_size=24).digest()
 
 
 @compiled
 def products(
-    R: Array, p: Array, axes: Array, rates: Array, measured: Array, smooth: Array
+    j: int, carriers: Indices, R: Array, p: Array, axes: Array, rates: Array, v: Array, smooth: Array
 ) -> tuple[Array, Array, Array]:
-    """By a link's inertial parameters, S · I V of its carriers' axes with `measured`, of their rates with `smooth`.
+    """By link `j`'s inertial parameters, S · I V of its `carriers`' axes with measured V, of their rates with `smooth`.
 
     The first two (N, k, 10); and (N, k, 4, 3) the axes on the weight under a unit of gravity along each world axis.
-    `R` (N, 3, 3) and `p` (N, 3) are the pose of its frame; `axes` and `rates` (N, k, 6), the velocities (N, 6) in the
-    world.
+    `R` (N, n, 3, 3) and `p` (N, n, 3) are the poses of the links' frames; `axes` and `rates` (N, n, 6), the `smooth`
+    velocities (N, n, 6) in the world; measured ones are Σ S v with `v` (N, n).
     """
-    N, K = axes.shape[0], axes.shape[1]
+    N, K = axes.shape[0], len(carriers)
     momenta, forces, weights = np.empty((N, K, INERTIAL)), np.empty((N, K, INERTIAL)), np.empty((N, K, 4, 3))
-    S, V, W = np.empty(6), np.empty(6), np.empty(6)
+    S, V, W, measured = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     for i in range(N):
-        _in_frame(R[i], p[i], measured[i], V)
-        _in_frame(R[i], p[i], smooth[i], W)
+        measured[:] = 0.0
+        for c in carriers:
+            for r in range(6):
+                measured[r] += axes[i, c, r] * v[i, c]
+        _in_frame(R[i, j], p[i, j], measured, V)
+        _in_frame(R[i, j], p[i, j], smooth[i, j], W)
         for k in range(K):
-            _in_frame(R[i], p[i], rates[i, k], S)
+            _in_frame(R[i, j], p[i, j], rates[i, carriers[k]], S)
             _product(S, W, forces[i, k])
-            _in_frame(R[i], p[i], axes[i, k], S)
+            _in_frame(R[i, j], p[i, j], axes[i, carriers[k]], S)
             _product(S, V, momenta[i, k])
             for x in range(3):
-                g = R[i, x]
-                weights[i, k, 0, x] = S[3] * g[0] + S[4] * g[1] + S[5] * g[2]
-                weights[i, k, 1, x] = g[1] * S[2] - g[2] * S[1]
-                weights[i, k, 2, x] = g[2] * S[0] - g[0] * S[2]
-                weights[i, k, 3, x] = g[0] * S[1] - g[1] * S[0]
+                gx, gy, gz = R[i, j, x, 0], R[i, j, x, 1], R[i, j, x, 2]
+                weights[i, k, 0, x] = S[3] * gx + S[4] * gy + S[5] * gz
+                weights[i, k, 1, x] = gy * S[2] - gz * S[1]
+                weights[i, k, 2, x] = gz * S[0] - gx * S[2]
+                weights[i, k, 3, x] = gx * S[1] - gy * S[0]
     return momenta, forces, weights
 
 

@@ -15,13 +15,15 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from drake_cafim.diagnosis.acting import ActingRows
 from drake_cafim.diagnosis.driven import DrivenRows, effort_at
 from drake_cafim.diagnosis.facing import Facing, lags_of
-from drake_cafim.diagnosis.inertial import InertialRegressor, inertial_regressor
+from drake_cafim.diagnosis.inertial import InertialRegressor, LinkRegressors
 from drake_cafim.diagnosis.kept import make_room
 from drake_cafim.diagnosis.measured_rows import MeasuredRows
 from drake_cafim.diagnosis.samples import Samples
 from drake_cafim.dynamics.contact import WrenchSensor
+from drake_cafim.dynamics.inverses import inverses
 from drake_cafim.dynamics.motion import Motion, mass_matrix, motion
 from drake_cafim.effects.actuator import ActuatorLag, Effort
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
@@ -59,8 +61,11 @@ class _Prepared:
     regressor: InertialRegressor
     kinematic: Array
     driven: DrivenRows
+    acting: ActingRows
     louder: Array
     """(M, n), by what `kinematic` was made as noisy as it is without a lag."""
+    in_doubt: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False, compare=False)
+    """Rows of how far a sensor's channels were behind at first, by the sensor and its time constant."""
 
 
 @dataclass(frozen=True)
@@ -101,9 +106,17 @@ class WeakForm:
     def _facing(self) -> Facing:
         return Facing(self.samples)
 
+    @cached_property
+    def _links(self) -> LinkRegressors:
+        return LinkRegressors(self.samples.windows)
+
     def louder(self, physics: Physics) -> Array:
         """The factor (M, n) of `Facing.compared`."""
         return self._prepared(physics).louder
+
+    def in_doubt(self, physics: Physics) -> dict[tuple[str, float], Array]:
+        """What was reckoned of the lags of sensors under the sensor effects of `physics`."""
+        return self._prepared(physics).in_doubt
 
     def motion(self, physics: Physics) -> Motion:
         """The smoothed motion, corrected alike."""
@@ -180,8 +193,8 @@ class WeakForm:
         """∫ w force dt (M, n) of damping and joint effects."""
         integral = -physics.dampings * prepared.rows.smoothed_velocity
         for effect in physics.joint_forces:
-            force = physics.joint_force(effect, prepared.joints).value
-            integral[:, physics.tree.joint_index(effect.at)] += self.samples.windows.value @ force
+            joint = physics.tree.joint_index(effect.at)
+            integral[:, joint] += prepared.acting.at_joint(effect, joint)
         return np.asarray(integral)
 
     def rotor_drives(self, physics: Physics) -> tuple[RotorDrive, ...]:
@@ -244,12 +257,12 @@ class WeakForm:
 
     def residual(self, physics: Physics) -> Array:
         """All rows, (M, r): kinematic, dynamic, then each sensor's wrench."""
-        prepared, windows = self._prepared(physics), self.samples.windows
+        prepared = self._prepared(physics)
         dynamic = prepared.regressor.rows(physics.tree.inertial_parameters, physics.gravity)
         dynamic = dynamic - prepared.rows.rate_of_velocity * physics.rotor_inertias
         dynamic = dynamic - self._at_joints(physics, prepared) - prepared.driven.integral(physics)
         if physics.body_forces:
-            dynamic = dynamic - windows.value @ self._pushed(physics, prepared.moving)
+            dynamic = dynamic - prepared.acting.on_bodies(physics)
         for coupling in physics.couplings:
             dynamic[:, physics.tree.joint_index(coupling.at)] += self.coupling_rows(physics, coupling)
         # an effort of unknown gain is what is predicted: divided by it, so that no motion is not a perfect fit
@@ -324,7 +337,7 @@ class WeakForm:
         kinematic, louder = np.zeros((len(windows), 0)), np.ones((len(windows), self.joints))
         inverse_mass: Array = np.zeros((0, self.joints, self.joints))
         if self.samples.velocity_measured:
-            inverse_mass = np.asarray(np.linalg.inv(mass_matrix(moving) + np.diag(physics.rotor_inertias)), dtype=float)
+            inverse_mass = inverses(mass_matrix(moving) + np.diag(physics.rotor_inertias))
             correction = windows.steps(self.samples.time) @ (inverse_mass @ measured.u[..., None])[..., 0]
             lags = lags_of(physics.sensors)
             others = tuple(effect for effect in physics.sensors if effect not in lags)
@@ -332,9 +345,11 @@ class WeakForm:
             q, v, louder = self._facing.compared(lags, physics.tree.joint_names, as_written.q, as_written.v)
             kinematic = (windows.rate @ q + windows.value @ v - correction) * louder
         joints = self.sampled_joints(measured, self.samples.v_std)
-        regressor = inertial_regressor(moving, measured.v, windows)
+        regressor = self._links.regressor(moving, measured.v)
         rows = MeasuredRows(windows, measured.v, measured.u, measured.v_hat, measured.wrenches)
-        return _Prepared(measured, rows, joints, moving, regressor, kinematic, DrivenRows(rows, inverse_mass), louder)
+        driven = DrivenRows(rows, inverse_mass)
+        acting = ActingRows(windows, self.samples.recording.name, joints, moving)
+        return _Prepared(measured, rows, joints, moving, regressor, kinematic, driven, acting, louder)
 
     def _on(self, sensor: WrenchSensor, moving: Motion, wrench: Array | None) -> Array:
         return np.zeros((len(moving.q), 6)) if wrench is None else wrench[:, sensor.joint]

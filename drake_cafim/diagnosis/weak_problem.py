@@ -1,6 +1,6 @@
 """Recordings of joints against a scene: equations of motion in their weak form, whitened."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -12,6 +12,7 @@ from drake_cafim.diagnosis.beginning import Begun, doubtful, start_rows
 from drake_cafim.diagnosis.evidence import MISFIT
 from drake_cafim.diagnosis.facing import lags_of
 from drake_cafim.diagnosis.feedback import Feedback
+from drake_cafim.diagnosis.kept import make_room
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.reading import Reading, shifts_of
@@ -34,6 +35,8 @@ OF_CONTACTS = (ContactEffect, SurfaceEffect)
 IMPOSSIBLE = 1e9
 """Standard deviations of noise beyond which a row is of no motion that there could be."""
 
+DOUBTS_KEPT = 6
+"""Of what the beginning leaves in doubt, whitened."""
 SAME_LAG = 0.2
 """Of a time constant, by which two lags raise a channel's noise alike."""
 DOSES, DRAWN = 8, 0.25
@@ -48,6 +51,7 @@ class Run:
     whiten: Whitening
     jacobian: sp.csr_matrix
     labels: tuple[tuple[str, slice], ...]
+    _doubts: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def name(self) -> str:
@@ -77,10 +81,18 @@ class Run:
             return Begun(self.whitened(self.weak.residual(physics)))
         # a link that is lighter than its rotor runs away
         with np.errstate(over="ignore", invalid="ignore"):
-            rows, U = self.whitened(self.weak.residual(physics)), self.whitened(start_rows(self.weak, physics))
+            rows, U = self.whitened(self.weak.residual(physics)), self._doubted(start_rows(self.weak, physics))
             if not np.all(np.abs(rows) < IMPOSSIBLE) or not np.all(np.isfinite(U)):
                 return Begun(np.full(len(rows), np.inf))
         return Begun.of(rows, U, widths)
+
+    def _doubted(self, rows: Array) -> Array:
+        """`whitened` rows of doubts, which most numbers that are tried leave as they are; the last few are kept."""
+        key = rows.tobytes()
+        if key not in self._doubts:
+            make_room(self._doubts, DOUBTS_KEPT)
+            self._doubts[key] = self.whitened(rows)
+        return self._doubts[key]
 
     def pushed(self, force: Array, gains: Array) -> Array:
         """Rows (M, r, k) of generalized forces (N, n, k), at joints whose efforts count `gains` (n,) times."""
@@ -362,12 +374,24 @@ class WeakProblem(Problem):
 
     def _difference(self, model: Model, index: int, step: float) -> Array:
         up, down, taken = _either_side(model, index, step)
+        if not doubtful(up.physics(self.scene)):
+            return self._apart(up, down, WeakForm.residual) / taken
         ahead, widths = self._begun(up, [None] * len(self.runs))
         # the likelihood is at its largest in the widths: it has the slope that it has while they stay as they are
         behind, _ = self._begun(down, widths)
         # beside what is impossible there is no slope to follow
         possible = np.all(np.isfinite(ahead)) and np.all(np.isfinite(behind))
         return (ahead - behind) / taken if possible else np.zeros(len(ahead))
+
+    def _apart(self, up: Model, down: Model, rows: Callable[[WeakForm, Physics], Array]) -> Array:
+        """What `rows` (M, r) of each recording, whitened, and prior rows differ by between two models."""
+        ahead, behind = up.physics(self.scene), down.physics(self.scene)
+        parts = []
+        for run in self.runs:
+            change = rows(run.weak, ahead) - rows(run.weak, behind)
+            # most of what is tried leaves some recordings alone
+            parts.append(run.whitened(change) if np.any(change) else np.zeros(run.rows))
+        return np.concatenate([*parts, self.prior_rows(up) - self.prior_rows(down)])
 
     def _begun(self, model: Model, widths: Sequence[Array | None]) -> tuple[Array, list[Array | None]]:
         """Residual with the doubts of each recording's start as wide as `widths` or as is likeliest; and how wide."""
@@ -378,9 +402,7 @@ class WeakProblem(Problem):
     def _contact_difference(self, model: Model, index: int, step: float) -> Array:
         """The same for a number that only contacts know of."""
         up, down, taken = _either_side(model, index, step)
-        ahead, behind = up.physics(self.scene), down.physics(self.scene)
-        rows = [run.whitened(run.weak.contact_rows(ahead) - run.weak.contact_rows(behind)) for run in self.runs]
-        return np.concatenate([*rows, self.prior_rows(up) - self.prior_rows(down)]) / taken
+        return self._apart(up, down, WeakForm.contact_rows) / taken
 
 
 def doses(shared: Array, jacobian: Array) -> int:

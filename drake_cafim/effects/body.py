@@ -1,7 +1,7 @@
 """Forces on a body that neither the model's joints nor its contacts exert."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -18,6 +18,16 @@ class BodyForce(Effect):
 
     place: ClassVar[Place] = Place.BODY
     family: ClassVar[str] = "link"
+    linear: ClassVar[tuple[str, ...]] = ()
+    """Strengths each of which a force of its own is in proportion to, and that all of it is the sum of."""
+
+    def parts(self) -> Iterator[tuple[float, Self]]:
+        """Numbers, and the effects whose forces add up to this one's when multiplied by them."""
+        if not self.linear:
+            yield 1.0, self
+        nothing = dict.fromkeys(self.linear, 0.0)
+        for name in self.linear:
+            yield self.values[name], self.with_values({**self.values, **nothing, name: 1.0})
 
     @abstractmethod
     def point(self, body: Body) -> Array:
@@ -39,6 +49,7 @@ class AerodynamicDrag(BodyForce):
     """−c |v| v at the centre of mass."""
 
     name: ClassVar[str] = "aerodynamic_drag"
+    linear: ClassVar[tuple[str, ...]] = ("coefficient",)
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("coefficient", "N s^2/m^2", 0.3, lower=0.0),)
     reference: ClassVar[str] = "Hoerner, Fluid-Dynamic Drag, 1965, ch. 1"
     alike: ClassVar[Mapping[str, str]] = {
@@ -66,6 +77,7 @@ class ExternalDisturbance(BodyForce):
     recording: str | None = None
 
     name: ClassVar[str] = "external_disturbance"
+    linear: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     difference_step: ClassVar[float] = 1e-3
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("x", "N", 3.0, lower=-1e4, upper=1e4),

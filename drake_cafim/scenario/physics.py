@@ -8,6 +8,7 @@ import numpy as np
 
 from drake_cafim.cross import cross
 from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.dynamics.inverses import inverses
 from drake_cafim.dynamics.motion import Motion, equations_of_motion, momentum_balance
 from drake_cafim.dynamics.touching import pressed
 from drake_cafim.dynamics.tree import Tree
@@ -147,7 +148,7 @@ class Physics:
     def free_response(self, moving: Motion) -> FreeResponse:
         """How the rigid robot would answer to forces along a motion."""
         M, bias = equations_of_motion(moving, self.gravity)
-        mobility = np.asarray(np.linalg.inv(M + np.diag(self.rotor_inertias)), dtype=float)
+        mobility = inverses(M + np.diag(self.rotor_inertias))
         return FreeResponse(moving, mobility, bias)
 
     def rotor_drives(

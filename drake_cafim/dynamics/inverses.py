@@ -1,0 +1,42 @@
+"""Inverses of many small matrices, as of mass matrices along a motion."""
+
+import numpy as np
+
+from drake_cafim.compiled import compiled
+from drake_cafim.typing import Array
+
+
+def inverses(matrices: Array) -> Array:
+    """The inverse (N, n, n) of each of `matrices` (N, n, n); infinite or no numbers where there is none."""
+    return np.asarray(_inverted(np.array(matrices, dtype=float, order="C")), dtype=float)
+
+
+@compiled
+def _inverted(left: Array) -> Array:
+    """The same by elimination with the largest pivot of each column; `left` is used up."""
+    N, n = left.shape[0], left.shape[1]
+    result = np.zeros((N, n, n))
+    for i in range(N):
+        A, B = left[i], result[i]
+        for c in range(n):
+            B[c, c] = 1.0
+        for c in range(n):
+            pivot = c
+            for r in range(c + 1, n):
+                if abs(A[r, c]) > abs(A[pivot, c]):
+                    pivot = r
+            if pivot != c:
+                for k in range(n):
+                    A[c, k], A[pivot, k] = A[pivot, k], A[c, k]
+                    B[c, k], B[pivot, k] = B[pivot, k], B[c, k]
+            scale = 1.0 / A[c, c] if A[c, c] != 0.0 else np.inf
+            for k in range(n):
+                A[c, k] *= scale
+                B[c, k] *= scale
+            for r in range(n):
+                factor = A[r, c]
+                if r != c and factor != 0.0:
+                    for k in range(n):
+                        A[r, k] -= factor * A[c, k]
+                        B[r, k] -= factor * B[c, k]
+    return result
