@@ -43,12 +43,19 @@ def _missed(time: Array, at: Array, own: Indices, order: int, points: Array, wei
     N, K = len(time), len(at)
     moments, x, sampled = np.zeros((3, K)), np.empty(NODES), np.empty(NODES)
     for k in range(K):
-        # further intervals take all their samples from one side of the kink
         for interval in range(max(own[k] - 2, 0), min(own[k] + 3, N - 1)):
             first = min(max(interval - 1, 0), N - NODES)
+            if time[first] >= at[k] or time[first + NODES - 1] <= at[k]:
+                # all samples are on one side of the kink, where the cubic is what it stands for
+                continue
             for a in range(NODES):
                 x[a] = time[first + a] - at[k]
-                sampled[a] = max(x[a], 0.0) ** order / order
+                sampled[a] = max(x[a], 0.0) if order == 1 else max(x[a], 0.0) ** 2 / 2.0
+            # divided by what Lagrange's polynomials are at their own nodes
+            for a in range(NODES):
+                for b in range(NODES):
+                    if b != a:
+                        sampled[a] /= x[a] - x[b]
             kink = min(max(at[k], time[interval]), time[interval + 1])
             for part in range(2):
                 # before and after the kink, of which an interval beside its own has but one
@@ -58,13 +65,13 @@ def _missed(time: Array, at: Array, own: Indices, order: int, points: Array, wei
                     continue
                 for g in range(len(points)):
                     since = lower + half * (1.0 + points[g]) - at[k]
-                    error = max(since, 0.0) ** order / order
+                    error = max(since, 0.0) if order == 1 else max(since, 0.0) ** 2 / 2.0
                     for a in range(NODES):
-                        share = 1.0
+                        share = sampled[a]
                         for b in range(NODES):
                             if b != a:
-                                share *= (since - x[b]) / (x[a] - x[b])
-                        error -= share * sampled[a]
+                                share *= since - x[b]
+                        error -= share
                     missed = half * weights[g] * error
                     moments[0, k] += missed
                     moments[1, k] += missed * since

@@ -131,12 +131,15 @@ def _projected(columns: Array, basis: Array, residual: Array) -> tuple[Array, fl
 
     `residual` is already orthogonal to the nuisance's orthonormal `basis`. None where the nuisance spans the columns.
     """
-    if not np.all(np.abs(columns) < RAN_AWAY):
+    # what ran away is no number at all once it is squared
+    with np.errstate(over="ignore", invalid="ignore"):
+        together = columns.T @ columns
+    full = np.sqrt(np.diag(together))
+    if not np.all(full < RAN_AWAY):
         return None
-    full = np.linalg.norm(columns, axis=0)
-    unit = columns / np.maximum(full, 1e-300)
-    along = basis.T @ unit
-    gram = unit.T @ unit - along.T @ along
+    size = np.maximum(full, 1e-300)
+    along = basis.T @ columns / size
+    gram = together / size / size[:, None] - along.T @ along
     left = np.sqrt(np.clip(np.diag(gram), 0.0, None))
     # a direction that the nuisance spans says nothing, nor one that all but rounding leaves alone
     seen = (left > 1e-4) & (full > 1e-8 * np.max(full)) & (full > 0.0)
@@ -144,7 +147,7 @@ def _projected(columns: Array, basis: Array, residual: Array) -> tuple[Array, fl
         return None
     scale = left[seen]
     known, axes = np.linalg.eigh(gram[np.ix_(seen, seen)] / np.outer(scale, scale))
-    score = unit[:, seen].T @ residual / scale
+    score = (columns.T @ residual / size)[seen] / scale
     told = known > LEAST_APART * known[-1]
     solution = -axes[:, told] @ (axes[:, told].T @ score / known[told])
     coefficients = np.zeros(len(full))

@@ -273,7 +273,7 @@ class WeakProblem(Problem):
         """
         if _as_late(model, self.under):
             return self._smoothed(model)
-        rows, own = (one.rows_of(model) for one in (self, WeakProblem.of(self.scene, self._forms, model)))
+        rows, own = (one.rows_of(model) for one in (self, self.rewhitened(model)))
         return float(own @ own - rows @ rows)
 
     @property

@@ -32,6 +32,7 @@ class Windows:
     stop: Indices
     _held: dict[bytes, sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
     _steps: dict[bytes, sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
+    _kinks: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -61,7 +62,7 @@ class Windows:
     def _correction_of_steps(self, times: Array) -> sp.csr_matrix:
         clipped, rows, columns = self._reached(times)
         since = clipped[columns] - self.starts[rows]
-        slope, curvature = missed_kink(self.time, clipped), missed_kink(self.time, clipped, order=2)
+        slope, curvature = self._kink(clipped), missed_kink(self.time, clipped, order=2)
         area, moment = slope[0, columns], slope[1, columns] + curvature[0, columns]
         jumps = self._weight(since) * area + self._slope(since) * moment
         return sp.csr_matrix(-self._matrix(jumps, rows, columns, len(times)) @ _jump(len(times)))
@@ -72,6 +73,14 @@ class Windows:
         Contains what `rate` misses because the slope of the momentum jumps by Δu wherever u steps.
         """
         return self._kept(self._held, times, self._integral_of_held)
+
+    def _kink(self, times: Array) -> Array:
+        """What is missed of a slope that jumps at `times` (K,), (3, K); the last one is kept for the other integral."""
+        key = times.tobytes()
+        if key not in self._kinks:
+            make_room(self._kinks, 1)
+            self._kinks[key] = missed_kink(self.time, times)
+        return self._kinks[key]
 
     def _kept(
         self, known: dict[bytes, sp.csr_matrix], times: Array, made: Callable[[Array], sp.csr_matrix]
@@ -98,7 +107,7 @@ class Windows:
         ends = np.append(clipped[1:], self.time[-1])
         origin = self.starts[rows]
         weights = self._antiderivative(ends[columns] - origin) - self._antiderivative(clipped[columns] - origin)
-        missed = missed_kink(self.time, clipped)[:, columns]
+        missed = self._kink(clipped)[:, columns]
         since = clipped[columns] - origin
         weights_there = (self._slope(since), self._curvature(since), self._jerk(since))
         at_step = sum(weight * moment for weight, moment in zip(weights_there, missed, strict=True))

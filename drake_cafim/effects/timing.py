@@ -8,13 +8,13 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from math import factorial
 from typing import ClassVar
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import solve_banded
 
+from drake_cafim.compiled import compiled
 from drake_cafim.effects.effect import Strength
 from drake_cafim.effects.sensor import SensorEffect, whole_sensors
 from drake_cafim.local_polynomial import local_polynomial
@@ -37,18 +37,39 @@ def interpolation(time: Array, at: Array, derivative: int = 0) -> sp.csr_matrix:
     inside = np.clip(at, time[0], time[-1])
     first = np.clip(np.searchsorted(time, inside, side="right") - count // 2, 0, len(time) - count)
     columns = first[:, None] + np.arange(count)
-    offset = time[columns] - inside[:, None]
-    scale = np.abs(offset).max(axis=1, keepdims=True)
-    powers = np.ones((len(at), count, count))
-    for degree in range(1, count):
-        powers[:, degree] = powers[:, degree - 1] * (offset / scale)
-    # weights that give 1, x, x², ... their values (slopes) at x = 0
-    wanted = np.zeros(count)
-    wanted[derivative] = factorial(derivative)
-    weights = np.linalg.solve(powers, np.broadcast_to(wanted[:, None], (len(at), count, 1)))[..., 0]
-    weights = weights / scale**derivative
-    rows = np.repeat(np.arange(len(at)), count)
-    return sp.csr_matrix((weights.ravel(), (rows, columns.ravel())), shape=(len(at), len(time)))
+    weights = _weights(time[columns] - inside[:, None], derivative)
+    starts = count * np.arange(len(at) + 1)
+    return sp.csr_matrix((weights.ravel(), columns.ravel(), starts), shape=(len(at), len(time)))
+
+
+@compiled
+def _weights(offset: Array, derivative: int) -> Array:
+    """(K, c) of values at `offset` (K, c) from a point in the derivative there of the polynomial through them.
+
+    Point after point is added, and weights follow for all derivatives up to it (Fornberg, Math. Comp. 51(184), 1988).
+    """
+    K, count = offset.shape
+    result, known = np.empty((K, count)), np.empty((count, derivative + 1))
+    for i in range(K):
+        x = offset[i]
+        known[:] = 0.0
+        known[0, 0] = 1.0
+        before = 1.0
+        for n in range(1, count):
+            product = 1.0
+            for p in range(n):
+                apart = x[n] - x[p]
+                product *= apart
+                if p == n - 1:
+                    for d in range(derivative, 0, -1):
+                        known[n, d] = before * (d * known[p, d - 1] - x[p] * known[p, d]) / product
+                    known[n, 0] = -before * x[p] * known[p, 0] / product
+                for d in range(derivative, 0, -1):
+                    known[p, d] = (x[n] * known[p, d] - d * known[p, d - 1]) / apart
+                known[p, 0] *= x[n] / apart
+            before = product
+        result[i] = known[:, derivative]
+    return result
 
 
 @dataclass(frozen=True)
