@@ -14,6 +14,7 @@ from drake_cafim.diagnosis.fitting import unbiased_fit
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.tosses import settling
 from drake_cafim.diagnosis.tosses.arcs import arcs_of
+from drake_cafim.diagnosis.tosses.innovation import Innovation
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, track_of
 from drake_cafim.diagnosis.tosses.prepared import PreparedTosses
 from drake_cafim.diagnosis.tosses.problem import TossProblem
@@ -81,6 +82,19 @@ def test_arcs_are_settled_from_a_wrong_beginning(tmp_path: Path) -> None:
     settled = settled_from(replace(arcs, start=wrong), noise, true, wrong)
     assert not np.any(settled.unsettled)
     np.testing.assert_allclose(settled.cost, 6.0 * arcs.counts, rtol=0.35)
+
+
+def test_innovations_of_arcs_that_did_not_move_are_kept(tmp_path: Path) -> None:
+    scene = thrown_scene(tmp_path, BLOCK)
+    noise = PoseNoise(2e-4, 2e-3)
+    arcs = arcs_of([track_of(one, "body") for one in thrown(scene.physics, 9, count=2)], noise)
+    step = np.zeros((len(arcs.start), 12))
+    step[:2, 6:] = 0.3
+    settled = settled_from(arcs, noise, scene.physics, moved(arcs.start, step))
+    anew = Innovation.of(settled.shot.by_start)
+    for part in ("reflections", "triangle", "spread"):
+        kept, whole = getattr(settled.innovation, part), getattr(anew, part)
+        np.testing.assert_allclose(kept, whole, rtol=1e-9, atol=1e-9 * float(np.max(np.abs(whole))))
 
 
 def test_an_arc_on_the_wrong_side_of_an_edge_begins_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
