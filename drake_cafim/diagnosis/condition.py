@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import spearmanr
 
-from drake_cafim.diagnosis.weak_problem import Run
+from drake_cafim.diagnosis.weak_run import Run
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 

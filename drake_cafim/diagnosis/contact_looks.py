@@ -7,7 +7,8 @@ import numpy as np
 
 from drake_cafim.contact.change import Touch
 from drake_cafim.diagnosis.fitting import Fit
-from drake_cafim.diagnosis.weak_problem import Run, WeakProblem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.weak_run import Run
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.surface import SurfaceEffect

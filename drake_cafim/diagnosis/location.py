@@ -8,7 +8,8 @@ from drake_cafim.diagnosis.condition import condition, seen_at
 from drake_cafim.diagnosis.felt import wrong_contact
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.verdict import Location
-from drake_cafim.diagnosis.weak_problem import Run, WeakProblem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.weak_run import Run
 from drake_cafim.diagnosis.windows import Windows
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array

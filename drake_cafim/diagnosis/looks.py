@@ -10,7 +10,8 @@ from drake_cafim.diagnosis.contact_looks import contact_looks
 from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.plane_looks import plane_looks
 from drake_cafim.diagnosis.pulses import Push, strongest_pushes
-from drake_cafim.diagnosis.weak_problem import Run, WeakProblem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.weak_run import Run
 from drake_cafim.effects.actuator import (
     ActuatorDeadZone,
     ActuatorEffect,

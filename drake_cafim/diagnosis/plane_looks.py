@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from drake_cafim.diagnosis.fitting import Fit
-from drake_cafim.diagnosis.weak_problem import Run, WeakProblem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.weak_run import Run
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.scenario.physics import Physics

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import lapack
 
-from drake_cafim.diagnosis.weak_problem import Run, WeakProblem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.weak_run import Run
 from drake_cafim.effects.body import pulse
 from drake_cafim.typing import Array
 

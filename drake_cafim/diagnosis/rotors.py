@@ -3,7 +3,7 @@
 import numpy as np
 
 from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.diagnosis.weak_problem import Run
+from drake_cafim.diagnosis.weak_run import Run
 from drake_cafim.diagnosis.whitening import whitening
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array

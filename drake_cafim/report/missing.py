@@ -6,7 +6,8 @@ import numpy as np
 
 from drake_cafim.diagnosis.location import places_of, standardised
 from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.diagnosis.weak_problem import Run, WeakProblem
+from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.weak_run import Run
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
