@@ -101,8 +101,8 @@ class TossProblem(Problem):
             return problem
         told = fit(cls.settled(scene, arcs[near], noise, given, problem.base.shot.start[near]), given).model
         anew = cls.settled(scene, arcs, noise, told)
-        better = np.sum(anew.base.cost) < np.sum(problem.base.cost)
-        return anew if better else replace(problem, first=told)
+        # where physics is missing, arcs are far off under these numbers as well, and samples are no better a start
+        return replace(problem, first=told) if np.any(anew.base.far) else anew
 
     def nominal(self) -> Model:
         return self.first
