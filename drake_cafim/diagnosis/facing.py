@@ -7,6 +7,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.coloured_noise import Lasting, covariance
+from drake_cafim.diagnosis.kept import make_room
 from drake_cafim.diagnosis.samples import Samples
 from drake_cafim.effects.timing import SensorLag
 from drake_cafim.typing import Array
@@ -57,8 +58,7 @@ class Facing:
         memory = self.samples.memories.get(column)
         if memory is not None and memory not in self._alike:
             # of two columns that face each other
-            while len(self._alike) >= 2:
-                self._alike.pop(next(iter(self._alike)))
+            make_room(self._alike, 2)
             self._alike[memory] = covariance(self.samples.time, memory)
         alike = rows if memory is None else rows @ self._alike[memory]
         return self.samples.std[column] ** 2 * np.asarray(rows.multiply(alike).sum(axis=1), dtype=float).ravel()

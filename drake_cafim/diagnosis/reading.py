@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.coloured_noise import covariance
+from drake_cafim.diagnosis.kept import make_room
 from drake_cafim.diagnosis.noise_jacobian import noise_jacobian
 from drake_cafim.diagnosis.samples import Samples
 from drake_cafim.diagnosis.weak_form import WeakForm
@@ -64,8 +65,7 @@ class Reading:
         shifts = shifts_of(self.samples, physics)
         key = tuple((effect.key, *effect.values.values()) for effect in shifts)
         if key not in self._gained:
-            while len(self._gained) >= KEPT:
-                self._gained.pop(next(iter(self._gained)))
+            make_room(self._gained, KEPT)
             self._gained[key] = sum(self._gained_in(name, part, shifts) for name, part in self.labels)
         return self._gained[key]
 

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from drake_cafim.diagnosis.fitting import fit
+from drake_cafim.diagnosis.kept import make_room
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.tosses.arcs import Arcs
@@ -147,8 +148,7 @@ class TossProblem(Problem):
     def _settled(self, model: Model) -> Settled:
         key = (_kind(model), model.vector.tobytes())
         if key not in self._shots:
-            while len(self._shots) >= 6:
-                self._shots.pop(next(iter(self._shots)))
+            make_room(self._shots, 6)
             self._shots[key] = self._fitted(model)
         return self._shots[key]
 
