@@ -1,11 +1,13 @@
 """Intervals reach as far as the likelihood does, and no farther."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from drake_cafim.diagnosis.adequacy import BLOCK
 from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.intervals import standard_deviations
 from drake_cafim.diagnosis.model import Model
@@ -15,8 +17,15 @@ from drake_cafim.effects.joint import JointViscousFriction
 STD = 0.5
 
 
+class OneWindow:
+    """A recording of a single row, of which blocks of time tell nothing."""
+
+    rows = 1
+    runs = (SimpleNamespace(shape=(1, 1)),)
+
+
 @dataclass
-class Curve:
+class Curve(OneWindow):
     """Rows in an unknown x and a coefficient c, that are zero at c = 1 and x = 0; both raise the second one."""
 
     flat: bool
@@ -54,7 +63,7 @@ def test_where_chi_square_is_a_parabola_slopes_tell_all() -> None:
 
 
 @dataclass
-class Plateau:
+class Plateau(OneWindow):
     """A row in a delay, up to 0.2 s, whose χ² never rises by more than 1.5² from where it is fitted, or not at all."""
 
     delay: float
@@ -78,3 +87,34 @@ class Plateau:
 def test_what_is_hardly_seen_is_known_no_better_than_its_bounds(delay: float, seen: bool) -> None:
     problem: Any = Plateau(delay, seen)
     assert standard_deviations(problem, problem.fit(), 1.0) == pytest.approx([max(delay, 0.2 - delay) / 1.96])
+
+
+@dataclass
+class Wandering:
+    """A coefficient's mean rows, whose noise stays the same for a block of time: 40 numbers, however many rows."""
+
+    lasting: bool
+    rows = 40 * 4 * BLOCK
+    runs = (SimpleNamespace(shape=(rows, 1)),)
+
+    def residual(self, model: Model) -> Any:
+        length = 4 * BLOCK if self.lasting else 1
+        noise = np.repeat(np.random.default_rng(0).normal(size=self.rows // length), length)
+        return noise - noise.mean() - (model.vector[0] - 1.0)
+
+    def penalty(self, model: Model) -> float:
+        return 0.0
+
+    def fit(self) -> Fit:
+        model = Model(np.zeros(0), (JointViscousFriction("a", {"coefficient": 1.0}),))
+        return Fit(
+            model, self.residual(model), -np.ones((self.rows, 1)), np.array([[1.0 / self.rows]]), self.rows, True
+        )
+
+
+@pytest.mark.parametrize("lasting", [True, False])
+def test_noise_that_lasts_longer_than_was_stated_widens_an_interval(lasting: bool) -> None:
+    problem: Any = Wandering(lasting)
+    one = problem.fit()
+    expected = np.sqrt(1.0 / 40.0) if lasting else one.std[0]
+    np.testing.assert_allclose(standard_deviations(problem, one, 1.0), expected, rtol=0.25)

@@ -4,6 +4,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fitting import NOTHING_KNOWN, Fit
 from drake_cafim.diagnosis.problem import Problem
+from drake_cafim.diagnosis.robust import blockwise_std
 from drake_cafim.typing import Array
 
 REACH = 1.96
@@ -17,11 +18,12 @@ DOUBLINGS, FOLLOWED = 6, 2
 def standard_deviations(problem: Problem, one: Fit, scale: float) -> Array:
     """(n + k,) of unknowns and strengths, where what is left is `scale` times the noise.
 
-    As slopes at the fit have it, but for a strength of which 1.96 of these raise χ² by less than 1.96²: it reaches to
-    where χ² does so, on the farther side, the other numbers following as slopes would have them (after Venzon,
-    Moolgavkar, Applied Statistics 37(1), 1988, profile likelihood); to its bound, where χ² does not do so before.
+    As slopes at the fit have it, under the stated noise or, if that is more, with what blocks of the residual show. But
+    a strength of which 1.96 of these raise χ² by less than 1.96² reaches to where χ² does so, on the farther side, the
+    other numbers following as slopes would have them (after Venzon, Moolgavkar, Applied Statistics 37(1), 1988, profile
+    likelihood); to its bound, where χ² does not do so before.
     """
-    std = one.std * np.sqrt(scale)
+    std = np.maximum(one.std * np.sqrt(scale), blockwise_std(problem, one))
     for index in range(len(one.model.unknown), len(std)):
         bounds = _bounds(one, index)
         if 0.0 < std[index] < np.inf and one.covariance[index, index] < NOTHING_KNOWN:

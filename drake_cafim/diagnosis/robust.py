@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.adequacy import BLOCK, by_run
+from drake_cafim.diagnosis.adequacy import BLOCK, NOISE_TOLERANCE, by_run
 from drake_cafim.diagnosis.fitting import Fit
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.typing import Array
@@ -74,6 +74,12 @@ def _distance(difference: Array, factor: Array, alone: Array) -> float:
     return float(np.sum(along**2 / spread[seen]))
 
 
+def blockwise_std(problem: Problem, fitted: Fit) -> Array:
+    """(n,) of unknowns and strengths, with whatever correlation blocks of time have."""
+    known, nothing = _factors(fitted)
+    return np.asarray(np.linalg.norm(np.hstack([_block_factor(problem, fitted, known), nothing]), axis=1))
+
+
 def wald_p_value(problem: Problem, fitted: Fit, key: tuple[str, str]) -> float:
     """p-value of "this effect is absent", by the larger of the two covariances of the numbers.
 
@@ -92,6 +98,6 @@ def wald_p_value(problem: Problem, fitted: Fit, key: tuple[str, str]) -> float:
             known, nothing = _factors(fitted)
             factors = (np.hstack([one, nothing]) for one in (known, _block_factor(problem, fitted, known)))
             statistics = [_distance(difference, slope @ one[part], alone) for one in factors]
-            return float(chi2.sf(min(statistics), len(difference)))
+            return float(chi2.sf(min(statistics) / (1.0 + NOISE_TOLERANCE) ** 2, len(difference)))
         start = stop
     raise KeyError(key)
