@@ -1,6 +1,8 @@
 """A scene in a Diagram."""
 
-from typing import Literal, TypeAlias, get_args
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, Protocol, TypeAlias, get_args
 
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
@@ -13,15 +15,37 @@ from drake_cafim.corrected.contacts import changed_contacts
 from drake_cafim.corrected.corrected_plant import CorrectedPlant
 from drake_cafim.corrected.plant import change_plant, hold_joints
 from drake_cafim.corrected.wiring import Wiring
+from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
+from drake_cafim.dynamics.tree import Tree
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.model_file import add_model
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.scenario.schema import Scenario
 
 Contact: TypeAlias = Literal["scenario", "drake"]
 
 
+class Simulated(Protocol):
+    """What of a scene is simulated, as `drake_cafim.Scene` has it."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def scenario(self) -> Scenario: ...
+    @property
+    def folder(self) -> Path: ...
+    @property
+    def tree(self) -> Tree: ...
+    @property
+    def physics(self) -> Physics: ...
+    @property
+    def nominal_contacts(self) -> Sequence[SphereContact]: ...
+    @property
+    def wrench_sensors(self) -> Sequence[WrenchSensor]: ...
+
+
 def add_scene(
-    scene: Scene,
+    scene: Simulated,
     builder: DiagramBuilder,
     plant_config: MultibodyPlantConfig | None = None,
     contact: Contact = "scenario",

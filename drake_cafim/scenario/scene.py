@@ -4,13 +4,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from drake_cafim.corrected.corrected_plant import CorrectedPlant
+from drake_cafim.corrected.scene import add_scene
 from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
 from drake_cafim.dynamics.tree import Tree, tree_of
 from drake_cafim.effects.body import ExternalDisturbance
@@ -20,13 +22,10 @@ from drake_cafim.errors import InputError
 from drake_cafim.parameters import Parameters
 from drake_cafim.scenario.model_file import MODEL_SUFFIXES, add_plant
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.scenario.schema import Channel, EffectEntry, Scenario, load
+from drake_cafim.scenario.schema import Channel, EffectEntry, Scenario, Weld, load
 from drake_cafim.scenario.surfaces import contact_of
 from drake_cafim.scenario.unknown import UnknownParameter, applied, priors, unknown_parameters
 from drake_cafim.typing import Array
-
-if TYPE_CHECKING:
-    from drake_cafim.corrected.corrected_plant import CorrectedPlant
 
 DIAGRAMS = Path(__file__).parents[1] / "diagrams"
 PHYSICS_KEPT = 128
@@ -83,8 +82,6 @@ class Scene:
         `channels` are stds of one sample, SI, by kind ("q") or column ("q.elbow"); `weld` names bodies fixed to the
         world. Raises `InputError` for a model that cannot be read.
         """
-        from drake_cafim.scenario.schema import Weld
-
         path = Path(model)
         scenario = Scenario(
             model=path.name,
@@ -148,7 +145,7 @@ class Scene:
         *,
         contact: Literal["scenario", "drake"] = "scenario",
         period: float = 1e-3,
-    ) -> "CorrectedPlant":
+    ) -> CorrectedPlant:
         """The scene's plant with its effects around it, added to `builder`, and the ports for a controller.
 
         `plant_config` is Drake's own and defaults to Drake's own: a discrete plant of 1 ms; `time_step` 0 makes it
@@ -157,9 +154,6 @@ class Scene:
         hydroelastic, and of the scenario's only what effects add to them. The plant is finalized. Raises `InputError`
         for what the plant's solver or time step cannot simulate.
         """
-        # the room that simulates scenes is beyond this one
-        from drake_cafim.corrected.scene import add_scene
-
         return add_scene(self, builder, plant_config, contact, period)
 
     def corrected(self, unknown: Array, effects: Sequence[Effect]) -> "Scene":
