@@ -4,8 +4,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
-from drake_cafim.diagnosis.evidence import repeated
+from drake_cafim.diagnosis.evidence import gain_over_what_is_left, repeated
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.typing import Array
@@ -26,3 +27,16 @@ def test_a_push_counts_in_the_recording_that_it_is_in() -> None:
     assert not repeated(RUNS, before, _fit(better_in_b, ExternalDisturbance("link2", {}, "c")))
     assert not repeated(RUNS, before, _fit(better_in_b, JointViscousFriction("elbow")))
     assert not repeated(RUNS, before, _fit(better_in_b, push, JointViscousFriction("elbow")))
+
+
+@pytest.mark.parametrize("elsewhere", [1.0, 1000.0])
+def test_what_is_missing_elsewhere_weighs_no_gain(elsewhere: float) -> None:
+    """Four recordings of two samples and two channels: the first one's χ² falls from 128 to 8, the other's stays."""
+    runs: Any = SimpleNamespace(runs=[SimpleNamespace(shape=(2, 2))] * 4, rows=16)
+
+    def fit(first: float, prior: float) -> Any:
+        rows = np.tile([first, elsewhere], 8)
+        return SimpleNamespace(residual=rows, chi_square=float(rows @ rows) + prior)
+
+    assert gain_over_what_is_left(runs, fit(4.0, 0.0), fit(1.0, 3.0)) == pytest.approx(120.0 - 3.0)
+    assert gain_over_what_is_left(runs, fit(8.0, 0.0), fit(2.0, 0.0)) == pytest.approx((512.0 - 32.0) / 4.0)

@@ -8,6 +8,7 @@ from drake_cafim.diagnosis.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.robust import wald_p_value
 from drake_cafim.effects.body import ExternalDisturbance
+from drake_cafim.typing import Array
 
 MISFIT, FAIR_PART, REPEATS = 1.5, 0.05, 0.75
 """χ² per degree of freedom that is no longer noise, the share of it that an effect must then take away,
@@ -38,16 +39,32 @@ def luck(gain: float, strengths: int) -> float:
     return float(chi2.sf(max(gain, 0.0) / (1.0 + NOISE_TOLERANCE) ** 2, max(strengths, 1)))
 
 
-def gain_under_its_noise(problem: Problem, before: Fit, after: Fit) -> float:
-    """What `after` takes off χ² when the rows are whitened under it.
+def under_its_noise(problem: Problem, before: Fit, after: Fit) -> tuple[Fit, Fit]:
+    """Both fits where the rows are whitened under `after`.
 
     An effect that moves the inertia also moves how much noise reaches the rows; under the whitening of `before` it may
     gain by that alone.
     """
     if not problem.regressors_noisy:
-        return before.chi_square - after.chi_square
+        return before, after
     own = problem.rewhitened(after.model)
-    return unbiased_fit(own, before.model).chi_square - unbiased_fit(own, after.model).chi_square
+    return unbiased_fit(own, before.model), unbiased_fit(own, after.model)
+
+
+def gain_over_what_is_left(problem: Problem, before: Fit, after: Fit) -> float:
+    """What `after` takes off χ², each channel's part over its own χ² per row, at least 1, that `after` leaves.
+
+    What is missing at one joint says nothing against what is found at another, where noise is all that is left.
+    """
+    had, left = (_by_channel(problem, one) for one in (before, after))
+    per_row = left[0] * len(left[0]) / problem.rows
+    return float(np.sum((had[0] - left[0]) / np.maximum(per_row, 1.0))) + had[1] - left[1]
+
+
+def _by_channel(problem: Problem, one: Fit) -> tuple[Array, float]:
+    """χ² of each channel's rows (r,), and what the priors cost beside them."""
+    parts = np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, one.residual[: problem.rows])], axis=0)
+    return parts, one.chi_square - float(np.sum(parts))
 
 
 def accepted(problem: Problem, before: Fit, after: Fit, trials: int, rate: float) -> bool:
@@ -69,7 +86,7 @@ def accepted(problem: Problem, before: Fit, after: Fit, trials: int, rate: float
         return False
     if any(wald_p_value(problem, after, effect.key) * trials > rate for effect in new):
         return False
-    gain = gain_under_its_noise(problem, before, after) / scale_of(after)
+    gain = gain_over_what_is_left(problem, *under_its_noise(problem, before, after))
     return luck(gain, strengths) * trials <= rate
 
 

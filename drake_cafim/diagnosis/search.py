@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from drake_cafim.diagnosis.adequacy import adequacy
-from drake_cafim.diagnosis.evidence import accepted, criterion, gain_under_its_noise, luck, scale_of
+from drake_cafim.diagnosis.evidence import accepted, criterion, luck, scale_of, under_its_noise
 from drake_cafim.diagnosis.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
@@ -216,7 +216,8 @@ def _detection(problem: Problem, nominal: Fit, screened: Sequence[Candidate], tr
             gained = nominal.chi_square - one.chi_square
             p = trials * max(wald_p_value(problem, one, candidate.effect.key), luck(gained, candidate.strengths))
             if p < SUSPICIOUS:
-                p = max(p, trials * luck(gain_under_its_noise(problem, nominal, one), candidate.strengths))
+                before, after = under_its_noise(problem, nominal, one)
+                p = max(p, trials * luck(before.chi_square - after.chi_square, candidate.strengths))
         score = min(score, p)
         if score < CERTAIN:
             break
