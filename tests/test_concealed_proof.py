@@ -297,6 +297,16 @@ def test_intervals_of_what_was_not_named(tmp_path: Path) -> None:
     assert covered_unnamed(tmp_path, case.truth | {"kind": "odd:any"}, []) == []
 
 
+def test_an_interval_that_cannot_be_fitted_holds_no_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("concealed.trial.assumed", fails)
+    effect = {"effect": "aerodynamic_drag", "at": "block", "parameters": {"coefficient": [0.1, "N s^2/m^2"]}}
+    [(name, held, _)] = covered_unnamed(tmp_path, {"kind": "single:aerodynamic_drag", "effects": [effect]}, [])
+    assert (name, held) == ("coefficient", False)
+
+
 @pytest.mark.ci
 def test_proof_runs_resumes_and_writes_its_page(tmp_path: Path) -> None:
     diagnose = ["--diagnose", sys.executable, str(Path(fake_diagnosis.__file__))]

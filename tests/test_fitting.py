@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
-from drake_cafim.diagnosis.fitting import Fit, fit, unbiased_fit
+from drake_cafim.diagnosis.fitting import NOISE_ALONE, Fit, _less, fit, unbiased_fit
 from drake_cafim.diagnosis.looks import looks
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
@@ -345,3 +345,14 @@ def test_the_strongest_push_is_where_it_was_and_gains_what_a_fit_does(tmp_path: 
         assert (found.start, found.stop) == pytest.approx((PUSH["start"], PUSH["stop"]), abs=2e-3)
         assert found.gain == pytest.approx(residual @ residual, rel=0.02)
         assert tried > 100
+
+
+@pytest.mark.parametrize(("share", "kept"), [(0.0, 1.0), (0.5, 0.5), (2.0, NOISE_ALONE)])
+def test_a_direction_of_numbers_that_are_each_known_is_known(share: float, kept: float) -> None:
+    """Its information falls by what noise adds to it, to a fifth at the least; others keep all of theirs."""
+    size = np.array([1e4, 1e-3, 1.0])
+    axes, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))
+    information = (axes * [0.2, 1.0, 2.0]) @ axes.T * np.outer(size, size)
+    excess = share * 0.2 * np.outer(axes[:, 0], axes[:, 0]) * np.outer(size, size)
+    left = _less(information, excess) / np.outer(size, size)
+    np.testing.assert_allclose(axes.T @ left @ axes, np.diag([0.2 * kept, 1.0, 2.0]), atol=1e-9)

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -165,3 +167,16 @@ def test_a_slow_noise_that_is_not_stated_is_not_taken_for_a_small_one(tmp_path: 
     prepared = prepare(scene, noisy)
     assert isinstance(prepared, PreparedTosses)
     assert prepared.noise.position == pytest.approx(2e-4, rel=0.2)
+
+
+def test_a_state_that_no_sample_tells_of_stays() -> None:
+    """Under physics that is far off a flight may tell of none, or of two alike."""
+    triangle = np.eye(12)[None].repeat(2, 0)
+    triangle[0] = 0.0
+    triangle[1, 1] = triangle[1, 0]
+    triangle[1, :, 1] = triangle[1, :, 0]
+    one: Any = SimpleNamespace(innovation=SimpleNamespace(triangle=triangle), damping=np.zeros(2))
+    change = settling.Settled._change(one, np.ones((2, 12)))
+    np.testing.assert_array_equal(change[0], 0.0)
+    np.testing.assert_allclose(change[1, 2:], -1.0)
+    assert np.all(np.isfinite(change[1, :2]))

@@ -89,7 +89,7 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
         return replace(fit(problem, model, iterations), unbiased=True)
     n = len(model.vector)
     model, residual, jacobian = _minimised(problem, model, np.zeros(n), iterations)
-    information = jacobian.T @ jacobian
+    excess = np.zeros((n, n))
     worth = _worth(problem, model, residual)
     first = model.vector
     for _ in range(ROUNDS if n else 0):
@@ -101,13 +101,12 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
             paid = problem.penalty(model)
             return Fit(model, residual, jacobian, nothing, problem.rows, unbiased=True, echo=True, penalty=paid)
         model, residual, jacobian = corrected
-        information = jacobian.T @ jacobian - excess
         # the noise that is shared grows with the numbers themselves, so a large correction is made again
         if np.all(np.abs(model.vector - before) * np.linalg.norm(jacobian, axis=0) < CORRECTED):
             break
     raw = np.einsum("ij,ij->j", jacobian, jacobian)
-    empty = np.diag(information) < NOISE_ALONE * raw
-    covariance = _inverse(_without(information, empty, raw))
+    empty = raw - np.diag(excess) < NOISE_ALONE * raw
+    covariance = _inverse(_without(_less(jacobian.T @ jacobian, excess), empty, raw))
     paid = problem.penalty(model)
     found = Fit(model, residual, jacobian, covariance, problem.rows, unbiased=True, penalty=paid)
     return replace(found, echo=_owed_to_noise(found, empty))
@@ -150,6 +149,22 @@ def _worth(problem: Problem, model: Model, residual: Array) -> float:
         return np.inf
     without = problem.residual(Model(model.unknown))
     return 0.5 * float(without @ without - residual @ residual) + LEAST_WORTH
+
+
+def _less(information: Array, excess: Array) -> Array:
+    """The information less what noise in the regressors adds to it, of which each direction keeps a fifth.
+
+    Where gaps close, one more dose of noise makes more of a difference than the noise that is there has made; with all
+    of it taken off, a direction of numbers that each are known would count as not known at all.
+    """
+    size = np.sqrt(np.diag(information))
+    size = np.where(size > 0.0, size, 1.0)
+    known, axes = np.linalg.eigh(information / np.outer(size, size))
+    root = np.sqrt(np.maximum(known, LEAST_KNOWN * np.max(known, initial=0.0)))
+    whitened = (axes / root).T @ (excess / np.outer(size, size)) @ (axes / root)
+    share, turned = np.linalg.eigh(0.5 * (whitened + whitened.T))
+    factor = (axes * root) @ turned * np.sqrt(np.maximum(1.0 - share, NOISE_ALONE))
+    return np.asarray((factor @ factor.T) * np.outer(size, size))
 
 
 def _without(information: Array, empty: np.ndarray[Any, np.dtype[np.bool_]], raw: Array) -> Array:

@@ -29,6 +29,8 @@ FAR, NEARER = 3.0, 0.5
 and the share of it that must be left to stay so."""
 SECOND_LOOKS = 2
 FIRST_DAMPING, HARDER, EASIER = 1e-3, 100.0, 1.0 / 30.0
+LEAST_DAMPING = 1e-12
+"""Where a flight under physics that is far off tells nothing of a state, that stays as it is."""
 
 
 @dataclass(frozen=True)
@@ -91,9 +93,10 @@ class Settled:
     def _change(self, carried: Array) -> Array:
         """(B, 12) the damped step against `carried`."""
         size = np.linalg.norm(self.innovation.triangle, axis=1)
+        size = np.where(size > 0.0, size, 1.0)
         scaled = self.innovation.triangle / size[:, None, :]
         turned = np.swapaxes(scaled, 1, 2)
-        normal = turned @ scaled + self.damping[:, None, None] * np.eye(12)
+        normal = turned @ scaled + np.maximum(self.damping, LEAST_DAMPING)[:, None, None] * np.eye(12)
         return np.asarray(-np.linalg.solve(normal, turned @ carried[:, :, None])[..., 0] / size)
 
 
