@@ -195,10 +195,3 @@ def test_slopes_of_averaged_friction(effect: JointForce, values: Mapping[str, fl
     for k, name in enumerate(s.name for s in one.strengths):
         up, down = (one.with_values({**one.values, name: one.values[name] + step}) for step in (1e-6, -1e-6))
         assert np.allclose(found.d_strengths[:, k], (force(up, v) - force(down, v)) / 2e-6, atol=1e-6)
-
-
-@pytest.mark.parametrize(("width", "wider"), [(0.005, True), (0.015, True), (0.04, False)])
-def test_a_sign_change_may_be_as_wide_again_as_the_last_one_on_the_grid(width: float, wider: bool) -> None:
-    one = JointCoulombFriction("j", {"torque": 0.4, "slip_velocity": width})
-    widths = [other.values["slip_velocity"] for other in one.between_shapes(1.5)]
-    assert widths == pytest.approx([1.5 * width, width / 1.5] if wider else [width / 1.5])

@@ -238,14 +238,11 @@ class Effect(ABC):
                     yield type(self)(self.at, {**self.values, shape.name: value})
 
     def between_shapes(self, ratio: float) -> Iterator[Self]:
-        """The effect with each of its shapes `ratio` times as large, and as small.
-
-        From the least of the grid to as far beyond the largest as the one before that is below it.
-        """
+        """The effect with each of its shapes `ratio` times as large, and as small, while the grid's ends hold it."""
         for shape in self.shapes:
             value = self.values.get(shape.name, shape.nominal)
             for scaled in (value * ratio, value / ratio):
-                if shape.grid and shape.grid[0] <= scaled <= shape.grid[-1] ** 2 / shape.grid[-2]:
+                if shape.grid and shape.grid[0] <= scaled <= shape.grid[-1]:
                     yield type(self)(self.at, {**self.values, shape.name: scaled})
 
     def vanishing(self) -> tuple[Array, Array]:
