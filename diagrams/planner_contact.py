@@ -47,15 +47,12 @@ class PlannerContact(LeafSystem):
         self.DeclareAbstractOutputPort("spatial_forces", allocate, self._calc_applied)
         self.DeclareVectorOutputPort("contact_force", self._count, self._calc_force)
 
-    def _force(self, context: Context) -> Array:
-        motion = as_array(self.get_input_port().Eval(context))
-        return as_array(self._model.contact(np.zeros(0), motion, self._theta))
-
     def _calc_force(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._force(context))
+        motion = as_array(self.get_input_port().Eval(context))
+        output.SetFromVector(as_array(self._model.contact(np.zeros(0), motion, self._theta)))
 
     def _calc_applied(self, context: Any, output: Any) -> None:
-        force = self._force(context)
+        force = np.asarray(self.GetOutputPort("contact_force").Eval(context))
         applied = []
         for point in self._points:
             item = ExternallyAppliedSpatialForce()

@@ -12,6 +12,7 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.streams import stream
 from drake_cafim.typing import Array
 
 
@@ -105,7 +106,7 @@ class ToolState(LeafSystem):
         V_WB = cast(list[SpatialVelocity], self.get_input_port(1).Eval(context))[self._body]
         p_BT_W = X_WB.rotation().multiply(self._p_BT)
         position = X_WB.translation() + p_BT_W - self._origin
-        velocity = V_WB.translational() + np.cross(V_WB.rotational(), p_BT_W)
+        velocity = V_WB.Shift(p_BT_W).translational()
         output.SetFromVector(as_array(np.concatenate([self._axes @ position, self._axes @ velocity])))
 
 
@@ -132,6 +133,6 @@ class SensorNoise(LeafSystem):
     def _calc_measured(self, context: Context, output: BasicVector) -> None:
         experiment = round(float(context.get_numeric_parameter(0).CopyToVector()[0]))
         sample = round(context.get_time() / self._period)
-        generator = np.random.default_rng([self._seed, experiment, sample])
+        generator = stream("force noise", self._seed, experiment, sample)
         true = np.asarray(self.get_input_port().Eval(context))
         output.SetFromVector(as_array(true + self._std * generator.standard_normal(len(self._std))))

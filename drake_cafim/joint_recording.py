@@ -7,6 +7,7 @@ import numpy as np
 from drake_cafim.experiment import ExperimentResult, RunResult
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import Scene
+from drake_cafim.streams import stream
 from drake_cafim.typing import Array
 
 
@@ -21,7 +22,7 @@ def recordings_of(result: RunResult, scene: Scene, joints: Sequence[str], *, ste
             joints,
             step=step,
             std=std,
-            random=np.random.default_rng([result.options.seed, number, 1]),
+            random=stream("joint noise", result.options.seed, number),
         )
         for number, one in enumerate(result.experiments)
     ]

@@ -27,6 +27,7 @@ from drake_cafim.report.next_experiment import with_next_experiment
 from drake_cafim.report.report_json import as_text, report_of
 from drake_cafim.report.rivals_replay import RivalRun, RivalsReplay, write_rivals_replay
 from drake_cafim.scenario.scene import Scene
+from drake_cafim.streams import stream
 
 TRAJECTORY, REPORT, PAGE, REPLAY = "trajectory.parquet", "report.json", "report.html", "replay.html"
 SHORTEST, LONGEST = 0.5, 30.0
@@ -171,7 +172,7 @@ class _Runs:
 
     def problem(self, truth: Model, run: Motion, number: int) -> WeakProblem:
         """What the sensors write of it, with noise."""
-        random = np.random.default_rng([self.seed, number])
+        random = stream("trial noise", self.seed, number)
         noisy = measured(self.scene, truth.physics(self.scene), run, noise_of(self.scene), random, TRAJECTORY)
         return problem_of(self.scene, [noisy])
 

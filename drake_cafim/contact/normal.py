@@ -12,6 +12,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from drake_cafim.compiled import compiled
 from drake_cafim.errors import InputError
 from drake_cafim.typing import Array
 
@@ -69,7 +70,7 @@ def _unclipped(
         return np.asarray(stiffness * penetration + damping * rate)
     if law == "hunt_crossley":
         return np.asarray(stiffness * penetration * (1.0 + dissipation * rate))
-    raise InputError(f"contact law {law!r}: expected one of {', '.join(NORMAL_LAWS)}")
+    raise InputError(_unknown(law))
 
 
 def normal_force_derivatives(
@@ -83,31 +84,58 @@ def normal_force_derivatives(
     smoothing: float = 0.0,
 ) -> NormalForce:
     """`normal_force` with its analytic derivatives; arguments, shapes and errors are the same."""
-    unclipped = _unclipped(law, penetration, rate, stiffness, damping, dissipation)
+    if law not in NORMAL_LAWS:
+        raise InputError(_unknown(law))
+    arguments = np.broadcast_arrays(penetration, rate, stiffness, damping, dissipation)
+    flat = [np.asarray(one, dtype=float).ravel() for one in arguments]
+    values = _each(NORMAL_LAWS.index(law), *flat, smoothing)
+    return NormalForce(*values.reshape(6, *arguments[0].shape))
+
+
+def _unknown(law: str) -> str:
+    return f"contact law {law!r}: expected one of {', '.join(NORMAL_LAWS)}"
+
+
+@compiled
+def normal_force_at(
+    law: int, penetration: float, rate: float, stiffness: float, damping: float, dissipation: float, smoothing: float
+) -> tuple[float, float, float, float, float, float]:
+    """The six numbers of `NormalForce` from floats; `law` is the law's place in `NORMAL_LAWS`.
+
+    For loops that are compiled; to the last bit what `normal_force_derivatives` gives.
+    """
+    speed, slope = rate, 1.0
+    if law == 0:
+        speed, slope = -abs(rate), -np.sign(rate)
+    through = 1.0 + dissipation * rate
+    unclipped = stiffness * penetration * through if law == 2 else stiffness * penetration + damping * speed
     if smoothing > 0:
         root = np.sqrt(unclipped * unclipped + smoothing**2)
         force, active = 0.5 * (unclipped + root), 0.5 * (1.0 + unclipped / root)
     else:
-        active = np.where((penetration > 0) & (unclipped > 0), 1.0, 0.0)
-        force = np.where(active > 0, unclipped, 0.0)
-    zero = np.zeros_like(active)
-    if law == "hunt_crossley":
-        factor = active * (1.0 + dissipation * rate)
-        product = active * penetration
-        return NormalForce(
-            force=force,
-            wrt_penetration=stiffness * factor,
-            wrt_rate=stiffness * dissipation * product,
-            wrt_stiffness=penetration * factor,
-            wrt_damping=zero,
-            wrt_dissipation=stiffness * product * rate,
-        )
-    speed, slope = (-np.abs(rate), -np.sign(rate)) if law == "paper" else (rate, 1.0)
-    return NormalForce(
-        force=force,
-        wrt_penetration=stiffness * active,
-        wrt_rate=damping * slope * active,
-        wrt_stiffness=penetration * active,
-        wrt_damping=speed * active,
-        wrt_dissipation=zero,
-    )
+        active = 1.0 if penetration > 0 and unclipped > 0 else 0.0
+        force = unclipped if active > 0 else 0.0
+    if law == 2:
+        factor, product = active * through, active * penetration
+        rates = stiffness * dissipation * product
+        return force, stiffness * factor, rates, penetration * factor, 0.0, stiffness * product * rate
+    return force, stiffness * active, damping * slope * active, penetration * active, speed * active, 0.0
+
+
+@compiled
+def _each(
+    law: int,
+    penetration: Array,
+    rate: Array,
+    stiffness: Array,
+    damping: Array,
+    dissipation: Array,
+    smoothing: float,
+) -> Array:
+    """`normal_force_at` of each sample (N,), as (6, N)."""
+    values = np.empty((6, len(rate)))
+    for i in range(len(rate)):
+        at = normal_force_at(law, penetration[i], rate[i], stiffness[i], damping[i], dissipation[i], smoothing)
+        for j in range(6):
+            values[j, i] = at[j]
+    return values

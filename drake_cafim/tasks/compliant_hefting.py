@@ -1,16 +1,19 @@
 """Hefting on a soft palm: the ball has a height and a velocity of its own, and may leave the hand."""
 
 from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 
+from drake_cafim.compiled import compiled
 from drake_cafim.contact.law import ContactLaw, ContactParameters
-from drake_cafim.contact.normal import NormalLaw, normal_force_derivatives
-from drake_cafim.sensitivity.model import Jacobians, Start
+from drake_cafim.contact.normal import NORMAL_LAWS, NormalLaw, normal_force_at, normal_force_derivatives
+from drake_cafim.sensitivity.model import Jacobians, Rollout, Start
 from drake_cafim.tasks.hefting import Hefting
 from drake_cafim.typing import Array
 
 
+@final
 @dataclass(frozen=True)
 class CompliantHefting(Hefting):
     """State x is (2,): ball height m (0 on the palm's surface at palm height 0) and velocity m/s.
@@ -70,3 +73,63 @@ class CompliantHefting(Hefting):
         push = np.array([[h * h], [h]])
         slope = -(force[..., 0] / theta[0] ** 2)[..., np.newaxis, np.newaxis] * push
         return Jacobians(value, np.array([[1.0, h], [0.0, 1.0]]), push / theta[0], slope)
+
+    def rollout(self, motion: Array, theta: Array, start: Start) -> Rollout:
+        """What `contact`, `step` and their Jacobians give step by step, in one compiled loop (`RollsOut`)."""
+        batch = motion.shape[0]
+        law = (NORMAL_LAWS.index(self.law), self.stiffness, self.damping, self.dissipation, self.smoothing)
+        states, tangents, forces, slopes = _carried(
+            np.ascontiguousarray(motion),
+            np.broadcast_to(start.state, (batch, 2)),
+            np.broadcast_to(start.sensitivity, (batch, 2, 1)),
+            float(theta[0]),
+            law,
+            self.gravity,
+            self.period / self.substeps,
+            self.substeps,
+        )
+        return Rollout(motion[:, :: self.substeps], states, forces, forces, slopes, tangents)
+
+
+@compiled
+def _carried(
+    motion: Array,
+    state: Array,
+    tangent: Array,
+    mass: float,
+    law: tuple[int, float, float, float, float],
+    gravity: float,
+    h: float,
+    substeps: int,
+) -> tuple[Array, Array, Array, Array]:
+    """Ball and its derivative by the mass, both at the ends of periods, the force after each and its derivative.
+
+    States (B, T+1, 2), tangents (B, T+1, 2, 1), forces (B, T, 1), slopes (B, T, 1, 1), from states (B, 2) and tangents
+    (B, 2, 1), along motion (B, T·substeps + 1, 3).
+    """
+    which, stiffness, damping, dissipation, smoothing = law
+    batch, length = motion.shape[:2]
+    periods = (length - 1) // substeps
+    states, tangents = np.empty((batch, periods + 1, 2)), np.empty((batch, periods + 1, 2, 1))
+    forces, slopes = np.empty((batch, periods, 1)), np.empty((batch, periods, 1, 1))
+    for b in range(batch):
+        z, v = state[b, 0], state[b, 1]
+        dz, dv = tangent[b, 0, 0], tangent[b, 1, 0]
+        force, slope = 0.0, 0.0
+        states[b, 0], tangents[b, 0, 0, 0], tangents[b, 0, 1, 0] = state[b], dz, dv
+        for i in range(length):
+            if i > 0:
+                dv += h * (slope / mass - force / mass**2)
+                dz += h * dv
+                v += h * (force / mass - gravity)
+                z += h * v
+            at = normal_force_at(
+                which, motion[b, i, 0] - z, motion[b, i, 1] - v, stiffness, damping, dissipation, smoothing
+            )
+            force, slope = at[0], -at[1] * dz - at[2] * dv
+            if i > 0 and i % substeps == 0:
+                k = i // substeps
+                states[b, k, 0], states[b, k, 1] = z, v
+                tangents[b, k, 0, 0], tangents[b, k, 1, 0] = dz, dv
+                forces[b, k - 1, 0], slopes[b, k - 1, 0, 0] = force, slope
+    return states, tangents, forces, slopes
