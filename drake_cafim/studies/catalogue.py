@@ -14,8 +14,6 @@ from drake_cafim.studies.comparisons import (
     convergence_cells,
     criteria,
     criteria_cells,
-    noise,
-    noise_cells,
     planner_cells,
     planners,
 )
@@ -24,6 +22,7 @@ from drake_cafim.studies.findings import Findings
 from drake_cafim.studies.guarding import guarding, guarding_cells
 from drake_cafim.studies.identifiability import identifiability, identifiability_cells
 from drake_cafim.studies.landscapes import landscape_cells, landscapes
+from drake_cafim.studies.noise import noise, noise_cells
 from drake_cafim.studies.one_rub import one_rub, one_rub_cells
 from drake_cafim.studies.point_contact import point_contact, point_contact_cells
 from drake_cafim.studies.priors import calibration, calibration_cells, robustness, robustness_cells

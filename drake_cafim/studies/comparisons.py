@@ -1,4 +1,4 @@
-"""One choice varied, all else alike: policies, planners, criteria, and the noise of the sensor."""
+"""One choice varied, all else alike: policies, planners, criteria."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, get_args
@@ -15,7 +15,6 @@ from drake_cafim.studies.findings import Claim, Findings, Table, behaviours, fin
 POLICIES: tuple[PolicyName, ...] = get_args(PolicyName)
 PLANNERS: tuple[PlannerName, ...] = get_args(PlannerName)
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
-SIGMAS = (0.1, 0.3, 1.0, 3.0)
 
 
 def convergence_cells(short: bool) -> list[Cell]:
@@ -91,33 +90,6 @@ def criteria_claims(results: Mapping[Cell, Any]) -> list[Claim]:
             )
         )
     return claims
-
-
-def noise_cells(short: bool) -> list[Cell]:
-    """The sensor's noise times 0.1 to 3, three policies, 20 seeds."""
-    policies: tuple[PolicyName, ...] = ("contact-aware", "finite-difference", "random")
-    seeds = range(1 if short else 20)
-    return [Cell(n, s, p, noise=sigma) for n in SCENARIOS for sigma in SIGMAS for p in policies for s in seeds]
-
-
-def noise(results: Mapping[Cell, Any]) -> Findings:
-    """Final error against the noise, and whether policies tie where it is small."""
-    tables, claims = [], []
-    for name in SCENARIOS:
-        rows = []
-        for sigma in SIGMAS:
-            part = {cell: kept for cell, kept in results.items() if cell.noise == sigma}
-            by = _groups(part, name, ("contact-aware", "finite-difference", "random"), lambda cell: cell.policy)
-            errors = [f"{np.median(final_errors(runs)):.2f}" for runs in by.values()]
-            gain = ratio_of_medians(information(by["contact-aware"]), information(by["random"]))
-            rows.append((f"{sigma:g}", *errors, str(gain)))
-            if name == "hefting" and sigma == min(SIGMAS):
-                text = f"gain over random {gain} at {sigma:g} of the noise"
-                standing = "holds" if gain.alike else "does not hold"
-                claims.append(Claim("Hefting would tie with random if the sensor were less noisy", text, standing))  # type: ignore[arg-type]
-        header = ("noise", "contact-aware, %", "finite-difference, %", "random, %", "information over random")
-        tables.append(Table(f"{name}: median final error", header, tuple(rows)))
-    return Findings("Noise", "The sensor's noise scaled in the world and in the model.", tuple(claims), tuple(tables))
 
 
 def _groups(
