@@ -118,7 +118,13 @@ def test_a_second_name_counts_only_where_it_was_sealed() -> None:
     result = score(truth([COULOMB], accept=sealed), told)
     assert result["right"] and result["second_name"] and not result["exact"]
     faint = [{"effect": "none", "at": "", "log_bayes_factor": -1.0}]
-    assert score(truth([COULOMB], accept=faint), report("none"))["right"]
+    unseen = score(truth([COULOMB], accept=faint), report("none"))
+    assert unseen["right"]
+    found = score(truth([COULOMB]), report("explained", ("joint_coulomb_friction", "elbow", {})))
+    by_name = {figure.name: figure for figure in figures([result, unseen, found, found])}
+    renamed = by_name["right only by another effect's name, sealed as hardly separable"]
+    assert (renamed.value, renamed.count, renamed.kept) == (0.25, 4, False)
+    assert by_name["right, leaving out an effect sealed as too faint to be seen"].value == 0.25
 
 
 def test_nulls_pairs_and_oddities() -> None:
