@@ -50,3 +50,17 @@ def test_double_pendulum_lacks_friction_at_both_joints(data_folder: Path) -> Non
     assert corrected.nll < nominal.nll
     for joint in ("shoulder", "elbow"):
         assert corrected.rmse[f"q.{joint}"] < nominal.rmse[f"q.{joint}"]
+
+
+@pytest.mark.ci
+def test_simple_pendulum_is_not_made_worse_by_what_cannot_be_explained(data_folder: Path) -> None:
+    """Its mass, fitted alone, goes five of its prior's standard deviations down, and 1 s later is 0.7 rad off."""
+    verdict = _diagnosed(data_folder / "data" / "simple_pendulum", {"ilqr"})
+    assert verdict.kind == "unexplained" and not verdict.explanation
+    assert verdict.held_out is not None
+    assert verdict.held_out.nominal.rmse["q.shoulder"] > 2.0 * verdict.held_out.nominal_as_given.rmse["q.shoulder"]
+    for comparison in (verdict.train, verdict.held_out):
+        assert comparison.corrected == comparison.nominal_as_given
+    (mass,) = verdict.corrected.scenario.unknown
+    assert mass.mean == 0.676
+    assert any("fitted alone" in note for note in verdict.notes)

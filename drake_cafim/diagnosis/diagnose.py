@@ -53,6 +53,10 @@ RIVAL = 9.0
 EXPLAINS = 0.5
 """Under `unexplained`, effects are named only where they take away more of the excess than they leave, in the channel
 that they explain most of: another one may hold what nobody knows."""
+MADE_UP_FOR = (
+    "the unknowns, fitted alone, make up for what is missing and predict these recordings worse than as given; in the "
+    "corrected scenario they are as given"
+)
 
 Progress = Callable[[str], None]
 
@@ -202,9 +206,14 @@ def _verdict(prepared: Prepared | PreparedTosses, outcome: Outcome, settings: Se
     # where the mismatch is: of the nominal physics at the numbers that the explanation found, or of what remains
     lacking = best.model if kind == "unexplained" else Model(best.model.unknown)
     locations = () if kind == "none" else _locations(prepared, outcome.nominal_problem, best.model, lacking)
-    corrected = scene.corrected(best.model.unknown, best.model.effects)
+    corrected, notes = scene.corrected(best.model.unknown, best.model.effects), prepared.notes
     progress("simulating with and without the effects")
-    train, *held_out = _comparisons(prepared, [outcome.nominal, best])
+    comparisons = _comparisons(prepared, [outcome.nominal, best])
+    given, fitted = comparisons[0].nominal_as_given.nll, comparisons[0].corrected.nll
+    if kind == "unexplained" and not best.model.effects and fitted > given:
+        corrected, notes = scene.corrected(scene.priors.mean, ()), (*notes, MADE_UP_FOR)
+        comparisons = [replace(one, corrected=one.nominal_as_given) for one in comparisons]
+    train, *held_out = comparisons
     return Verdict(
         kind=kind,
         mismatch=Mismatch(kind != "none", outcome.detection_p_value, locations),
@@ -216,7 +225,7 @@ def _verdict(prepared: Prepared | PreparedTosses, outcome: Outcome, settings: Se
         corrected=corrected,
         data_mistakes=prepared.mistakes,
         noise_remarks=prepared.noise_remarks,
-        notes=prepared.notes,
+        notes=notes,
         reduced_chi_square=(
             outcome.nominal.chi_square / outcome.nominal.degrees_of_freedom,
             best.chi_square / best.degrees_of_freedom,

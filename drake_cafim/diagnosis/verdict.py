@@ -118,7 +118,8 @@ class Verdict:
     - `train` and `held_out` (None where nothing was held out): three models compared, `nominal_as_given`, `nominal`
       with the unknowns fitted and `corrected` with the effects too. Each has `nll`, of one-step innovations a sample,
       and `rmse`, of simulations over 1 s, by column and in its unit.
-    - `corrected`: the scene with its unknowns as fitted and the accepted effects in it.
+    - `corrected`: the scene with its unknowns as fitted and the accepted effects in it; where none is accepted though
+      something is missing, and the unknowns as given predict the recordings better, with those.
     - `data_mistakes`: what is wrong with the recordings themselves, before any physics; `noise_remarks`: where the
       noise is not as stated; `notes`: what was read and what was left out.
     - `reduced_chi_square`: χ² per whitened row before and after the explanation; noise alone gives 1.
