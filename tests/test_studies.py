@@ -125,6 +125,19 @@ def test_calibration_tells_where_the_errors_lie_and_fails_where_it_should(name: 
     assert {one.standing for one in study.conclude(results).claims} == {"does not hold"}
 
 
+@pytest.mark.parametrize(("name", "where"), [("robustness", "kinematic"), ("robustness-robots", "`model`")])
+def test_robustness_fails_where_one_prior_leads_astray(name: str, where: str) -> None:
+    study = STUDIES[name]
+    results = {cell: made_up(cell) for cell in study.cells(True)}
+    found = study.conclude(results)
+    assert {one.standing for one in found.claims} == {"holds"} and where in found.about
+    for cell, kept in results.items():
+        if (cell.scenario, cell.prior_scale) == ("pinching", 0.5):
+            kept["experiments"][-1]["error"] = [1.0, 30.0]
+    failed = [one.claim for one in study.conclude(results).claims if one.standing != "holds"]
+    assert failed == ["pinching: damping, largest of seven medians, %: at most 9"]
+
+
 def test_identifiability_fails_where_it_should() -> None:
     study = STUDIES["identifiability"]
     results = {cell: made_up(cell) for cell in study.cells(True)}

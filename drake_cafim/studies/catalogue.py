@@ -46,6 +46,7 @@ STUDIES: Mapping[str, Study] = {
     "claims": Study(claim_cells, claims),
     "convergence": Study(convergence_cells, convergence),
     "robustness": Study(robustness_cells, robustness),
+    "robustness-robots": Study(partial(robustness_cells, world="model"), robustness),
     "calibration": Study(calibration_cells, calibration),
     "calibration-robots": Study(partial(calibration_cells, world="model"), calibration),
     "behaviour": Study(behaviour_cells, behaviour),

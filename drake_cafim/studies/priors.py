@@ -13,10 +13,12 @@ SCALES = (0.5, 0.7, 0.9, 1.0, 1.1, 1.3, 1.5)
 COVERAGE = {"hefting": 0.90, "rubbing": 0.90, "pinching": 0.90, "contouring": 0.83}
 
 
-def robustness_cells(short: bool) -> list[Cell]:
+def robustness_cells(short: bool, world: WorldKind | None = None) -> list[Cell]:
     """Seven priors, 40 seeds each."""
     seeds = range(1 if short else 40)
-    return [Cell(name, seed, prior_scale=scale) for name in SCENARIOS for scale in SCALES for seed in seeds]
+    return [
+        Cell(name, seed, prior_scale=scale, world=world) for name in SCENARIOS for scale in SCALES for seed in seeds
+    ]
 
 
 def robustness(results: Mapping[Cell, Any]) -> Findings:
@@ -26,7 +28,10 @@ def robustness(results: Mapping[Cell, Any]) -> Findings:
     header = ("median error, %", *(f"{100 * (scale - 1):+.0f} %" for scale in SCALES))
     table = Table("By the prior's mean", header, rows)
     return Findings(
-        "Robustness to the prior", "Contact-aware, from seven priors.", tuple(prior_claims(results)), (table,)
+        "Robustness to the prior",
+        f"Contact-aware, from seven priors, in {world_name(results)}.",
+        tuple(prior_claims(results)),
+        (table,),
     )
 
 
