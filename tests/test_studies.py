@@ -72,7 +72,9 @@ def test_conclusion_and_page(name: str, tmp_path: Path, monkeypatch: pytest.Monk
     page = (tmp_path / "study.html").read_text()
     assert record["study"] == name and record["title"] in text and record["title"] in page
     assert all(one["claim"] in unescape(page) for one in record["claims"])
-    assert page.count("<svg") == {"convergence": 4, "landscapes": 3, "behaviour": 4, "one-rub": 1}.get(name, 0)
+    assert page.count("<svg") == {"convergence": 4, "landscapes": 3, "behaviour": 4, "one-rub": 1, "noise": 1}.get(
+        name, 0
+    )
 
 
 def test_fewer_seeds_of_each_kind_of_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
