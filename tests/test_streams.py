@@ -6,6 +6,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from drake_cafim.diagrams.sensing import SensorNoise
 from drake_cafim.streams import Purpose, stream
 
 PLACES = [(0, 0), (1, 0), (1, 2), (1, 0, 0), (1, 0, 1), (2, 3, 1)]
@@ -23,3 +24,14 @@ def test_the_same_place_draws_the_same_numbers_again() -> None:
     first, again, other = (stream("force noise", 3, 1, step).standard_normal(4) for step in (5, 5, 6))
     np.testing.assert_array_equal(first, again)
     assert not np.isin(first, other).any()
+
+
+def test_a_sensors_noise_is_not_what_the_planner_draws_at_the_same_step() -> None:
+    noise = SensorNoise(std=[1.0, 1.0], period=0.1, seed=3)
+    context = noise.CreateDefaultContext()
+    context.get_mutable_numeric_parameter(0)[0] = 2.0
+    context.SetTime(0.4)
+    noise.get_input_port().FixValue(context, [0.0, 0.0])
+    read = noise.get_output_port().Eval(context)
+    assert not np.isin(read, np.random.default_rng([3, 2, 4]).standard_normal(2)).any()
+    np.testing.assert_array_equal(read, noise.get_output_port().Eval(context))
