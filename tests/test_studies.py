@@ -94,6 +94,14 @@ def test_requirements_fail_where_they_should() -> None:
     bad = study.conclude({cell: made_up(cell, error=5.2) for cell in cells})
     failed = [one.claim for one in bad.claims if one.standing == "does not hold"]
     assert len(failed) == 4  # pinching's damping may be 11 % off, contouring's width 6 %
+    astray = study.conclude({cell: made_up(cell, error=9.5 if cell.prior_scale == 0.5 else 1.0) for cell in cells})
+    failed = [one.claim for one in astray.claims if one.standing == "does not hold"]
+    assert len(failed) == 6 and all("largest of seven medians" in claim for claim in failed)
+    unsure = {cell: made_up(cell) for cell in cells}
+    for kept in unsure.values():
+        kept["experiments"][-1]["inside"] = [False] * len(kept["parameters"])
+    failed = [one.claim for one in study.conclude(unsure).claims if one.standing == "does not hold"]
+    assert len(failed) == 6 and all("coverage" in claim for claim in failed)
 
 
 @pytest.mark.parametrize("name", ["worlds", "point-contact"])
@@ -234,9 +242,10 @@ def test_force_guard_and_reaching_fail_where_they_should() -> None:
 
 
 @pytest.mark.ci
-def test_two_seeds_of_each_scenario_do_what_is_required(tmp_path: Path) -> None:
-    """Behaviour, information, planning time; of the median errors, which two seeds tell badly, one may be off."""
+def test_a_few_seeds_of_each_scenario_do_what_is_required(tmp_path: Path) -> None:
+    """Behaviour, information, planning time; errors and intervals, which a few seeds tell badly, may miss a few."""
     record, text = study_command("requirements", tmp_path, 2, lambda line: None, short=True)
     failed = [one["claim"] for one in record["claims"] if one["standing"] == "does not hold"]
-    assert len(record["claims"]) == 23
-    assert [claim for claim in failed if "error" not in claim] == [] and len(failed) <= 1, text
+    assert len(record["claims"]) == 35
+    few = [claim for claim in failed if "error" in claim or "coverage" in claim or "seven medians" in claim]
+    assert failed == few and len(few) <= 5, text

@@ -60,9 +60,8 @@ def _medians(results: Mapping[Cell, Any]) -> dict[str, list[float]]:
 
 
 def calibration_cells(short: bool, world: WorldKind | None = None) -> list[Cell]:
-    """200 seeds; in the kinematic world those that no other study uses, with robots, which take long, any."""
-    first = 1000 if world is None else 0
-    return [Cell(name, first + seed, world=world) for name in SCENARIOS for seed in range(3 if short else 200)]
+    """200 seeds."""
+    return [Cell(name, seed, world=world) for name in SCENARIOS for seed in range(3 if short else 200)]
 
 
 def calibration(results: Mapping[Cell, Any]) -> Findings:

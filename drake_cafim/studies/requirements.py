@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_cafim.design.policies import PolicyName
 from drake_cafim.diagrams.world import WorldKind
-from drake_cafim.studies.cell import SCENARIOS, Cell
+from drake_cafim.studies.cell import SCENARIOS, Cell, varying
 from drake_cafim.studies.findings import (
     Claim,
     Findings,
@@ -17,6 +17,7 @@ from drake_cafim.studies.findings import (
     require,
     world_name,
 )
+from drake_cafim.studies.priors import calibration, calibration_cells, prior_claims, robustness_cells
 
 MEDIAN = {"hefting": (4.5,), "rubbing": (3.0,), "pinching": (5.0, 11.0), "contouring": (3.5, 6.0)}  # %
 WORST = {"hefting": 14.0, "rubbing": 8.0}  # %, 95th percentile
@@ -28,18 +29,21 @@ BASELINE: Mapping[str, tuple[PolicyName, float]] = {
 
 
 def requirement_cells(short: bool, world: WorldKind | None = None) -> list[Cell]:
-    """40 seeds of contact-aware for each scenario, four of what its information is compared with."""
-    seeds = range(2 if short else 40)
-    cells = [Cell(name, seed, world=world) for name in SCENARIOS for seed in seeds]
-    baselines = ((name, policy, seed) for name, (policy, _) in BASELINE.items() for seed in seeds[:4])
-    return cells + [Cell(name, seed, policy, world=world) for name, policy, seed in baselines]
+    """Contact-aware from 200 seeds and from seven priors; four seeds of what its information is compared with."""
+    baselines = [
+        Cell(name, seed, policy, world=world)
+        for name, (policy, _) in BASELINE.items()
+        for seed in range(2 if short else 4)
+    ]
+    return calibration_cells(short, world) + robustness_cells(short, world) + baselines
 
 
 def requirements(results: Mapping[Cell, Any]) -> Findings:
     """One claim for each figure that is required."""
     claims: list[Claim] = []
+    default = varying(results, "world")
     for name in SCENARIOS:
-        runs = [kept for cell, kept in results.items() if cell.scenario == name and cell.policy == "contact-aware"]
+        runs = [kept for cell, kept in default.items() if cell.scenario == name]
         found = _claims(name, runs)
         if name in BASELINE:
             policy, least = BASELINE[name]
@@ -47,8 +51,12 @@ def requirements(results: Mapping[Cell, Any]) -> Findings:
             ratio = float(np.mean(information(runs)) / np.mean(information(other)))
             found.append(require(f"{name}: information over {policy}", ratio, least))
         claims += found
-    about = f"Contact-aware, prior 30 % too high, in {world_name(results)}."
-    return Findings("Required figures", about, tuple(claims))
+    about = (
+        f"Contact-aware, prior 30 % too high but where seven are told apart, in {world_name(results)}. Studies "
+        "robustness and calibration draw their figures from the same runs, and show more of them."
+    )
+    seven = prior_claims(varying(results, "world", "prior_scale"))
+    return Findings("Required figures", about, (*claims, *calibration(default).claims, *seven))
 
 
 def _claims(name: str, runs: Sequence[dict[str, Any]]) -> list[Claim]:
