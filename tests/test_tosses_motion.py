@@ -17,7 +17,7 @@ from drake_cafim.diagnosis.tosses.innovation import Innovation
 from drake_cafim.diagnosis.tosses.state import Moment, State
 from drake_cafim.diagnosis.tosses.tangent import Tangent, moved
 from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product, rotation_matrices
-from drake_cafim.effects.body import AerodynamicDrag
+from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance
 from drake_cafim.effects.contact_friction import (
     ContactAnisotropicFriction,
     ContactPresliding,
@@ -142,6 +142,10 @@ def test_compiled_flights_are_those_that_take_any_force(
         [ContactRollingResistance("body/ground", {"coefficient": 2e-3}),
          ContactAnisotropicFriction("body/ground", {"friction_1": 0.5, "friction_2": 0.2, "angle": 0.4})],
         [AerodynamicDrag("body", {"coefficient": 0.1})],
+        [ExternalDisturbance("body", {"x": 2.0, "y": -1.0, "z": 3.0, "start": 0.02, "stop": 0.1}, "a"),
+         ExternalDisturbance("body", {"x": 0.5, "y": 1.0, "z": 0.0, "start": 0.05, "stop": 0.07}),
+         ExternalDisturbance("body", {"x": 50.0, "y": 0.0, "z": 0.0, "start": 0.0, "stop": 0.2}, "another"),
+         ContactPresliding("body/ground", {"distance": 3e-4})],
     ],
 )  # fmt: skip
 def test_compiled_flights_know_what_changes_a_contact(

@@ -1,8 +1,8 @@
-"""The same steps as `flight`, compiled, for bodies that only their weight, drag and a contact `touching` knows move.
+"""The same steps as `flight`, compiled, for bodies that weight, drag, pushes and a contact `touching` knows move.
 
 Each body flies by itself, so that none waits for those that touch. Bodies and points are laid out as in `rigid`; a
-`body` is its mass, centre of mass, inertia and the inverse of all, as in `FreeBody.inertial`, gravity (3,) m/s², and
-its drag N s²/m² at a point (3,) m of it.
+`body` is its mass, centre of mass, inertia and the inverse of all, as in `FreeBody.inertial`, gravity (3,) m/s², its
+drag N s²/m² at a point (3,) m of it, and its `FreeBody.pushes`.
 """
 
 from typing import Any
@@ -29,12 +29,13 @@ from drake_cafim.typing import Array, Indices
 
 @compiled
 def bounced(
-    start: Array, memory: Array, times: Array, counts: Any, allowed: Array, body: Any, plane: Any, law: Any
-) -> tuple[Array, Indices, Array, Array, Array, Any, Array]:
+    start: Array, memory: Array, times: Array, counts: Any, recording: Any, allowed: Array, body: Any, plane: Any,
+    law: Any,
+) -> tuple[Array, Indices, Array, Array, Array, Any, Array]:  # fmt: skip
     """States (B, S, 13) at the samples, and the steps between: all that `Fine` holds, in its order.
 
-    `start` (B, 13), `memory` (B, K, m), `times` (B, S) s and `counts` (B,) as in `fly`; `allowed` (6,) m/s and rad/s is
-    how much a step may be off for each second of it.
+    `start` (B, 13), `memory` (B, K, m), `times` (B, S) s, `counts` and `recording` (B,) as in `fly`; `allowed` (6,) m/s
+    and rad/s is how much a step may be off for each second of it.
     """
     B, S = times.shape
     points, below, normal, height = plane
@@ -53,13 +54,14 @@ def bounced(
             if following >= counts[b]:
                 break
             left, touching = times[b, following] - time, np.any(mode)
-            first, damping = _accelerated(now, R, mode, known, body, plane, law, touching)
+            when = (time, recording[b])
+            first, damping = _accelerated(now, R, mode, known, body, plane, law, when, touching)
             landing = rigid.landing(now, R, points, deep, sinking, mode, first, normal)[0]
             step = min(usual, left, max(landing, SHORTEST))
             # a crumb of a step before a sample is left to the one before
             if left - step < 1e-9:
                 step = left
-            ended, error = _step(now, mode, known, body, plane, law, first, damping, touching, step, allowed)
+            ended, error = _step(now, mode, known, body, plane, law, when, first, damping, touching, step, allowed)
             turned = _turned(ended)
             deeper, faster = rigid.depths(ended, turned, points, below, normal, height)
             past = False
@@ -105,7 +107,7 @@ def _longer(values: Any) -> Any:
 
 @compiled
 def _step(
-    state: Array, mode: Any, memory: Array, body: Any, plane: Any, law: Any, first: Array, damping: Array,
+    state: Array, mode: Any, memory: Array, body: Any, plane: Any, law: Any, when: Any, first: Array, damping: Array,
     touching: bool, step: float, allowed: Array,
 ) -> tuple[Array, float]:  # fmt: skip
     """The state a step later, and the largest error in units of what is allowed; see `flight`."""
@@ -117,7 +119,7 @@ def _step(
             at = rigid.onwards(state, h, ALPHA[i], slopes)
             turned, past = _turned(at), step * np.sum(ALPHA[i])
             kept = _remembered(memory, at, turned, mode, False, past, plane, law)
-            change, _ = _accelerated(at, turned, mode, kept, body, plane, law, False)
+            change, _ = _accelerated(at, turned, mode, kept, body, plane, law, (when[0] + past, when[1]), False)
         if touching:
             push = change[0].copy()
             for j in range(i):
@@ -135,11 +137,14 @@ def _step(
 
 @compiled
 def _accelerated(
-    state: Array, R: Array, mode: Any, memory: Array, body: Any, plane: Any, law: Any, stiff: bool
+    state: Array, R: Array, mode: Any, memory: Array, body: Any, plane: Any, law: Any, when: Any, stiff: bool
 ) -> tuple[Array, Array]:
-    """v̇ then ω̇ (1, 6) of a body (1, 13), and where it is `stiff` the slopes (1, 6, 6) of `FreeBody.damping`."""
+    """v̇ then ω̇ (1, 6) of a body (1, 13), and where it is `stiff` the slopes (1, 6, 6) of `FreeBody.damping`.
+
+    `when` is the time s, and whose recording it is.
+    """
     points, below, normal, height = plane
-    mass, center, inertia, inverse, gravity, drag, middle = body
+    mass, center, inertia, inverse, gravity, drag, middle, pushes = body
     wrench, damping = np.zeros((1, 2, 3)), np.zeros((1, 6, 6))
     if np.any(mode):
         rows, columns, lever = rigid.near(R, points, below, np.zeros(mode.shape), mode, 0.0)
@@ -154,6 +159,7 @@ def _accelerated(
             damping = rigid.damped(R, inverse, rows, lever, along, across, onward, into, normal)
     if drag != 0.0:
         _braked(wrench[0], state[0], R[0], drag, middle)
+    _shoved(wrench[0], R[0], pushes, when)
     return rigid.accelerated(state, R, wrench, mass, center, inertia, inverse, gravity), damping
 
 
@@ -173,6 +179,23 @@ def _braked(wrench: Array, state: Array, R: Array, drag: float, middle: Array) -
         y, z = (x + 1) % 3, (x + 2) % 3
         wrench[0, x] += v[x]
         wrench[1, x] += lever[y] * v[z] - lever[z] * v[y]
+
+
+@compiled
+def _shoved(wrench: Array, R: Array, pushes: Any, when: Any) -> None:
+    """Adds the pulses of force that act now, and their moments, to the wrench (2, 3)."""
+    force, span, whose, place = pushes
+    time, recording = when
+    for k in range(len(whose)):
+        phase = (time - span[k, 0]) / max(span[k, 1] - span[k, 0], 1e-6)
+        if not 0.0 < phase < 1.0 or (whose[k] >= 0 and whose[k] != recording):
+            continue
+        lever = R @ place[k]
+        now = np.sin(np.pi * phase) ** 2 * force[k]
+        for x in range(3):
+            y, z = (x + 1) % 3, (x + 2) % 3
+            wrench[0, x] += now[x]
+            wrench[1, x] += lever[y] * now[z] - lever[z] * now[y]
 
 
 @compiled

@@ -67,7 +67,7 @@ def fly(
     memory = np.zeros((B, body.points, body.memory)) if memory is None else memory.copy()
     allowed = (CAREFUL if body.memory or body.pulls else SHARE) * std
     if body.plain:
-        return _bounced(body, start, memory, times, counts, allowed)
+        return _bounced(body, start, memory, times, counts, recording, names, allowed)
     depth, sinking = body.depths(start)
     mode = depth > 0.0
     now, out = State(start.numbers.copy()), np.zeros((B, S, start.numbers.shape[1]))
@@ -123,11 +123,14 @@ def fly(
     return Flights(State(out.reshape(B * S, -1)), (B, S), _fine(trail, body))
 
 
-def _bounced(body: FreeBody, start: State, memory: Array, times: Array, counts: Any, allowed: Array) -> Flights:
+def _bounced(
+    body: FreeBody, start: State, memory: Array, times: Array, counts: Any, recording: Any, names: tuple[str, ...],
+    allowed: Array,
+) -> Flights:  # fmt: skip
     numbers, instants = np.ascontiguousarray(start.numbers), np.ascontiguousarray(times)
-    moving = (*body.inertial, body.physics.gravity, *body.drag)
+    moving = (*body.inertial, body.physics.gravity, *body.drag, body.pushes(names))
     at_samples, flight, time, step, state, mode, remembered = bounced(
-        numbers, memory, instants, counts, allowed, moving, body.plane, body.law
+        numbers, memory, instants, counts, np.asarray(recording), allowed, moving, body.plane, body.law
     )
     fine = Fine(flight, time, step, State(state), mode, remembered)
     return Flights(State(at_samples.reshape(-1, 13)), times.shape, fine)

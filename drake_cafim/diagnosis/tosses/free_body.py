@@ -23,7 +23,7 @@ from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import skew
 from drake_cafim.dynamics.rotations import crossing, rotation_matrices
 from drake_cafim.dynamics.tree import FREE
-from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance
+from drake_cafim.effects.body import AerodynamicDrag, BodyForce, ExternalDisturbance
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -107,16 +107,39 @@ class FreeBody:
     @cached_property
     def plain(self) -> bool:
         """Whether compiled code knows all that moves the body."""
-        forces = self.physics.body_forces
-        return self.law is not None and len(forces) < 2 and all(type(one) is AerodynamicDrag for one in forces)
+        kinds = [type(one) for one in self.physics.body_forces]
+        known = set(kinds) <= {AerodynamicDrag, ExternalDisturbance} and kinds.count(AerodynamicDrag) < 2
+        return self.law is not None and known
 
     @cached_property
     def drag(self) -> tuple[float, Array]:
         """N s²/m² of a `plain` body, and where on it (3,) m."""
         for effect in self.physics.body_forces:
-            body = self.physics.tree.body(effect.at)
-            return float(effect.values["coefficient"]), np.asarray(body.p_JB + body.R_JB @ effect.point(body))
+            if isinstance(effect, AerodynamicDrag):
+                return float(effect.values["coefficient"]), self._place(effect)
         return 0.0, np.zeros(3)
+
+    def pushes(self, names: tuple[str, ...]) -> tuple[Array, Array, np.ndarray[Any, np.dtype[np.int64]], Array]:
+        """The P pulses of force on a `plain` body.
+
+        Their peaks (P, 3) N, when they start and stop (P, 2) s, in whose recording (P,) among `names`, -1 for all, and
+        where on the body (P, 3) m they act.
+        """
+        found = [
+            one
+            for one in self.physics.body_forces
+            if isinstance(one, ExternalDisturbance) and (one.recording is None or one.recording in names)
+        ]
+        values = np.array([[one.values[name] for name in ("x", "y", "z", "start", "stop")] for one in found])
+        values = values.reshape(-1, 5)
+        whose = [-1 if one.recording is None else names.index(one.recording) for one in found]
+        places = np.array([self._place(one) for one in found]).reshape(-1, 3)
+        return values[:, :3].copy(), values[:, 3:].copy(), np.array(whose, dtype=np.int64), places
+
+    def _place(self, effect: BodyForce) -> Array:
+        """(3,) m, where on the body a force acts."""
+        body = self.physics.tree.body(effect.at)
+        return np.asarray(body.p_JB + body.R_JB @ effect.point(body))
 
     @cached_property
     def plane(self) -> tuple[Array, Array, Array, float]:
@@ -176,8 +199,7 @@ class FreeBody:
         return np.asarray(rigid.accelerated(state.numbers, R, wrench, *self.inertial, self.physics.gravity))
 
     def _disturb(self, wrench: Array, effect: Any, state: State, R: Array, moment: Moment) -> None:
-        body = self.physics.tree.body(effect.at)
-        lever = R @ (body.p_JB + body.R_JB @ effect.point(body))
+        lever = R @ self._place(effect)
         recording = effect.recording if isinstance(effect, ExternalDisturbance) else None
         v = state.v + (crossing(state.w) @ lever[:, :, None])[:, :, 0]
         force = effect.force(state.p + lever, v, moment.time, recording)
