@@ -19,20 +19,6 @@ PART = 1e-11
 """Of the largest of a memory's numbers, their finite step."""
 
 
-def remembering(body: FreeBody, fine: Fine, transition: Array, forced: Array) -> tuple[Array, Array]:
-    """`transition` (F, 12, 12) and `forced` (F, 12, 6) of the steps, the memory carried along: (F, n, n), (F, n, 6).
-
-    With z the memory at a step's beginning, δx₊ = T δx + Φ B δz and δz₊ = K δz + P δx₊, Φ `forced`, B = ∂a/∂z.
-    """
-    K, P = _kept(body, fine)
-    moved = np.concatenate([transition, forced @ _by_memory(body, fine), forced], axis=2)
-    n = 12 + K.shape[2]
-    remembered = P @ moved
-    remembered[:, :, 12:n] += K
-    both = np.concatenate([moved, remembered], axis=1)
-    return both[:, :, :n], both[:, :, n:]
-
-
 def midway(fine: Fine) -> State:
     """The states (F) in the middle of the steps."""
     ended = _ended(fine)
@@ -69,7 +55,7 @@ def _sizes(fine: Fine) -> Array:
     return np.asarray(PART * np.where(largest > 0.0, largest, 1.0), dtype=float)
 
 
-def _by_memory(body: FreeBody, fine: Fine) -> Array:
+def acceleration_by_memory(body: FreeBody, fine: Fine) -> Array:
     """∂(v̇, ω̇)/∂z (F, 6, K m) in the steps' middles, by the memory at their beginnings."""
     contact, state = body.contact, midway(fine)
     rows, columns = np.nonzero(fine.mode)
@@ -98,23 +84,21 @@ def _by_memory(body: FreeBody, fine: Fine) -> Array:
     return result.reshape(len(fine.time), 6, -1)
 
 
-def _kept(body: FreeBody, fine: Fine) -> tuple[Array, Array]:
-    """∂z₊/∂z (F, K m, K m) and ∂z₊/∂x₊ (F, K m, 12), of the points that touch or are about to."""
+def memory_slopes(body: FreeBody, fine: Fine) -> tuple[Array, Array]:
+    """∂z₊/∂z (F, K, m, m), each point's by its own, and ∂z₊/∂x₊ (F, K m, 12), where it touches or is about to."""
     F, points, m = fine.memory.shape
     ended, asked = _ended(fine), fine.mode | np.roll(fine.mode, -1, axis=0)
     here = remember(body, fine.memory, ended, fine.mode, fine.step, asked)
-    kept = np.zeros((F, points, m, points, m))
+    kept = np.zeros((F, points, m, m))
     for k, size in enumerate(_sizes(fine)):
         memory = fine.memory.copy()
         memory[:, :, k] += size
-        change = (remember(body, memory, ended, fine.mode, fine.step, asked) - here) / size
-        for point in range(points):
-            kept[:, point, :, point, k] = change[:, point]
+        kept[..., k] = (remember(body, memory, ended, fine.mode, fine.step, asked) - here) / size
     pushed = np.zeros((F, points, m, 12))
     for k, size in enumerate(FINE_SIZES):
         change = remember(body, fine.memory, shifted(ended, k, size), fine.mode, fine.step, asked) - here
         pushed[..., k] = change / size
-    return kept.reshape(F, points * m, points * m), pushed.reshape(F, points * m, 12)
+    return kept, pushed.reshape(F, points * m, 12)
 
 
 def shifted(state: State, k: int, size: float) -> State:

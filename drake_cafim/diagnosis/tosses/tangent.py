@@ -13,15 +13,17 @@ from typing import Any
 import numpy as np
 
 from drake_cafim.cross import cross
+from drake_cafim.diagnosis.tosses.carrying import carried
 from drake_cafim.diagnosis.tosses.flight import Fine, Flights
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.memory_slopes import (
     FINE_SIZES,
     SIZES,
+    acceleration_by_memory,
     landed_sooner,
+    memory_slopes,
     midway,
     midway_acceleration,
-    remembering,
     shifted,
 )
 from drake_cafim.diagnosis.tosses.state import Moment, State, upright
@@ -144,41 +146,36 @@ class Tangent:
 
     @cached_property
     def _steps(self) -> tuple[Array, Array]:
-        """What a step makes of the state and the memory before it, (F, n, n), and of an acceleration on it, (F, n, 6).
-
-        n is 12 and as many as the contact's points remember.
-        """
+        """What a step makes of the state before it, (F, 12, 12), and of an acceleration on it, (F, 12, 6)."""
         hJ = self.fine.step[:, None, None] * self.slopes
         identity = np.eye(12)
         denominator = identity - 2.0 / 3.0 * hJ + hJ @ hJ / 6.0
         forced = (self.fine.step[:, None, None] * (identity - hJ / 6.0))[:, :, 6:]
         both = np.linalg.solve(denominator, np.concatenate([identity + hJ / 3.0, forced], axis=2))
-        transition, forced = both[:, :, :12], both[:, :, 12:]
-        if self.body.memory:
-            transition, forced = remembering(self.body, self.fine, transition, forced)
-        landed, more = self.landings, transition.shape[1] - 12
-        for row, gain, by_state in zip(landed.row, landed.gain, landed.by_state, strict=True):
-            # the state jumps before the step, so that what the step makes of it is changed from the right
-            jump = transition[row] @ gain
-            transition[row] = transition[row] + np.outer(jump, np.pad(by_state, (0, more)))
-        return transition, forced
+        return both[:, :, :12].copy(), both[:, :, 12:].copy()
+
+    @cached_property
+    def _memory(self) -> tuple[Array, Array, Array]:
+        """∂x₊/∂z (F, 12, M), ∂z₊/∂z (F, points, m, m) and ∂z₊/∂x₊ (F, M, 12), M all that the points remember."""
+        F = len(self.fine.time)
+        if self.body.memory == 0:
+            return np.zeros((F, 12, 0)), np.zeros((F, 0, 0, 0)), np.zeros((F, 0, 12))
+        by_memory = self._steps[1] @ acceleration_by_memory(self.body, self.fine)
+        return by_memory, *memory_slopes(self.body, self.fine)
 
     @cached_property
     def _order(self) -> tuple[Any, Any]:
-        """The steps as (I, B), the i-th of each flight, −1 where there is none; and the sample that each ends on."""
+        """The first step of each flight, (B + 1,); the sample that each step ends on, (F,), -1 where on none."""
         f = self.fine
         B = self.flights.shape[0]
         first = np.searchsorted(f.flight, np.arange(B + 1))
-        counts = np.diff(first)
-        steps = first[:-1] + np.arange(max(int(counts.max(initial=0)), 1))[:, None]
-        steps = np.where(np.arange(len(steps))[:, None] < counts, steps, -1)
         ends = f.time + f.step
         sample = np.full(len(ends), -1)
         for b in range(B):
             own = slice(first[b], first[b + 1])
             k = np.clip(np.searchsorted(self.times[b], ends[own] - 1e-10), 0, self.times.shape[1] - 1)
             sample[own] = np.where(np.abs(self.times[b][k] - ends[own]) < 1e-9, k, -1)
-        return steps, sample
+        return first, sample
 
     def propagated(self, initial: Array, acceleration: Array | None, deeper: Array | None = None) -> Array:
         """δx (B, S, 12, k) at the samples.
@@ -186,29 +183,16 @@ class Tangent:
         By `initial` (B, 12, k), by `acceleration` (F, 6, k) at the steps' beginnings, and by `deeper` (E, k) m, by
         which points were nearer to the plane when they landed.
         """
-        B, S = self.flights.shape
         transition, forced = self._steps
-        pushes = None
+        landed, columns = self.landings, initial.shape[2]
+        pushes = np.zeros((len(transition), 12, columns))
         if acceleration is not None:
             pushes = forced @ self.middle(acceleration)
-        if deeper is not None and pushes is not None and len(deeper):
-            landed = self.landings
-            bare = transition[landed.row] @ landed.gain[:, :, None]
-            np.add.at(pushes, landed.row, bare * deeper[:, None, :])
-        steps, sample = self._order
-        x = np.zeros((B, transition.shape[1], initial.shape[2]))
-        x[:, :12] = initial
-        result = np.zeros((B, S, 12, initial.shape[2]))
-        result[:, 0] = initial
-        for rows in steps:
-            alive = np.flatnonzero(rows >= 0)
-            own = rows[alive]
-            x[alive] = transition[own] @ x[alive]
-            if pushes is not None:
-                x[alive] += pushes[own]
-            there = sample[own] >= 0
-            result[alive[there], sample[own[there]]] = x[alive[there], :12]
-        return result
+        sooner = np.zeros((len(landed.row), columns)) if deeper is None else np.ascontiguousarray(deeper)
+        jumps = (landed.row, landed.gain, landed.by_state, sooner)
+        start = np.ascontiguousarray(initial, dtype=float)
+        found = carried(start, *self._order, transition, pushes, self._memory, jumps, self.flights.shape)
+        return np.asarray(found)
 
 
 def moved(state: State, change: Array) -> State:
