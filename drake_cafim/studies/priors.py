@@ -60,8 +60,9 @@ def _medians(results: Mapping[Cell, Any]) -> dict[str, list[float]]:
 
 
 def calibration_cells(short: bool, world: WorldKind | None = None) -> list[Cell]:
-    """200 seeds."""
-    return [Cell(name, seed, world=world) for name in SCENARIOS for seed in range(3 if short else 200)]
+    """400 seeds; 200 with robots, which take long."""
+    seeds = range(3 if short else 400 if world is None else 200)
+    return [Cell(name, seed, world=world) for name in SCENARIOS for seed in seeds]
 
 
 def calibration(results: Mapping[Cell, Any]) -> Findings:

@@ -29,7 +29,7 @@ BASELINE: Mapping[str, tuple[PolicyName, float]] = {
 
 
 def requirement_cells(short: bool, world: WorldKind | None = None) -> list[Cell]:
-    """Contact-aware from 200 seeds and from seven priors; four seeds of what its information is compared with."""
+    """Contact-aware from 200 seeds or more and from seven priors; four of what its information is compared with."""
     baselines = [
         Cell(name, seed, policy, world=world)
         for name, (policy, _) in BASELINE.items()
