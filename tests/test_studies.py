@@ -243,9 +243,13 @@ def test_force_guard_and_reaching_fail_where_they_should() -> None:
 
 @pytest.mark.ci
 def test_a_few_seeds_of_each_scenario_do_what_is_required(tmp_path: Path) -> None:
-    """Behaviour, information, planning time; errors and intervals, which a few seeds tell badly, may miss a few."""
+    """Behaviour, information, planning time, intervals; of the errors, which few seeds tell badly, one may be off.
+
+    From a single seed of each of seven priors, two.
+    """
     record, text = study_command("requirements", tmp_path, 2, lambda line: None, short=True)
     failed = [one["claim"] for one in record["claims"] if one["standing"] == "does not hold"]
     assert len(record["claims"]) == 35
-    few = [claim for claim in failed if "error" in claim or "coverage" in claim or "seven medians" in claim]
-    assert failed == few and len(few) <= 5, text
+    errors = [claim for claim in failed if "error" in claim]
+    seven = [claim for claim in failed if "seven medians" in claim]
+    assert sorted(failed) == sorted(errors + seven) and len(errors) <= 1 and len(seven) <= 2, text

@@ -163,6 +163,23 @@ def test_compiled_flights_know_what_changes_a_contact(
     np.testing.assert_allclose(compiled.fine.memory, any_force.fine.memory, rtol=1e-6, atol=1e-10)
 
 
+def test_a_push_moves_the_flights_of_its_own_recording_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    push = ExternalDisturbance("body", {"x": 2.0, "y": 0.0, "z": 1.0, "start": 0.02, "stop": 0.1}, "b")
+    bare = thrown_scene(tmp_path, BLOCK).physics
+    one, times = _turned([0.0, 0.0, 0.07], [0.3, 0.1, -0.5]), np.tile(np.arange(0.0, 0.2, 0.004), (2, 1))
+    start, counts = State(np.tile(one.numbers, (2, 1))), np.full(2, times.shape[1])
+
+    def flown(body: FreeBody) -> np.ndarray:
+        flights = fly(body, start, times, counts, np.array([0, 1]), ("a", "b"), TIGHT)
+        return flights.at_samples.numbers.reshape(2, times.shape[1], 13)
+
+    free, pushed = flown(FreeBody(bare)), flown(FreeBody(bare.with_effects([push])))
+    np.testing.assert_array_equal(pushed[0], free[0])
+    assert np.max(np.abs(pushed[1] - free[1])) > 0.01
+    monkeypatch.setattr(FreeBody, "plain", False)
+    np.testing.assert_allclose(flown(FreeBody(bare.with_effects([push]))), pushed, rtol=1e-8, atol=1e-8)
+
+
 def test_what_compiled_flights_do_not_know_is_left_to_the_others(tmp_path: Path) -> None:
     bare = thrown_scene(tmp_path).physics
     twice = [AerodynamicDrag("body", {"coefficient": c}) for c in (0.1, 0.2)]
