@@ -96,7 +96,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--resume", action="store_true")
     parser.add_argument("--overwrite", action="store_true")
     parser.add_argument("--keep", action="store_true", help="keep each case's folder and report")
-    parser.add_argument("--limit", type=float, default=300.0, help="s that one diagnosis may take")
+    parser.add_argument("--limit", type=float, default=600.0, help="s that one diagnosis may take")
     parser.add_argument("--seed", help="for debugging only; the page says so")
     parser.add_argument("--only", type=int, nargs="*", help="these slots only")
     cafim = str(Path(sys.executable).parent / "cafim")

@@ -49,14 +49,14 @@ def figures(scores: Scores) -> list[Figure]:
     nulls = [item for item in scores if item["kind"] == "null"]
     odd = [item for item in scores if item["kind"] == "odd" and item["clear"]]
     pairs = [item for item in scores if item["kind"] == "pair" and item["clear"]]
-    pulses = [item["transient"] for item in clear if item.get("transient")]
-    all_pulses = [item["transient"] for item in [*clear, *pairs] if item.get("transient")]
+    alone = [item["transient"] for item in clear if item.get("transient")]
+    pulses = alone + [item["transient"] for item in pairs if item.get("transient")]
     errors = [error for item in clear for error in item.get("errors", [])]
     held = held_out_gains(scores)
     true = [item for item in scores if item["kind"] in ("single", "pair")]
     covered = [entry[1] for item in true for entry in item.get("covered", [])]
     unnamed = [entry[1] for item in true for entry in item.get("covered_unnamed", [])]
-    # what is too faint has the second name `none`, and is left out rather than called by another name
+    # strengths are drawn from invisible on: what is too faint is left out rather than called by another name
     renamed = part(true, lambda item: item.get("second_name", False) and len(item["named"]) >= len(item["truth"]))
     left_out = part(true, lambda item: item.get("second_name", False) and len(item["named"]) < len(item["truth"]))
     alarms = part(nulls, lambda item: not item["right"])
@@ -70,7 +70,7 @@ def figures(scores: Scores) -> list[Figure]:
         _at_least("clear, outside the vocabulary: called unexplained", part(odd, "right"), len(odd), 0.90),
         _at_most("clear, outside the vocabulary: misnamed", part(odd, "misnamed"), len(odd), 0.05),
         _at_least("clear pulses: centre within 50 ms and overlap ≥ 0.7", part(pulses, _located), len(pulses), 0.90),
-        Figure("the same, with pulses in clear pairs", part(all_pulses, _located), len(all_pulses), "–", None),
+        Figure("of these, single effects", part(alone, _located), len(alone), "–", None),
         _at_most(
             "clear: median relative error of the strength",
             float(np.median(errors)) if errors else None,
@@ -85,11 +85,8 @@ def figures(scores: Scores) -> list[Figure]:
             len(held),
             0.98,
         ),  # type: ignore[arg-type]
-        _at_most(
-            "single effects and pairs right only by an accepted second name", part(true, "second_name"), len(true), 0.10
-        ),
-        Figure("of these, another effect's name", renamed, len(true), "–", None),
-        Figure("of these, none, for what is too faint to be seen", left_out, len(true), "–", None),
+        _at_most("single effects and pairs right only by another effect's name, accepted", renamed, len(true), 0.10),
+        Figure("too faint to be seen by the maker's reckoning, and not named", left_out, len(true), "–", None),
         _at_most(
             "diagnoses that failed or timed out",
             part(scores, lambda item: item["verdict"] == "failed"),
