@@ -10,11 +10,16 @@ from drake_cafim import recordings
 from drake_cafim.diagnosis.bent_noise import beyond_slope
 from drake_cafim.diagnosis.diagnose import prepare
 from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.noise_jacobian import POSITION_STEP
 from drake_cafim.diagnosis.samples import noisier
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.joint import JointCoulombFriction
+from drake_cafim.effects.sensor import SensorGainError, SensorMisalignment
+from drake_cafim.effects.surface import SurfaceOffset
+from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.scene import Scene
+from drake_cafim.typing import Array
 from tests.concealed.make import simulate
 
 DOSE = 0.1
@@ -32,8 +37,24 @@ def test_rows_are_as_noisy_as_expected(kind: str, rig: str, seed: int, tmp_path:
     prepared = prepare(scene, [recordings.read(tmp_path / "train_1.parquet")])
     rubbing = [JointCoulombFriction(name, {"torque": 2.0, "slip_velocity": 0.005}) for name in scene.tree.joint_names]
     model = Model(scene.priors.mean, () if rig == "press" else tuple(rubbing))
-    problem = WeakProblem.of(scene, prepared.weak, model)
-    physics, run = model.physics(scene), problem.runs[0]
+    squares = _louder(WeakProblem.of(scene, prepared.weak, model), model.physics(scene))
+    assert np.all((squares > 0.8) & (squares < 1.25)), squares
+
+
+def test_noise_that_a_contact_hands_on_is_written_as_its_sensor_writes(tmp_path: Path) -> None:
+    """A sensor that doubles, and is turned, doubles and turns what is predicted from noisy positions, too."""
+    simulate("null", "press", 1).write(tmp_path)
+    scene = Scene.load(tmp_path / "scenario.yaml")
+    prepared = prepare(scene, [recordings.read(tmp_path / "train_1.parquet")])
+    turned = SensorMisalignment("wrench.wrist", {"roll": 0.3, "pitch": -0.4, "yaw": 0.2})
+    model = Model(scene.priors.mean, (SensorGainError("wrench.wrist.fy", {"gain": 2.0}), turned))
+    squares = _louder(WeakProblem.of(scene, prepared.weak, model), model.physics(scene))
+    assert np.all((squares > 0.8) & (squares < 1.25)), squares
+
+
+def _louder(problem: WeakProblem, physics: Physics) -> Array:
+    """(r,) mean squares of what a little more noise in the samples adds to the whitened rows of a window."""
+    run = problem.runs[0]
     samples, quiet = run.weak.samples, run.weak.residual(physics)
     changes = []
     for draw in range(4):
@@ -44,8 +65,32 @@ def test_rows_are_as_noisy_as_expected(kind: str, rig: str, seed: int, tmp_path:
         wrenches = tuple(now + DOSE * (loud - now) for now, loud in zip(samples.wrenches, more.wrenches, strict=True))
         louder = WeakForm(replace(samples, q=q, v=v, u=u, wrenches=wrenches), run.weak.sensors)
         changes.append(run.whitened(louder.residual(physics) - quiet).reshape(run.shape) / DOSE)
-    squares = np.mean(np.square(changes), axis=(0, 1))
-    assert np.all((squares > 0.8) & (squares < 1.25)), squares
+    return np.asarray(np.mean(np.square(changes), axis=(0, 1)))
+
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_a_sample_that_may_or_may_not_touch_is_no_evidence(seed: int, tmp_path: Path) -> None:
+    """A surface that moves by less than the noise of a depth may take the whole jump of a contact that damps with it.
+
+    Without that, rows would move by 16 and 13 standard deviations.
+    """
+    simulate("null", "press", seed).write(tmp_path)
+    scene = Scene.load(tmp_path / "scenario.yaml")
+    [weak] = prepare(scene, [recordings.read(tmp_path / "train_1.parquet")]).weak
+    physics = Model(scene.priors.mean).physics(scene)
+    touch = physics.contacts[0].touch(weak.motion(physics))
+    hardest = int(np.argmax(touch.rate))
+
+    def standing(above: float) -> Model:
+        """With the surface so high that the sample is `above` (m) deep in it."""
+        offset = above - touch.penetration[hardest]
+        return Model(scene.priors.mean, (SurfaceOffset("wall", {"offset": offset}),))
+
+    # farther than the step of the noise's slopes, and still within the noise
+    deeper = 1.5 * POSITION_STEP
+    problem = WeakProblem.of(scene, [weak], standing(deeper))
+    change = problem.rows_of(standing(deeper)) - problem.rows_of(standing(-deeper))
+    assert 1.0 < np.max(np.abs(change)) < 3.0
 
 
 def test_rows_are_as_noisy_as_expected_where_friction_jumps(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """What a contact does beyond its nominal law: changes of its forces, some of which remember what went before."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -28,6 +28,10 @@ class Touch:
     w: Array
     arm: Array
     axes: Array
+
+    def at_depth(self, penetration: float) -> "Touch":
+        """The same points at another `penetration` (m), all of them."""
+        return replace(self, penetration=np.full_like(self.penetration, penetration))
 
     @cached_property
     def spin(self) -> Array:

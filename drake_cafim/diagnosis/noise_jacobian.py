@@ -52,7 +52,7 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
         blocks.append(block)
         labels.append((name, slice(start, start + block.shape[1])))
 
-    readings = [_reading_windows(weak, physics, sensor, axis) for sensor in weak.sensors for axis in WRENCH_COMPONENTS]
+    readings = [reading_windows(weak, physics, sensor, axis) for sensor in weak.sensors for axis in WRENCH_COMPONENTS]
     for j, name in enumerate(physics.tree.joint_names):
         step = np.eye(n)[j]
         felt_by_q = _felt_slope(weak, physics, memory, (q, v), (POSITION_STEP * step, 0.0 * step))
@@ -70,11 +70,11 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
         else:
             add(f"q.{name}", sp.csr_matrix(from_q + from_v @ s.differentiate))
         if s.std[f"u.{name}"] > 0.0:
-            add(f"u.{name}", _place(weak, -s.windows.held(s.time), weak.kinematic_rows + j))
+            add(f"u.{name}", place(weak, -s.windows.held(s.time), weak.kinematic_rows + j))
     for i, sensor in enumerate(weak.sensors):
         for k, axis in enumerate(WRENCH_COMPONENTS):
             row = weak.kinematic_rows + n + 6 * i + k
-            add(f"wrench.{sensor.name}.{axis}", _place(weak, s.windows.value, row))
+            add(f"wrench.{sensor.name}.{axis}", place(weak, s.windows.value, row))
     scale = np.ones(weak.rows_per_window)
     scale[weak.dynamic] = 1.0 / physics.effort_gains
     whole = sp.csr_matrix(sp.hstack(blocks, format="csr"))
@@ -95,7 +95,7 @@ def _felt_slope(
     return np.asarray(change / (2.0 * np.sum(step)))
 
 
-def _reading_windows(weak: WeakForm, physics: Physics, sensor: WrenchSensor, axis: str) -> sp.csr_matrix:
+def reading_windows(weak: WeakForm, physics: Physics, sensor: WrenchSensor, axis: str) -> sp.csr_matrix:
     """The windows (M, N) over a predicted reading: a sensor that is late mixes its times."""
     windows = weak.samples.windows.value
     for effect in reversed(physics.sensors):
@@ -123,7 +123,8 @@ def _felt(weak: WeakForm, readings: list[sp.csr_matrix], slopes: Array, smooth: 
     return sp.csr_matrix(_interleave(weak, parts) @ smooth)
 
 
-def _place(weak: WeakForm, matrix: sp.csr_matrix, row: int) -> sp.csr_matrix:
+def place(weak: WeakForm, matrix: sp.csr_matrix, row: int) -> sp.csr_matrix:
+    """The rows (M r, c) of which each window's `row`-th are those of `matrix` (M, c), and the others 0."""
     coo = sp.coo_matrix(matrix)
     shape = (len(weak.samples.windows) * weak.rows_per_window, matrix.shape[1])
     return sp.csr_matrix((coo.data, (coo.row * weak.rows_per_window + row, coo.col)), shape=shape)

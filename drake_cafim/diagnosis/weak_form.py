@@ -29,6 +29,7 @@ from drake_cafim.effects.actuator import ActuatorLag, Effort
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.effects.timing import TimingEffect
 from drake_cafim.local_polynomial import local_polynomial
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS
 from drake_cafim.scenario.physics import FreeResponse, Physics
@@ -290,9 +291,8 @@ class WeakForm:
 
     def _written_of(self, physics: Physics, moving: Motion, wrench: Array | None) -> Array:
         readings = [sensor.reading(moving, self._on(sensor, moving, wrench)) for sensor in self.sensors]
-        return np.concatenate(
-            [self._written(physics, sensor, one) for sensor, one in zip(self.sensors, readings, strict=True)], axis=1
-        )
+        written = [self._written(physics, sensor, one) for sensor, one in zip(self.sensors, readings, strict=True)]
+        return np.concatenate([np.zeros((len(moving.q), 0)), *written], axis=1)
 
     def contact_memory(self, physics: Physics) -> Array:
         """What the contacts remember at each sample, (N, m), of the motion smoothed as far as it stays itself."""
@@ -359,7 +359,7 @@ class WeakForm:
         return moving.project(physics.body_wrenches(moving, self.samples.time, self.samples.recording.name))
 
     def touched_and_pushed(self, physics: Physics, moving: Motion, memory: Array) -> Array:
-        """Forces at the joints then predicted wrenches (N, n + 6 s), by contacts and by what pushes the bodies.
+        """Forces at the joints then wrenches as written at once (N, n + 6 s), by contacts and what pushes the bodies.
 
         `memory` (N, m) is what the contacts remember.
         """
@@ -367,5 +367,9 @@ class WeakForm:
         force = np.zeros_like(moving.q) if wrench is None else moving.project(wrench)
         if physics.body_forces:
             force = force + self._pushed(physics, moving)
-        readings = [sensor.reading(moving, self._on(sensor, moving, wrench)) for sensor in self.sensors]
-        return np.concatenate([force, *readings], axis=1)
+        return np.concatenate([force, self.written_at_once(physics, moving, wrench)], axis=1)
+
+    def written_at_once(self, physics: Physics, moving: Motion, wrench: Array | None) -> Array:
+        """What the wrench sensors would write (N, 6 s) of the links' wrenches (N, n, 6), were none of them late."""
+        prompt = replace(physics, sensors=tuple(one for one in physics.sensors if not isinstance(one, TimingEffect)))
+        return self._written_of(prompt, moving, wrench)

@@ -11,6 +11,7 @@ from scipy.linalg import lapack
 from drake_cafim.diagnosis.bent_noise import bent_covariance
 from drake_cafim.diagnosis.coloured_noise import covariance
 from drake_cafim.diagnosis.noise_jacobian import noise_jacobian
+from drake_cafim.diagnosis.touching_noise import touching_covariance
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -40,7 +41,8 @@ class Whitening:
 def whitening(weak: WeakForm, physics: Physics) -> tuple[Whitening, sp.csr_matrix, list[tuple[str, slice]]]:
     """The whitening of one recording's rows under `physics`, with the noise Jacobian it was made from."""
     jacobian, labels = noise_jacobian(weak, physics)
-    together = sp.csr_matrix(_sampled(weak, jacobian, labels) + bent_covariance(weak, physics))
+    beyond = bent_covariance(weak, physics) + touching_covariance(weak, physics)
+    together = sp.csr_matrix(_sampled(weak, jacobian, labels) + beyond)
     entries = sp.coo_matrix(together)
     lower = entries.row >= entries.col
     row, column, value = entries.row[lower], entries.col[lower], entries.data[lower]
