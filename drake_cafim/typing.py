@@ -1,4 +1,4 @@
-"""The array type that every signature of the package uses."""
+"""The array types that signatures of the package use."""
 
 from typing import Any, TypeAlias
 
@@ -6,3 +6,4 @@ import numpy as np
 
 Array: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 Indices: TypeAlias = np.ndarray[Any, np.dtype[np.int64]]
+Flags: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]

@@ -323,7 +323,8 @@ def test_a_velocity_steps_when_the_effort_acts(tmp_path: Path, delay: float) -> 
 def test_looks_that_are_kept_are_those_of_the_samples_as_corrected(tmp_path: Path) -> None:
     """A joint law looks elsewhere once a sensor is known to be late, and where it did once it no longer is."""
     problem = _problem(tmp_path, mass=2.0, friction=1.5, seed=0)
-    prompt, late = problem.nominal(), problem.nominal().with_effects([SensorDelay("v.rail", {"delay": 0.02})])
+    delays = [SensorDelay(f"{kind}.rail", {"delay": 0.02}) for kind in "qv"]
+    prompt, late = problem.nominal(), problem.nominal().with_effects(delays)
 
     def seen(model: Model, of: WeakProblem) -> np.ndarray:
         at = Fit(model, of.residual(model), of.jacobian(model), np.eye(len(model.vector)), of.rows)

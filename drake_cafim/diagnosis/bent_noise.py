@@ -58,11 +58,11 @@ def beyond_slope(force: Callable[[Array], Array], std: Array) -> Array:
 
 
 def _alike(weak: WeakForm, joint: int) -> sp.csr_matrix:
-    """Correlations (N, N) of the noise of a joint's smoothed velocity."""
+    """Correlations (N, N) of the noise of the velocity that a joint's law has."""
     s = weak.samples
     name = [one.removeprefix("q.") for one in s.std if one.startswith("q.")][joint]
     total = sp.csr_matrix((len(s.time), len(s.time)))
-    for column, smooth in ((f"v.{name}", s.smooth_v[2 * joint]), (f"q.{name}", s.smooth_v[2 * joint + 1])):
+    for column, smooth in ((f"v.{name}", s.kinked_v[joint].from_v), (f"q.{name}", s.kinked_v[joint].from_q)):
         if smooth.nnz and column in s.std:
             memory = s.memories.get(column)
             own = smooth if memory is None else smooth @ covariance(s.time, memory)

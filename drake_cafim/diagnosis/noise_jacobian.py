@@ -58,15 +58,19 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
         felt_by_q = _felt_slope(weak, physics, memory, (q, v), (POSITION_STEP * step, 0.0 * step))
         felt_by_v = _felt_slope(weak, physics, memory, (q, v), (0.0 * step, VELOCITY_STEP * step))
         felt_by_q[:, j] += d_q_law[:, j]
-        felt_by_v[:, j] += d_v_law[:, j]
+        law_by_v = np.zeros_like(felt_by_v)
+        law_by_v[:, j] = d_v_law[:, j]
         from_q = _block(weak, rigid.momentum_by_q[:, :, j], rigid.force_by_q[:, :, j], kinematic=j, rate=True)
         from_v = _block(weak, rigid.momentum_by_v[:, :, j], rigid.force_by_v[:, :, j], kinematic=j, rate=False)
         # a friction that turns its sign is steep: what smoothing leaves of the noise counts, and from where it comes
-        v_by_v, v_by_q = s.smooth_v[2 * j], s.smooth_v[2 * j + 1]
-        from_q = from_q + _felt(weak, readings, felt_by_q, s.smooth_q) + _felt(weak, readings, felt_by_v, v_by_q)
+        from_q = from_q + _felt(weak, readings, felt_by_q, s.smooth_q)
+        for slopes, velocity in ((felt_by_v, s.smooth_v[j]), (law_by_v, s.kinked_v[j])):
+            from_q = from_q + _felt(weak, readings, slopes, velocity.from_q)
+            if s.differentiate is None:
+                from_v = from_v + _felt(weak, readings, slopes, velocity.from_v)
         if s.differentiate is None:
             add(f"q.{name}", sp.csr_matrix(from_q))
-            add(f"v.{name}", sp.csr_matrix(from_v + _felt(weak, readings, felt_by_v, v_by_v)))
+            add(f"v.{name}", sp.csr_matrix(from_v))
         else:
             add(f"q.{name}", sp.csr_matrix(from_q + from_v @ s.differentiate))
         if s.std[f"u.{name}"] > 0.0:

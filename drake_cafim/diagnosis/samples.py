@@ -4,30 +4,24 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 
-from drake_cafim.diagnosis.coloured_noise import Lasting, drawn, left_by
+from drake_cafim.diagnosis.coloured_noise import Lasting, drawn
 from drake_cafim.diagnosis.feedback import Feedback
 from drake_cafim.diagnosis.slow_channels import Bridges
 from drake_cafim.diagnosis.track import Track, track_of
+from drake_cafim.diagnosis.velocity import SMOOTHING_REACH, Noise, Velocity, VelocityNoise, resting
 from drake_cafim.diagnosis.windows import Windows, lay_windows
 from drake_cafim.errors import InputError
 from drake_cafim.local_polynomial import local_polynomial
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.scenario.scene import Scene
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Flags
 
-Flags: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
-
-SMOOTHING_REACH = 0.008
-"""s on either side: the motion in products and kinked laws is smoothed over 16 ms."""
 WINDOW_WIDTH = 0.06
 """s; test functions this wide resolve what happens at reversals and still average the noise."""
-
-
 END_MARGIN = 0.02
 """s at both ends that no window covers, so that a channel can be read a little earlier or later than it was written."""
 
@@ -37,7 +31,7 @@ class Samples:
     """Measured channels of one recording, with the linear operators that act on them.
 
     `q`, `u` (N, n); `v` (N, n) measured, or differentiated from q where `differentiate` is not None; `wrenches` one
-    (N, 6) a sensor. `smooth_q` and the pair `smooth_v` (from v, from q) are (N, N).
+    (N, 6) a sensor. `smooth_q` is (N, N).
     """
 
     recording: Recording
@@ -50,10 +44,10 @@ class Samples:
     """Noise of one sample by column, SI."""
     windows: Windows
     smooth_q: sp.csr_matrix
-    smooth_v: tuple[sp.csr_matrix, ...]
-    """One (N, N) pair share a joint: smoothed v is `from_v[j] @ v_j + from_q[j] @ q_j`."""
-    v_std: Array
-    """(N, n) standard deviation of the smoothed v."""
+    smooth_v: tuple[Velocity, ...]
+    """Of each joint, as the motion's products have it."""
+    kinked_v: tuple[Velocity, ...]
+    """Of each joint, as laws of its force have it, which may bend where it rests."""
     differentiate: sp.csr_matrix | None
     memories: Mapping[str, Lasting] = field(default_factory=dict)
     """Of the columns whose noise has one."""
@@ -72,6 +66,11 @@ class Samples:
         std_v = self.std[v] if self.velocity_measured else 0.0
         widest = q in self.bridges or v in self.bridges
         return track_of(self.time, self.std[q], std_v, self.memories.get(q), self.memories.get(v), widest)
+
+    @cached_property
+    def v_std(self) -> Array:
+        """(N, n) standard deviation of the velocities that laws have."""
+        return np.stack([one.std for one in self.kinked_v], axis=1)
 
     @property
     def velocity_measured(self) -> bool:
@@ -113,11 +112,14 @@ def retaken(samples: Samples, scene: Scene, recording: Recording) -> Samples:
     """The samples of another recording at the same times and with the same noise."""
     names, slope = scene.tree.joint_names, samples.differentiate
     q = _filled(recording.matrix("q", names))
+    v = _filled(recording.matrix("v", names)) if slope is None else np.asarray(slope @ q, dtype=float)
+    noise = _velocity_noise(names, samples.std, samples.memories, slope is None)
     return replace(
         samples,
         recording=recording,
         q=q,
-        v=_filled(recording.matrix("v", names)) if slope is None else np.asarray(slope @ q, dtype=float),
+        v=v,
+        kinked_v=tuple(resting(samples.time, q[:, j], v[:, j], one) for j, one in enumerate(noise)),
         u=_filled(recording.matrix("u", names)),
         wrenches=tuple(_filled(recording.wrench(sensor.name)) for sensor in scene.wrench_sensors),
     )
@@ -149,13 +151,12 @@ def samples_of(
     q, v, u = _filled(q), _filled(v), _filled(u)
     wrenches = tuple(_filled(wrench) for wrench in wrenches)
     smooth_q = local_polynomial(time, SMOOTHING_REACH, 2, 0, at_least=2)
-    slope_q = local_polynomial(time, SMOOTHING_REACH, 3, 1, at_least=3)
     differentiate = None
     if not measured:
         differentiate = local_polynomial(time, 0.0, 6, 1, at_least=3)
         v = differentiate @ q
     memories = dict(memories or {})
-    pairs, v_std = _velocity_smoothers(names, std, time, memories, smooth_q, slope_q, measured)
+    noise = _velocity_noise(names, std, memories, measured)
     usable &= (time >= time[0] + END_MARGIN) & (time <= time[-1] - END_MARGIN)
     windows = lay_windows(time, _away_from(~usable, smooth_q), width)
     if len(windows) < 3:
@@ -173,8 +174,8 @@ def samples_of(
         std,
         windows,
         smooth_q,
-        pairs,
-        v_std,
+        tuple(Velocity.over(SMOOTHING_REACH, time, one) for one in noise),
+        tuple(resting(time, q[:, j], v[:, j], one) for j, one in enumerate(noise)),
         differentiate,
         memories,
         dict(bridges or {}),
@@ -199,29 +200,15 @@ def _refuse_other_stamps(recording: Recording, scene: Scene) -> None:
         )
 
 
-def _velocity_smoothers(
-    names: tuple[str, ...],
-    std: dict[str, float],
-    time: Array,
-    memories: Mapping[str, Lasting],
-    smooth: sp.csr_matrix,
-    slope: sp.csr_matrix,
-    measured: bool,
-) -> tuple[tuple[sp.csr_matrix, ...], Array]:
-    """For each joint the pair (from v, from q), weighted by what their noise leaves of each."""
-    pairs: list[sp.csr_matrix] = []
-    stds = []
-    for name in names:
-        from_q = std[f"q.{name}"] * left_by(slope, time, memories.get(f"q.{name}"))
-        if not measured:
-            pairs += [sp.csr_matrix(smooth.shape), slope]
-            stds.append(from_q)
-            continue
-        from_v = std[f"v.{name}"] * left_by(smooth, time, memories.get(f"v.{name}"))
-        share = (from_q**2) / np.maximum(from_q**2 + from_v**2, 1e-300)
-        pairs += [sp.csr_matrix(sp.diags_array(share) @ smooth), sp.csr_matrix(sp.diags_array(1.0 - share) @ slope)]
-        stds.append(np.sqrt(share**2 * from_v**2 + (1.0 - share) ** 2 * from_q**2))
-    return tuple(pairs), np.stack(stds, axis=1)
+def _velocity_noise(
+    names: Sequence[str], std: Mapping[str, float], memories: Mapping[str, Lasting], measured: bool
+) -> list[VelocityNoise]:
+    """Of each joint."""
+
+    def noise(column: str) -> Noise:
+        return Noise(std[column], memories.get(column))
+
+    return [VelocityNoise(noise(f"q.{name}"), noise(f"v.{name}") if measured else None) for name in names]
 
 
 def _filled(values: Array) -> Array:

@@ -41,13 +41,17 @@ CHANNEL_REACH = 0.04
 
 @dataclass(frozen=True)
 class Measurement:
-    """The samples with sensor effects taken out: `q`, `v`, `u` (N, n), smoothed `q_hat`, `v_hat`, wrenches."""
+    """The samples with sensor effects taken out: `q`, `v`, `u` (N, n), smoothed `q_hat`, `v_hat`, wrenches.
+
+    `v_kinked` (N, n) is what laws that may bend at rest have of the velocity.
+    """
 
     q: Array
     v: Array
     u: Array
     q_hat: Array
     v_hat: Array
+    v_kinked: Array
     wrenches: tuple[Array, ...]
 
 
@@ -153,26 +157,27 @@ class WeakForm:
             np.stack([columns[f"wrench.{sensor.name}.{a}"] for a in WRENCH_COMPONENTS], axis=1)
             for sensor in self.sensors
         )
-        v_hat = np.stack(
-            [s.smooth_v[2 * j] @ v[:, j] + s.smooth_v[2 * j + 1] @ q[:, j] for j in range(len(names))], axis=1
+        v_hat, v_kinked = (
+            np.stack([one.of(q[:, j], v[:, j]) for j, one in enumerate(every)], axis=1)
+            for every in (s.smooth_v, s.kinked_v)
         )
-        return Measurement(q, v, u, s.smooth_q @ q, v_hat, wrenches)
+        return Measurement(q, v, u, s.smooth_q @ q, v_hat, v_kinked, wrenches)
 
     def joint_samples(self, physics: Physics) -> tuple[JointSamples, ...]:
         """What the laws of joint effects are evaluated on."""
         return self._prepared(physics).joints
 
     def sampled_joints(self, measured: Measurement, v_std: Array) -> tuple[JointSamples, ...]:
-        """`joint_samples` of a measurement whose smoothed velocities have an error of `v_std` (N, n).
+        """`joint_samples` of a measurement whose velocities have an error of `v_std` (N, n).
 
         A held effort has two values at a sample; with their mean the trapezoid rule integrates it as a staircase.
         A sample stands for the time around it, and v passes through D on the way: the mean of a sign over D has the
         slope 2/D where it changes, as if v were known to D/√(2π).
         """
         u = 0.5 * (measured.u + np.concatenate([measured.u[:1], measured.u[:-1]]))
-        v_std = np.sqrt(v_std**2 + np.gradient(measured.v_hat, axis=0) ** 2 / (2.0 * np.pi))
+        v_std = np.sqrt(v_std**2 + np.gradient(measured.v_kinked, axis=0) ** 2 / (2.0 * np.pi))
         q_reach = 0.5 * np.abs(np.gradient(measured.q_hat, axis=0))
-        columns = (measured.q_hat, measured.v_hat, u, v_std, q_reach)
+        columns = (measured.q_hat, measured.v_kinked, u, v_std, q_reach)
         return tuple(JointSamples(*(np.ascontiguousarray(c[:, j]) for c in columns)) for j in range(self.joints))
 
     def effort(self, physics: Physics, joint: int, u: Array) -> Effort:

@@ -25,9 +25,9 @@ from drake_cafim.diagnosis.tosses.rosenbrock import (
     SHORTEST,
     WEIGHTS,
 )
-from drake_cafim.diagnosis.tosses.state import Flags, Moment, State, stacked
+from drake_cafim.diagnosis.tosses.state import Moment, State, stacked
 from drake_cafim.dynamics.rotations import rotation_matrices
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Flags
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import numpy as np
 
 from drake_cafim.contact.change import Touch, surface_axes
 from drake_cafim.diagnosis.tosses import rigid
-from drake_cafim.diagnosis.tosses.state import Flags, Moment, State
+from drake_cafim.diagnosis.tosses.state import Moment, State
 from drake_cafim.diagnosis.tosses.touching import Law, law_of
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import skew
@@ -25,7 +25,7 @@ from drake_cafim.dynamics.rotations import crossing, rotation_matrices
 from drake_cafim.dynamics.tree import FREE
 from drake_cafim.effects.body import AerodynamicDrag, BodyForce, ExternalDisturbance
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Flags
 
 
 @dataclass(frozen=True)

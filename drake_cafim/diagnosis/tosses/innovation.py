@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.compiled import compiled
-from drake_cafim.diagnosis.tosses.state import Flags
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Flags
 
 VAGUE = np.array([1.0] * 3 + [1.0] * 3 + [30.0] * 3 + [300.0] * 3)
 """Standard deviations of what is known of the initial state before any sample: m, rad, m/s, rad/s."""

@@ -5,9 +5,9 @@ import numpy as np
 from drake_cafim.cross import cross
 from drake_cafim.diagnosis.tosses.flight import Fine, remember
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
-from drake_cafim.diagnosis.tosses.state import Flags, Moment, State, upright
+from drake_cafim.diagnosis.tosses.state import Moment, State, upright
 from drake_cafim.dynamics.rotations import exponential, product, rotation_matrices
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Flags
 
 SIZES = (1e-7,) * 3 + (1e-6,) * 3 + (1e-6,) * 3 + (1e-5,) * 3
 """Finite steps of p (m), θ (rad), v (m/s) and ω (rad/s)."""

@@ -14,10 +14,10 @@ from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.innovation import Innovation
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
 from drake_cafim.diagnosis.tosses.shots import Shot, chosen
-from drake_cafim.diagnosis.tosses.state import Flags, State, picked, replaced
+from drake_cafim.diagnosis.tosses.state import State, picked, replaced
 from drake_cafim.diagnosis.tosses.tangent import moved
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Flags
 
 ROUNDS = 8
 """Steps, at most, with slopes taken anew after each."""

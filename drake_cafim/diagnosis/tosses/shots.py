@@ -9,12 +9,12 @@ from drake_cafim.diagnosis.tosses.arcs import Arcs
 from drake_cafim.diagnosis.tosses.flight import Fine, Flights, fly
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
-from drake_cafim.diagnosis.tosses.state import Flags, Moment, State, picked, replaced, stacked
+from drake_cafim.diagnosis.tosses.state import Moment, State, picked, replaced, stacked
 from drake_cafim.diagnosis.tosses.tangent import Tangent
 from drake_cafim.diagnosis.tosses.written import true_times, written, written_slopes
 from drake_cafim.dynamics.rotations import inverse, logarithm, product, rotation_matrices
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Flags
 
 
 @dataclass(frozen=True)

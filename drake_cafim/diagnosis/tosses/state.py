@@ -1,13 +1,11 @@
 """Where free bodies are and how they move, many at once."""
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
-from drake_cafim.typing import Array
-
-Flags: TypeAlias = np.ndarray[Any, np.dtype[np.bool_]]
+from drake_cafim.typing import Array, Flags, Indices
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,7 @@ def picked(first: Flags, one: State, other: State) -> State:
     return State(np.where(first[:, None], one.numbers, other.numbers))
 
 
-def replaced(states: State, rows: np.ndarray[Any, np.dtype[np.int64]], other: State) -> State:
+def replaced(states: State, rows: Indices, other: State) -> State:
     """`states` (B) with those of `other` (K) in `rows` (K,)."""
     numbers = states.numbers.copy()
     numbers[rows] = other.numbers
@@ -77,7 +75,7 @@ class Moment:
     """When and where states were: `time` (B,) s, and the index (B,) of their recording among `names`."""
 
     time: Array
-    recording: np.ndarray[Any, np.dtype[np.int64]]
+    recording: Indices
     names: tuple[str, ...]
 
     def __getitem__(self, rows: Any) -> "Moment":
