@@ -12,6 +12,7 @@ from drake_cafim.diagnosis.tosses.columns import difference, force_rows, sensor_
 from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.tosses.pulses import strongest_pushes
 from drake_cafim.diagnosis.tosses.shots import Shot
+from drake_cafim.diagnosis.tosses.standing import standing
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance
 from drake_cafim.effects.catalogue import EFFECTS
@@ -79,6 +80,8 @@ def looks(problem: TossProblem, at: Fit, effect: Effect) -> Iterator[Look]:
             first = stop
         if scale_of(at) > MISFIT:
             yield from _simulated_looks(problem, at, effect, found)
+        if scale_of(at) > MISFIT and isinstance(effect, SurfaceEffect):
+            yield _standing_look(problem, at, standing(problem, at, effect, contact))
     else:
         steps = [(step.ahead, step.behind, step.size) for step in effect.directions()]
         yield _columns(problem, shot, effect, steps), effect.from_directions
@@ -95,6 +98,12 @@ def _simulated_looks(problem: TossProblem, at: Fit, effect: Effect, found: Seque
         if len(look.steps) == 1 and whole is not None and whole.values == dict(look.steps[0].ahead):
             rows = problem.residual(at.model.with_effects([whole]))[: problem.rows]
             yield (rows - at.residual[: problem.rows])[:, None], look.build
+
+
+def _standing_look(problem: TossProblem, at: Fit, surface: SurfaceEffect) -> Look:
+    """All of a surface that was found by itself."""
+    rows = problem.residual(at.model.with_effects([surface]))[: problem.rows]
+    return (rows - at.residual[: problem.rows])[:, None], lambda c: surface if 0.3 < c[0] < 3.0 else None
 
 
 Step = tuple[Mapping[str, float], Mapping[str, float] | None, float]

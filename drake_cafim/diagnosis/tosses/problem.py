@@ -145,6 +145,11 @@ class TossProblem(Problem):
         """The arcs under `model`, from states that fit it; the last few are kept."""
         return self._settled(model).shot
 
+    def lead(self, model: Model, shot: Shot) -> None:
+        """Arcs of models like `model` begin as those of `shot`, which settled under it, from now on."""
+        self._shots[_kind(model), model.vector.tobytes()] = Settled.of(shot, self.base.innovation)
+        self.jacobian(model)
+
     def _settled(self, model: Model) -> Settled:
         key = (_kind(model), model.vector.tobytes())
         if key not in self._shots:
