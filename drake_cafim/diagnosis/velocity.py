@@ -1,8 +1,10 @@
 """The velocity that kinked laws see: smoothed little where it passes through zero, and far where a joint rests.
 
 Friction of a joint at rest follows the load, not the noise of its velocity; the mean of its sign over that noise says
-nothing of it for as long as the rest lasts. So near rest each sample takes the widest window that agrees with all
-narrower ones, within what noise lets them differ (Lepski, Theory of Probability and its Applications 35(3), 1991).
+nothing of it for as long as the rest lasts. So near rest each sample takes a window half as wide as the widest one that
+agrees with all narrower ones, within what noise lets them differ (Lepski, Theory of Probability and its Applications
+35(3), 1991): where friction turns its sign the motion has a corner, and what noise hides of its rounding off would
+still be several times the noise of the widest.
 """
 
 from dataclasses import dataclass
@@ -18,8 +20,8 @@ from drake_cafim.typing import Array, Flags
 
 SMOOTHING_REACH = 0.008
 """s on either side: the motion in products and kinked laws is smoothed over 16 ms."""
-WIDER = (0.016, 0.032, 0.064, 0.128)
-"""s on either side, where a joint rests."""
+WIDER = (0.016, 0.032, 0.064, 0.128, 0.256)
+"""s on either side, tried where a joint rests."""
 RESTING = 4.0
 """Standard deviations of a velocity that is smoothed little, within which the joint may be at rest."""
 AGREEING = 3.0
@@ -87,7 +89,7 @@ def resting(time: Array, q: Array, v: Array, noise: VelocityNoise) -> Velocity:
         # of nested least squares the wider one's difference is no noisier than the narrower one
         agree = np.all([np.abs(seen - other) < limit for other, limit in narrower], axis=0)
         near &= minimum_filter1d(agree, _samples(reach, step))
-        found = wider.where(near, found)
+        found, before = before.where(near, found), wider
         narrower.append((seen, AGREEING * wider.std))
     return found
 
