@@ -7,18 +7,21 @@ import numpy as np
 
 from drake_cafim.contact.change import Touch
 from drake_cafim.diagnosis.evidence import MISFIT, scale_of
-from drake_cafim.diagnosis.fitting import Fit
+from drake_cafim.diagnosis.fitting import Fit, fit
+from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.tosses.columns import difference, force_rows, sensor_rows
 from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.tosses.pulses import strongest_pushes
 from drake_cafim.diagnosis.tosses.shots import Shot
 from drake_cafim.diagnosis.tosses.standing import standing
+from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.effects.contact import ContactEffect, ContactLook
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.link import GravityMisalignment, Payload
+from drake_cafim.effects.normal_contact import ContactHuntCrossleyDissipation
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.effects.timing import SensorDelay
@@ -30,6 +33,8 @@ GRAIN = 1e-3
 PLACES = (0.35, 0.85)
 """Of the body's size: where a load is looked for along the direction of its moment."""
 Look = tuple[Array, Callable[[Array], Effect | None]]
+DECIDES_BOUNCES = (SurfaceEffect, ContactHuntCrossleyDissipation)
+"""Where and how high a throw bounces; friction and what contacts remember change that by less."""
 ON_BODY = (Payload, AerodynamicDrag, ExternalDisturbance)
 
 
@@ -80,8 +85,8 @@ def looks(problem: TossProblem, at: Fit, effect: Effect) -> Iterator[Look]:
             first = stop
         if scale_of(at) > MISFIT:
             yield from _simulated_looks(problem, at, effect, found)
-        if scale_of(at) > MISFIT and isinstance(effect, SurfaceEffect):
-            yield _standing_look(problem, at, standing(problem, at, effect, contact))
+        if isinstance(effect, DECIDES_BOUNCES) and np.any(problem.base.far) and not at.model.effects:
+            yield from _look_anew(problem, at, _from_afar(problem, contact, effect))
     else:
         steps = [(step.ahead, step.behind, step.size) for step in effect.directions()]
         yield _columns(problem, shot, effect, steps), effect.from_directions
@@ -100,10 +105,30 @@ def _simulated_looks(problem: TossProblem, at: Fit, effect: Effect, found: Seque
             yield (rows - at.residual[: problem.rows])[:, None], look.build
 
 
-def _standing_look(problem: TossProblem, at: Fit, surface: SurfaceEffect) -> Look:
-    """All of a surface that was found by itself."""
-    rows = problem.residual(at.model.with_effects([surface]))[: problem.rows]
-    return (rows - at.residual[: problem.rows])[:, None], lambda c: surface if 0.3 < c[0] < 3.0 else None
+def _from_afar(problem: TossProblem, contact: SphereContact, effect: ContactEffect | SurfaceEffect) -> Effect:
+    """The effect as it may be, by no simulation."""
+    if isinstance(effect, SurfaceEffect):
+        return standing(problem.arcs.tracks, contact, effect)
+    return effect.with_values({strength.name: strength.typical for strength in effect.strengths})
+
+
+def _look_anew(problem: TossProblem, at: Fit, start: Effect) -> Iterator[Look]:
+    """All of an effect that is fitted from `start`, with arcs thrown anew and unknowns as the priors mean them.
+
+    Under physics that is far off, arcs bounce where none was, unknowns go where they fit that, and slopes along either
+    say nothing of what is missing. Later fits of this effect begin where this one ends.
+    """
+    model = Model(problem.scene.priors.mean, (start,))
+    if not problem.plausible(model):
+        return
+    anew = TossProblem.settled(problem.scene, problem.arcs, problem.noise, model)
+    thrown = anew.residual(model)
+    if float(thrown @ thrown) > at.chi_square:
+        return
+    found = fit(anew, model).model
+    problem.lead(found, anew.shot(found))
+    rows = problem.residual(at.model.with_effects(found.effects))[: problem.rows]
+    yield (rows - at.residual[: problem.rows])[:, None], lambda c: found.effects[0] if 0.3 < c[0] < 3.0 else None
 
 
 Step = tuple[Mapping[str, float], Mapping[str, float] | None, float]

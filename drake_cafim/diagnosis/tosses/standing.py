@@ -1,14 +1,11 @@
-"""Where a surface stands, by what a tracked body does not go through: no simulation, and so from afar as well.
+"""Where a surface stands, by what a tracked body does not go through: no simulation, and so from afar as well."""
 
-Under a surface that is far off, flights bounce where none was, and slopes of what they do say nothing of where it is.
-"""
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from drake_cafim.diagnosis.fitting import Fit, fit
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.tosses.problem import TossProblem
+from drake_cafim.diagnosis.tosses.poses import PoseTrack
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.effects.surface import SurfaceEffect
@@ -18,23 +15,10 @@ NEAR = 3e-3
 """m that a body on a surface may be off it, deeper or above."""
 
 
-def standing(problem: TossProblem, at: Fit, effect: SurfaceEffect, contact: SphereContact) -> SurfaceEffect:
-    """The effect that fits best near where the tracks have the surface, each arc being thrown anew."""
-    points = [
-        track.p[:, None] + np.einsum("nij,kj->nki", rotation_matrices(track.quaternion), contact.points)
-        for track in problem.arcs.tracks
-    ]
-    first = _seen(np.concatenate(points), effect, contact)
-    others = at.model.effects
-    model = Model(problem.scene.priors.mean, (*others, first))
-    anew = TossProblem.settled(problem.scene, problem.arcs, problem.noise, model)
-    found = fit(anew, model).model
-    problem.lead(found, anew.shot(found))
-    return found.effects[-1]  # type: ignore[return-value]
-
-
-def _seen(points: Array, effect: SurfaceEffect, contact: SphereContact) -> SurfaceEffect:
-    """The surface that `points` (N, K, 3) of what may touch come to and do not pass."""
+def standing(tracks: Sequence[PoseTrack], contact: SphereContact, effect: SurfaceEffect) -> SurfaceEffect:
+    """The surface that what may touch comes to and does not pass."""
+    turned = [np.einsum("nij,kj->nki", rotation_matrices(track.quaternion), contact.points) for track in tracks]
+    points = np.concatenate([track.p[:, None] + one for track, one in zip(tracks, turned, strict=True)])
 
     def misses(vector: Array) -> Array:
         on = effect.with_values(vector).on(contact)
