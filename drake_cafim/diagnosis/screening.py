@@ -71,7 +71,7 @@ def screen(problem: Problem, at: Fit, effects: Sequence[Effect]) -> list[Candida
         candidate = _best_look(problem, at, effect, basis, residual)
         if candidate is not None and isinstance(candidate.effect, JointCoupling) and candidate.gain > LEAST_ECHO:
             assert isinstance(problem, WeakProblem)
-            candidate = replace(candidate, gain=_without_echo(problem, at, candidate.effect, basis, residual))
+            candidate = replace(candidate, gain=_without_echo(problem, at, candidate, basis))
         if candidate is not None:
             found.append(candidate)
     return sorted(found, key=lambda candidate: -candidate.gain)
@@ -97,20 +97,22 @@ def _best_look(problem: Problem, at: Fit, effect: Effect, basis: Array, residual
     return None if best is None else Candidate(best.effect, best.gain, best.strengths, trials)
 
 
-def _without_echo(problem: WeakProblem, at: Fit, effect: JointCoupling, basis: Array, residual: Array) -> float:
-    """What the coupling gains beyond what its drive, an effort that a controller made of noise, shares with the noise.
+def _without_echo(problem: WeakProblem, at: Fit, candidate: Candidate, basis: Array) -> float:
+    """What a coupling gains beyond what its drive, an effort that a controller made of noise, shares with the noise.
 
-    As in `unbiased_fit`, the shared part is what one more dose of noise changes in both.
+    As in `unbiased_fit`, the shared part is what one more dose of noise changes in both. What was looked at may be
+    another spring than the one that it makes likely, whose own look may point elsewhere: the gain is the look's.
     """
     physics = at.model.physics(problem.scene)
-    column = _coupling_column(problem, physics, effect)
-    louder = _coupling_column(problem.noisier_in_loop, physics, effect)
+    assert isinstance(candidate.effect, JointCoupling)
+    column = _coupling_column(problem, physics, candidate.effect)
+    louder = _coupling_column(problem.noisier_in_loop, physics, candidate.effect)
     noise = problem.noisier.residual(at.model) - at.residual
     noise = noise - basis @ (basis.T @ noise)
     rows = len(column)
     along = basis[:rows].T @ column
-    left = float(column @ column - along @ along)
-    score = -float(column @ residual[:rows]) + float((louder - column) @ noise[:rows])
+    left = max(float(column @ column - along @ along), 0.0)
+    score = float(np.sqrt(candidate.gain * left)) + float((louder - column) @ noise[:rows])
     return score**2 / left if score > 0.0 and left > 0.0 else 0.0
 
 
