@@ -65,3 +65,15 @@ def test_pulse() -> None:
     time = np.linspace(0, 3, 3001)
     shape = pulse(time, 1.0, 2.0)
     assert np.trapezoid(shape, time) == pytest.approx(0.5) and shape.max() == pytest.approx(1.0)
+
+
+def test_a_push_is_absent_where_its_impulse_is() -> None:
+    """Of a short one a hard push and a brief one look alike: neither alone is told from none, both together are."""
+    push = ExternalDisturbance("lower", {"x": 1.0, "y": -2.0, "z": 0.0, "start": 0.3, "stop": 0.4}, "a.csv")
+    impulse, slope = push.vanishing()
+    np.testing.assert_allclose(impulse, [0.1, -0.2, 0.0])
+    steps = 1e-6 * np.eye(5)
+    ahead, behind = ([push.with_values(push.vector + sign * one).vanishing()[0] for one in steps] for sign in (1, -1))
+    np.testing.assert_allclose(slope, (np.transpose(ahead) - np.transpose(behind)) / 2e-6, atol=1e-8)
+    harder_and_briefer = np.array([1.0, -2.0, 0.0, 0.0, -0.1])
+    np.testing.assert_allclose(slope @ harder_and_briefer, 0.0, atol=1e-12)

@@ -1,18 +1,24 @@
 """Intervals reach as far as the likelihood does, and no farther."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from concealed.make import simulate
 
 from drake_cafim.diagnosis.adequacy import BLOCK
-from drake_cafim.diagnosis.fitting import Fit
+from drake_cafim.diagnosis.diagnose import prepare
+from drake_cafim.diagnosis.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.intervals import standard_deviations
 from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.screening import screen
 from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.joint import JointViscousFriction
+from drake_cafim.effects.transmission import TorqueRipple
+from tests.concealed_case import written
 
 STD = 0.5
 
@@ -118,3 +124,17 @@ def test_noise_that_lasts_longer_than_was_stated_widens_an_interval(lasting: boo
     one = problem.fit()
     expected = np.sqrt(1.0 / 40.0) if lasting else one.std[0]
     np.testing.assert_allclose(standard_deviations(problem, one, 1.0), expected, rtol=0.25)
+
+
+def test_what_is_not_shown_to_be_there_looks_like_anything(tmp_path: Path) -> None:
+    """The best ripple of noise is one of many: its amplitude is no more than what it is, its phase any."""
+    scene, recordings = written(simulate("null", "arm2", 3), tmp_path)
+    problem = prepare(scene, recordings).problem()
+    nominal = unbiased_fit(problem, problem.nominal())
+    at = scene.tree.joint_names[0]
+    [best] = screen(problem, nominal, [TorqueRipple(at)])
+    one = unbiased_fit(problem, nominal.model.with_effects([best.effect]))
+    std = dict(zip(("amplitude", "cycles", "phase"), standard_deviations(problem, one, 1.0)[-3:], strict=True))
+    [found] = one.model.effects
+    assert std["amplitude"] >= abs(found.values["amplitude"])
+    assert min(std["cycles"], std["phase"]) > 1e3

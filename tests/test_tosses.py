@@ -21,8 +21,10 @@ from drake_cafim.diagnosis.tosses.poses import PoseNoise, track_of
 from drake_cafim.diagnosis.tosses.prepared import PreparedTosses
 from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.tosses.settling import settled_from
+from drake_cafim.diagnosis.tosses.standing import standing
 from drake_cafim.diagnosis.tosses.tangent import moved
 from drake_cafim.effects.body import AerodynamicDrag
+from drake_cafim.effects.surface import SurfaceTilt
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.report_html import render
@@ -124,6 +126,31 @@ def test_a_ground_that_is_tilted_by_far_is_found(tmp_path: Path) -> None:
     assert verdict.kind == "explained" and found.effect.key == ("surface_tilt", "ground")
     for name, (true, _) in effect["parameters"].items():
         assert found.values[name].value == pytest.approx(true, abs=4.0 * found.values[name].std)
+
+
+def test_a_surface_stands_where_a_body_comes_to_and_does_not_pass(tmp_path: Path) -> None:
+    """A box on ground that is tilted by 4°: no arc of it is told by the level one."""
+    case = simulate("single:surface_tilt", "toss", 0x4A89AA4265669F76DDB3730E0202236E)
+    prepared = prepare(*written(case, tmp_path))
+    assert isinstance(prepared, PreparedTosses)
+    found = standing(prepared.tracks, prepared.scene.physics.contacts[0], SurfaceTilt("ground"))
+    for name, (true, _) in case.truth["effects"][0]["parameters"].items():
+        assert found.values[name] == pytest.approx(true, abs=2e-3)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [
+        ("surface_tilt", 0x4A89AA4265669F76DDB3730E0202236E),
+        ("contact_hunt_crossley_dissipation", 0x2340459A777EF7FF0C193DF1DB59730),
+    ],
+)
+def test_what_makes_throws_bounce_otherwise_is_found_from_afar(name: str, seed: int, tmp_path: Path) -> None:
+    """Under the model as given its arcs were so far off, and the unknowns then, that slopes led nowhere."""
+    verdict = diagnose(*written(simulate(f"single:{name}", "toss", seed), tmp_path))
+    assert verdict.kind == "explained"
+    assert [one.effect.name for one in verdict.explanation] == [name]
 
 
 @pytest.mark.ci

@@ -4,7 +4,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fitting import NOTHING_KNOWN, Fit
 from drake_cafim.diagnosis.problem import Problem
-from drake_cafim.diagnosis.robust import blockwise_std
+from drake_cafim.diagnosis.robust import blockwise_std, wald_p_value
 from drake_cafim.typing import Array
 
 REACH = 1.96
@@ -13,6 +13,9 @@ PARABOLA = 0.75
 """Of the rise that slopes promise, from which on they are believed."""
 DOUBLINGS, FOLLOWED = 6, 2
 """Of a step where no bound ends them, and looks at each for where the other numbers go."""
+NOT_SHOWN = 1e-4
+"""p-value of "this effect is absent" that the best of hundreds of looks at noise comes to: from there on it is not known
+what the effect would look like, were it there."""
 
 
 def standard_deviations(problem: Problem, one: Fit, scale: float) -> Array:
@@ -21,7 +24,9 @@ def standard_deviations(problem: Problem, one: Fit, scale: float) -> Array:
     As slopes at the fit have it, under the stated noise or, if that is more, with what blocks of the residual show. But
     a strength of which 1.96 of these raise χ² by less than 1.96² reaches to where χ² does so, on the farther side, the
     other numbers following as slopes would have them (after Venzon, Moolgavkar, Applied Statistics 37(1), 1988, profile
-    likelihood); to its bound, where χ² does not do so before.
+    likelihood); to its bound, where χ² does not do so before. Of an effect that is not shown to be there, and may look
+    in many ways, slopes are those of one of many minima that noise makes (Davies, Biometrika 74(1), 1987): nothing is
+    known of how it looks, and its strengths are known to no more than what they are.
     """
     std = np.maximum(one.std * np.sqrt(scale), blockwise_std(problem, one))
     for index in range(len(one.model.unknown), len(std)):
@@ -32,7 +37,21 @@ def standard_deviations(problem: Problem, one: Fit, scale: float) -> Array:
             std[index] = max(std[index], *(abs(reach) / REACH for reach in reaches))
         # of what the recordings do not see, no more is known than its bounds
         std[index] = min(std[index], max(abs(bound) for bound in bounds) / REACH)
-    return np.asarray(std)
+    return np.asarray(np.maximum(std, _of_what_is_not_shown(problem, one)))
+
+
+def _of_what_is_not_shown(problem: Problem, one: Fit) -> Array:
+    """(n + k,) least standard deviations of numbers; zero of what is shown."""
+    least, start = np.zeros(len(one.model.vector)), len(one.model.unknown)
+    for effect in one.model.effects:
+        looks = not all(strength.amplitude for strength in effect.strengths)
+        if looks and wald_p_value(problem, one, effect.key) > NOT_SHOWN:
+            for index, strength in enumerate(effect.strengths, start):
+                value = float(one.model.vector[index])
+                farthest = min(max(abs(bound) for bound in _bounds(one, index)) / REACH, np.sqrt(NOTHING_KNOWN))
+                least[index] = abs(value - strength.nominal) if strength.amplitude else farthest
+        start += len(effect.strengths)
+    return least
 
 
 def _reach(problem: Problem, one: Fit, index: int, step: float, bound: float, scale: float) -> float:

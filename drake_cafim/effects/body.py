@@ -107,6 +107,14 @@ class ExternalDisturbance(BodyForce):
         plain = super().with_values(values)
         return type(self)(self.at, plain.values, self.recording)
 
+    def vanishing(self) -> tuple[Array, Array]:
+        """Twice the impulse along each axis: of a push that is short, no more than that may be known."""
+        coordinates, slopes = super().vanishing()
+        lasting = self.values["stop"] - self.values["start"]
+        slopes = lasting * slopes
+        slopes[:, 3], slopes[:, 4] = -coordinates, coordinates
+        return lasting * coordinates, slopes
+
     def plausible(self) -> bool:
         return super().plausible() and self.values["stop"] > self.values["start"]
 
