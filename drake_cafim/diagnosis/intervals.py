@@ -14,7 +14,7 @@ PARABOLA = 0.75
 DOUBLINGS, FOLLOWED = 6, 2
 """Of a step where no bound ends them, and looks at each for where the other numbers go."""
 NOT_SHOWN = 1e-4
-"""p-value of "this effect is absent" that the best of hundreds of looks at noise comes to: from there on it is not known
+"""p-value of "this effect is absent" that the best of hundreds of looks at noise comes to: from there on nobody knows
 what the effect would look like, were it there."""
 
 
