@@ -125,8 +125,7 @@ def main(arguments: list[str] | None = None) -> int:
     scores = write_results(options.out, known, time.perf_counter() - started)
     for figure in figures(scores):
         value = "–" if figure.value is None else f"{figure.value:.3f}"
-        mark = {True: "kept", False: "MISSED", None: "nothing to count"}[figure.kept]
-        print(f"{value:>7} {figure.limit:>10} {mark:>16}  {figure.name} ({figure.count})")
+        print(f"{value:>7} {figure.limit:>10} {figure.mark:>16}  {figure.name} ({figure.count})")
     print(options.out / "proof.html")
     return 0
 

@@ -22,6 +22,13 @@ class Figure:
     limit: str
     kept: bool | None
 
+    @property
+    def mark(self) -> str:
+        """What is said of it."""
+        if self.kept is None:
+            return "nothing to count" if self.value is None else "no limit"
+        return "kept" if self.kept else "missed"
+
 
 def part(scores: Scores, key: str | Callable[[dict[str, Any]], bool]) -> float | None:
     if not scores:
