@@ -146,6 +146,7 @@ def test_a_push_is_judged_by_the_direction_that_is_felt(tmp_path: Path, along: f
     columns = rng.normal(size=(problem.rows + 1, 6)) / np.sqrt(problem.rows)
     columns[:, 1:4] = np.outer(columns[:, 1], felt) + 3e-6 * columns[:, 1:4]
     columns[:, 2] = 1e-17 * columns[:, 0]
+    columns[:, 4:] *= 1000.0  # that it lasts is known, as of any push that is felt
     values = dict(zip("xyz", force, strict=True)) | {"start": 1.0, "stop": 1.1}
     push = ExternalDisturbance("block", values, "a")
     covariance = np.linalg.pinv(columns.T @ columns, rcond=1e-30, hermitian=True)
@@ -161,7 +162,7 @@ class _Pushed(Problem):
 
     def __init__(self, along_y: float, share: float) -> None:
         rng = np.random.default_rng(2)
-        self.columns, self.noise = rng.normal(size=(1000, 5)), rng.normal(size=1000)
+        self.columns, self.noise = rng.normal(size=(1000, 5)) * [1.0, 1.0, 1.0, 10.0, 10.0], rng.normal(size=1000)
         mixed = np.sqrt(1.0 - share**2) * self.columns[:, 1] - share * self.noise
         self.columns[:, 1] = along_y / np.sqrt(1000) * mixed
 
