@@ -129,6 +129,16 @@ def test_compiled_flights_are_those_that_take_any_force(
         np.testing.assert_allclose(getattr(compiled.fine, part), getattr(any_force.fine, part), rtol=1e-6, atol=1e-9)
 
 
+def test_a_flight_beyond_all_numbers_ends_and_leaves_the_others_alone(tmp_path: Path) -> None:
+    body, sane = FreeBody(thrown_scene(tmp_path, BLOCK).physics), _turned([0.0, 0.0, 0.07], [0.3, 0.1, -0.5])
+    absurd = _turned([0.0, 0.0, -1e306], [0.3, 0.1, -0.5])
+    times = np.arange(0.0, 0.1, 0.004)[None]
+    both = _flown(body, State(np.concatenate([absurd.numbers, sane.numbers])), np.repeat(times, 2, axis=0))
+    states = both.at_samples.numbers.reshape(2, times.size, -1)
+    assert np.all(np.isnan(states[0, 1:]))
+    np.testing.assert_array_equal(states[1], _flown(body, sane, times).at_samples.numbers)
+
+
 @pytest.mark.parametrize("shape", [BALL, BLOCK])
 @pytest.mark.parametrize(
     "effects",

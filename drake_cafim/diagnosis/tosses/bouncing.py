@@ -56,6 +56,10 @@ def bounced(
             left, touching = times[b, following] - time, np.any(mode)
             when = (time, recording[b])
             first, damping = _accelerated(now, R, mode, known, body, plane, law, when, touching)
+            if not (np.all(np.isfinite(first)) and np.all(np.isfinite(damping))):
+                # forces beyond all numbers throw the body out of the world
+                out[b, following:] = np.nan
+                break
             landing = rigid.landing(now, R, points, deep, sinking, mode, first, normal)[0]
             step = min(usual, left, max(landing, SHORTEST))
             # a crumb of a step before a sample is left to the one before
