@@ -6,12 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from concealed.make import simulate
+from concealed_case import written
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.beginning import Begun, start_rows
+from drake_cafim.diagnosis.beginning import Begun, start_rows, unsettled
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
+from drake_cafim.diagnosis.evidence import leaves_noise
+from drake_cafim.diagnosis.fitting import fit, unbiased_fit
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.effects.actuator import ActuatorLag, Effort
+from drake_cafim.effects.coupling import JointBacklash, RotorDrive
 from drake_cafim.effects.timing import POINTS, SensorLag
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.scenario.scene import Scene
@@ -68,6 +72,36 @@ def test_what_a_wrench_sensor_writes_was_behind(tmp_path: Path) -> None:
         _assert_in_proportion(rows[:, weak.dynamic.stop + k, k], missed, behind[k] / usual[k])
         others = np.delete(rows[:, :, k], weak.dynamic.stop + k, axis=1)
         assert not np.any(others)
+
+
+def test_a_rotor_began_anywhere_in_its_gap(tmp_path: Path) -> None:
+    """In the middle of a motion; a start at rest on a flank leaves 47 standard deviations in the first windows."""
+    case = simulate("single:joint_backlash", "arm2", 0x20CEF9A0633F4354B6CB501EAFBBD008)
+    scene, read = written(case, tmp_path)
+    problem = prepare(scene, read).problem()
+    [effect] = case.truth["effects"]
+    values = {name: value for name, (value, _) in effect["parameters"].items()}
+    found = fit(problem, problem.nominal().with_effects([JointBacklash(effect["at"], values)]))
+    own = problem.rewhitened(found.model)
+    found = unbiased_fit(own, found.model)
+    assert leaves_noise(own, found, 0.01)
+    for name in values:
+        assert found.model.effects[0].values[name] == pytest.approx(values[name], rel=0.01)
+
+
+def test_a_start_in_a_gap_is_forgotten(tmp_path: Path) -> None:
+    """Doubts are of the first windows alone, as far as starts at either flank and between them differ."""
+    _, _, weak = _begun_later("arm2", tmp_path)
+    time = weak.samples.time
+    push = 40.0 * np.sin(2.0 * np.pi * 1.5 * time)
+    gap = JointBacklash("elbow", {"gap": 0.01, "stiffness": 1000.0, "damping": 10.0})
+    drive = RotorDrive(time, push, np.full(len(time), 10.0), 0.2)
+    windows = weak.samples.windows
+    doubts = unsettled(gap, drive, windows)
+    shown = np.flatnonzero(np.any(doubts != 0.0, axis=1))
+    assert len(shown) and np.array_equal(shown, np.arange(len(shown))) and len(shown) < 12
+    change = np.abs(windows.rate @ (gap.twist_rates_from(drive) - gap.twist_rate(drive)[:, None]))
+    assert np.max(change[len(shown) : 12]) <= 0.01 * np.max(change)
 
 
 def _told(rows: Array, U: Array) -> float:

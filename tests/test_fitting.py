@@ -277,6 +277,18 @@ def test_a_gap_is_found_past_the_impacts_that_stop_a_fit(tmp_path: Path) -> None
     assert found.chi_square < stopped.chi_square - 10.0
 
 
+def test_impacts_at_other_times_are_no_echo(tmp_path: Path) -> None:
+    """Of a gap in quantised recordings: more noise moves each impact, which is nothing that slopes share with rows."""
+    case = simulate("single:joint_backlash", "arm2", 0xB3D9A28268B5389034F0A16A0564BA09)
+    scene, read = written(case, tmp_path)
+    problem = prepare(scene, read).problem()
+    [effect] = case.truth["effects"]
+    values = {name: value for name, (value, _) in effect["parameters"].items()}
+    found = unbiased_fit(problem, problem.nominal().with_effects([JointBacklash(effect["at"], values)]))
+    assert not found.echo
+    assert found.model.effects[0].values["gap"] == pytest.approx(values["gap"], rel=0.02)
+
+
 def test_a_gap_between_those_that_are_tried_is_seen(tmp_path: Path) -> None:
     """Of one that a slow motion crosses a few times, a gap a third off is worse than none."""
     scene, read = written(simulate("single:joint_backlash", "arm3", 0x5B4E6BEE27FD3877245773903B9B7C9), tmp_path)

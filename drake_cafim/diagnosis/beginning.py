@@ -14,8 +14,9 @@ import numpy as np
 from drake_cafim.compiled import compiled
 from drake_cafim.diagnosis.kept import make_room
 from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.windows import Windows
 from drake_cafim.effects.actuator import ActuatorLag
-from drake_cafim.effects.coupling import JointCoupling
+from drake_cafim.effects.coupling import JointBacklash, JointCoupling, RotorDrive
 from drake_cafim.effects.timing import SensorLag
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS
 from drake_cafim.scenario.physics import Physics
@@ -25,6 +26,8 @@ TURNS, SETTLED = 60, 1e-8
 """Turns at the variances at most, and the part of one that ends them."""
 LAGS_KEPT = 8
 """Of what a sensor's lag leaves in doubt."""
+UNSETTLED, FORGOTTEN = 12, 0.01
+"""Windows at most that a start in a gap shows in, and the part of it below which it is forgotten."""
 FAINT = 1e-4
 """Of a squared whitened row: what a doubt must change the rows by, all together, to be one."""
 
@@ -146,13 +149,30 @@ def start_rows(weak: WeakForm, physics: Physics) -> Array:
 
 
 def _twisted(weak: WeakForm, physics: Physics, coupling: JointCoupling) -> Array:
-    """(M, r, 2) of a rotor that was twisted and turning against its link."""
+    """(M, r, c) of a rotor that was twisted and turning against its link."""
     joint = physics.tree.joint_index(coupling.at)
-    drive = weak.rotor_drives(physics)[joint]
-    slopes = weak.samples.windows.rate @ coupling.twist_rate_by_start(drive)
+    drive, windows = weak.rotor_drives(physics)[joint], weak.samples.windows
+    slopes = windows.rate @ coupling.twist_rate_by_start(drive)
+    if isinstance(coupling, JointBacklash):
+        slopes = np.concatenate([slopes, unsettled(coupling, drive, windows)], axis=1)
     rows = np.zeros((len(slopes), weak.rows_per_window, slopes.shape[1]))
     rows[:, weak.dynamic.start + joint] = -drive.inertia * slopes / physics.effort_gains[joint]
     return rows
+
+
+def unsettled(coupling: JointBacklash, drive: RotorDrive, windows: Windows) -> Array:
+    """(M, c) of a rotor that began anywhere in its gap, until where it began is forgotten: whatever a window may show.
+
+    An impact that comes at another time is no sum of small changes.
+    """
+    default = coupling.twist_rate(drive)
+    change = np.max(np.abs(windows.rate @ (coupling.twist_rates_from(drive) - default[:, None])), axis=1)
+    known = min(UNSETTLED, len(change))
+    largest = float(np.max(change[:known]))
+    last = int(np.flatnonzero(change[:known] > FORGOTTEN * largest)[-1]) if largest > 0.0 else -1
+    found = np.zeros((len(change), known))
+    found[range(last + 1), range(last + 1)] = largest
+    return found
 
 
 def _behind(weak: WeakForm, physics: Physics, lag: ActuatorLag) -> Array:

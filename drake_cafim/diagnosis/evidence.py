@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.adequacy import NOISE_TOLERANCE, by_run
+from drake_cafim.diagnosis.adequacy import NOISE_TOLERANCE, adequacy, by_run
 from drake_cafim.diagnosis.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.robust import wald_p_value
@@ -37,6 +37,11 @@ def scale_of(one: Fit) -> float:
 def luck(gain: float, strengths: int) -> float:
     """Probability that so many strengths take so much off χ² where they stand for nothing, and noise is loud."""
     return float(chi2.sf(max(gain, 0.0) / (1.0 + NOISE_TOLERANCE) ** 2, max(strengths, 1)))
+
+
+def leaves_noise(problem: Problem, one: Fit, rate: float) -> bool:
+    """Whether what a fit leaves is as the noise predicts, at a `rate` of mistakes where it is."""
+    return adequacy(problem, one.residual, one.strengths).p_value > rate
 
 
 def under_its_noise(problem: Problem, before: Fit, after: Fit) -> tuple[Fit, Fit]:

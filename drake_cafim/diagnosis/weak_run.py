@@ -58,7 +58,7 @@ class Run:
         # a link that is lighter than its rotor runs away
         with np.errstate(over="ignore", invalid="ignore"):
             rows, U = self.whitened(self.weak.residual(physics)), self._doubted(start_rows(self.weak, physics))
-            if not np.all(np.abs(rows) < IMPOSSIBLE) or not np.all(np.isfinite(U)):
+            if not np.all(np.abs(rows) < IMPOSSIBLE) or not np.all(np.abs(U) < IMPOSSIBLE):
                 return Begun(np.full(len(rows), np.inf))
         return Begun.of(rows, U, widths)
 

@@ -169,12 +169,24 @@ class JointBacklash(JointCoupling):
         return torque / self.values["stiffness"] + 0.5 * self.values["gap"] * float(np.sign(torque))
 
     def twist_rate(self, drive: RotorDrive) -> Array:
+        side = float(np.sign(drive.push[0]))
+        return self._from_rest(drive, side)
+
+    def twist_rates_from(self, drive: RotorDrive) -> Array:
+        """ψ̇ (N, 2) from rest at the other flank, and from rest midway between the flanks."""
+        side = float(np.sign(drive.push[0]))
+        return np.stack([self._from_rest(drive, -side), self._from_rest(drive, 0.0)], axis=1)
+
+    def _from_rest(self, drive: RotorDrive, side: float) -> Array:
+        """ψ̇ (N,) from rest at the flank on the `side` of 1 or −1, as deep as the first push is in balance on its own
+        one; or, 0, midway between the two.
+        """
         gap, stiffness, damping = (float(x) for x in self.vector)
         steps = np.diff(drive.time)
         parts = max(int(np.ceil(float(np.median(steps)) / LONGEST_STEP)), 1)
         flank = transition(stiffness * drive.mobility[:-1], damping * drive.mobility[:-1], steps / parts)
         rest = drive.push / (stiffness * drive.mobility)
-        twist = float(rest[0]) + 0.5 * gap * float(np.sign(rest[0]))
+        twist = side * 0.5 * gap + (float(rest[0]) if side * rest[0] > 0.0 else 0.0)
         rates, push, mobility = np.empty(len(drive.time)), drive.push, drive.mobility
         found = crossed(0.5 * gap, stiffness, damping, parts, steps / parts, flank, rest, push, mobility, twist, rates)
         return np.asarray(found, dtype=float)
