@@ -53,12 +53,33 @@ def test_double_pendulum_lacks_friction_at_both_joints(data_folder: Path) -> Non
 
 
 @pytest.mark.ci
-def test_simple_pendulum_is_not_made_worse_by_what_cannot_be_explained(data_folder: Path) -> None:
-    """Its mass, fitted alone, goes five of its prior's standard deviations down, and 1 s later is 0.7 rad off."""
+def test_simple_pendulum_lacks_its_motors_friction_and_inertia(data_folder: Path) -> None:
+    """Its motor shakes at 30 Hz behind the gear, which hides both from windows of 60 ms.
+
+    Published, with another load: Coulomb friction 0.1839 N m (Wiebe et al., JOSS, 2022).
+    """
     verdict = _diagnosed(data_folder / "data" / "simple_pendulum", {"ilqr"})
+    found = {one.effect.name: one.values for one in verdict.explanation}
+    assert set(found) == {"joint_coulomb_friction", "rotor_inertia"}
+    assert found["joint_coulomb_friction"]["torque"].value == pytest.approx(0.1839, rel=0.1)
+    assert verdict.kind == "unexplained"
+    # in these two stretches of `energy`
+    shaking = [one for one in verdict.mismatch.standing if one.recording is not None and "energy" in one.recording]
+    assert any(start < 4.0 and stop > 5.0 for one in shaking for start, stop in one.intervals)
+    assert any("averaged out" in note for note in verdict.notes)
+    assert verdict.held_out is not None
+    given, corrected = verdict.held_out.nominal_as_given, verdict.held_out.corrected
+    assert corrected.nll < given.nll
+    assert corrected.rmse["q.shoulder"] < 0.25 * given.rmse["q.shoulder"]
+
+
+@pytest.mark.ci
+def test_simple_pendulum_is_not_made_worse_by_what_cannot_be_explained(data_folder: Path) -> None:
+    """Where nothing is named its mass, fitted alone, makes up for what is missing."""
+    verdict = _diagnosed(data_folder / "data" / "simple_pendulum", {"energy"})
     assert verdict.kind == "unexplained" and not verdict.explanation
     assert verdict.held_out is not None
-    assert verdict.held_out.nominal.rmse["q.shoulder"] > 2.0 * verdict.held_out.nominal_as_given.rmse["q.shoulder"]
+    assert verdict.held_out.nominal.rmse["q.shoulder"] > verdict.held_out.nominal_as_given.rmse["q.shoulder"]
     for comparison in (verdict.train, verdict.held_out):
         assert comparison.corrected == comparison.nominal_as_given
     (mass,) = verdict.corrected.scenario.unknown

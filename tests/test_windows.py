@@ -1,10 +1,17 @@
 """The weak form's integrals against exact ones."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
+from concealed.make import simulate
 
+from drake_cafim import recordings
+from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.windows import lay_windows
 from drake_cafim.local_polynomial import local_polynomial, track_polynomial
+from drake_cafim.scenario.scene import Scene
 
 
 def _staircase_motion(time: np.ndarray, steps: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -97,3 +104,23 @@ def test_local_polynomials_take_what_is_one_as_it_is(jitter: float) -> None:
 def test_fewer_samples_than_powers_are_fitted_as_they_are() -> None:
     time = _grid(4, 0.5)
     np.testing.assert_allclose(local_polynomial(time, 0.0, 6, 0) @ np.sin(100.0 * time), np.sin(100.0 * time))
+
+
+def test_wider_windows_cover_what_the_narrow_ones_do(tmp_path: Path) -> None:
+    """No sample that is missing, or too near to one."""
+    simulate("null", "arm2", 11).write(tmp_path)
+    one = recordings.read(tmp_path / "train_1.parquet")
+    q = f"q.{Scene.load(tmp_path / 'scenario.yaml').tree.joint_names[0]}"
+    holes = np.where((one.time > one.time[0] + 2.0) & (one.time < one.time[0] + 2.1), np.nan, one[q])
+    prepared = prepare(Scene.load(tmp_path / "scenario.yaml"), [replace(one, columns={**one.columns, q: holes})])
+    assert isinstance(prepared, Prepared)
+    problem = prepared.problem()
+    wide = problem.over_wider_windows(4.0)
+    assert wide is not None
+    narrow, wide_ones = (own.runs[0].weak.samples.windows for own in (problem, wide))
+    assert wide_ones.width == pytest.approx(4.0 * narrow.width)
+    touched, seen = (np.unique(own.value.indices) for own in (wide_ones, narrow))
+    assert np.all(np.isin(touched, seen))
+    assert not np.any(np.isnan(holes[touched]))
+    # those of a recording of six seconds are too few where they are longer than it
+    assert problem.over_wider_windows(100.0) is None

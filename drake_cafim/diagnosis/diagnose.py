@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_cafim.diagnosis.adequacy import adequacy, by_run
 from drake_cafim.diagnosis.coloured_noise import (
     seen_memories,
     stated_memories,
@@ -17,20 +16,20 @@ from drake_cafim.diagnosis.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.forecast import forecasts, root_mean_square
 from drake_cafim.diagnosis.innovations import innovations
 from drake_cafim.diagnosis.intervals import standard_deviations
+from drake_cafim.diagnosis.judgement import Judgement, judged
 from drake_cafim.diagnosis.location import locate
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.named_pushes import locate_named
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.quantisation import quantised_memories
 from drake_cafim.diagnosis.samples import samples_of
-from drake_cafim.diagnosis.search import Outcome, Settings, inclusion, key_of, search
+from drake_cafim.diagnosis.search import Outcome, Settings, inclusion, key_of
 from drake_cafim.diagnosis.slow_channels import bridged
 from drake_cafim.diagnosis.stated_noise import noise_of
 from drake_cafim.diagnosis.tosses.prepared import PreparedTosses, prepare_tosses
 from drake_cafim.diagnosis.verdict import (
     Comparison,
     Explanation,
-    Kind,
     Location,
     Mismatch,
     NominalParameter,
@@ -50,9 +49,6 @@ from drake_cafim.typing import Array
 
 RIVAL = 9.0
 """χ², in units of the noise that is left, by which a rival may fit worse: three standard deviations."""
-EXPLAINS = 0.5
-"""Under `unexplained`, effects are named only where they take away more of the excess than they leave, in the channel
-that they explain most of: another one may hold what nobody knows."""
 MADE_UP_FOR = (
     "the unknowns, fitted alone, make up for what is missing and predict these recordings worse than as given; in the "
     "corrected scenario they are as given"
@@ -102,8 +98,8 @@ def examine(
     if prepared.mistakes:
         # physics that would make up for a mistake of the data is none
         settings = replace(settings, most_effects=0)
-    outcome = search(prepared.problem(), settings, progress)
-    return _verdict(prepared, outcome, settings, progress), outcome
+    judgement = judged(prepared.problem(), settings, progress)
+    return _verdict(prepared, judgement, progress), judgement.outcome
 
 
 @dataclass(frozen=True)
@@ -200,13 +196,12 @@ def _facing(scene: Scene, recordings: Sequence[Recording]) -> Scene:
     return scene.facing(q[np.flatnonzero(np.all(np.isfinite(q), axis=1))[0]])
 
 
-def _verdict(prepared: Prepared | PreparedTosses, outcome: Outcome, settings: Settings, progress: Progress) -> Verdict:
-    scene = prepared.scene
-    best, kind = _decided(outcome, settings)
+def _verdict(prepared: Prepared | PreparedTosses, judgement: Judgement, progress: Progress) -> Verdict:
+    scene, outcome, best, kind = prepared.scene, judgement.outcome, judgement.best, judgement.kind
     # where the mismatch is: of the nominal physics at the numbers that the explanation found, or of what remains
     lacking = best.model if kind == "unexplained" else Model(best.model.unknown)
     locations = () if kind == "none" else _locations(prepared, outcome.nominal_problem, best.model, lacking)
-    corrected, notes = scene.corrected(best.model.unknown, best.model.effects), prepared.notes
+    corrected, notes = scene.corrected(best.model.unknown, best.model.effects), (*prepared.notes, *judgement.notes)
     progress("simulating with and without the effects")
     comparisons = _comparisons(prepared, [outcome.nominal, best])
     given, fitted = comparisons[0].nominal_as_given.nll, comparisons[0].corrected.nll
@@ -224,7 +219,7 @@ def _verdict(prepared: Prepared | PreparedTosses, outcome: Outcome, settings: Se
         held_out=held_out[0] if held_out else None,
         corrected=corrected,
         data_mistakes=prepared.mistakes,
-        noise_remarks=prepared.noise_remarks,
+        noise_remarks=(*prepared.noise_remarks, *judgement.noise_remarks),
         notes=notes,
         reduced_chi_square=(
             outcome.nominal.chi_square / outcome.nominal.degrees_of_freedom,
@@ -238,27 +233,6 @@ def _locations(
 ) -> tuple[Location, ...]:
     """Where the recordings differ from `lacking`, the pushes that `best` names by their own ends."""
     return locate_named(problem, best, lacking, lambda model: prepared.locate(problem, model))  # type: ignore[arg-type]
-
-
-def _decided(outcome: Outcome, settings: Settings) -> tuple[Fit, Kind]:
-    """The explanation that is stood by, and the kind of verdict."""
-    if outcome.detection_p_value > settings.false_alarm_rate:
-        return outcome.nominal, "none"
-    best = outcome.best
-    strengths = len(best.model.vector) - len(best.model.unknown)
-    if best.model.effects and adequacy(outcome.problem, best.residual, strengths).p_value > settings.false_alarm_rate:
-        return best, "explained"
-    before, after = _excess(outcome.nominal_problem, outcome.nominal), _excess(outcome.problem, best)
-    most = int(np.argmax(before - after))
-    if after[most] > (1.0 - EXPLAINS) * before[most]:
-        return outcome.nominal, "unexplained"
-    return best, "unexplained"
-
-
-def _excess(problem: Problem, one: Fit) -> Array:
-    """What is beyond noise in each kind of row, (r,): the mean square of whitened rows less one."""
-    rows = np.concatenate([z for _, z in by_run(problem, one.residual[: problem.rows])])
-    return np.asarray(np.mean(rows**2, axis=0) - 1.0)
 
 
 def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Explanation, ...]:

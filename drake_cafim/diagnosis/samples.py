@@ -77,6 +77,16 @@ class Samples:
         return self.differentiate is None
 
 
+def over_wider_windows(samples: Samples, times: float) -> Samples | None:
+    """The same samples under windows `times` as wide, that cover no others; None where fewer than three fit."""
+    windows = samples.windows
+    covered = np.zeros(len(samples.time), dtype=bool)
+    for first, stop in zip(windows.first, windows.stop, strict=True):
+        covered[first:stop] = True
+    wide = lay_windows(samples.time, covered, times * windows.width)
+    return replace(samples, windows=wide) if len(wide) >= 3 else None
+
+
 def noisier(samples: Samples, rng: np.random.Generator, fed_back: bool = False) -> Samples:
     """The samples with the stated noise added once more; `fed_back`, the efforts are what a controller makes of it."""
     names = [name.removeprefix("q.") for name in samples.std if name.startswith("q.")]

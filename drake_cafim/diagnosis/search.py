@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from drake_cafim.diagnosis.adequacy import adequacy
-from drake_cafim.diagnosis.evidence import accepted, criterion, luck, scale_of, under_its_noise
+from drake_cafim.diagnosis.evidence import accepted, criterion, leaves_noise, luck, scale_of, under_its_noise
 from drake_cafim.diagnosis.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
@@ -90,8 +90,13 @@ class Outcome:
         return scale_of(self.best)
 
 
-def search(problem: Problem, settings: Settings, progress: Callable[[str], None] = lambda text: None) -> Outcome:
-    """The effects that the recordings ask for, beyond the scene's nominal physics."""
+def search(
+    problem: Problem,
+    settings: Settings,
+    progress: Callable[[str], None] = lambda text: None,
+    begun: Sequence[Effect] = (),
+) -> Outcome:
+    """The effects that the recordings ask for, beyond the scene's nominal physics and those `begun` with."""
     progress("fitting the nominal model")
     reckoned, nominal = Model(problem.scene.priors.mean), unbiased_fit(problem, problem.nominal())
     for _ in range(ROUNDS):
@@ -110,7 +115,7 @@ def search(problem: Problem, settings: Settings, progress: Callable[[str], None]
     state.screens[key_of(nominal)] = screened
     best = nominal
     if detection <= settings.false_alarm_rate:
-        best = _grown(state, nominal)
+        best = _grown(state, _begun(state, nominal, begun))
     if best.model.effects:
         _fit_rivals(state, best)
         _fit_equivalents(state, best)
@@ -180,11 +185,19 @@ class _State:
         return best
 
 
-def _grown(state: _State, nominal: Fit) -> Fit:
+def _begun(state: _State, nominal: Fit, effects: Sequence[Effect]) -> Fit:
+    """The fit with `effects`, the nominal one where there are none, or where they are an echo of noise."""
+    if not effects:
+        return nominal
+    one = unbiased_fit(state.problem, nominal.model.with_effects(effects))
+    state.pool.add(one)
+    return nominal if one.echo else state.rewhiten(one) or nominal
+
+
+def _grown(state: _State, best: Fit) -> Fit:
     """The explanation that no further effect improves enough."""
-    best = nominal
-    state.frontier = [nominal]
-    for depth in range(1, state.settings.most_effects + 1):
+    state.frontier = [best]
+    for depth in range(len(best.model.effects) + 1, state.settings.most_effects + 1):
         if not _worth_more(state, best):
             break
         _expand(state, depth)
@@ -261,7 +274,7 @@ def _settled(state: _State, parent: Fit, found: Iterable[Fit], candidate: Candid
         return False
     return any(
         candidate.gain < FAR_LESS * (parent.chi_square - one.chi_square)
-        and adequacy(state.problem, one.residual, one.strengths).p_value > state.settings.false_alarm_rate
+        and leaves_noise(state.problem, one, state.settings.false_alarm_rate)
         for one in found
     )
 

@@ -14,10 +14,10 @@ from drake_cafim.diagnosis.feedback import Feedback
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.problem import Problem
 from drake_cafim.diagnosis.reading import Reading, shifts_of
-from drake_cafim.diagnosis.samples import noisier
+from drake_cafim.diagnosis.samples import noisier, over_wider_windows
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.weak_run import Run
-from drake_cafim.diagnosis.whitening import whitening
+from drake_cafim.diagnosis.whitening import NONE, whitening
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.coupling import JointBacklash
 from drake_cafim.effects.effect import Effect, joined
@@ -45,6 +45,8 @@ class WeakProblem(Problem):
     runs: tuple[Run, ...]
     under: Model
     """What the rows are whitened under."""
+    unknown_force: Array = field(default_factory=lambda: np.zeros(0))
+    """(n,) or empty: the density of white forces at the joints that nobody knows, (N m)² s or N² s."""
     _unknown_columns: dict[int, tuple[Any, Array]] = field(default_factory=dict, repr=False, compare=False)
     found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
     """The last residual that was searched for pushes, and what was found."""
@@ -59,20 +61,30 @@ class WeakProblem(Problem):
     _last_rewhitened: list[tuple[Model, "WeakProblem"]] = field(default_factory=list, repr=False, compare=False)
 
     @classmethod
-    def of(cls, scene: Scene, weak: Sequence[WeakForm], model: Model) -> "WeakProblem":
+    def of(cls, scene: Scene, weak: Sequence[WeakForm], model: Model, unknown_force: Array = NONE) -> "WeakProblem":
         """The problem whitened under `model`."""
         physics = model.physics(scene)
         runs = []
         for form in weak:
-            whiten, jacobian, labels = whitening(form, physics)
+            whiten, jacobian, labels = whitening(form, physics, unknown_force)
             runs.append(Run(form, whiten, jacobian, tuple(labels)))
-        return cls(scene, tuple(runs), model)
+        return cls(scene, tuple(runs), model, unknown_force)
 
     def rewhitened(self, model: Model) -> "WeakProblem":
         """The same recordings under another model's covariance; the last one is kept."""
         if not self._last_rewhitened or self._last_rewhitened[0][0] is not model:
-            self._last_rewhitened[:] = [(model, WeakProblem.of(self.scene, self._forms, model))]
+            self._last_rewhitened[:] = [(model, WeakProblem.of(self.scene, self._forms, model, self.unknown_force))]
         return self._last_rewhitened[0][1]
+
+    def shaken(self, model: Model, unknown_force: Array) -> "WeakProblem":
+        """The same recordings, whitened under `model`, with other forces that nobody knows."""
+        return WeakProblem.of(self.scene, self._forms, model, unknown_force)
+
+    def over_wider_windows(self, times: float) -> "WeakProblem | None":
+        """The same recordings under windows `times` as wide; None where too few of them fit in one."""
+        wide = [over_wider_windows(form.samples, times) for form in self._forms]
+        forms = [WeakForm(own, form.sensors) for own, form in zip(wide, self._forms, strict=True) if own is not None]
+        return WeakProblem.of(self.scene, forms, self.under) if len(forms) == len(wide) else None
 
     @cached_property
     def noisier(self) -> "WeakProblem":
@@ -98,7 +110,7 @@ class WeakProblem(Problem):
         for index, run in enumerate(self.runs):
             samples = noisier(run.weak.samples, np.random.default_rng(index + dose * len(self.runs)), fed_back)
             runs.append(replace(run, weak=WeakForm(samples, run.weak.sensors)))
-        return WeakProblem(self.scene, tuple(runs), self.under)
+        return WeakProblem(self.scene, tuple(runs), self.under, self.unknown_force)
 
     @property
     def log_determinant(self) -> float:

@@ -16,6 +16,8 @@ from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
+NONE = np.zeros(0)
+
 
 @dataclass(frozen=True)
 class Whitening:
@@ -23,6 +25,19 @@ class Whitening:
 
     factor: Array
     covariance: sp.csr_matrix
+
+    @classmethod
+    def of(cls, covariance: sp.csr_matrix) -> "Whitening":
+        """The factor of `covariance`, which is zero but near its diagonal."""
+        covariance = sp.csr_matrix(covariance)
+        entries = sp.coo_matrix(covariance)
+        lower = entries.row >= entries.col
+        row, column, value = entries.row[lower], entries.col[lower], entries.data[lower]
+        band = np.zeros((int((row - column).max()) + 1, covariance.shape[0]))
+        band[row - column, column] = value
+        # rounding must not make the factorisation fail where rows are nearly dependent
+        band[0] *= 1.0 + 1e-10
+        return cls(scipy.linalg.cholesky_banded(band, lower=True), covariance)
 
     def __call__(self, rows: Array) -> Array:
         """L⁻¹ rows, for (R,) or (R, k)."""
@@ -38,19 +53,30 @@ class Whitening:
         return float(2.0 * np.sum(np.log(self.factor[0])))
 
 
-def whitening(weak: WeakForm, physics: Physics) -> tuple[Whitening, sp.csr_matrix, list[tuple[str, slice]]]:
-    """The whitening of one recording's rows under `physics`, with the noise Jacobian it was made from."""
+def whitening(
+    weak: WeakForm, physics: Physics, unknown_force: Array = NONE
+) -> tuple[Whitening, sp.csr_matrix, list[tuple[str, slice]]]:
+    """The whitening of one recording's rows under `physics`, with the noise Jacobian it was made from.
+
+    `unknown_force` (n,) is the density of white forces at the joints that nobody knows, (N m)² s or N² s.
+    """
     jacobian, labels = noise_jacobian(weak, physics)
     beyond = bent_covariance(weak, physics) + touching_covariance(weak, physics)
-    together = sp.csr_matrix(_sampled(weak, jacobian, labels) + beyond)
-    entries = sp.coo_matrix(together)
-    lower = entries.row >= entries.col
-    row, column, value = entries.row[lower], entries.col[lower], entries.data[lower]
-    band = np.zeros((int((row - column).max()) + 1, together.shape[0]))
-    band[row - column, column] = value
-    # rounding must not make the factorisation fail where rows are nearly dependent
-    band[0] *= 1.0 + 1e-10
-    return Whitening(scipy.linalg.cholesky_banded(band, lower=True), together), jacobian, labels
+    for density, part in zip(unknown_force, forced(weak, physics), strict=True) if np.any(unknown_force) else ():
+        beyond = beyond + density * (part @ part.T)
+    return Whitening.of(_sampled(weak, jacobian, labels) + beyond), jacobian, labels
+
+
+def forced(weak: WeakForm, physics: Physics) -> list[sp.csr_matrix]:
+    """(R, M) for each joint: a factor of the covariance of the rows that a white force of density one makes."""
+    windows, r = weak.samples.windows, weak.rows_per_window
+    weighed = windows.value @ sp.diags_array(1.0 / np.sqrt(np.gradient(weak.samples.time)))
+    factor = sp.coo_matrix(np.linalg.cholesky((weighed @ weighed.T).toarray()))
+    rows = range(weak.dynamic.start, weak.dynamic.stop)
+    return [
+        sp.csr_matrix((factor.data / gain, (r * factor.row + row, factor.col)), shape=(r * len(windows), len(windows)))
+        for row, gain in zip(rows, physics.effort_gains, strict=True)
+    ]
 
 
 def _sampled(weak: WeakForm, jacobian: sp.csr_matrix, labels: Sequence[tuple[str, slice]]) -> sp.csr_matrix:

@@ -1,0 +1,90 @@
+"""Forces that nobody knows: how strong they are, and what is found beside them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from concealed.make import simulate
+from concealed_case import written
+
+from drake_cafim.diagnosis.diagnose import diagnose, prepare
+from drake_cafim.diagnosis.evidence import leaves_noise
+from drake_cafim.diagnosis.fitting import unbiased_fit
+from drake_cafim.diagnosis.judgement import judged
+from drake_cafim.diagnosis.search import Settings, search
+from drake_cafim.diagnosis.unknown_force import likeliest, told
+from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.recordings.recording import Recording
+
+FRICTION_SHAKEN, CONTACT_SHAKEN = 0xBC0AB4C908B26B5A7C5B95B49992FB47, 0x874F9EC31879AA739C764031741DB642
+"""Seeds of worlds with forces that nobody knows."""
+DENSITY = 2e-4
+"""(N m)² s: 0.06 N m over 60 ms."""
+
+
+def _shaken(one: Recording, joint: str, seed: int) -> Recording:
+    """A recording whose efforts at `joint` leave out a white part of what acted there."""
+    std = float(np.sqrt(DENSITY / np.median(np.diff(one.time))))
+    hidden = std * np.random.default_rng(seed).standard_normal(len(one.time))
+    return replace(one, columns={**one.columns, f"u.{joint}": one[f"u.{joint}"] - hidden})
+
+
+def _problem(folder: Path, shaken: bool) -> tuple[WeakProblem, str]:
+    scene, read = written(simulate("null", "arm2", 11), folder)
+    joint = scene.tree.joint_names[0]
+    if shaken:
+        read = [_shaken(one, joint, seed) for seed, one in enumerate(read)]
+    problem = prepare(scene, read).problem()
+    assert isinstance(problem, WeakProblem)
+    return problem, joint
+
+
+def test_the_density_is_the_one_that_was_hidden(tmp_path: Path) -> None:
+    problem, joint = _problem(tmp_path, shaken=True)
+    nominal = unbiased_fit(problem, problem.nominal())
+    density = likeliest(problem, nominal.model)
+    # of some 600 windows, whose squares are known to a twentieth
+    assert density[0] == pytest.approx(DENSITY, rel=0.15)
+    assert density[1] < 0.05 * DENSITY
+    assert not leaves_noise(problem, nominal, 0.01)
+    own = problem.shaken(nominal.model, density)
+    assert leaves_noise(own, unbiased_fit(own, nominal.model), 0.01)
+    [remark] = told(own)
+    assert joint in remark and "0.06 s" in remark
+
+
+def test_where_nothing_shakes_there_is_none(tmp_path: Path) -> None:
+    problem, _ = _problem(tmp_path, shaken=False)
+    nominal = unbiased_fit(problem, problem.nominal())
+    density = likeliest(problem, nominal.model)
+    assert np.all(density < 0.02 * DENSITY)
+    assert told(problem.shaken(nominal.model, density)) == ()
+
+
+def test_an_effect_is_told_from_the_forces_beside_it(tmp_path: Path) -> None:
+    """Of an arm whose joints are shaken by less than a ten-thousandth of their efforts."""
+    scene, read = written(simulate("single:joint_viscous_friction", "arm7", FRICTION_SHAKEN), tmp_path)
+    verdict = diagnose(scene, read)
+    assert verdict.kind == "explained"
+    assert [(one.effect.name, one.effect.at) for one in verdict.explanation] == [("joint_viscous_friction", "joint_7")]
+    assert any("nobody knows" in remark for remark in verdict.noise_remarks)
+
+
+def test_a_force_alone_is_no_effect(tmp_path: Path) -> None:
+    problem, _ = _problem(tmp_path, shaken=True)
+    found = judged(problem, Settings(), lambda text: None)
+    assert found.kind == "unexplained" and not found.best.model.effects
+
+
+def test_a_contact_that_a_search_misses_is_found_beside_forces(tmp_path: Path) -> None:
+    """Of an arm that efforts shake that nobody knows: a search that takes all it leaves for physics names nothing."""
+    case = simulate("single:unmodeled_contact", "arm3", CONTACT_SHAKEN)
+    scene, read = written(case, tmp_path)
+    problem = prepare(scene, read).problem()
+    assert not search(problem, Settings()).best.model.effects
+    verdict = diagnose(scene, read)
+    assert verdict.kind == "explained"
+    [effect] = case.truth["effects"]
+    [found] = verdict.explanation
+    assert (found.effect.name, found.effect.at) == (effect["effect"], effect["at"])
