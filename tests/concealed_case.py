@@ -2,11 +2,10 @@
 
 from pathlib import Path
 
-from concealed.case import Case
-
 from drake_cafim import recordings
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import Scene
+from tests.concealed.case import Case
 
 
 def written(case: Case, folder: Path) -> tuple[Scene, list[Recording]]:

@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from concealed import ablate, ablation
-from concealed.ablation import Ablation, Machine
 
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.catalogue import effect_named
@@ -15,6 +13,8 @@ from drake_cafim.effects.link import Payload
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
+from tests.concealed import ablate, ablation
+from tests.concealed.ablation import Ablation, Machine
 
 ARM = """<robot name="arm"><link name="base"/>
 <link name="link"><inertial><origin xyz="0.01 0 -0.2"/><mass value="2"/>

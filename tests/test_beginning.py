@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from concealed.make import simulate
-from concealed_case import written
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.beginning import Begun, start_rows, unsettled
@@ -20,6 +18,8 @@ from drake_cafim.effects.timing import POINTS, SensorLag
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
+from tests.concealed.make import simulate
+from tests.concealed_case import written
 
 LATER = 500
 """Samples."""

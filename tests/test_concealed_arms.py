@@ -6,15 +6,16 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from concealed import laws
-from concealed.excitation import desired
-from concealed.mujoco_arm import ArmInverse, ArmPlant
-from concealed.robots import Array, Robot, random_arm
-from concealed.simulate import Motion, Simulation
-from concealed.urdf import arm_urdf
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces
+
+from tests.concealed import laws
+from tests.concealed.excitation import desired
+from tests.concealed.mujoco_arm import ArmInverse, ArmPlant
+from tests.concealed.robots import Array, Robot, random_arm
+from tests.concealed.simulate import Motion, Simulation
+from tests.concealed.urdf import arm_urdf
 
 STEP = 0.002
 

@@ -6,16 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from concealed.arm_case import Settings
-from concealed.contact_law import ContactLaw
-from concealed.draw_contact import WRENCH
-from concealed.make import simulate
-from concealed.press import NAMES, PressPlant, random_stage
-from concealed.press_case import simulate_press
-from concealed.robots import Array, Link
-from concealed.strength_press import PressRows
-from concealed.strength_toss import TossRows
-from concealed.toss import Shape, Toss, rotation_matrix
+
+from tests.concealed.arm_case import Settings
+from tests.concealed.contact_law import ContactLaw
+from tests.concealed.draw_contact import WRENCH
+from tests.concealed.make import simulate
+from tests.concealed.press import NAMES, PressPlant, random_stage
+from tests.concealed.press_case import simulate_press
+from tests.concealed.robots import Array, Link
+from tests.concealed.strength_press import PressRows
+from tests.concealed.strength_toss import TossRows
+from tests.concealed.toss import Shape, Toss, rotation_matrix
 
 LAW = ContactLaw(stiffness=4000.0, damping=40.0, friction=0.4, slip_velocity=0.005)
 DOWN = np.array([0.0, 0.0, -9.81])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -10,19 +11,20 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from concealed import fake_diagnosis, plan, prove
-from concealed.fork_server import run_cafim
-from concealed.make import main as make_main
-from concealed.make import make, simulate
-from concealed.noise import ChannelNoise, Clock
-from concealed.score import score
-from concealed.seal import Seal, case_seed, fresh_seed
-from concealed.strength import Windows
-from concealed.strength_arm import ArmRows
-from concealed.summary import figures
-from concealed.timing import first_order, position_curve
-from concealed.trial import command, covered_unnamed, scrubbed
-from concealed.truth import FAMILY, VOCABULARY
+
+from tests.concealed import fake_diagnosis, plan, prove
+from tests.concealed.fork_server import run_cafim
+from tests.concealed.make import main as make_main
+from tests.concealed.make import make, simulate
+from tests.concealed.noise import ChannelNoise, Clock
+from tests.concealed.score import score
+from tests.concealed.seal import Seal, case_seed, fresh_seed
+from tests.concealed.strength import Windows
+from tests.concealed.strength_arm import ArmRows
+from tests.concealed.summary import figures
+from tests.concealed.timing import first_order, position_curve
+from tests.concealed.trial import command, covered_unnamed, scrubbed
+from tests.concealed.truth import FAMILY, VOCABULARY
 
 
 def truth(effects: list[dict[str, object]], kind: str = "single", **more: object) -> dict[str, object]:
@@ -307,7 +309,7 @@ def test_an_interval_that_cannot_be_fitted_holds_no_truth(tmp_path: Path, monkey
     def fails(*_: object) -> None:
         raise np.linalg.LinAlgError("Singular matrix")
 
-    monkeypatch.setattr("concealed.trial.assumed", fails)
+    monkeypatch.setattr("tests.concealed.trial.assumed", fails)
     effect = {"effect": "aerodynamic_drag", "at": "block", "parameters": {"coefficient": [0.1, "N s^2/m^2"]}}
     [(name, held, _)] = covered_unnamed(tmp_path, {"kind": "single:aerodynamic_drag", "effects": [effect]}, [])
     assert (name, held) == ("coefficient", False)
@@ -329,3 +331,9 @@ def test_proof_runs_resumes_and_writes_its_page(tmp_path: Path) -> None:
     assert "for debugging, not a proof" in page and "<svg" in page and "None" not in page
     with pytest.raises(SystemExit, match="not empty"):
         prove.main([*common, *diagnose])
+
+
+def test_what_is_compiled_is_kept_under_one_name():
+    """Under two, a proof would read what the tests had compiled, and not find its module."""
+    short = re.compile(r"^\s*(from|import) (concealed|recoveries|benchmarks)\b", re.MULTILINE)
+    assert not [path.name for path in Path(__file__).parent.rglob("*.py") if short.search(path.read_text())]

@@ -7,16 +7,17 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from concealed.inverse import Moving
-from concealed.make import seen_in, simulate
-from concealed.mujoco_arm import mjcf
-from concealed.recursion import followed
-from concealed.robots import Array, Robot, random_arm
-from concealed.small import cross, quaternion_rate, turn_of
-from concealed.strength import Windows
-from concealed.uneven import sums_of
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
+
+from tests.concealed.inverse import Moving
+from tests.concealed.make import seen_in, simulate
+from tests.concealed.mujoco_arm import mjcf
+from tests.concealed.recursion import followed
+from tests.concealed.robots import Array, Robot, random_arm
+from tests.concealed.small import cross, quaternion_rate, turn_of
+from tests.concealed.strength import Windows
+from tests.concealed.uneven import sums_of
 
 
 def engine_torque(robot: Robot, q: Array, v: Array, a: Array) -> Array:

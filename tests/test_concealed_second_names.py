@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from concealed.make import paired, seen_in, simulate
-from concealed.score import score
-from concealed.strength import Alternative, Excess, acceptable, reckoned
-from concealed.strength_arm import ArmRows, arm_alternatives
 from test_concealed_proof import COULOMB, report, truth
+
+from tests.concealed.make import paired, seen_in, simulate
+from tests.concealed.score import score
+from tests.concealed.strength import Alternative, Excess, acceptable, reckoned
+from tests.concealed.strength_arm import ArmRows, arm_alternatives
 
 VISCOUS = {"effect": "joint_viscous_friction", "at": "wrist", "parameters": {"coefficient": [0.1, ""]}}
 

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recoveries.instant import NOW, drake_acceleration, entry
-from recoveries.models import PRESS, ROLLER, STAGE, scene_of
-from recoveries.rig import CONTINUOUS
+
+from tests.recoveries.instant import NOW, drake_acceleration, entry
+from tests.recoveries.models import PRESS, ROLLER, STAGE, scene_of
+from tests.recoveries.rig import CONTINUOUS
 
 PENDULUM = """<robot name="pendulum" xmlns:drake="http://drake.mit.edu"><link name="base"/><link name="l"><inertial>
 <origin xyz="0.2 0 0"/><mass value="1"/><inertia ixx="0.03" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial>

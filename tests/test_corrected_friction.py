@@ -9,10 +9,10 @@ from pydrake.multibody.tree import Joint, JointActuator, PrismaticJoint, Revolut
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
-from recoveries.models import scene_of
 
 from drake_cafim.corrected.brakes import GAIN
 from drake_cafim.typing import Array
+from tests.recoveries.models import scene_of
 
 INERTIA, ROTOR = 0.03, 0.02
 ONE = f"""<robot name="one" xmlns:drake="http://drake.mit.edu"><link name="base"/><link name="l"><inertial>

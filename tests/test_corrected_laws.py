@@ -7,10 +7,6 @@ import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
-from recoveries.cases import REMEMBERING
-from recoveries.instant import NOW, built, drake_acceleration, entry
-from recoveries.models import ARM, PRESS, ROLLER, STAGE, scene_of
-from recoveries.rig import CONTINUOUS
 
 from drake_cafim.dynamics.motion import equations_of_motion, motion
 from drake_cafim.effects.actuator import Effort
@@ -19,6 +15,10 @@ from drake_cafim.effects.effect import JointSamples
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
+from tests.recoveries.cases import REMEMBERING
+from tests.recoveries.instant import NOW, built, drake_acceleration, entry
+from tests.recoveries.models import ARM, PRESS, ROLLER, STAGE, scene_of
+from tests.recoveries.rig import CONTINUOUS
 
 JOINT: list[tuple[str, str, dict[str, float]]] = [
     ("joint_viscous_friction", "turn", {"coefficient": 0.7}),

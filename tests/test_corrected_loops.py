@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlantConfig
-from recoveries.cases import CASES, Case
-from recoveries.rig import CONTINUOUS, rig
 
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
+from tests.recoveries.cases import CASES, Case
+from tests.recoveries.rig import CONTINUOUS, rig
 
 DISCRETE = MultibodyPlantConfig(time_step=5e-4)
 FROM_THE_START = {

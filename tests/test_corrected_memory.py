@@ -8,9 +8,6 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput, Sine
-from recoveries.cases import CASES, REMEMBERING, Case
-from recoveries.models import PRESS, STAGE, scene_of
-from recoveries.rig import CONTINUOUS, Rig, rig
 from scipy.integrate import solve_ivp
 
 from drake_cafim.corrected.clock import Clock
@@ -24,6 +21,9 @@ from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.timing import ClockSkew, SensorDelay, SensorLag
 from drake_cafim.errors import InputError
 from drake_cafim.typing import Array
+from tests.recoveries.cases import CASES, REMEMBERING, Case
+from tests.recoveries.models import PRESS, STAGE, scene_of
+from tests.recoveries.rig import CONTINUOUS, Rig, rig
 
 PERIOD = 1e-3
 CLOCK = Clock(PERIOD)

@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-from recoveries.cases import CASES, Case
-from recoveries.recovery import recovered, sentences
 
 from drake_cafim.effects.catalogue import EFFECTS
+from tests.recoveries.cases import CASES, Case
+from tests.recoveries.recovery import recovered, sentences
 
 
 def test_the_whole_vocabulary_is_tried() -> None:

@@ -5,10 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from recoveries.cases import CASES, Case
-from recoveries.models import ARM, scene_of
-from recoveries.recovery import read_back
-from recoveries.rig import PERIOD, replayed
 
 from drake_cafim import recordings
 from drake_cafim.commands.run import RunRequest, load_stage, run_command
@@ -17,6 +13,10 @@ from drake_cafim.experiment import Options
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import DIAGRAMS, Scene
 from drake_cafim.typing import Array
+from tests.recoveries.cases import CASES, Case
+from tests.recoveries.models import ARM, scene_of
+from tests.recoveries.recovery import read_back
+from tests.recoveries.rig import PERIOD, replayed
 
 DURATION = 0.02
 """s"""

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from concealed.make import simulate
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.data_mistakes import data_mistakes
@@ -14,6 +13,7 @@ from drake_cafim.diagnosis.stated_noise import noise_of
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import Scene
 from drake_cafim.typing import Array
+from tests.concealed.make import simulate
 
 Columns = dict[str, np.ndarray]
 

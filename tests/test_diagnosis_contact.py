@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from concealed.make import make, simulate
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import Prepared, diagnose, prepare
@@ -19,6 +18,7 @@ from drake_cafim.diagnosis.search import Settings, search
 from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scenario.scene import Scene
+from tests.concealed.make import make, simulate
 from tests.concealed_case import written
 
 

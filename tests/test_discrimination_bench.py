@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.confusable import GROUPS, Group, random_motion, sized
-from benchmarks.discrimination import POLICIES, STRENGTHS, UNKNOWNS, line, summary
 
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.discrimination.design import Designer
 from drake_cafim.discrimination.hypotheses import parsed
+from tests.benchmarks.confusable import GROUPS, Group, random_motion, sized
+from tests.benchmarks.discrimination import POLICIES, STRENGTHS, UNKNOWNS, line, summary
 
 
 @pytest.mark.parametrize("group", GROUPS, ids=lambda one: one.slug)

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from concealed.make import make
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import prepare
@@ -15,6 +14,7 @@ from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.scene import Scene
+from tests.concealed.make import make
 
 VALUES = {"offset": 0.3, "stiffness": 500.0, "damping": 20.0, "nx": 0.6, "ny": 0.0, "nz": 0.8}
 

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from concealed.case import Case
-from concealed.make import make
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import prepare
 from drake_cafim.diagnosis.search import Outcome, Settings, search
 from drake_cafim.scenario.scene import Scene
+from tests.concealed.case import Case
+from tests.concealed.make import make
 
 ARM_EFFECTS = [
     "joint_stribeck_friction",

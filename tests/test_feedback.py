@@ -4,8 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from concealed.case import World
-from concealed.make import simulate
 
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.feedback import Feedback
@@ -13,6 +11,8 @@ from drake_cafim.diagnosis.samples import retaken
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.diagnosis.weak_problem import DOSES, doses
 from drake_cafim.effects.coupling import JointElasticity
+from tests.concealed.case import World
+from tests.concealed.make import simulate
 from tests.concealed_case import written
 
 

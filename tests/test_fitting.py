@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from concealed.make import simulate
 from scipy.stats import chi2
 
 from drake_cafim import recordings
@@ -33,6 +32,7 @@ from drake_cafim.effects.timing import SensorDelay
 from drake_cafim.effects.transmission import JointHardStop
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import Scene
+from tests.concealed.make import simulate
 from tests.concealed_case import written
 
 MODEL = """<robot name="slider"><link name="base"/>

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from concealed.make import simulate
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import prepare
@@ -15,6 +14,7 @@ from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.weak_form import WeakForm
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scenario.scene import Scene
+from tests.concealed.make import simulate
 
 
 def _held_out(kind: str, rig: str, seed: int, folder: Path) -> tuple[Scene, WeakForm, Model]:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from concealed.make import simulate
 
 from drake_cafim.diagnosis.adequacy import BLOCK
 from drake_cafim.diagnosis.diagnose import prepare
@@ -18,6 +17,7 @@ from drake_cafim.diagnosis.screening import screen
 from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.effects.transmission import TorqueRipple
+from tests.concealed.make import simulate
 from tests.concealed_case import written
 
 STD = 0.5

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from concealed.case import Case
-from concealed.make import simulate
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import diagnose
@@ -16,6 +14,8 @@ from drake_cafim.diagnosis.slow_channels import bridged
 from drake_cafim.diagnosis.verdict import Verdict
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.scene import Scene
+from tests.concealed.case import Case
+from tests.concealed.make import simulate
 
 Read = list[Recording]
 KIND, RIG, SEED = "pair:joint_viscous_friction,actuator_bias", "arm2", 4

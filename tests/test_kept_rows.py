@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from concealed.make import simulate
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
@@ -21,6 +20,7 @@ from drake_cafim.effects.link import Payload
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.timing import SensorDelay, SensorLag
 from drake_cafim.scenario.scene import Scene
+from tests.concealed.make import simulate
 
 
 def _problem(folder: Path) -> WeakProblem:

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import pytest
-from concealed.make import calm, simulate
 from scipy.stats import binom
 
 from drake_cafim import recordings
@@ -12,6 +11,7 @@ from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.search import Settings, search
 from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.scenario.scene import Scene
+from tests.concealed.make import calm, simulate
 
 FIRST, COUNT = 5000, {"arm2": 30, "arm3": 10, "press": 10}
 

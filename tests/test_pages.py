@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import pytest
-from browser import open_page
 
 from drake_cafim import Scene
 from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record, stiff_grease
 from drake_cafim.report.artifacts import write_artifacts
+from tests.browser import open_page
 
 pytestmark = pytest.mark.ci
 SLIDE = """const loaded = setInterval(() => {{

@@ -4,7 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bags.written import (
+
+from drake_cafim import Recording, Scene, diagnose, recordings
+from drake_cafim.commands.importing import import_command
+from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record, stiff_grease
+from drake_cafim.errors import InputError
+from drake_cafim.recordings import Topic
+from tests.bags.written import (
     ROS2,
     TOPICS,
     WRITERS,
@@ -15,12 +21,6 @@ from bags.written import (
     twin,
     write_mcap2,
 )
-
-from drake_cafim import Recording, Scene, diagnose, recordings
-from drake_cafim.commands.importing import import_command
-from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record, stiff_grease
-from drake_cafim.errors import InputError
-from drake_cafim.recordings import Topic
 
 
 @pytest.mark.parametrize("writer", WRITERS)

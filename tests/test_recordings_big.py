@@ -5,8 +5,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from bags.written import ROS2, built
 from mcap.writer import CompressionType, Writer
+
+from tests.bags.written import ROS2, built
 
 BIG = """
 import sys

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bags.lcm_log import write_lcm
-from bags.written import TOPICS, WRITERS, messages, twin
 
 from drake_cafim import recordings
 from drake_cafim.errors import InputError
+from tests.bags.lcm_log import write_lcm
+from tests.bags.written import TOPICS, WRITERS, messages, twin
 
 
 @pytest.mark.parametrize("writer", ["rosbags, MCAP", "rosbags, SQLite", "rosbags, ROS 1", "mcap"])

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from bags.lcm_log import write_lcm
-
 from drake_cafim import recordings
+from tests.bags.lcm_log import write_lcm
 
 
 def test_lcm_log_of_drake_types(tmp_path: Path) -> None:

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bags.written import assert_equal_to_the_bit, twin
 
 from drake_cafim import recordings
 from drake_cafim.errors import InputError
 from drake_cafim.recordings import Recording
+from tests.bags.written import assert_equal_to_the_bit, twin
 
 
 def test_out_as_mcap_and_back_with_residuals(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import open_page
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram
 
@@ -17,6 +16,7 @@ from drake_cafim.report.panel import changes, facing
 from drake_cafim.report.replay import make_meshcat, write_replay
 from drake_cafim.report.replay_data import BeliefHistory, Candidates, Forces, Motion, Replay
 from drake_cafim.typing import Array
+from tests.browser import open_page
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import open_page
 
 from drake_cafim import Scene
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE
 from drake_cafim.report.rivals_replay import RivalRun, RivalsReplay, magnified, write_rivals_replay
+from tests.browser import open_page
 
 SLIDE = """const loaded = setInterval(() => {{
   const slider = document.querySelector("#transport input");

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from concealed.make import make, simulate
 
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.fitting import unbiased_fit
@@ -14,6 +13,7 @@ from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.timing import SensorDelay, SensorLag
 from drake_cafim.scenario.scene import Scene
+from tests.concealed.make import make, simulate
 from tests.concealed_case import written
 
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from concealed.make import make
 
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.model import Model
 from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.diagnosis.whitening import whitening
 from drake_cafim.effects.timing import ClockSkew, SensorDelay, ShiftedSensor
+from tests.concealed.make import make
 from tests.concealed_case import written
 
 COARSE = 4

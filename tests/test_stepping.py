@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from concealed.make import make
 
 from drake_cafim.contact import NORMAL_LAWS, ContactLaw
 from drake_cafim.diagnosis.model import Model
@@ -12,6 +11,7 @@ from drake_cafim.diagnosis.stepper import State, advance, step
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scenario.physics import Physics
+from tests.concealed.make import make
 from tests.concealed_case import written
 
 RUBBING = ({"slip_velocity": 0.01}, {"resistance": 30.0}, {})

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from concealed.make import simulate
 
 import drake_cafim
 from drake_cafim.diagnosis.coloured_noise import Memory, drawn
@@ -29,6 +28,7 @@ from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.report_html import render
 from drake_cafim.scenario.scene import Scene
+from tests.concealed.make import simulate
 from tests.concealed_case import written
 from tests.tosses import BLOCK, SCENARIO, thrown, thrown_scene
 

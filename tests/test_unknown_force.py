@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from concealed.make import simulate
-from concealed_case import written
 
 from drake_cafim.diagnosis.diagnose import diagnose, prepare
 from drake_cafim.diagnosis.evidence import leaves_noise
@@ -16,6 +14,8 @@ from drake_cafim.diagnosis.search import Settings, search
 from drake_cafim.diagnosis.unknown_force import likeliest, told
 from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.recordings.recording import Recording
+from tests.concealed.make import simulate
+from tests.concealed_case import written
 
 FRICTION_SHAKEN, CONTACT_SHAKEN = 0xBC0AB4C908B26B5A7C5B95B49992FB47, 0x874F9EC31879AA739C764031741DB642
 """Seeds of worlds with forces that nobody knows."""

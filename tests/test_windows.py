@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from concealed.make import simulate
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.windows import lay_windows
 from drake_cafim.local_polynomial import local_polynomial, track_polynomial
 from drake_cafim.scenario.scene import Scene
+from tests.concealed.make import simulate
 
 
 def _staircase_motion(time: np.ndarray, steps: np.ndarray, u: np.ndarray) -> np.ndarray:
