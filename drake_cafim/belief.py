@@ -53,17 +53,17 @@ class Belief:
         return Belief(self.names, np.asarray(mean, dtype=float), _inverse(precision))
 
     def interval(self, level: float = 0.95) -> Array:
-        """Central intervals (n, 2) that hold each parameter with probability `level`."""
+        """Central credible intervals (n, 2), each of probability `level`."""
         half = norm.ppf(0.5 + 0.5 * level) * self.std
         return np.stack([self.mean - half, self.mean + half], axis=-1)
 
     def entropy(self) -> float:
-        """½ log det(2πe Σ), nats."""
+        """Differential entropy ½ log det(2πe Σ), nats; nan where Σ is not positive definite."""
         sign, logarithm = np.linalg.slogdet(2.0 * np.pi * np.e * self.covariance)
         return float(0.5 * logarithm) if sign > 0 else float("nan")
 
     def vector(self) -> Array:
-        """Mean, then covariance row by row: (n + n²,), as on a Diagram's `belief` ports."""
+        """Mean, then covariance row by row, (n + n²,), as on a Diagram's `belief` ports."""
         return np.concatenate([self.mean, self.covariance.ravel()])
 
     @classmethod
@@ -74,10 +74,10 @@ class Belief:
 
 
 def _inverse(matrix: Array) -> Array:
-    """Inverse (n, n) of a symmetric positive definite matrix, itself so in spite of rounding.
+    """Inverse (n, n) of a symmetric positive definite matrix, positive definite in spite of rounding.
 
-    One direction may be known 10⁸ times better than another (a corner touched at its tip): then plain
-    inversion can return negative variances.
+    One direction may be known 10⁸ times better than another (a corner touched at its tip): there a plain inverse can
+    have negative variances. Hence scaling to a unit diagonal, and a lower limit on the eigenvalues.
     """
     scale = 1.0 / np.sqrt(np.diag(matrix))
     values, vectors = np.linalg.eigh(scale[:, np.newaxis] * matrix * scale)

@@ -11,10 +11,16 @@ from typing import Any, TypeVar
 import click
 from tqdm import tqdm
 
+from drake_cafim.description.packages import package_folders
 from drake_cafim.errors import InputError
 from drake_cafim.output import prepare_folder
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+package_option = click.option(
+    "--package", "packages", multiple=True, callback=lambda ctx, option, value: package_folders(value),
+    help="NAME=DIR: where package://NAME/... of a model leads; repeatable.",
+)  # fmt: skip
 
 
 class Cafim(click.Group):
@@ -34,6 +40,12 @@ def main() -> None:
     """A robot that touches things learns what they are made of, and names the physics its model left out."""
 
 
+def _refuse_scheduler(context: click.Context, option: click.Parameter, value: str | None) -> None:
+    """A cluster cannot be used yet, and nothing is ignored."""
+    if value is not None:
+        raise InputError(f"--scheduler {value}: not supported by this version; --jobs spreads the work over processes")
+
+
 def common(function: Command) -> Command:
     """The options that every command takes."""
     options = [
@@ -41,7 +53,12 @@ def common(function: Command) -> Command:
         click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same bytes."),
         click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
         click.option("--jobs", type=int, default=-1, show_default=True, help="Processes; -1: one a core."),
-        click.option("--scheduler", help="A Dask cluster to spread the work over, as tcp://host:8786."),
+        click.option(
+            "--scheduler",
+            callback=_refuse_scheduler,
+            expose_value=False,
+            help="A Dask cluster; not supported by this version.",
+        ),
         click.option("--resume", is_flag=True, help="Go on with what a killed run left in --out."),
         click.option("--overwrite", is_flag=True, help="Write into a folder that holds files."),
     ]
@@ -91,9 +108,9 @@ def run(
 ) -> None:
     """Plan motions that touch, carry them out, and learn the scenario's unknowns."""
     from drake_cafim.commands.run import RunRequest, check_request, parse_concealed, run_command, table
-    from drake_cafim.experiment import Options
+    from drake_cafim.experiment.closed_loop import Options
 
-    options = Options(**{name: value for name, value in chosen.items() if name not in ("jobs", "scheduler")})
+    options = Options(**{name: value for name, value in chosen.items() if name != "jobs"})
     request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal))
     check_request(request)
     folder = _folder(out, "run", resume=resume, overwrite=overwrite)
@@ -109,6 +126,7 @@ def run(
 @click.option("--fleet", type=click.Path(path_type=Path, exists=True, file_okay=False), help="One report a folder.")
 @click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
 @click.option("--mcap", is_flag=True, help="Each recording as MCAP too, its residuals as channels.")
+@package_option
 @common
 def diagnose(
     scenario: str,
@@ -117,6 +135,7 @@ def diagnose(
     fleet: Path | None,
     replay: bool,
     mcap: bool,
+    packages: dict[str, str],
     out: Path | None,
     as_json: bool,
     jobs: int,
@@ -128,14 +147,24 @@ def diagnose(
     from drake_cafim.commands.diagnose import diagnose_command, diagnose_fleet
 
     if fleet is not None:
-        reports = diagnose_fleet(scenario, fleet, out, jobs, resume=resume, overwrite=overwrite)
+        reports = diagnose_fleet(scenario, fleet, out, jobs, resume=resume, overwrite=overwrite, packages=packages)
         _print(reports, as_json, "\n".join(report["sentence"] for report in reports))
         return
     if not recordings:
         raise InputError("diagnose: no --recording was given, expected at least one file")
     folder = _folder(out, "diagnose", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
-        report = diagnose_command(scenario, recordings, held_out, folder, progress, replay=replay, mcap=mcap)
+        report = diagnose_command(
+            scenario,
+            recordings,
+            held_out,
+            folder,
+            progress,
+            replay=replay,
+            mcap=mcap,
+            packages=packages,
+            resume=resume,
+        )
     _print(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
 
 
@@ -147,6 +176,7 @@ def diagnose(
 @click.option("--criterion", default="odds", show_default=True, help="Odds at its end; or time, until odds are 20:1.")
 @click.option("--planner", default="predictive-sampling", show_default=True, help="Or cem, mppi, gradient.")
 @click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
+@package_option
 @common
 def discriminate(
     scenario: str,
@@ -156,6 +186,7 @@ def discriminate(
     criterion: str,
     planner: Any,
     replay: bool,
+    packages: dict[str, str],
     seed: int,
     out: Path | None,
     as_json: bool,
@@ -166,7 +197,9 @@ def discriminate(
     """Design the motion that tells rival explanations apart, and try it in simulation."""
     from drake_cafim.commands.discriminate import DiscriminateRequest, discriminate_command, in_words
 
-    request = DiscriminateRequest(scenario, report, between, duration, criterion, planner, seed, replay)
+    request = DiscriminateRequest(
+        scenario, report, between, duration, criterion, planner, seed, replay, tuple(packages.items())
+    )
     request.check()
     folder = _folder(out, "discriminate", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
@@ -175,12 +208,30 @@ def discriminate(
 
 
 @main.command()
+@click.argument("report", type=click.Path(path_type=Path))
+@click.argument("effect", required=False, metavar="[EFFECT@PLACE]")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def why(report: Path, effect: str | None, as_json: bool) -> None:
+    """Say why an effect was named in a report, or was not.
+
+    REPORT is a report.json, or the folder it is in. Without an effect: why each that is named, why not the first
+    refused ones, why no further one, and what is left.
+    """
+    from drake_cafim.commands.why import in_words, why_command
+
+    told = why_command(report, effect)
+    _print(told, as_json, in_words(told))
+
+
+@main.command()
 @click.argument("scenario")
 @click.argument("recordings", nargs=-1, required=True)
+@package_option
 @common
 def estimate(
     scenario: str,
     recordings: tuple[str, ...],
+    packages: dict[str, str],
     out: Path | None,
     as_json: bool,
     resume: bool,
@@ -192,11 +243,8 @@ def estimate(
 
     folder = _folder(out, "estimate", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
-        report = estimate_command(scenario, recordings, folder, progress)
-    lines = [
-        f"{p['parameter']} of {p['at']}: {p['value']:.6g} ± {p['std']:.2g} {p['unit']}" for p in report["parameters"]
-    ]
-    _print(report, as_json, "\n".join([*lines, str(folder / "report.json")]))
+        report = estimate_command(scenario, recordings, folder, progress, packages)
+    _print(report, as_json, f"{report['sentence']}\n{folder / 'report.json'}")
 
 
 @main.command()
@@ -256,12 +304,14 @@ def import_(
 @click.argument("recording")
 @click.option("--report", type=click.Path(path_type=Path, exists=True), help="A report.json, or the folder it is in.")
 @click.option("--live", is_flag=True, help="Show it in Meshcat at localhost too, until Ctrl-C.")
+@package_option
 @common
 def replay(
     scenario: str,
     recording: str,
     report: Path | None,
     live: bool,
+    packages: dict[str, str],
     out: Path | None,
     as_json: bool,
     overwrite: bool,
@@ -281,7 +331,7 @@ def replay(
     meshcat = make_meshcat() if live else None
     with progress_line() as progress:
         progress("simulating and drawing")
-        result = replay_command(scenario, recording, report, path, meshcat)
+        result = replay_command(scenario, recording, report, path, meshcat, packages)
     _print(result, as_json, str(path))
     if meshcat is not None:
         # who reads the address may end it at once

@@ -1,4 +1,4 @@
-"""Fisher information of a trajectory, the scalars that a design maximises, and what it tells apart."""
+"""Fisher information of a trajectory, scalar design criteria, and identifiable combinations of parameters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ CRITERIA: tuple[str, ...] = get_args(Criterion)
 def fisher_information(sensitivities: Array, noise_std: Array) -> Array:
     """F = Σ_t G_tᵀ Σ_y⁻¹ G_t (..., n, n) of total sensitivities G (..., T, ny, n) = dy_t/dθ.
 
-    `noise_std` (ny,) is of one sample, white and independent over components. A sum over time, so that
-    trajectories add up; the paper's 1/N and the prior stay out (paper, Eq. 8 and Theorem 1).
+    `noise_std` (ny,) is the std of one sample, white and independent between components. It is a sum over time, so
+    that trajectories add up, without the paper's 1/N and without the prior (paper, Eq. 8 and Theorem 1).
     """
     whitened = sensitivities / np.asarray(noise_std)[:, np.newaxis]
     flat = whitened.reshape(*whitened.shape[:-3], -1, whitened.shape[-1])
@@ -25,13 +25,13 @@ def fisher_information(sensitivities: Array, noise_std: Array) -> Array:
 
 
 def criterion(name: Criterion, fisher: Array, prior: Array) -> Array:
-    """ψ (...,), larger is better, of F (..., n, n) given the information P (n, n) that is there already.
+    """ψ (...,), larger is better, of Fisher information F (..., n, n) given the present information P (n, n).
 
     trace            tr F: the paper's choice; depends on the units of θ
     scaled_trace     tr(P⁻¹ F): the trace in units of the present uncertainty
-    logdet           ½ (log det(P + F) − log det P): nats gained (D-optimality)
-    a_optimal        n − tr(P (P + F)⁻¹): fraction of the present variance that is taken away, summed
-    min_eigenvalue   of the whitened F: the worst direction's gain (E-optimality)
+    logdet           ½ (log det(P + F) − log det P): information gain in nats (D-optimality)
+    a_optimal        n − tr(P (P + F)⁻¹): relative reduction of the present variance, summed (A-optimality)
+    min_eigenvalue   of the whitened F: the gain in the least informed direction (E-optimality)
 
     All but the trace need P positive definite. Raises `InputError` on an unknown name.
     """
@@ -51,10 +51,10 @@ def criterion(name: Criterion, fisher: Array, prior: Array) -> Array:
 
 @dataclass(frozen=True)
 class Combination:
-    """A product of powers Π θ_i^a_i of the parameters, a = `exponents` (n,), the largest of them 1.
+    """A product of powers Π θ_i^a_i of the parameters, a = `exponents` (n,), normalized to a largest exponent of 1.
 
-    `std` and `prior_std` are relative, with the data and without. Of what is not `identified` the data tell
-    nothing: the two are the same.
+    `std` and `prior_std` are relative standard deviations with and without the data; both are equal for a combination
+    that is not `identified`, about which the data hold no information.
     """
 
     exponents: Array
@@ -63,7 +63,7 @@ class Combination:
     identified: bool
 
     def text(self, names: Sequence[str]) -> str:
-        """As in `friction·stiffness` or `mass·stiffness^-0.5`; exponents below 0.05 are left out."""
+        """The product as text, as `friction·stiffness` or `mass·stiffness^-0.5`; exponents below 0.05 are left out."""
         parts = zip(names, self.exponents, strict=True)
         return "·".join(f"{name}^{a:.2g}" if abs(a - 1.0) > 5e-3 else name for name, a in parts if abs(a) >= 0.05)
 
@@ -71,12 +71,12 @@ class Combination:
 def identifiable_combinations(
     fisher: Array, prior: Array, theta: Array, *, tolerance: float = 1e-9
 ) -> tuple[Combination, ...]:
-    """What F (n, n), at θ (n,), tells apart beyond the prior information P (n, n): the best known first.
+    """The combinations that F (n, n) at θ (n,) identifies, given the prior information P (n, n); best known first.
 
     The eigenvectors w of LᵀFL, with P⁻¹ = L Lᵀ, are combinations wᵀL⁻¹θ that are independent before and after the
     data: of prior variance 1 and posterior variance 1/(1 + eigenvalue). To first order each is the logarithm of a
-    product of powers; θ_i = 0 counts as its prior std. As many are identified as the rank of F: eigenvalues above
-    `tolerance` times the largest.
+    product of powers; where θ_i = 0 its prior std takes its place. The number of identified ones is the rank of F:
+    eigenvalues above `tolerance` times the largest.
     """
     covariance = np.linalg.inv(prior)
     L = np.linalg.cholesky(covariance)
@@ -94,7 +94,7 @@ def identifiable_combinations(
 
 
 def _whitened_eigenvalues(fisher: Array, prior: Array) -> Array:
-    """Eigenvalues (..., n) of L⁻¹ F L⁻ᵀ with P = L Lᵀ; those of rounding below zero are set to it."""
+    """Eigenvalues (..., n) of L⁻¹ F L⁻ᵀ with P = L Lᵀ; negative ones, which come from rounding, are set to zero."""
     if fisher.shape[-1] == 1:
         return np.asarray(np.maximum(fisher[..., 0] / prior[0, 0], 0.0))
     inverse = np.linalg.inv(np.linalg.cholesky(prior))

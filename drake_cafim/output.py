@@ -1,4 +1,4 @@
-"""Files that are either whole or absent: written under a temporary name, then renamed."""
+"""Atomic writing of output files (temporary name, then rename), and output folders of commands."""
 
 import os
 import tempfile
@@ -11,7 +11,7 @@ from drake_cafim.errors import InputError
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path`, renamed to it when the block ends well and removed when it does not.
+    """A temporary path in the same folder, renamed to `path` at the end of the block, removed if the block raises.
 
     The temporary name keeps the suffix, since writers choose their format by it.
     """
@@ -29,7 +29,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` (UTF-8) to `path`, whole or not at all."""
+    """Write `text` (UTF-8) to `path` atomically."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -37,7 +37,7 @@ def write_text(path: Path, text: str) -> None:
 def prepare_folder(out: Path | None, command: str, *, resume: bool, overwrite: bool) -> Path:
     """The folder that a command writes to; by default the first free `cafim-out/<command>-<n>`.
 
-    Raises `InputError` when `out` holds files and neither `resume` nor `overwrite` was asked for.
+    Raises `InputError` where `out` is a file, or contains files and neither `resume` nor `overwrite` is set.
     """
     if out is None:
         number = 1
@@ -47,6 +47,6 @@ def prepare_folder(out: Path | None, command: str, *, resume: bool, overwrite: b
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out}: there is a file of that name, expected a folder")
     if out.is_dir() and any(out.iterdir()) and not (resume or overwrite):
-        raise InputError(f"--out {out}: the folder is not empty; give --resume or --overwrite, or another one")
+        raise InputError(f"--out {out}: the folder is not empty; give --resume or --overwrite, or another folder")
     out.mkdir(parents=True, exist_ok=True)
     return out

@@ -1,4 +1,4 @@
-"""Named, bounded parameters with Gaussian priors, and their exchange with a vector."""
+"""Named, bounded parameters with Gaussian priors, and conversion to and from a vector."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class Parameter:
-    """One scalar with a Gaussian prior, cut off at physical bounds.
+    """A scalar parameter with a Gaussian prior, truncated at physical bounds.
 
     `mean` and `std` are in `unit`; `std` may be infinite (no prior). A `frozen` parameter keeps its mean.
     """
@@ -35,7 +35,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Parameters:
-    """An ordered set of parameters; vectors over it hold the free ones, in this order."""
+    """An ordered set of parameters; vectors hold the free (not frozen) ones, in this order."""
 
     items: tuple[Parameter, ...] = field(default=())
 
@@ -91,7 +91,7 @@ class Parameters:
         return {parameter.name: free.get(parameter.name, parameter.mean) for parameter in self.items}
 
     def vector(self, values: Mapping[str, float]) -> Array:
-        """The vector (n,) of the free parameters; what `values` lacks keeps its prior mean."""
+        """The vector (n,) of the free parameters; those missing in `values` have their prior mean."""
         unknown = sorted(set(values) - {parameter.name for parameter in self.items})
         if unknown:
             valid = ", ".join(parameter.name for parameter in self.items)
@@ -99,6 +99,6 @@ class Parameters:
         return np.array([values.get(p.name, p.mean) for p in self.free], dtype=float)
 
     def clip(self, vector: Array) -> Array:
-        """`vector` (n,) moved inside the bounds."""
+        """`vector` (n,) clipped to the bounds."""
         lower, upper = self.bounds
         return np.asarray(np.clip(vector, lower, upper), dtype=float)

@@ -1,8 +1,8 @@
-"""For a laboratory's own tests: fail when the robot and its model have drifted apart.
+"""An assertion for test suites of laboratories: recordings of the robot must be explained by its model.
 
 from drake_cafim.testing import assert_explained
 
-def test_the_arm_is_as_its_model_says():
+def test_the_model_explains_the_arm():
     assert_explained("arm.yaml", "last_night.mcap")
 """
 
@@ -10,14 +10,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drake_cafim.diagnosis.diagnose import examine
-from drake_cafim.diagnosis.search import Settings
+from drake_cafim.diagnosis.search.search import Settings
 from drake_cafim.diagnosis.verdict import Verdict
 from drake_cafim.effects.effect import Effect
 from drake_cafim.errors import InputError
 from drake_cafim.output import prepare_folder
 from drake_cafim.recordings import Recording, read
 from drake_cafim.report.artifacts import write_artifacts
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 
 __all__ = ["assert_explained"]
 
@@ -34,18 +34,16 @@ def assert_explained(
     artifacts: str | Path | None = None,
     settings: Settings | None = None,
 ) -> Verdict:
-    """The verdict, where the scene's model and its stated noise explain the recordings; otherwise it fails.
+    """The verdict, if the scene's model and its stated noise explain the recordings; otherwise it fails.
 
-    `scene` is a Scene or what `Scene.load` takes, a recording is a Recording or a file's path. Effects that the
-    laboratory knows of and puts up with are `allowed`, as "joint_coulomb_friction@elbow" or, anywhere,
-    "joint_coulomb_friction": where they and noise are all that is found, it passes. What should always be there
-    belongs under `effects:` of the scenario instead, with its strength. `held_out`, `effects` and `settings` are
-    those of `drake_cafim.diagnose`.
+    `scene` is a Scene or an argument of `Scene.load`; a recording is a Recording or a file's path. Effects that the
+    laboratory tolerates are `allowed`, as "joint_coulomb_friction@elbow" or, at any place, "joint_coulomb_friction":
+    the assertion passes if nothing else is found. A permanent effect belongs under `effects:` of the scenario instead,
+    with its strength. `held_out`, `effects` and `settings` are those of `drake_cafim.diagnose`.
 
-    Raises `AssertionError` with the verdict's sentence, after leaving report.html, report.json,
-    scenario.corrected.yaml and replay.html in the folder `artifacts`, by default the first free
-    cafim-out/assert-explained-<n>. Raises `InputError` for what cannot be used, an allowed name that no effect has
-    among it.
+    Raises `AssertionError` with the verdict's sentence, after writing report.html, report.json,
+    scenario.corrected.yaml and replay.html to the folder `artifacts`, by default the first free
+    cafim-out/assert-explained-<n>. Raises `InputError` for unusable input, and for an allowed name of no effect.
     """
     scene = (scene if isinstance(scene, Scene) else Scene.load(scene, effects=effects)).knowing(effects)
     _check_allowed(allowed, scene)
@@ -58,8 +56,8 @@ def assert_explained(
     out = prepare_folder(
         None if artifacts is None else Path(artifacts), "assert-explained", resume=False, overwrite=True
     )
-    command = ["cafim", "diagnose", scene.name, "--recording", *(one.name for one in train)]
-    command += ["--held-out", *(one.name for one in held)] if held else []
+    command = ["cafim", "diagnose", scene.name, "--recording", *(recording.name for recording in train)]
+    command += ["--held-out", *(recording.name for recording in held)] if held else []
     write_artifacts(out, verdict, outcome, train, held, command)
     raise AssertionError(f"{verdict}\nSee {out / 'report.html'} and {out / 'replay.html'}.")
 
@@ -69,17 +67,17 @@ def _passes(verdict: Verdict, allowed: Sequence[str]) -> bool:
         return False
     if verdict.kind != "explained":
         return verdict.kind == "none"
-    keys = [one.effect.key for one in verdict.explanation]
+    keys = [accepted.effect.key for accepted in verdict.explanation]
     return all(name in allowed or f"{name}@{at}" in allowed for name, at in keys)
 
 
 def _check_allowed(allowed: Sequence[str], scene: Scene) -> None:
     known = [effect.name for effect in scene.vocabulary]
-    for one in allowed:
-        if one.partition("@")[0] not in known:
-            raise InputError(f"allowed: {one}: there is no effect of that name; valid: {', '.join(known)}")
+    for word in allowed:
+        if word.partition("@")[0] not in known:
+            raise InputError(f"allowed: {word}: there is no effect of that name; valid: {', '.join(known)}")
 
 
 def _read_all(scene: Scene, sources: Source | Sequence[Source]) -> list[Recording]:
     listed = [sources] if isinstance(sources, Recording | str | Path) else sources
-    return [one if isinstance(one, Recording) else read(one, scene.scenario.topics) for one in listed]
+    return [source if isinstance(source, Recording) else read(source, scene.scenario.topics) for source in listed]

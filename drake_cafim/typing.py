@@ -1,4 +1,4 @@
-"""The array types that signatures of the package use."""
+"""Aliases of NumPy array types for type annotations."""
 
 from typing import Any, TypeAlias
 

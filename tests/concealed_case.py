@@ -4,7 +4,7 @@ from pathlib import Path
 
 from drake_cafim import recordings
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from tests.concealed.case import Case
 
 

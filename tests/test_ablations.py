@@ -11,7 +11,7 @@ from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.link import Payload
 from drake_cafim.effects.sensor import SensorEffect
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 from tests.concealed import ablate, ablation
 from tests.concealed.ablation import Ablation, Machine

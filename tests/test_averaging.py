@@ -13,7 +13,7 @@ from drake_cafim.design.scores import InformationScore
 from drake_cafim.design.sigma_points import sigma_points
 from drake_cafim.design.situation import Situation
 from drake_cafim.errors import InputError
-from drake_cafim.experiment import Options
+from drake_cafim.experiment.closed_loop import Options
 from drake_cafim.sensitivity.tangent import TangentEvaluator
 from drake_cafim.studies.paired import paired_difference, paired_ratio
 from drake_cafim.tasks.compliant_hefting import CompliantHefting

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.beginning import Begun, start_rows, unsettled
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
-from drake_cafim.diagnosis.evidence import leaves_noise
-from drake_cafim.diagnosis.fitting import fit, unbiased_fit
-from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.fit.evidence import leaves_noise
+from drake_cafim.diagnosis.fit.fitting import fit, unbiased_fit
+from drake_cafim.diagnosis.rows.initial_uncertainty import StartMarginal, start_rows, unsettled
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.effects.actuator import ActuatorLag, Effort
 from drake_cafim.effects.coupling import JointBacklash, RotorDrive
 from drake_cafim.effects.timing import POINTS, SensorLag
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 from tests.concealed.make import simulate
 from tests.concealed_case import written
@@ -105,7 +105,7 @@ def test_a_start_in_a_gap_is_forgotten(tmp_path: Path) -> None:
 
 
 def _told(rows: Array, U: Array) -> float:
-    begun = Begun.of(rows, U)
+    begun = StartMarginal.of(rows, U)
     return float(begun.rows @ begun.rows) + begun.paid
 
 
@@ -119,7 +119,9 @@ def test_a_start_is_paid_for_as_far_as_it_is_off(off: float) -> None:
     wanted = off**2 if off < 1.0 else 1.0 + np.log(off**2)
     assert _told(rows, doubt) == pytest.approx(float(rows @ rows) - off**2 + wanted, abs=1e-6)
     if off > 1.0:
-        assert float(Begun.of(rows, doubt).start @ doubt[0]) == pytest.approx(-(off - 1.0 / off) / 2.0, rel=1e-3)
+        assert float(StartMarginal.of(rows, doubt).start @ doubt[0]) == pytest.approx(
+            -(off - 1.0 / off) / 2.0, rel=1e-3
+        )
 
 
 def test_doubts_that_look_alike_are_as_wide_as_is_likeliest() -> None:
@@ -130,6 +132,6 @@ def test_doubts_that_look_alike_are_as_wide_as_is_likeliest() -> None:
         covariances = (np.eye(60) + (doubts * widths**2) @ doubts.T for widths in rng.uniform(size=(400, 3)) ** 3)
         tried = [rows @ np.linalg.solve(C, rows) + np.linalg.slogdet(C)[1] for C in covariances]
         assert _told(rows, doubts) <= min(*tried, float(rows @ rows)) + 1e-6
-        begun = Begun.of(rows, doubts)
+        begun = StartMarginal.of(rows, doubts)
         own = np.eye(60) + (doubts * begun.widths**2) @ doubts.T if begun.paid > 0.0 else np.eye(60)
         assert _told(rows, doubts) == pytest.approx(rows @ np.linalg.solve(own, rows) + np.linalg.slogdet(own)[1])

@@ -3,9 +3,17 @@
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis import coloured_noise
-from drake_cafim.diagnosis.coloured_noise import Memory, apart_by, covariance, drawn, left_by, seen_memories, widened
-from drake_cafim.local_polynomial import local_polynomial
+from drake_cafim.diagnosis.noise import coloured as coloured_noise
+from drake_cafim.diagnosis.noise.coloured import (
+    Memory,
+    covariance,
+    difference_std,
+    drawn,
+    estimate_memories,
+    filtered_std,
+)
+from drake_cafim.diagnosis.noise.differences import correct_for_memory
+from drake_cafim.numerics.local_polynomial import local_polynomial
 from drake_cafim.recordings.recording import Recording
 
 STEP, STD = 0.002, 1e-3
@@ -33,20 +41,20 @@ def test_what_a_smoother_leaves_of_noise(memory: Memory | None) -> None:
     rng, time = np.random.default_rng(0), STEP * np.arange(20)
     slope = local_polynomial(time, 0.008, 3, 1)
     results = slope @ np.stack([drawn(rng, time, memory) for _ in range(20000)], axis=1)
-    np.testing.assert_allclose(left_by(slope, time, memory), np.std(results, axis=1), rtol=0.03)
+    np.testing.assert_allclose(filtered_std(slope, time, memory), np.std(results, axis=1), rtol=0.03)
 
 
 # with σ unknown, only a memory that ends within the quiet frequencies can be told from a shorter, louder one
 @pytest.mark.parametrize(("correlation_time", "estimated"), [(0.003, set()), (0.02, set()), (0.003, {"v.joint"})])
 def test_undeclared_memory_is_seen(correlation_time: float, estimated: set[str]) -> None:
-    found, told = seen_memories(_recordings(correlation_time), {"v.joint": STD}, {}, estimated)
+    found, told = estimate_memories(_recordings(correlation_time), {"v.joint": STD}, {}, estimated)
     assert found["v.joint"].time == pytest.approx(correlation_time, rel=0.35)
     assert len(told) == 1 and "noise of v" in told[0]
 
 
 def test_white_noise_is_left_alone() -> None:
-    assert seen_memories(_recordings(0.0), {"v.joint": STD}, {}, set()) == ({}, ())
-    assert seen_memories(_recordings(0.02), {"v.joint": STD}, {"v.joint": Memory(0.02)}, set()) == ({}, ())
+    assert estimate_memories(_recordings(0.0), {"v.joint": STD}, {}, set()) == ({}, ())
+    assert estimate_memories(_recordings(0.02), {"v.joint": STD}, {"v.joint": Memory(0.02)}, set()) == ({}, ())
 
 
 def test_what_fourth_differences_miss_of_slow_noise_is_put_back() -> None:
@@ -54,7 +62,7 @@ def test_what_fourth_differences_miss_of_slow_noise_is_put_back() -> None:
     noise = drawn(np.random.default_rng(1), time, Memory(0.01))
     seen = float(np.std(np.diff(noise, n=4))) / np.sqrt(70.0)
     assert seen < 0.5
-    wide = widened({"v.joint": seen, "q.joint": 1.0}, {"v.joint": Memory(0.01)}, {"v.joint"}, STEP)
+    wide = correct_for_memory({"v.joint": seen, "q.joint": 1.0}, {"v.joint": Memory(0.01)}, {"v.joint"}, STEP)
     assert wide["v.joint"] == pytest.approx(1.0, rel=0.02) and wide["q.joint"] == 1.0
 
 
@@ -62,10 +70,10 @@ def test_what_fourth_differences_miss_of_slow_noise_is_put_back() -> None:
 def test_how_far_two_smoothers_are_apart(memory: Memory | None) -> None:
     time = 0.002 * np.arange(300)
     smoothers = [local_polynomial(time, reach, 3, 0) for reach in (0.05, 0.03, 0.02)]
-    apart = apart_by(smoothers, time, memory)
+    apart = difference_std(smoothers, time, memory)
     for i, one in enumerate(smoothers):
         for j, other in enumerate(smoothers):
-            np.testing.assert_allclose(apart[i, j], left_by(one - other, time, memory), rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(apart[i, j], filtered_std(one - other, time, memory), rtol=1e-9, atol=1e-9)
 
 
 def test_covariances_are_kept_by_all_that_they_depend_on(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 import numba
 import pytest
 
-from drake_cafim.compiled import compiled
+from drake_cafim.numerics.compiled import compiled
 
 
 def test_a_function_that_cannot_be_kept_is_compiled_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:

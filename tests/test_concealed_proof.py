@@ -65,7 +65,8 @@ COULOMB = {"effect": "joint_coulomb_friction", "at": "elbow", "parameters": {"to
 
 def test_seal_holds_and_breaks() -> None:
     sealed = Seal.close(truth([COULOMB]))
-    assert sealed.verify(sealed.digest)
+    known = Seal({"verdict": "none"}, "00" * 16)
+    assert known.verify("ff7f5acd614f57584e55574600aff9ae3a0619e311002309e01861736e72881d")
     assert not Seal(sealed.truth | {"verdict": "none"}, sealed.salt).verify(sealed.digest)
     assert not Seal(sealed.truth, Seal.close(sealed.truth).salt).verify(sealed.digest)
     assert fresh_seed() != fresh_seed()
@@ -124,9 +125,10 @@ def test_a_second_name_counts_only_where_it_was_sealed() -> None:
     assert unseen["right"]
     found = score(truth([COULOMB]), report("explained", ("joint_coulomb_friction", "elbow", {})))
     by_name = {figure.name: figure for figure in figures([result, unseen, found, found])}
-    accepted = by_name["single effects and pairs right only by another effect's name, accepted"]
-    assert (accepted.value, accepted.count, accepted.kept) == (0.25, 4, False)
-    assert by_name["too faint to be seen by the maker's reckoning, and not named"].value == 0.25
+    assert by_name["of these, by another effect's name"].value == 0.25
+    assert by_name["of these, too faint to be seen by the maker's reckoning, and not named"].value == 0.25
+    both = by_name["single effects and pairs right only by a sealed second answer"]
+    assert (both.value, both.count, both.limit, both.kept) == (0.5, 4, "≤ 0.1", False)
 
 
 def test_nulls_pairs_and_oddities() -> None:
@@ -134,7 +136,12 @@ def test_nulls_pairs_and_oddities() -> None:
     assert not score(truth([], "null"), report("unexplained"))["right"]
     coloured = truth([], "null", noise={"kind": "coloured_undeclared"})
     assert not score(coloured, report("unexplained"))["right"]
-    assert score(coloured, report("unexplained", data_mistakes=["the noise of v.elbow is coloured"]))["right"]
+    remark = {"data_mistakes": ["the noise of v.elbow is coloured"]}
+    assert score(coloured, report("none", **remark))["right"]
+    assert not score(truth([], "null"), report("none", **remark))["right"]
+    assert not score(coloured, report("none", data_mistakes=["v.elbow is in degrees"]))["right"]
+    excused = score(coloured, report("unexplained", **remark))
+    assert excused["false_alarm"] and not excused["right"] and excused["right_as_before"]
     assert not score(coloured, report("explained", ("payload", "link2", {})))["right"]
     viscous = {"effect": "joint_viscous_friction", "at": "wrist", "parameters": {"coefficient": [0.1, ""]}}
     both = report("explained", ("joint_viscous_friction", "wrist", {}), ("joint_coulomb_friction", "elbow", {}))
@@ -145,6 +152,23 @@ def test_nulls_pairs_and_oddities() -> None:
     odd = {"effect": "odd_gusts", "at": "link3", "parameters": {}}
     assert score(truth([odd], "odd"), report("unexplained"))["right"]
     assert score(truth([odd], "odd"), report("explained", ("payload", "link3", {})))["misnamed"]
+    beside = score(truth([odd], "odd"), report("unexplained", ("payload", "link3", {})))
+    assert not beside["right"] and beside["misnamed"] and beside["wrong_names"] == [["payload", "link3"]]
+    assert beside["right_as_before"] and not beside["misnamed_as_before"]
+    table = {figure.name: figure for figure in figures([beside, excused, score(truth([], "null"), report("none"))])}
+    assert table["clear, outside the vocabulary: called unexplained"].value == 0.0
+    assert table["clear, outside the vocabulary: called unexplained, as counted in 0.1.0"].value == 1.0
+    assert table["clear, outside the vocabulary: misnamed"].kept is False
+    assert table["clear, outside the vocabulary: misnamed, as counted in 0.1.0"].value == 0.0
+    assert table["nulls: false alarms"].value == 0.5
+    assert table["nulls: false alarms, as counted in 0.1.0"].value == 0.0
+    assert table["all cases: a wrong name in the explanation"].value == pytest.approx(1.0 / 3.0)
+
+
+def test_names_of_the_truth_and_sealed_second_names_are_no_wrong_names() -> None:
+    second = [{"effect": "joint_asymmetric_coulomb_friction", "at": "elbow", "log_bayes_factor": 1.0}]
+    told = report("unexplained", *((name, "elbow", {}) for name in (COULOMB["effect"], second[0]["effect"], "payload")))
+    assert score(truth([COULOMB], accept=second), told)["wrong_names"] == [["payload", "elbow"]]
 
 
 def test_contact_pairs_fork_server_either_order_and_equal_forms_are_equal() -> None:

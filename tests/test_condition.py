@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.condition import Seen, condition
+from drake_cafim.diagnosis.joints.mismatch_conditions import Seen, condition
 
 TIME = 0.03 * np.arange(400)
 V = np.sin(2.0 * TIME)

@@ -13,7 +13,7 @@ from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.errors import InputError
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 from tests.recoveries.cases import REMEMBERING
 from tests.recoveries.instant import NOW, built, drake_acceleration, entry

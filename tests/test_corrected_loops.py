@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydrake.multibody.plant import MultibodyPlantConfig
 
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 from tests.recoveries.cases import CASES, Case
 from tests.recoveries.rig import CONTINUOUS, rig

@@ -221,5 +221,5 @@ def test_the_memory_is_the_contexts(case: Case, config: MultibodyPlantConfig, tm
 
 def test_a_rotor_needs_inertia(tmp_path: Path) -> None:
     effect = {"effect": "joint_elasticity", "at": "j", "stiffness": 100.0, "damping": 1.0}
-    with pytest.raises(InputError, match="rotor inertia is 0, expected a positive one"):
+    with pytest.raises(InputError, match="rotor inertia is 0, expected a positive value"):
         scene_of(tmp_path, ONE.format(rotor=0.0), effect).add_to(DiagramBuilder())

@@ -2,17 +2,19 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.data_mistakes import data_mistakes
-from drake_cafim.diagnosis.diagnose import diagnose
-from drake_cafim.diagnosis.stated_noise import noise_of
+from drake_cafim.diagnosis.diagnose import diagnose, estimate, prepare
+from drake_cafim.diagnosis.joints.data_mistakes import data_mistakes
+from drake_cafim.diagnosis.noise.stated import noise_of
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
+from tests import two_links
 from tests.concealed.make import simulate
 
 Columns = dict[str, np.ndarray]
@@ -34,22 +36,26 @@ def _told(scene: Scene, changed: list[Recording]) -> tuple[str, ...]:
     return data_mistakes(scene, changed, noise_of(scene, changed)[0])
 
 
+def _files(changed: list[Recording]) -> str:
+    return f"{changed[0].name}, {changed[1].name} and {changed[2].name}"
+
+
 def test_a_turned_effort_is_told(arm: tuple[Scene, list[Recording]]) -> None:
     name = arm[0].tree.joint_names[1]
     changed = _changed(arm, lambda columns: {f"u.{name}": -columns[f"u.{name}"]})
-    assert _told(arm[0], changed) == (f"the sign of u.{name} is turned",)
+    assert _told(arm[0], changed) == (f"u.{name} of {_files(changed)} has its sign turned",)
 
 
 def test_a_turned_axis_is_told(arm: tuple[Scene, list[Recording]]) -> None:
     name = arm[0].tree.joint_names[0]
     changed = _changed(arm, lambda columns: {f"{kind}.{name}": -columns[f"{kind}.{name}"] for kind in "qv"})
-    assert _told(arm[0], changed) == (f"the sign of q.{name} and v.{name} is turned",)
+    assert _told(arm[0], changed) == (f"q.{name} and v.{name} of {_files(changed)} have their signs turned",)
 
 
 def test_swapped_joints_are_told(arm: tuple[Scene, list[Recording]]) -> None:
     a, b = arm[0].tree.joint_names
     changed = _changed(arm, lambda columns: {f"u.{a}": columns[f"u.{b}"], f"u.{b}": columns[f"u.{a}"]})
-    assert _told(arm[0], changed) == (f"u of the joints {a} and {b} are swapped",)
+    assert _told(arm[0], changed) == (f"u.{a} and u.{b} of {_files(changed)} have the joints {a} and {b} swapped",)
 
 
 def test_a_mistake_leaves_no_room_for_physics(arm: tuple[Scene, list[Recording]]) -> None:
@@ -57,7 +63,7 @@ def test_a_mistake_leaves_no_room_for_physics(arm: tuple[Scene, list[Recording]]
     changed = _changed(arm, lambda columns: {f"u.{name}": -columns[f"u.{name}"]})
     verdict = diagnose(arm[0], changed)
     assert verdict.kind == "unexplained" and verdict.explanation == ()
-    assert str(verdict).startswith("The recordings themselves look wrong: the sign of u.")
+    assert str(verdict).startswith(f"The recordings themselves look wrong: u.{name} of ")
 
 
 def test_friction_and_a_weak_drive_are_no_mistakes(arm: tuple[Scene, list[Recording]]) -> None:
@@ -78,7 +84,8 @@ def test_efforts_without_gravity_are_told(arm: tuple[Scene, list[Recording]]) ->
         holding = -_gravity(scene, one)
         without = {f"u.{name}": one[f"u.{name}"] - holding[:, j] for j, name in enumerate(scene.tree.joint_names)}
         changed.append(replace(one, columns={**one.columns, **without}))
-    assert _told(scene, changed) == ("gravity is already taken out of the efforts u",)
+    efforts = " and ".join(f"u.{name}" for name in scene.tree.joint_names)
+    assert _told(scene, changed) == (f"{efforts} of {_files(changed)} have gravity already taken out",)
 
 
 def _gravity(scene: Scene, run: Recording) -> Array:
@@ -89,3 +96,103 @@ def _gravity(scene: Scene, run: Recording) -> Array:
         plant.SetPositions(context, q)
         forces.append(plant.CalcGravityGeneralizedForces(context))
     return np.array(forces)
+
+
+@pytest.fixture(scope="module")
+def links(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, list[Recording]]:
+    """Two recordings of an arm that lacks nothing."""
+    scene = two_links.scene(tmp_path_factory.mktemp("links"))
+    return scene, [two_links.recording(f"run_{k}.parquet", k) for k in (1, 2)]
+
+
+def _with(recording: Recording, changed: Columns) -> Recording:
+    return replace(recording, columns={**recording.columns, **changed})
+
+
+def _opposite(recording: Recording, *columns: str) -> Recording:
+    return _with(recording, {name: -recording[name] for name in columns})
+
+
+MISTAKES: list[tuple[str, Callable[[Recording], Recording]]] = [
+    ("u.elbow of run_2.parquet has its sign turned", lambda run: _opposite(run, "u.elbow")),
+    ("v.shoulder of run_2.parquet has its sign turned", lambda run: _opposite(run, "v.shoulder")),
+    ("q.elbow of run_2.parquet has its sign turned", lambda run: _opposite(run, "q.elbow")),
+    (
+        "u.shoulder and u.elbow of run_2.parquet have their signs turned",
+        lambda run: _opposite(run, "u.shoulder", "u.elbow"),
+    ),
+    (
+        "u.shoulder and u.elbow of run_2.parquet have the joints shoulder and elbow swapped",
+        lambda run: _with(run, {"u.shoulder": run["u.elbow"], "u.elbow": run["u.shoulder"]}),
+    ),
+    (
+        "q.elbow and v.elbow of run_2.parquet have values in degrees and degrees/s, expected rad and rad/s",
+        lambda run: _with(run, {name: np.degrees(run[name]) for name in ("q.elbow", "v.elbow")}),
+    ),
+]
+
+
+@pytest.mark.parametrize(("sentence", "changed"), MISTAKES, ids=[sentence for sentence, _ in MISTAKES])
+def test_a_mistake_of_one_file_is_told_of_that_file(
+    links: tuple[Scene, list[Recording]], sentence: str, changed: Callable[[Recording], Recording]
+) -> None:
+    scene, (first, second) = links
+    assert _told(scene, [first, second]) == ()
+    assert _told(scene, [first, changed(second)]) == (sentence,)
+    assert _told(scene, [changed(second), first]) == (sentence,)
+
+
+def test_each_file_may_have_its_own_mistakes(links: tuple[Scene, list[Recording]]) -> None:
+    scene, (first, second) = links
+    told = _told(scene, [_opposite(first, "u.elbow"), _opposite(second, "u.shoulder", "v.elbow")])
+    assert sorted(told) == [
+        "u.elbow of run_1.parquet has its sign turned",
+        "u.shoulder of run_2.parquet has its sign turned",
+        "v.elbow of run_2.parquet has its sign turned",
+    ]
+
+
+def test_a_joint_that_moves_late_is_looked_at_where_it_moves(links: tuple[Scene, list[Recording]]) -> None:
+    """The first two thirds at rest, which the middle of a recording would show alone."""
+    scene, (first, _) = links
+    still, step = 2000, two_links.STEP
+    noise = {"q": 2e-4, "v": 2e-3, "u": 0.0}
+    rng = np.random.default_rng(5)
+    columns = {
+        name: np.concatenate([noise[name[0]] * rng.standard_normal(still), values])
+        for name, values in first.columns.items()
+    }
+    time = step * np.arange(still + len(first.time))
+    late = Recording("late.parquet", time, columns)
+    assert _told(scene, [_opposite(late, "u.elbow")]) == ("u.elbow of late.parquet has its sign turned",)
+
+
+def test_a_turned_effort_of_one_of_two_files_is_no_physics(links: tuple[Scene, list[Recording]]) -> None:
+    scene, (first, second) = links
+    verdict = diagnose(scene, [first, _opposite(second, "u.elbow")])
+    assert verdict.data_mistakes == ("u.elbow of run_2.parquet has its sign turned",)
+    assert verdict.kind == "unexplained" and not verdict.explanation
+
+
+def test_a_mistake_of_what_is_held_out_is_a_note(links: tuple[Scene, list[Recording]]) -> None:
+    scene, (first, second) = links
+    prepared = prepare(scene, [first], [_opposite(second, "u.elbow")])
+    assert prepared.mistakes == ()
+    assert "held out: u.elbow of run_2.parquet has its sign turned" in prepared.notes
+
+
+def test_an_estimate_from_wrong_data_says_so_first(links: tuple[Scene, list[Recording]]) -> None:
+    scene, (first, second) = links
+    found = estimate(scene, [_opposite(first, "u.shoulder", "u.elbow"), second])
+    assert found.data_mistakes == ("u.shoulder and u.elbow of run_1.parquet have their signs turned",)
+    said = str(found).splitlines()
+    assert said[0].startswith("The recordings themselves look wrong: u.shoulder and u.elbow of run_1.parquet")
+    assert "no estimate" in said[1] and said[2].startswith("mass of lower")
+
+
+def test_a_model_that_is_too_heavy_is_not_told_as_degrees(tmp_path: Path) -> None:
+    scene = two_links.scene(tmp_path)
+    heavy = tmp_path / "two_links.urdf"
+    heavy.write_text(heavy.read_text().replace('mass value="2.0"', 'mass value="40"').replace("0.04", "0.8"))
+    assert _told(Scene.load(tmp_path / "scenario.yaml"), [two_links.recording("run_1.parquet", 1)]) == ()
+    assert _told(scene, [two_links.recording("run_1.parquet", 1, friction=(3.0, 1.0))]) == ()

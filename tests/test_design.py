@@ -17,8 +17,8 @@ from drake_cafim.design.situation import Decision, Situation
 from drake_cafim.design.splines import sample, shift
 from drake_cafim.design.system import CaOed
 from drake_cafim.errors import InputError
+from drake_cafim.experiment.kinematic_world import kinematic_world
 from drake_cafim.information import fisher_information
-from drake_cafim.kinematic_world import kinematic_world
 from drake_cafim.sensitivity.tangent import TangentEvaluator
 from drake_cafim.tasks.compliant_hefting import CompliantHefting
 from drake_cafim.tasks.contouring import contouring

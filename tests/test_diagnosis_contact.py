@@ -9,15 +9,15 @@ import pytest
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import Prepared, diagnose, prepare
-from drake_cafim.diagnosis.fitting import unbiased_fit
-from drake_cafim.diagnosis.forecast import forecasts, root_mean_square
-from drake_cafim.diagnosis.innovations import innovations
-from drake_cafim.diagnosis.location import locate
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.search import Settings, search
-from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.fit.fitting import unbiased_fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.location import locate
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.predict.forecast import forecasts, root_mean_square
+from drake_cafim.diagnosis.predict.innovations import innovations
+from drake_cafim.diagnosis.search.search import Settings, search
 from drake_cafim.effects.catalogue import effect_named
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from tests.concealed.make import make, simulate
 from tests.concealed_case import written
 

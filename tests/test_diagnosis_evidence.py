@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.evidence import gain_over_what_is_left, repeated
+from drake_cafim.diagnosis.fit.evidence import gain_over_what_is_left, repeated
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.typing import Array
@@ -22,9 +22,10 @@ def test_a_push_counts_in_the_recording_that_it_is_in() -> None:
     before = _fit(np.full(8, 10.0))
     better_in_b = np.full(8, 10.1)
     better_in_b[2:4] = 1.0
-    push = ExternalDisturbance("link2", {}, "b")
+    while_it_lasts = {"start": 0.0, "stop": 1.0}
+    push = ExternalDisturbance("link2", while_it_lasts, "b")
     assert repeated(RUNS, before, _fit(better_in_b, push))
-    assert not repeated(RUNS, before, _fit(better_in_b, ExternalDisturbance("link2", {}, "c")))
+    assert not repeated(RUNS, before, _fit(better_in_b, ExternalDisturbance("link2", while_it_lasts, "c")))
     assert not repeated(RUNS, before, _fit(better_in_b, JointViscousFriction("elbow")))
     assert not repeated(RUNS, before, _fit(better_in_b, push, JointViscousFriction("elbow")))
 

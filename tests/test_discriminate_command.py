@@ -10,10 +10,10 @@ from click.testing import CliRunner, Result
 
 from drake_cafim import recordings
 from drake_cafim.cli import main
-from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.discrimination.hypotheses import reported_pairs
 from drake_cafim.report.next_experiment import next_experiment
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 
 PENDULUM = """<robot name="pendulum">
   <link name="base"/>

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from drake_cafim.design.planner import PlannerConfig
-from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.discrimination.closed_loop import measured, simulated, simulated_together
 from drake_cafim.discrimination.design import Designer, Effort, default_effort
 from drake_cafim.discrimination.evidence import Course, expected, expected_log_odds, explain, looked
@@ -24,8 +24,8 @@ from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointSpring, JointViscousFriction
 from drake_cafim.errors import InputError
 from drake_cafim.parameters import Parameter, Parameters
-from drake_cafim.scenario.scene import Scene
 from drake_cafim.scenario.unknown import applied
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 ARM = """<robot name="arm" xmlns:drake="http://drake.mit.edu">

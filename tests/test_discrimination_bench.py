@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.discrimination.design import Designer
 from drake_cafim.discrimination.hypotheses import parsed
 from tests.benchmarks.confusable import GROUPS, Group, random_motion, sized

@@ -144,8 +144,8 @@ def test_one_body_may_float_and_two_are_refused_with_a_sentence() -> None:
 
 
 def test_inertial_regressor_gives_the_same_rows_as_the_momentum(branched: MultibodyPlant) -> None:
-    from drake_cafim.diagnosis.inertial import LinkRegressors
-    from drake_cafim.diagnosis.windows import lay_windows
+    from drake_cafim.diagnosis.rows.inertial_regressor import LinkRegressors
+    from drake_cafim.diagnosis.rows.test_functions import lay_windows
 
     tree = tree_of(branched)
     time = 0.004 * np.arange(100)

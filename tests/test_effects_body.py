@@ -7,7 +7,7 @@ import pytest
 
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance, pulse
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 
 ARM = """<robot name="two"><link name="base"/>
 <link name="upper"><inertial><origin xyz="0.2 0 0.1"/><mass value="2"/>

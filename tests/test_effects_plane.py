@@ -7,13 +7,13 @@ import pytest
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import prepare
-from drake_cafim.diagnosis.fitting import unbiased_fit
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.screening import screen
-from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.fit.fitting import unbiased_fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.errors import InputError
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from tests.concealed.make import make
 
 VALUES = {"offset": 0.3, "stiffness": 500.0, "damping": 20.0, "nx": 0.6, "ny": 0.0, "nz": 0.8}

@@ -8,8 +8,8 @@ import pytest
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import prepare
-from drake_cafim.diagnosis.search import Outcome, Settings, search
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.diagnosis.search.search import Outcome, Settings, search
+from drake_cafim.scene.scene import Scene
 from tests.concealed.case import Case
 from tests.concealed.make import make
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import drake_cafim
-from drake_cafim.diagnosis.coloured_noise import Memory, drawn, seen_memories
-from drake_cafim.diagnosis.even_clock import evened
-from drake_cafim.diagnosis.stated_noise import noise_of
+from drake_cafim.diagnosis.noise.clock import remove_clock_jitter
+from drake_cafim.diagnosis.noise.coloured import Memory, drawn, estimate_memories
+from drake_cafim.diagnosis.noise.stated import noise_of
 from drake_cafim.recordings.recording import Recording
 
 STEP, STD = 0.002, 2e-5
@@ -28,7 +28,7 @@ def test_what_is_left_is_the_even_motion_with_the_noise_as_it_was(jitter: float)
     rng = np.random.default_rng(0)
     time, noise = _clock(rng, jitter), STD * rng.standard_normal(3000)
     even = STEP * np.delete(np.arange(3400), slice(1200, 1600))
-    left = evened(time, _motion(time) + noise) - _motion(even) - noise
+    left = remove_clock_jitter(time, _motion(time) + noise) - _motion(even) - noise
     # the even clock may be early or late by the mean of its instants' errors
     change = np.abs(np.diff(left))
     assert np.quantile(change, 0.99) < 0.1 * STD and change.max() < STD
@@ -39,7 +39,7 @@ def test_what_is_left_is_the_even_motion_with_the_noise_as_it_was(jitter: float)
 def test_without_an_even_clock_nothing_is_changed() -> None:
     rng = np.random.default_rng(1)
     time = np.sort(rng.uniform(0.0, 6.0, 3000))
-    np.testing.assert_array_equal(evened(time, _motion(time)), _motion(time))
+    np.testing.assert_array_equal(remove_clock_jitter(time, _motion(time)), _motion(time))
 
 
 def test_undeclared_memory_is_seen_on_an_uneven_clock() -> None:
@@ -50,7 +50,7 @@ def test_undeclared_memory_is_seen_on_an_uneven_clock() -> None:
             rng = np.random.default_rng(seed)
             time = _clock(rng, 0.3)
             runs.append(Recording(f"run {seed}", time, {"q.a": _motion(time) + STD * drawn(rng, time, truth)}))
-        found[truth], _ = seen_memories(runs, {"q.a": STD}, {}, set())
+        found[truth], _ = estimate_memories(runs, {"q.a": STD}, {}, set())
     assert found[None] == {}
     assert found[Memory(0.006)]["q.a"].time == pytest.approx(0.006, rel=0.35)
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from drake_cafim.estimation.problem import Data, make_problem
-from drake_cafim.experiment import Options, run
-from drake_cafim.kinematic_world import kinematic_world
+from drake_cafim.experiment.closed_loop import Options, run
+from drake_cafim.experiment.kinematic_world import kinematic_world
 from drake_cafim.sensitivity.tangent import TangentEvaluator
 from drake_cafim.tasks.compliant_hefting import CompliantHefting
 from drake_cafim.tasks.contouring import contouring

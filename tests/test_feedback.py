@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
-from drake_cafim.diagnosis.feedback import Feedback
-from drake_cafim.diagnosis.samples import retaken
-from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.diagnosis.weak_problem import DOSES, doses
+from drake_cafim.diagnosis.joints.more_noise import DOSES, doses
+from drake_cafim.diagnosis.noise.feedback import Feedback
+from drake_cafim.diagnosis.rows.samples import retaken
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.effects.coupling import JointElasticity
 from tests.concealed.case import World
 from tests.concealed.make import simulate
@@ -26,7 +26,7 @@ def test_gains_of_a_noisy_loop_are_found_and_an_open_loop_has_none() -> None:
     u = forward - 400.0 * e_q - late @ np.array([[20.0, 2.0], [0.0, 10.0]])
     feedback = Feedback.of(smooth + e_q, smooth + e_v, u)
     expected = -400.0 * e_q - late @ np.array([[20.0, 2.0], [0.0, 10.0]])
-    error = feedback.passed_on(e_q, e_v)[1:] - expected[1:]
+    error = feedback.carry_noise(e_q, e_v)[1:] - expected[1:]
     assert np.std(error) < 0.05 * np.std(expected)
     alone = Feedback.of(smooth + e_q, smooth + e_v, forward + 1e-3 * rng.normal(size=smooth.shape))
     assert np.all(alone.gains == 0.0)

@@ -11,17 +11,18 @@ from scipy.stats import chi2
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
-from drake_cafim.diagnosis.fitting import NOISE_ALONE, Fit, _less, fit, unbiased_fit
-from drake_cafim.diagnosis.looks import looks
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.problem import Problem
-from drake_cafim.diagnosis.pulses import strongest_pushes
-from drake_cafim.diagnosis.robust import wald_p_value
-from drake_cafim.diagnosis.samples import samples_of
-from drake_cafim.diagnosis.screening import screen
-from drake_cafim.diagnosis.shapes import reshaped
-from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.fit.fitting import Fit, _less, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.problem import Problem
+from drake_cafim.diagnosis.fit.robust_covariance import wald_p_value
+from drake_cafim.diagnosis.joints.linearised_effects import looks
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.joints.pulses import strongest_pushes
+from drake_cafim.diagnosis.rows.samples import samples_of
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.search.law_shapes import reshaped
+from drake_cafim.diagnosis.search.screening import screen
+from drake_cafim.diagnosis.thresholds import REGRESSOR_SIGNAL_SHARE
 from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.coupling import JointBacklash, JointCoupling, JointElasticity
@@ -31,7 +32,7 @@ from drake_cafim.effects.sensor import SensorGainError
 from drake_cafim.effects.timing import SensorDelay
 from drake_cafim.effects.transmission import JointHardStop
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate
 from tests.concealed_case import written
 
@@ -227,7 +228,7 @@ def test_a_start_in_balance_costs_nothing(tmp_path: Path, stiffness: float, ring
     coupling = JointElasticity("rail", {"stiffness": stiffness, "damping": 1.0})
     physics = Model(problem.scene.priors.mean, (coupling,)).physics(problem.scene)
     run = problem.runs[0]
-    begun = run.begun(physics)
+    begun = run.marginalise_start(physics)
     balanced = run.whitened(run.weak.residual(physics))
     assert (begun.paid > 0.0) == rings
     if rings:
@@ -242,13 +243,15 @@ def test_slopes_are_those_under_doubts_that_stay_as_they_are(tmp_path: Path) -> 
     coupling = JointElasticity("rail", {"stiffness": 500.0, "damping": 1.0})
     model = Model(problem.scene.priors.mean, (coupling,))
     run = problem.runs[0]
-    widths = run.begun(model.physics(problem.scene)).widths
+    widths = run.marginalise_start(model.physics(problem.scene)).widths
     assert 0.1 < np.max(widths) < 0.9
     step = 0.1
     sides = (coupling.with_values({**coupling.values, "stiffness": 500.0 + change}) for change in (step, -step))
-    ahead, behind = (run.begun(replace(model, effects=(side,)).physics(problem.scene), widths).rows for side in sides)
+    ahead, behind = (
+        run.marginalise_start(replace(model, effects=(side,)).physics(problem.scene), widths).rows for side in sides
+    )
     held, slope = (ahead - behind) / (2.0 * step), problem.jacobian(model)[: run.rows, 1]
-    doubts = run.begun(model.physics(problem.scene)).U.T
+    doubts = run.marginalise_start(model.physics(problem.scene)).U.T
     np.testing.assert_allclose(doubts @ slope, doubts @ held, rtol=0.02, atol=0.02 * np.max(np.abs(doubts @ held)))
 
 
@@ -341,7 +344,7 @@ def test_looks_that_are_kept_are_those_of_the_samples_as_corrected(tmp_path: Pat
 
     def seen(model: Model, of: WeakProblem) -> np.ndarray:
         at = Fit(model, of.residual(model), of.jacobian(model), np.eye(len(model.vector)), of.rows)
-        return np.concatenate([columns for columns, _ in looks(of, at, JointCoulombFriction("rail"))], axis=1)
+        return np.concatenate([columns for columns, _ in looks(of, at, JointCoulombFriction("rail")).found], axis=1)
 
     first, second, third = (seen(model, problem) for model in (prompt, late, prompt))
     np.testing.assert_array_equal(first, third)
@@ -361,7 +364,7 @@ def test_the_strongest_push_is_where_it_was_and_gains_what_a_fit_does(tmp_path: 
         assert tried > 100
 
 
-@pytest.mark.parametrize(("share", "kept"), [(0.0, 1.0), (0.5, 0.5), (2.0, NOISE_ALONE)])
+@pytest.mark.parametrize(("share", "kept"), [(0.0, 1.0), (0.5, 0.5), (2.0, REGRESSOR_SIGNAL_SHARE)])
 def test_a_direction_of_numbers_that_are_each_known_is_known(share: float, kept: float) -> None:
     """Its information falls by what noise adds to it, to a fifth at the least; others keep all of theirs."""
     size = np.array([1e4, 1e-3, 1.0])

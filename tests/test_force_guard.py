@@ -12,7 +12,7 @@ from drake_cafim.commands.run import RunRequest, check_request
 from drake_cafim.design.force_belief import (
     FilterConfig,
     ForceBelief,
-    _placed_anew,
+    _resample,
     first_force_belief,
     learn,
     magnitude,
@@ -22,10 +22,10 @@ from drake_cafim.design.force_guard import GuardConfig, guarded_command
 from drake_cafim.design.guard_system import ForceGuard
 from drake_cafim.diagrams.catalogue import stage_of
 from drake_cafim.errors import InputError
-from drake_cafim.experiment import Options, run
-from drake_cafim.kinematic_world import kinematic_world
-from drake_cafim.scenario.scene import resolve
+from drake_cafim.experiment.closed_loop import Options, run
+from drake_cafim.experiment.kinematic_world import kinematic_world
 from drake_cafim.scenario.schema import load
+from drake_cafim.scene.scene import resolve
 from drake_cafim.tasks.contouring import contouring
 from drake_cafim.tasks.pinching import pinching
 from drake_cafim.tasks.rubbing import rubbing
@@ -112,7 +112,7 @@ def test_placing_anew_keeps_the_mean_and_widens_by_the_spacing():
         np.array([1.0, 0.0]) + 0.1 * random.normal(size=(40, 2)),
         np.tile(0.02 * np.eye(2), (40, 1, 1)),
     )
-    new = _placed_anew(model, old)
+    new = _resample(model, old)
     np.testing.assert_allclose(new.theta.mean(axis=0), old.weight @ old.theta)
     np.testing.assert_allclose(new.mean.mean(axis=0), old.weight @ old.mean)
     np.testing.assert_allclose(new.covariance, old.covariance)

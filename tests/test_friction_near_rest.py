@@ -7,8 +7,8 @@ import pytest
 
 from drake_cafim.diagnosis.diagnose import diagnose
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.scenario.scene import Scene
 from drake_cafim.scenario.schema import parse
+from drake_cafim.scene.scene import Scene
 
 MODEL = """<robot name="slider"><link name="base"/>
   <link name="block"><inertial><mass value="2.0"/>

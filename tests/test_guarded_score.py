@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-import drake_cafim.experiment
+import drake_cafim.experiment.closed_loop
 from drake_cafim.belief import Belief
 from drake_cafim.design.force_belief import ForceBelief, condensed, first_force_belief, predicted_forces
 from drake_cafim.design.force_guard import GuardConfig, guarded_commands
@@ -12,9 +12,9 @@ from drake_cafim.design.planner import Scored
 from drake_cafim.design.policies import make_policy
 from drake_cafim.design.situation import Situation
 from drake_cafim.diagrams.catalogue import stage_of
-from drake_cafim.experiment import Options, run
-from drake_cafim.scenario.scene import resolve
+from drake_cafim.experiment.closed_loop import Options, run
 from drake_cafim.scenario.schema import load
+from drake_cafim.scene.scene import resolve
 from drake_cafim.tasks.contouring import contouring
 from drake_cafim.tasks.pinching import pinching
 
@@ -116,7 +116,7 @@ def test_a_planner_that_knows_of_the_guard_learns_more(monkeypatch):
     for knows in (True, False):
         if not knows:
             monkeypatch.setattr(
-                drake_cafim.experiment,
+                drake_cafim.experiment.closed_loop,
                 "make_policy",
                 lambda name, model, *, force_limit, **rest: make_policy(name, model, **rest),
             )

@@ -8,12 +8,12 @@ import pytest
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import prepare
-from drake_cafim.diagnosis.forecast import forecasts, root_mean_square
-from drake_cafim.diagnosis.innovations import innovations
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.predict.forecast import forecasts, root_mean_square
+from drake_cafim.diagnosis.predict.innovations import innovations
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.effects.catalogue import effect_named
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate
 
 

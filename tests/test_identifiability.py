@@ -6,10 +6,10 @@ import pytest
 from drake_cafim.belief import Belief
 from drake_cafim.commands.run import table
 from drake_cafim.diagrams.catalogue import stage_of
+from drake_cafim.experiment.run_record import identified
 from drake_cafim.information import identifiable_combinations
-from drake_cafim.run_record import identified
-from drake_cafim.scenario.scene import resolve
 from drake_cafim.scenario.schema import load
+from drake_cafim.scene.scene import resolve
 from drake_cafim.studies.cell import Cell, measure
 
 THETA = np.array([0.4, 100.0])

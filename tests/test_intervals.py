@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.adequacy import BLOCK
 from drake_cafim.diagnosis.diagnose import prepare
-from drake_cafim.diagnosis.fitting import Fit, unbiased_fit
-from drake_cafim.diagnosis.intervals import standard_deviations
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.screening import screen
+from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.intervals import standard_deviations
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.search.screening import screen
+from drake_cafim.diagnosis.thresholds import WINDOWS_PER_BLOCK
 from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.effects.transmission import TorqueRipple
@@ -100,11 +100,11 @@ class Wandering:
     """A coefficient's mean rows, whose noise stays the same for a block of time: 40 numbers, however many rows."""
 
     lasting: bool
-    rows = 40 * 4 * BLOCK
+    rows = 40 * 4 * WINDOWS_PER_BLOCK
     runs = (SimpleNamespace(shape=(rows, 1)),)
 
     def residual(self, model: Model) -> Any:
-        length = 4 * BLOCK if self.lasting else 1
+        length = 4 * WINDOWS_PER_BLOCK if self.lasting else 1
         noise = np.repeat(np.random.default_rng(0).normal(size=self.rows // length), length)
         return noise - noise.mean() - (model.vector[0] - 1.0)
 

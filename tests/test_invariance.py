@@ -10,10 +10,10 @@ import pytest
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import diagnose
-from drake_cafim.diagnosis.slow_channels import bridged
+from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
 from drake_cafim.diagnosis.verdict import Verdict
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from tests.concealed.case import Case
 from tests.concealed.make import simulate
 
@@ -117,7 +117,7 @@ def test_slow_channels_are_laid_on_the_clock_and_gaps_are_not() -> None:
     slow, gap = q.copy(), q.copy()
     slow[1::2] = np.nan
     gap[100:300] = np.nan
-    even, bridges = bridged(Recording("a", time, {"q.a": slow, "q.b": gap, "u.a": slow}))
+    even, bridges = bridge_slow_channels(Recording("a", time, {"q.a": slow, "q.b": gap, "u.a": slow}))
     assert set(bridges) == {"q.a"} and "q.a" in even.notes[-1]
     # after its last sample a channel is held; windows end before that
     np.testing.assert_allclose(even["q.a"][:-1], q[:-1], atol=1e-6)

@@ -7,9 +7,9 @@ import pytest
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.dynamics.inverses import inverses
 from drake_cafim.effects.actuator import ActuatorLag
 from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance
@@ -19,7 +19,7 @@ from drake_cafim.effects.joint import JointCoulombFriction
 from drake_cafim.effects.link import Payload
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.timing import SensorDelay, SensorLag
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate
 
 
@@ -24,7 +24,7 @@ def test_a_push_is_located_in_time(seed: int, tmp_path: Path) -> None:
     problem = prepared.problem()
     true = case.truth["nominal_parameters_true"]
     unknown = np.array([true[f"{one.parameter}.{one.at}"] for one in scene.unknown])
-    locations = prepared.locate(problem, Model(unknown))
+    locations = problem.locate(Model(unknown))
     begun, ended = effect["interval"]
     overlaps = [
         max(0.0, min(stop, ended) - max(start, begun)) / (max(stop, ended) - min(start, begun))

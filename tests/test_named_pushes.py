@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis import search
 from drake_cafim.diagnosis.diagnose import diagnose, prepare
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.named_pushes import locate_named
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.search.push_locations import locate_named
 from drake_cafim.diagnosis.verdict import Location, Verdict
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.joint import JointViscousFriction
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate
 from tests.tosses import thrown, thrown_scene
 
@@ -23,7 +23,14 @@ WORTH = {"a": 3.0, "b": 1.0, "elbow": 2.0}
 
 
 class Told:
-    """Rows that each of a model's effects takes down by what it is worth."""
+    """Rows that each of a model's effects takes down by what it is worth; the rest is always at `REST`."""
+
+    def __init__(self) -> None:
+        self.asked: list[Model] = []
+
+    def locate(self, lacking: Model) -> tuple[Location, ...]:
+        self.asked.append(lacking)
+        return REST
 
     def rows_of(self, model: Model) -> Any:
         left = sum(WORTH.values()) - sum(WORTH[one.at] for one in model.effects)
@@ -44,13 +51,7 @@ REST = (
 def test_pushes_have_their_part_of_what_is_explained() -> None:
     problem: Any = Told()
     best = Model(np.zeros(0), (_push("b"), FRICTION, _push("a")))
-    asked: list[Model] = []
-
-    def locate(model: Model) -> tuple[Location, ...]:
-        asked.append(model)
-        return REST
-
-    found = locate_named(problem, best, Model(np.zeros(0)), locate)
+    found = locate_named(problem, best, Model(np.zeros(0)))
     assert [(one.kind, one.name, one.recording) for one in found] == [
         ("body", "a", "a.csv"),
         ("joint", "elbow", "a.csv"),
@@ -60,23 +61,23 @@ def test_pushes_have_their_part_of_what_is_explained() -> None:
     assert [one.share for one in found] == pytest.approx([3 / 6, 0.7 / 3, 1 / 6, 0.1])
     assert found[0].intervals == ((1.0, 1.2),)
     # the others are looked for beside the pushes
-    assert [effect.at for effect in asked[0].effects] == ["b", "a"]
+    assert [effect.at for effect in problem.asked[0].effects] == ["b", "a"]
 
 
 def test_of_what_remains_a_named_push_has_no_share() -> None:
     best = Model(np.zeros(0), (_push("a"),))
     problem: Any = Told()
-    found = locate_named(problem, best, best, lambda model: REST)
+    found = locate_named(problem, best, best)
     assert found[:2] == REST and (found[2].name, found[2].share, found[2].intervals) == ("a", 0.0, ((1.0, 1.2),))
-    assert locate_named(problem, Model(np.zeros(0), (FRICTION,)), Model(np.zeros(0)), lambda model: REST) == REST
+    assert locate_named(problem, Model(np.zeros(0), (FRICTION,)), Model(np.zeros(0))) == REST
 
 
 @pytest.fixture
 def pushes_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing but pushes is looked for, which is quick."""
-    every = search.hypotheses
+    every = WeakProblem.hypotheses
     monkeypatch.setattr(
-        search,
+        WeakProblem,
         "hypotheses",
         lambda problem: tuple(one for one in every(problem) if isinstance(one, ExternalDisturbance)),
     )
@@ -111,8 +112,6 @@ def test_a_push_on_a_thrown_body_tells_when(tmp_path: Path) -> None:
     push = ExternalDisturbance("body", values, "toss_0")
     prepared: Any = prepare(scene, thrown(scene.physics.with_effects([push]), 3, count=1))
     problem, bare = prepared.problem(), Model(scene.priors.mean)
-    first, *others = locate_named(
-        problem, bare.with_effects([push]), bare, lambda model: prepared.locate(problem, model)
-    )
+    first, *others = locate_named(problem, bare.with_effects([push]), bare)
     assert (first.kind, first.name, first.recording, first.intervals) == ("body", "body", "toss_0", ((0.3, 0.42),))
     assert first.share == pytest.approx(1.0) and not others

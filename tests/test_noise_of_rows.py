@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.bent_noise import beyond_slope
 from drake_cafim.diagnosis.diagnose import prepare
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.noise_jacobian import POSITION_STEP
-from drake_cafim.diagnosis.samples import noisier
-from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.rows.samples import noisier
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.whitening.kinked_law_noise import beyond_slope
+from drake_cafim.diagnosis.whitening.noise_jacobian import POSITION_STEP
 from drake_cafim.effects.joint import JointCoulombFriction
 from drake_cafim.effects.sensor import SensorGainError, SensorMisalignment
 from drake_cafim.effects.surface import SurfaceOffset
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 from tests.concealed.make import simulate
 

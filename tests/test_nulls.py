@@ -7,10 +7,10 @@ from scipy.stats import binom
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import prepare
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.search import Settings, search
-from drake_cafim.diagnosis.weak_problem import WeakProblem
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.search.search import Settings, search
+from drake_cafim.scene.scene import Scene
 from tests.concealed.make import calm, simulate
 
 FIRST, COUNT = 5000, {"arm2": 30, "arm3": 10, "press": 10}

@@ -11,13 +11,12 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from drake_cafim import InputError, Recording, Scene, Verdict
 from drake_cafim.diagnosis.diagnose import examine
-from drake_cafim.diagnosis.search import Outcome
+from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagrams.tutorials.own_effect import JointCatch, caught_elbow
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.report.artifacts import write_artifacts
-from drake_cafim.report.evidence import evidence_of
 from drake_cafim.report.law_figures import law_picture
 
 TRUTH = {"torque": 0.25, "position": 0.2}
@@ -93,7 +92,7 @@ def test_its_picture_is_over_what_moves_it(found: tuple[Verdict, Outcome]) -> No
     verdict, outcome = found
     physics = outcome.problem.scene.physics
     effect = verdict.explanation[0].effect
-    picture = law_picture(evidence_of(effect, outcome.problem, physics, verdict.corrected.physics))
+    picture = law_picture(outcome.problem.pictures.evidence(effect, physics, verdict.corrected.physics))
     assert "against position of elbow" in picture.svg
 
 

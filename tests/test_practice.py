@@ -10,7 +10,7 @@ from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import diagnose
 from drake_cafim.diagnosis.verdict import Verdict
 from drake_cafim.effects.catalogue import EFFECTS
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 
 CASES = ["asssgs2p", "cb26z583", "f2fwzuw2", "getnt7g9", "m4aftbrd", "pq2fvnwj",
          "qx2v2qqs", "sst22rux", "tdj6cxun", "x6rqh3rw", "yht94gkq"]  # fmt: skip

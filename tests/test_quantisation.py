@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.coloured_noise import covariance, drawn
-from drake_cafim.diagnosis.quantisation import Rounding, dwell, quantised_memories, quantum
+from drake_cafim.diagnosis.noise.coloured import covariance, drawn
+from drake_cafim.diagnosis.noise.quantised import Rounding, dwell, quantised_memories, quantum
 from drake_cafim.recordings.recording import Recording
 
 INTERVAL, LEVEL = 0.002, 4e-4

@@ -7,7 +7,7 @@ import pytest
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import diagnose
 from drake_cafim.diagnosis.verdict import Verdict
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 
 FRICTION = {"joint_viscous_friction", "joint_coulomb_friction", "joint_asymmetric_coulomb_friction",
             "joint_stribeck_friction", "joint_load_dependent_friction"}  # fmt: skip

@@ -6,7 +6,7 @@ import pytest
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import diagnose
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 
 
 @pytest.mark.long

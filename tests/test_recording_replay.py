@@ -13,10 +13,10 @@ import pytest
 from pydrake.geometry import Meshcat
 
 from drake_cafim.commands.replay import replay_command
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.samples import samples_of
-from drake_cafim.diagnosis.stepper import State, advance
-from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.predict.stepper import State, advance
+from drake_cafim.diagnosis.rows.samples import samples_of
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointSpring
 from drake_cafim.errors import InputError
@@ -32,7 +32,7 @@ from drake_cafim.report.recording_motion import (
 )
 from drake_cafim.report.recording_replay import RecordingReplay, render, write_recording_replay
 from drake_cafim.report.replay import make_meshcat
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 
 ARM = """<robot name="arm">
   <link name="base"/>

@@ -196,8 +196,8 @@ def test_columns_with_stamps_of_their_own_are_told_of(tmp_path: Path) -> None:
     columns = {name: np.full(apart.time.shape, np.nan) for name in run.columns}
     for name, values in columns.items():
         values[~own if name == "u.elbow" else own] = run[name][: (~own).sum() if name == "u.elbow" else None]
-    with pytest.raises(InputError, match=r"u\.shoulder and u\.elbow stand together in 0 of 2001 rows"):
+    with pytest.raises(InputError, match=r"u\.shoulder and u\.elbow have values together in only 0 of 2001 rows"):
         diagnose(scene, [Recording("apart", apart.time, columns)])
     slow = np.where(np.arange(len(run)) % 5 == 0, run["u.elbow"], np.nan)
-    with pytest.raises(InputError, match=r"q\.shoulder and u\.elbow stand together in 201 of 1001 rows"):
+    with pytest.raises(InputError, match=r"q\.shoulder and u\.elbow have values together in only 201 of 1001 rows"):
         diagnose(scene, [Recording("slow", run.time, dict(run.columns) | {"u.elbow": slow})])

@@ -3,12 +3,13 @@
 import json
 from dataclasses import replace
 
-from drake_cafim.experiment import Options, run
-from drake_cafim.run_record import run_record
+from drake_cafim.experiment.closed_loop import Options, run
+from drake_cafim.experiment.run_record import run_record
 from drake_cafim.tasks.contouring import contouring
 from drake_cafim.tasks.hefting import hefting
 
 PER_EXPERIMENT = {
+    "solver",
     "estimate", "std", "error_percent", "fisher", "scaled_trace", "first_contact", "contact_fraction",
     "sliding_fraction", "airborne_fraction", "reversals", "make_breaks", "faces", "max_force", "tracking_error",
     "history", "planning_ms", "recording",

@@ -8,7 +8,7 @@ import pytest
 from drake_cafim.commands.diagnose import diagnose_command
 from drake_cafim.commands.run import RunRequest, run_command
 from drake_cafim.diagrams.concealing import Concealed
-from drake_cafim.experiment import Options
+from drake_cafim.experiment.closed_loop import Options
 
 
 def run_and_diagnose(out: Path, concealed: tuple[Concealed, ...]) -> dict[str, Any]:

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis import search
-from drake_cafim.diagnosis.fitting import Fit
-from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.search import search
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.friction import JointStribeckFriction
 from drake_cafim.effects.joint import JointCoulombFriction
@@ -28,6 +28,9 @@ class _Moving:
         self.whitened_at.append(float(model.unknown[0]))
         return self
 
+    def hypotheses(self) -> tuple[Effect, ...]:
+        return ()
+
 
 @pytest.mark.parametrize(
     ("places", "whitened_at"),
@@ -40,9 +43,8 @@ def test_the_noise_is_reckoned_anew_while_the_unknowns_move(
         return SimpleNamespace(model=Model(2.0 * np.array([next(problem.places)])), echo=False)
 
     monkeypatch.setattr(search, "unbiased_fit", found)
-    monkeypatch.setattr(search, "hypotheses", lambda problem: ())
     monkeypatch.setattr(search, "screen", lambda *looked_at: [])
-    monkeypatch.setattr(search, "_detection", lambda *looked_at: 1.0)
+    monkeypatch.setattr(search, "detection_p_value", lambda *looked_at: 1.0)
     problem: Any = _Moving(places)
     outcome = search.search(problem, search.Settings())
     assert problem.whitened_at == whitened_at

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import Diagram
 
-from drake_cafim import experiment
 from drake_cafim.diagrams import hefting
 from drake_cafim.diagrams.showing import execute, make_replay
 from drake_cafim.diagrams.world import start_context
-from drake_cafim.experiment import Options, RunResult
+from drake_cafim.experiment import closed_loop as experiment
+from drake_cafim.experiment.closed_loop import Options, RunResult
+from drake_cafim.experiment.world import World
 from drake_cafim.tasks.hefting import hefting as hefting_task
-from drake_cafim.world import World
 
 SEED = 4
 

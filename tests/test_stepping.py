@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from drake_cafim.contact import NORMAL_LAWS, ContactLaw
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.stepper import State, advance, step
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.predict.stepper import State, advance, step
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scenario.physics import Physics

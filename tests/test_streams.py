@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drake_cafim.diagrams.sensing import SensorNoise
-from drake_cafim.streams import Purpose, stream
+from drake_cafim.numerics.streams import Purpose, stream
 
 PLACES = [(0, 0), (1, 0), (1, 2), (1, 0, 0), (1, 0, 1), (2, 3, 1)]
 

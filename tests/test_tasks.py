@@ -5,7 +5,7 @@ import pytest
 
 from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.errors import InputError
-from drake_cafim.tasks.behaviour import count_make_breaks, count_reversals
+from drake_cafim.numerics.motion_counts import count_make_breaks, count_reversals
 from drake_cafim.tasks.compliant_hefting import CompliantHefting
 from drake_cafim.tasks.configure import configure
 from drake_cafim.tasks.contouring import Contouring, contouring

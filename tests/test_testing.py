@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from drake_cafim import InputError, Recording, Scene
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.stepper import State, advance
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.predict.stepper import State, advance
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.recordings import read, write
@@ -89,7 +89,9 @@ def test_residuals_as_channels(scene: Scene, tmp_path: Path) -> None:
 
     recording = recorded(scene, FRICTION)
     verdict, outcome = examine(scene, [recording])
-    write_recording_mcap(tmp_path / "a.mcap", replay_of(verdict, outcome, recording))
+    replay = replay_of(verdict, outcome, recording)
+    assert replay is not None
+    write_recording_mcap(tmp_path / "a.mcap", replay)
     back = read(tmp_path / "a.mcap")
     assert back["q.slide"].tobytes() == recording["q.slide"].tobytes()
     nominal, corrected = back["residual_nominal_q.slide"], back["residual_corrected_q.slide"]

@@ -9,25 +9,25 @@ import numpy as np
 import pytest
 
 import drake_cafim
-from drake_cafim.diagnosis.coloured_noise import Memory, drawn
 from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine, prepare
-from drake_cafim.diagnosis.fitting import unbiased_fit
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.tosses import settling
+from drake_cafim.diagnosis.fit.fitting import unbiased_fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.noise.coloured import Memory, drawn
+from drake_cafim.diagnosis.tosses import initial_states as settling
 from drake_cafim.diagnosis.tosses.arcs import arcs_of
+from drake_cafim.diagnosis.tosses.initial_states import settled_from
 from drake_cafim.diagnosis.tosses.innovation import Innovation
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, track_of
-from drake_cafim.diagnosis.tosses.prepared import PreparedTosses
+from drake_cafim.diagnosis.tosses.preparation import PreparedTosses
 from drake_cafim.diagnosis.tosses.problem import TossProblem
-from drake_cafim.diagnosis.tosses.settling import settled_from
-from drake_cafim.diagnosis.tosses.standing import standing
+from drake_cafim.diagnosis.tosses.surface_search import standing
 from drake_cafim.diagnosis.tosses.tangent import moved
 from drake_cafim.effects.body import AerodynamicDrag
 from drake_cafim.effects.surface import SurfaceTilt
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.report_html import render
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate
 from tests.concealed_case import written
 from tests.tosses import BLOCK, SCENARIO, thrown, thrown_scene

@@ -32,7 +32,7 @@ from drake_cafim.effects.normal_contact import (
     ContactViscoelasticRelaxation,
 )
 from drake_cafim.errors import InputError
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from tests.tosses import BALL, BLOCK, SCENARIO, thrown_scene
 
 TIGHT = np.array([1e-5] * 3 + [1e-4] * 3)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.coloured_noise import Memory, drawn
-from drake_cafim.diagnosis.track import REACHES, track_of
+from drake_cafim.diagnosis.noise.coloured import Memory, drawn
+from drake_cafim.diagnosis.rows.position_smoothing import track_of
+from drake_cafim.diagnosis.thresholds import POSITION_SMOOTHING_REACHES
 from drake_cafim.typing import Array
 
 STD_Q, STD_V, TURNING = 5e-6, 3e-4, 12.0
@@ -68,4 +69,4 @@ def test_positions_alone_turn_too() -> None:
 def test_what_was_laid_between_samples_is_smoothed_by_one_width() -> None:
     time = _clock(0.0, np.random.default_rng(4))
     assert len(track_of(time, STD_Q, STD_V, None, None, widest=True).smoothers) == 1
-    assert len(track_of(time, STD_Q, STD_V, None, None).smoothers) == len(REACHES)
+    assert len(track_of(time, STD_Q, STD_V, None, None).smoothers) == len(POSITION_SMOOTHING_REACHES)

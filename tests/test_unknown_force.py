@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.diagnose import diagnose, prepare
-from drake_cafim.diagnosis.evidence import leaves_noise
-from drake_cafim.diagnosis.fitting import unbiased_fit
-from drake_cafim.diagnosis.judgement import judged
-from drake_cafim.diagnosis.search import Settings, search
-from drake_cafim.diagnosis.unknown_force import likeliest, told
-from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.fit.evidence import leaves_noise
+from drake_cafim.diagnosis.fit.fitting import unbiased_fit
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.joints.unknown_force import likeliest
+from drake_cafim.diagnosis.search.judgement import judged
+from drake_cafim.diagnosis.search.search import Settings, search
 from drake_cafim.recordings.recording import Recording
 from tests.concealed.make import simulate
 from tests.concealed_case import written
@@ -48,9 +48,9 @@ def test_the_density_is_the_one_that_was_hidden(tmp_path: Path) -> None:
     assert density[0] == pytest.approx(DENSITY, rel=0.15)
     assert density[1] < 0.05 * DENSITY
     assert not leaves_noise(problem, nominal, 0.01)
-    own = problem.shaken(nominal.model, density)
+    own = problem.shaken(density, nominal.model)
     assert leaves_noise(own, unbiased_fit(own, nominal.model), 0.01)
-    [remark] = told(own)
+    [remark] = own.force_remarks
     assert joint in remark and "0.06 s" in remark
 
 
@@ -59,7 +59,7 @@ def test_where_nothing_shakes_there_is_none(tmp_path: Path) -> None:
     nominal = unbiased_fit(problem, problem.nominal())
     density = likeliest(problem, nominal.model)
     assert np.all(density < 0.02 * DENSITY)
-    assert told(problem.shaken(nominal.model, density)) == ()
+    assert problem.shaken(density, nominal.model).force_remarks == ()
 
 
 def test_an_effect_is_told_from_the_forces_beside_it(tmp_path: Path) -> None:

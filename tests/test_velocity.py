@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.velocity import SMOOTHING_REACH, WIDER, Noise, Velocity, VelocityNoise, resting
+from drake_cafim.diagnosis.rows.velocity_smoothing import Noise, Velocity, VelocityNoise, resting
+from drake_cafim.diagnosis.thresholds import RESTING_SMOOTHING_REACHES, VELOCITY_SMOOTHING_REACH
 
 STEP = 0.002
 TIME = np.arange(0.0, 6.0, STEP)
@@ -22,7 +23,7 @@ def measured(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("noise", [NOISE, VelocityNoise(NOISE.q, None)], ids=["measured", "differentiated"])
 def test_a_rest_is_known_far_better_than_a_motion_and_as_well_as_it_says(noise: VelocityNoise) -> None:
-    near = Velocity.over(SMOOTHING_REACH, TIME, noise)
+    near = Velocity.over(VELOCITY_SMOOTHING_REACH, TIME, noise)
     creeping = (TIME > 3.0) & (TIME < 5.5)
     errors = []
     for seed in range(10):
@@ -35,7 +36,7 @@ def test_a_rest_is_known_far_better_than_a_motion_and_as_well_as_it_says(noise: 
 
 def test_a_slip_is_not_rounded_off() -> None:
     """Its ends are corners, from which a wide window would swing, by 20 times its noise on the average."""
-    around, wide = (TIME > 1.8) & (TIME < 2.7), Velocity.over(WIDER[-1], TIME, NOISE)
+    around, wide = (TIME > 1.8) & (TIME < 2.7), Velocity.over(RESTING_SMOOTHING_REACHES[-1], TIME, NOISE)
     errors, swings = [], []
     for seed in range(10):
         q, v = measured(seed)

@@ -8,9 +8,10 @@ import pytest
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
-from drake_cafim.diagnosis.windows import lay_windows
-from drake_cafim.local_polynomial import local_polynomial, track_polynomial
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.diagnosis.rows.test_functions import lay_windows
+from drake_cafim.numerics.local_polynomial import local_polynomial, track_polynomial
+from drake_cafim.scene.scene import Scene
+from tests import two_links
 from tests.concealed.make import simulate
 
 
@@ -115,12 +116,62 @@ def test_wider_windows_cover_what_the_narrow_ones_do(tmp_path: Path) -> None:
     prepared = prepare(Scene.load(tmp_path / "scenario.yaml"), [replace(one, columns={**one.columns, q: holes})])
     assert isinstance(prepared, Prepared)
     problem = prepared.problem()
-    wide = problem.over_wider_windows(4.0)
-    assert wide is not None
+    found = problem.over_wider_windows(4.0)
+    assert found is not None
+    wide, width = found
     narrow, wide_ones = (own.runs[0].weak.samples.windows for own in (problem, wide))
-    assert wide_ones.width == pytest.approx(4.0 * narrow.width)
+    assert width == wide_ones.width == pytest.approx(4.0 * narrow.width)
     touched, seen = (np.unique(own.value.indices) for own in (wide_ones, narrow))
     assert np.all(np.isin(touched, seen))
     assert not np.any(np.isnan(holes[touched]))
     # those of a recording of six seconds are too few where they are longer than it
     assert problem.over_wider_windows(100.0) is None
+
+
+def test_a_short_recording_leaves_the_others_their_wider_windows(tmp_path: Path) -> None:
+    scene = two_links.scene(tmp_path)
+    long, short = (two_links.recording(f"run_{k}.parquet", k, duration=s) for k, s in ((1, 3.0), (2, 0.4)))
+    prepared = prepare(scene, [long, short])
+    assert isinstance(prepared, Prepared)
+    problem = prepared.problem()
+    found, width = problem.over_wider_windows(4.0) or (problem, 0.0)
+    assert [form.samples.windows.width for form in found.forms] == pytest.approx([0.24, 0.12])
+    assert width == pytest.approx(0.24)
+    assert (problem.over_wider_windows(8.0) or (problem, 0.0))[1] == pytest.approx(0.48)
+    assert problem.over_wider_windows(64.0) is None
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.5])
+@pytest.mark.parametrize("delay", [0.0, 0.0007, 0.0064])
+def test_ramped_effort_balances_momentum(delay: float, jitter: float) -> None:
+    rng = np.random.default_rng(1)
+    time = _grid(500, jitter)
+    u = rng.normal(size=500)
+    knots = time + delay
+    slope = np.diff(u) / np.diff(knots)
+    momenta = np.append(0.0, np.cumsum(0.5 * (u[1:] + u[:-1]) * np.diff(knots)))
+    at = np.clip(np.searchsorted(knots, time, side="right") - 1, 0, 498)
+    since = time - knots[at]
+    p = momenta[at] + u[at] * since + 0.5 * slope[at] * since**2
+    windows = lay_windows(time, np.ones(500, dtype=bool), 0.06)
+    ramped = -windows.rate @ p - windows.held(knots, ramped=True) @ u
+    held = -windows.rate @ p - windows.held(knots) @ u
+    inside = windows.starts > 0.02
+    assert np.abs(ramped[inside]).max() < 1e-3 * np.abs(held[inside]).max()
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0007])
+def test_velocity_rows_know_that_acceleration_bends(delay: float) -> None:
+    rng = np.random.default_rng(2)
+    time = _grid(400, 0.3)
+    asked, knots = rng.normal(size=400), time + delay
+    fine = np.unique(np.concatenate([time, knots]))
+    h, a = np.diff(fine), np.interp(fine, knots, asked)
+    v = np.append(0.0, np.cumsum(0.5 * h * (a[:-1] + a[1:])))
+    q = np.append(0.0, np.cumsum(h * v[:-1] + h**2 * (a[:-1] / 3.0 + a[1:] / 6.0)))
+    windows = lay_windows(time, np.ones(400, dtype=bool), 0.06)
+    sampled = np.searchsorted(fine, time)
+    plain = windows.rate @ q[sampled] + windows.value @ v[sampled]
+    residual = plain - windows.steps(knots, ramped=True) @ asked
+    inside = windows.starts > 0.02
+    assert np.abs(residual[inside]).max() < 5e-2 * np.abs(plain[inside]).max()

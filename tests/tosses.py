@@ -10,7 +10,7 @@ from drake_cafim.diagnosis.tosses.state import State
 from drake_cafim.dynamics.rotations import exponential, product
 from drake_cafim.recordings.recording import POSE_COMPONENTS, Recording
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 
 BALL = '<sphere radius="0.04"/>'
 BLOCK = '<box size="0.1 0.08 0.06"/>'

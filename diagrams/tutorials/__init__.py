@@ -3,4 +3,6 @@
 - `own_robot`: from one's own URDF and bags to a simulation with the physics that the URDF lacks.
 - `own_effect`: an effect that the catalogue does not have.
 - `own_diagram`: one's own plant in a Diagram with the CA-OED and CA-MAP systems.
+
+`why.md` is a page, not a script: how to ask a finished report why it says what it says.
 """

@@ -1,18 +1,23 @@
 """`cafim diagnose`: report.json, report.html, the corrected scenario and the replay."""
 
-from collections.abc import Callable, Sequence
+import json
+import shlex
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-from drake_cafim.commands.inputs import in_folder, read_all
+from drake_cafim.commands.inputs import in_folder, read_all, read_report, refuse_repeats
 from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.errors import InputError
-from drake_cafim.output import prepare_folder
+from drake_cafim.output import prepare_folder, write_text
 from drake_cafim.report.artifacts import write_artifacts
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
+
+FINISHED = "diagnosis.json"
+"""Written last, with the command line: where it is, all else is."""
 
 
 def diagnose_command(
@@ -24,33 +29,66 @@ def diagnose_command(
     *,
     replay: bool = True,
     mcap: bool = False,
+    packages: Mapping[str, str] | None = None,
+    resume: bool = False,
 ) -> dict[str, Any]:
-    """The report, written into `out` with its page, the corrected scenario and what else is wanted."""
-    scene = Scene.load(address)
-    train, held = read_all(scene, recordings), read_all(scene, held_out)
-    shared = sorted(set(recordings) & set(held_out))
-    if shared:
-        raise InputError(f"{shared[0]}: given as --recording and as --held-out, expected one of them")
-    verdict, outcome = examine(scene, train, held_out=held, progress=progress)
+    """The report, written into `out` with its page, the corrected scenario and what else is wanted.
+
+    With `resume` a diagnosis by the same command that `out` holds whole is not made again. Raises `InputError` where
+    it is one by another command.
+    """
     command = ["cafim", "diagnose", address, "--recording", *recordings]
     command += ["--held-out", *held_out] if held_out else []
-    return write_artifacts(out, verdict, outcome, train, held, command, replay=replay, mcap=mcap, progress=progress)
+    command += [f"--package={name}={place}" for name, place in (packages or {}).items()]
+    if resume and _is_finished(out, command):
+        return read_report(out / "report.json", str(out / "report.json"))
+    scene = Scene.load(address, packages=packages)
+    refuse_repeats(recordings, held_out)
+    train, held = read_all(scene, recordings), read_all(scene, held_out)
+    (out / FINISHED).unlink(missing_ok=True)
+    verdict, outcome = examine(scene, train, held_out=held, progress=progress)
+    report = write_artifacts(out, verdict, outcome, train, held, command, replay=replay, mcap=mcap, progress=progress)
+    write_text(out / FINISHED, json.dumps({"command": command}, indent=1) + "\n")
+    return report
+
+
+def _is_finished(out: Path, command: Sequence[str]) -> bool:
+    """Whether `out` holds all of a diagnosis. Raises `InputError` where `command` is not the one that made it."""
+    if not ((out / FINISHED).is_file() and (out / "report.json").is_file()):
+        return False
+    made_by = json.loads((out / FINISHED).read_text(encoding="utf-8"))["command"]
+    if made_by != list(command):
+        raise InputError(
+            f"--out {out}: it holds what `{shlex.join(made_by)}` left, expected the same command with --resume; give "
+            "--overwrite, or another folder"
+        )
+    return True
 
 
 def diagnose_fleet(
-    address: str, fleet: Path, out: Path | None, jobs: int, *, resume: bool, overwrite: bool
+    address: str,
+    fleet: Path,
+    out: Path | None,
+    jobs: int,
+    *,
+    resume: bool,
+    overwrite: bool,
+    packages: Mapping[str, str] | None = None,
 ) -> list[dict[str, Any]]:
     """One report for each folder of recordings in `fleet`, in `out` under the folder's name."""
     folders = sorted(folder for folder in fleet.iterdir() if folder.is_dir() and in_folder(folder))
     if not folders:
         raise InputError(f"--fleet {fleet}: found no folder with recordings, expected at least one")
     target = prepare_folder(out, "diagnose", resume=resume, overwrite=overwrite)
-    waiting = [f for f in folders if not (resume and (target / f.name / "report.json").is_file())]
-    work = (delayed(_one_of_fleet)(address, folder, target / folder.name) for folder in waiting)
+    work = (delayed(_one_of_fleet)(address, folder, target / folder.name, packages, resume) for folder in folders)
     results = Parallel(n_jobs=jobs, return_as="generator")(work)
-    return list(tqdm(results, total=len(waiting), desc="diagnosing", unit="folder"))
+    return list(tqdm(results, total=len(folders), desc="diagnosing", unit="folder"))
 
 
-def _one_of_fleet(address: str, folder: Path, out: Path) -> dict[str, Any]:
+def _one_of_fleet(
+    address: str, folder: Path, out: Path, packages: Mapping[str, str] | None, resume: bool
+) -> dict[str, Any]:
     out.mkdir(parents=True, exist_ok=True)
-    return diagnose_command(address, in_folder(folder), (), out, lambda text: None, replay=False)
+    return diagnose_command(
+        address, in_folder(folder), (), out, lambda text: None, replay=False, packages=packages, resume=resume
+    )

@@ -10,8 +10,8 @@ import numpy as np
 
 from drake_cafim.commands.inputs import read_report, report_file
 from drake_cafim.design.planner import PLANNERS, PlannerName
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.discrimination.closed_loop import measured, simulated
 from drake_cafim.discrimination.design import Designer, default_effort
 from drake_cafim.discrimination.hypotheses import Pair, named_pair, reported_pairs
@@ -20,14 +20,14 @@ from drake_cafim.discrimination.outcome import course, odds_along, settled_after
 from drake_cafim.discrimination.planned import noise_of, problem_of
 from drake_cafim.discrimination.scores import Odds, OddsValue, Soonest
 from drake_cafim.errors import InputError
+from drake_cafim.numerics.streams import stream
 from drake_cafim.output import replacing, write_text
 from drake_cafim.recordings import write
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.next_experiment import with_next_experiment
 from drake_cafim.report.report_json import as_text, report_of
 from drake_cafim.report.rivals_replay import RivalRun, RivalsReplay, write_rivals_replay
-from drake_cafim.scenario.scene import Scene
-from drake_cafim.streams import stream
+from drake_cafim.scene.scene import Scene
 
 TRAJECTORY, REPORT, PAGE, REPLAY = "trajectory.parquet", "report.json", "report.html", "replay.html"
 SHORTEST, LONGEST = 0.5, 30.0
@@ -49,6 +49,7 @@ class DiscriminateRequest:
     planner: PlannerName = "predictive-sampling"
     seed: int = 0
     replay: bool = True
+    packages: tuple[tuple[str, str], ...] = ()
 
     def check(self) -> None:
         """Raises `InputError` unless there is either a report or two explanations, and time to move."""
@@ -77,7 +78,7 @@ def discriminate_command(
         record: dict[str, Any] = json.loads(finished.read_text(encoding="utf-8"))
         return record
     request.check()
-    scene = Scene.load(request.scenario)
+    scene = Scene.load(request.scenario, packages=dict(request.packages))
     report, pairs = _asked(request, scene)
     finished.unlink(missing_ok=True)
     random = np.random.default_rng(request.seed)

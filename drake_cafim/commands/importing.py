@@ -6,8 +6,8 @@ from typing import Any
 
 from drake_cafim.errors import InputError
 from drake_cafim.recordings import convert
-from drake_cafim.scenario.scene import resolve
 from drake_cafim.scenario.schema import load
+from drake_cafim.scene.scene import resolve
 
 
 def import_command(

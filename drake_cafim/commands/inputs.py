@@ -8,17 +8,29 @@ from typing import Any
 from drake_cafim.errors import InputError
 from drake_cafim.recordings import read
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 
 SUFFIXES = (".parquet", ".csv", ".npz", ".mcap", ".bag", ".db3", ".lcm")
 
 
 def read_all(scene: Scene, paths: Sequence[str]) -> list[Recording]:
-    """The recordings, names as given. Raises `InputError` for a path that is given twice or cannot be read."""
-    for path in paths:
-        if list(paths).count(path) > 1:
-            raise InputError(f"{path}: the recording is given more than once")
+    """The recordings, names as given. Raises `InputError` for a file that is given twice or cannot be read."""
+    refuse_repeats(paths)
     return [read(Path(path), scene.scenario.topics) for path in paths]
+
+
+def refuse_repeats(recordings: Sequence[str], held_out: Sequence[str] = ()) -> None:
+    """Raises `InputError` for a file that is given twice, however its path is written."""
+    known: dict[Path, tuple[str, str]] = {}
+    for kind, paths in (("--recording", recordings), ("--held-out", held_out)):
+        for path in paths:
+            before, other = known.setdefault(Path(path).resolve(), (kind, ""))
+            if other:
+                same = f" ({other} is the same file)" if other != path else ""
+                if before != kind:
+                    raise InputError(f"{path}: given as --recording and as --held-out{same}, expected one of them")
+                raise InputError(f"{path}: the recording is given more than once{same}, expected each file once")
+            known[Path(path).resolve()] = (kind, path)
 
 
 def in_folder(folder: Path) -> list[str]:

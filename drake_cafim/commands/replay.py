@@ -1,5 +1,6 @@
 """`cafim replay`: a recording, its model and its corrected model in step, as one page."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -7,19 +8,24 @@ import numpy as np
 from pydrake.geometry import Meshcat
 
 from drake_cafim.commands.inputs import read_all, read_report, report_file
-from drake_cafim.diagnosis.samples import samples_of
-from drake_cafim.diagnosis.stated_noise import noise_of
-from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.noise.stated import noise_of
+from drake_cafim.diagnosis.rows.samples import samples_of
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.recording_mcap import write_recording_mcap
 from drake_cafim.report.recording_replay import RecordingReplay, write_recording_replay
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 
 def replay_command(
-    address: str, recording: str, report: Path | None, out: Path, meshcat: Meshcat | None = None
+    address: str,
+    recording: str,
+    report: Path | None,
+    out: Path,
+    meshcat: Meshcat | None = None,
+    packages: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """Write the page to `out`, an .html, or the recording and its residuals, an .mcap.
 
@@ -29,9 +35,9 @@ def replay_command(
     """
     if out.suffix not in (".html", ".mcap"):
         raise InputError(f"--out {out}: expected a page, .html, or a recording with its residuals, .mcap")
-    scene = Scene.load(address)
+    scene = Scene.load(address, packages=packages)
     (read,) = read_all(scene, [recording])
-    scene = _facing(scene, read)
+    scene = _facing(scene.recorded_by([read]), read)
     std, _ = noise_of(scene, [read])
     weak = WeakForm(samples_of(scene, read, std), scene.wrench_sensors)
     found = RecordingReplay(scene, weak, scene.physics)
@@ -68,9 +74,9 @@ def _corrected(bare: RecordingReplay, report: Path, recording: Recording) -> Rec
 
 def _parameters(scene: Scene, content: dict[str, Any], path: Path) -> Array:
     """The scene's unknowns as the report has them."""
-    known = {(one["parameter"], one["at"]): float(one["value"]) for one in content.get("parameters", [])}
-    wanted = [(one.parameter, one.at) for one in scene.unknown]
-    lacking = [f"{parameter} of {at}" for parameter, at in wanted if (parameter, at) not in known]
+    known = {(one["parameter"], one["at"], one.get("effect")): one["value"] for one in content.get("parameters", [])}
+    wanted = [one.key for one in scene.unknown]
+    lacking = [f"{parameter} of {at}" for parameter, at, effect in wanted if (parameter, at, effect) not in known]
     if lacking:
         raise InputError(f"--report {path}: parameters lacks {', '.join(lacking)}; is it a report on this scenario?")
     return np.array([known[key] for key in wanted], dtype=float)

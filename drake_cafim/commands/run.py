@@ -8,7 +8,6 @@ from typing import Any, get_args
 
 from pydrake.systems.framework import Diagram
 
-from drake_cafim import experiment
 from drake_cafim.design.planner import PLANNERS
 from drake_cafim.design.policies import POLICIES, make_policy
 from drake_cafim.diagrams.catalogue import Stage, joint_names, stage_of
@@ -16,19 +15,20 @@ from drake_cafim.diagrams.concealing import Concealed
 from drake_cafim.diagrams.showing import make_replay
 from drake_cafim.diagrams.world import WorldKind, check_kind, start_context
 from drake_cafim.errors import InputError
-from drake_cafim.experiment import ExperimentResult, Options, RunResult
+from drake_cafim.experiment import closed_loop as experiment
+from drake_cafim.experiment.closed_loop import ExperimentResult, Options, RunResult
+from drake_cafim.experiment.joint_recording import recordings_of
+from drake_cafim.experiment.run_record import run_record
+from drake_cafim.experiment.world import World
 from drake_cafim.information import Criterion
-from drake_cafim.joint_recording import recordings_of
 from drake_cafim.output import replacing, write_text
 from drake_cafim.recordings import write
 from drake_cafim.report.replay import make_meshcat, write_replay
 from drake_cafim.report.run_figures import error_figure, information_figure
-from drake_cafim.run_record import run_record
 from drake_cafim.scenario.model_file import MODEL_SUFFIXES
-from drake_cafim.scenario.scene import Scene, resolve
 from drake_cafim.scenario.schema import load
+from drake_cafim.scene.scene import Scene, resolve
 from drake_cafim.sensitivity.evaluator import Fisher
-from drake_cafim.world import World
 
 FILES = {"replay": "replay.html", "figures": ["error.svg", "information.svg"]}
 Progress = Callable[[str], None]
@@ -116,7 +116,15 @@ def table(record: dict[str, Any]) -> str:
             f"{number:2d}  {known};  contact {100 * one['contact_fraction']:.0f} %, reversals {one['reversals']}, "
             f"largest force {one['max_force']:.1f} N, planning {one['planning_ms']['median']:.1f} ms"
         )
+        lines += _not_plain(one.get("solver", {}))
     return "\n".join([*lines, *_unidentified(record["experiments"][-1])])
+
+
+def _not_plain(solver: dict[str, Any]) -> list[str]:
+    """What the estimator's solver said, where it is not plain success inside all bounds."""
+    said = [] if solver.get("solved", True) else [f"    the estimate: {solver['message']}"]
+    on_bound = ", ".join(solver.get("on_bound", []))
+    return [*said, *([f"    the estimate of {on_bound} stands at a bound of its range"] if on_bound else [])]
 
 
 def _unidentified(one: dict[str, Any]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Contact laws: pure vectorised kernels with analytic derivatives, and the systems that apply them."""
+"""Contact laws: vectorised functions with analytic derivatives, and the Drake systems that apply them."""
 
 from drake_cafim.contact.law import ContactDerivatives, ContactLaw, ContactParameters
 from drake_cafim.contact.normal import NORMAL_LAWS, NormalLaw

@@ -1,4 +1,4 @@
-"""What a contact does beyond its nominal law: changes of its forces, some of which remember what went before."""
+"""Changes of a contact's nominal law: the interface of contact effects, some of which have a memory."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -8,17 +8,17 @@ import numpy as np
 from scipy.linalg import lapack
 
 from drake_cafim.contact.law import ContactLaw, ContactParameters
-from drake_cafim.cross import cross
+from drake_cafim.numerics.cross import cross
 from drake_cafim.typing import Array
 
 
 @dataclass(frozen=True)
 class Touch:
-    """One contact point over samples: `penetration` (N,) m, `rate` (N,) m/s, and in world axes `slip` (N, 3) m/s,
-    `position` (N, 3) m of the point, `w` (N, 3) rad/s, the body's angular velocity, and `arm` (N, 3) m, or the same
-    for all (1, 3), from what turns with it to the point.
+    """Kinematics of one contact point over samples: `penetration` (N,) m and its `rate` (N,) m/s.
 
-    `axes` (3, 3) are the surface's x, y and normal as columns, world frame.
+    In world axes: `slip` (N, 3) m/s, tangential velocity; `position` (N, 3) m of the point; `w` (N, 3) rad/s, angular
+    velocity of the body; `arm` (N, 3) m, or (1, 3) if constant, from the sphere's centre to the point; `axes` (3, 3),
+    the surface's x, y and normal as columns.
     """
 
     penetration: Array
@@ -35,59 +35,59 @@ class Touch:
 
     @cached_property
     def spin(self) -> Array:
-        """(N, 3) rad/s, the body's angular velocity without its turn about the normal."""
+        """(N, 3) rad/s, the tangential part of the body's angular velocity."""
         n = self.axes[:, 2]
         return np.asarray(self.w - (self.w @ n)[:, None] * n)
 
     @cached_property
     def spinning(self) -> Array:
-        """(N, 3) m/s, the part of the slip that comes from turning."""
+        """(N, 3) m/s, the part w × arm of the slip that comes from the body's rotation."""
         return cross(self.w, self.arm)
 
 
 class ContactChange:
-    """A change of a contact's law; by default nothing changes. `memory` (N, m) is what it knows of the past."""
+    """A change of a contact's law; the default methods change nothing. `memory` (N, m) is its internal state."""
 
     memory: ClassVar[int] = 0
-    """How many numbers it remembers."""
+    """Number m of its internal states."""
 
     @property
     def reach(self) -> float:
-        """From how far outside, m, it is felt."""
+        """The distance m between the bodies within which it exerts a force."""
         return 0.0
 
     def recall(self, time: Array, touch: Touch, at: Touch) -> Array:
-        """The memory (N, m) at samples at `time` (N,) s, of all the samples before each.
+        """The memory (N, m) at samples at `time` (N,) s, from all the samples before each.
 
-        `touch` is as free of noise as can be, for a memory sums it up; the force is asked for `at` each sample's own.
+        `touch` should be smoothed, since a memory integrates it; the force is evaluated `at` the unsmoothed samples.
         """
         return np.zeros((len(time), self.memory))
 
     def ahead(self, memory: Array, touch: Touch, elapsed: Array, left: Array) -> Array:
-        """The memory (B, m) `elapsed` (B,) s later, of which `left` (B,) s after a `touch` on the way."""
+        """The memory (B, m) advanced by `elapsed` (B,) s; `touch` is the kinematics `left` (B,) s before the end."""
         return memory
 
     def push(self, touch: Touch, parameters: ContactParameters, memory: Array) -> Array | float:
-        """Added (N,) N to the normal force before it is kept from pulling; only where the bodies touch."""
+        """A force (N,) N added to the normal force before that is clipped at zero; only where the bodies touch."""
         return 0.0
 
     def pull(self, touch: Touch) -> Array | float:
-        """A normal force (N,) N, towards the surface where negative, that friction knows nothing of."""
+        """A normal force (N,) N that does not enter the friction; negative towards the surface."""
         return 0.0
 
     def traction(
         self, law: ContactLaw, normal: Array, touch: Touch, parameters: ContactParameters, memory: Array
     ) -> Array | None:
-        """The tangential force (N, 3) N in place of the law's, given the pushing force (N,) N; None leaves it."""
+        """The tangential force (N, 3) N that replaces the law's, for normal force `normal` (N,) N; None keeps it."""
         return None
 
     def moment(self, normal: Array, touch: Touch) -> Array | None:
-        """A moment (N, 3) N m on the body, given the pushing force (N,) N."""
+        """An additional moment (N, 3) N m on the body, for normal force `normal` (N,) N; None for no moment."""
         return None
 
 
 def surface_axes(normal: Array) -> Array:
-    """(3, 3): the world's x (or y, where the normal is near x) laid into the plane, its left, and the normal."""
+    """Axes of a plane as columns (3, 3): the world's x (y if `normal` is near x) projected into it, n × x, and n."""
     along = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     first = along - (along @ normal) * normal
     first /= np.linalg.norm(first)

@@ -1,4 +1,4 @@
-"""One contact law: normal and tangential force together, with derivatives in every argument."""
+"""A contact law: normal and tangential force, with derivatives with respect to every argument."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,9 +26,9 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class ContactParameters:
-    """The numbers of a contact; each a float, or an array that broadcasts over samples.
+    """The parameters of a contact; each a float, or an array that broadcasts over samples.
 
-    At most one of `slip_velocity` and `resistance` is given; with neither, or friction 0, nothing rubs.
+    At most one of `slip_velocity` and `resistance` is given; with neither, or friction 0, there is no friction.
     """
 
     stiffness: Scalars  # N/m
@@ -60,10 +60,11 @@ class ContactDerivatives:
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """A law by name (`paper`, `kelvin_voigt`, `hunt_crossley`); its numbers are arguments of the methods.
+    """A law by name (`paper`, `kelvin_voigt`, `hunt_crossley`); its parameters are arguments of the methods.
 
-    Samples come first: penetration (...,) m, rate (...,) m/s, tangential velocity (..., m) m/s with m = 1,
-    2 or 3. Forces act on the body that moves with that velocity, the normal one away from the other body.
+    Samples are the leading axes: penetration (...,) m, rate (...,) m/s, tangential velocity (..., m) m/s with m = 1,
+    2 or 3. Forces act on the body that moves with that velocity; the normal force points away from the other body.
+    Raises `InputError` for an unknown name.
     """
 
     normal: NormalLaw = "kelvin_voigt"
@@ -76,7 +77,7 @@ class ContactLaw:
     def normal_force(
         self, penetration: Array, rate: Array, parameters: ContactParameters, added: Scalars = 0.0
     ) -> Array:
-        """λ_n (...,) in N; `added` N joins it before it is kept from pulling."""
+        """λ_n (...,) in N; `added` N is added to it before it is clipped at zero."""
         return normal_force(
             self.normal,
             penetration,

@@ -2,8 +2,8 @@
 
 With penetration d = −φ (m, positive in contact) and its rate ḋ (m/s, positive on approach):
 
-    paper          λ = max(0, K d − C |ḋ|)                 as printed (paper, "Contact Model"); damps on both ways
-    kelvin_voigt   λ = max(0, K d + C ḋ)   for d > 0        Nothing pulls, and nothing pushes before touch
+    paper          λ = max(0, K d − C |ḋ|)                 as printed (paper, "Contact Model"); damps in both directions
+    kelvin_voigt   λ = max(0, K d + C ḋ)   for d > 0        no adhesion, and no force before touch-down
     hunt_crossley  λ = K d max(0, 1 + c ḋ) for d > 0        Drake's compliant point contact
 """
 
@@ -12,8 +12,8 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from drake_cafim.compiled import compiled
 from drake_cafim.errors import InputError
+from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array
 
 NormalLaw: TypeAlias = Literal["paper", "kelvin_voigt", "hunt_crossley"]
@@ -25,7 +25,7 @@ Scalars: TypeAlias = float | Array
 
 @dataclass(frozen=True)
 class NormalForce:
-    """λ (...,) in N and its derivatives, each (...,); on a kink, those of the side that touches no longer."""
+    """λ (...,) in N and its derivatives, each (...,); on a kink, the derivatives on the side out of contact."""
 
     force: Array
     wrt_penetration: Array
@@ -49,8 +49,8 @@ def normal_force(
     """λ (...,) in N of `law` for penetration (...,) m and penetration rate (...,) m/s.
 
     `stiffness` in N/m, `damping` in N s/m (paper, kelvin_voigt), `dissipation` in s/m (hunt_crossley).
-    With `smoothing` s > 0 (N), max(0, f) becomes (f + √(f² + s²))/2 and a gap is no cut: a law without kinks,
-    for programs that need derivatives everywhere. `added` (...,) N joins the force before it is kept from pulling.
+    With `smoothing` s > 0 (N), max(0, f) becomes (f + √(f² + s²))/2, also for d < 0: a law without kinks, for
+    programs that need derivatives everywhere. `added` (...,) N is added to the force before it is clipped at zero.
 
     Works on floats and on object arrays of AutoDiffXd. Raises `InputError` on an unknown law.
     """
@@ -63,14 +63,14 @@ def normal_force(
 def _unclipped(
     law: NormalLaw, penetration: Array, rate: Array, stiffness: Scalars, damping: Scalars, dissipation: Scalars
 ) -> Array:
-    """The force (...,) N before it is kept from pulling."""
+    """The force (...,) N before it is clipped at zero."""
     if law == "paper":
         return np.asarray(stiffness * penetration - damping * np.abs(rate))
     if law == "kelvin_voigt":
         return np.asarray(stiffness * penetration + damping * rate)
     if law == "hunt_crossley":
         return np.asarray(stiffness * penetration * (1.0 + dissipation * rate))
-    raise InputError(_unknown(law))
+    raise InputError(_unknown_law(law))
 
 
 def normal_force_derivatives(
@@ -85,14 +85,14 @@ def normal_force_derivatives(
 ) -> NormalForce:
     """`normal_force` with its analytic derivatives; arguments, shapes and errors are the same."""
     if law not in NORMAL_LAWS:
-        raise InputError(_unknown(law))
+        raise InputError(_unknown_law(law))
     arguments = np.broadcast_arrays(penetration, rate, stiffness, damping, dissipation)
-    flat = [np.asarray(one, dtype=float).ravel() for one in arguments]
+    flat = [np.asarray(argument, dtype=float).ravel() for argument in arguments]
     values = _each(NORMAL_LAWS.index(law), *flat, smoothing)
     return NormalForce(*values.reshape(6, *arguments[0].shape))
 
 
-def _unknown(law: str) -> str:
+def _unknown_law(law: str) -> str:
     return f"contact law {law!r}: expected one of {', '.join(NORMAL_LAWS)}"
 
 
@@ -100,9 +100,9 @@ def _unknown(law: str) -> str:
 def normal_force_at(
     law: int, penetration: float, rate: float, stiffness: float, damping: float, dissipation: float, smoothing: float
 ) -> tuple[float, float, float, float, float, float]:
-    """The six numbers of `NormalForce` from floats; `law` is the law's place in `NORMAL_LAWS`.
+    """The six numbers of `NormalForce` from floats; `law` is the law's index in `NORMAL_LAWS`.
 
-    For loops that are compiled; to the last bit what `normal_force_derivatives` gives.
+    For compiled loops; bit-identical with `normal_force_derivatives`.
     """
     speed, slope = rate, 1.0
     if law == 0:
@@ -132,7 +132,7 @@ def _each(
     dissipation: Array,
     smoothing: float,
 ) -> Array:
-    """`normal_force_at` of each sample (N,), as (6, N)."""
+    """`normal_force_at` for each of the samples (N,), as (6, N)."""
     values = np.empty((6, len(rate)))
     for i in range(len(rate)):
         at = normal_force_at(law, penetration[i], rate[i], stiffness[i], damping[i], dissipation[i], smoothing)

@@ -1,4 +1,4 @@
-"""Contact laws as Drake systems, for float and AutoDiffXd: a bare law, and a force on a plant's bodies."""
+"""Contact laws as Drake systems, for float and AutoDiffXd: a law without geometry, and a force on a plant's bodies."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.contact.normal import NormalLaw
 
 PARAMETER_NAMES = ("stiffness", "damping", "dissipation", "friction", "width")
-"""Order of the numeric parameter of both systems; width is the slip velocity or the resistance."""
+"""Elements of numeric parameter 0 of both systems; `width` is the slip velocity or the resistance."""
 
 
 def _parameters(values: Any, width: str | None) -> ContactParameters:
@@ -91,8 +91,8 @@ def SphereContact_(T: Any) -> Any:
             output_ports: [spatial_forces, contact_force]
 
         Connect the plant's ports of these names, and `spatial_forces` to its applied_spatial_force.
-        `contact_force` is (3,) in W, N, exerted on B. The half-space is that of frame A moved by `X_AP`,
-        below its z = 0; the sphere of `radius` m stands about `p_BoBs_B`. Numeric parameter 0 holds
+        `contact_force` is (3,) N, world axes, exerted on B. The half-space is z ≤ 0 of the frame P at pose
+        `X_AP` in A; the sphere of `radius` m has its centre at `p_BoBs_B`. Numeric parameter 0 holds
         `PARAMETER_NAMES`, so AutoDiffXd gives derivatives with respect to them.
         """
 

@@ -1,11 +1,11 @@
-"""The tangential force of a contact, in its two forms, and its derivatives.
+"""The tangential force of a contact, in two forms, and its derivatives.
 
-With sliding velocity v (m/s, of the body that is pushed, relative to the other) and normal force λ:
+With sliding velocity v (m/s, of the body that the force acts on, relative to the other body) and normal force λ:
 
     slip_velocity w   f = −μ λ tanh(|v| / w) v / |v|
     resistance R      f = −min(μ λ, R |v|) v / |v|          (paper, "Contact Model")
 
-In the second form μ shows in f only where μ λ < R |v|; elsewhere its derivative is exactly zero.
+In the second form f depends on μ only where μ λ < R |v|; elsewhere ∂f/∂μ is exactly zero.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class TangentialForce:
 
 
 def _speed(velocity: Array) -> tuple[Array, Any]:
-    """|v| (...,), with 1 in place of 0 so that AutoDiffXd never takes sqrt(0), and where it was 0."""
+    """|v| (...,) with 1 in place of 0, so that AutoDiffXd never differentiates sqrt(0), and where it was 0."""
     square = (velocity * velocity).sum(axis=-1)
     resting = square == 0
     return np.asarray(np.sqrt(np.where(resting, square + 1.0, square))), resting
@@ -81,7 +81,7 @@ def slip_force_derivatives(
 def resistance_force_derivatives(
     normal: Array, velocity: Array, *, friction: Scalars, resistance: Scalars
 ) -> TangentialForce:
-    """`resistance_force` with its analytic derivatives; zero with respect to μ where R |v| is the smaller."""
+    """`resistance_force` with its analytic derivatives; ∂f/∂μ is zero where R |v| < μ λ."""
     speed, resting = _speed(velocity)
     sliding = np.logical_and(friction * normal < resistance * speed, resting == 0)
     direction = np.where(_lift(sliding, 1), velocity / _lift(speed, 1), 0.0)

@@ -1,4 +1,4 @@
-"""Forces on bodies as systems that give spatial forces."""
+"""Body force effects as Drake systems with spatial forces as output."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ from drake_cafim.typing import Array
 
 
 class BodyForceSystem(LeafSystem):
-    """The force of a body effect at its point.
+    """The force of a body effect at its point of application.
 
     .. pydrake_system::
 
@@ -26,8 +26,8 @@ class BodyForceSystem(LeafSystem):
         output_ports: [spatial_forces, force]
 
     `state` (2n,) positions then velocities of the joints of `tree`; connect `spatial_forces` to the plant's
-    applied_spatial_force, or add `force` (n,) N m or N, the same at the joints, to its generalized force. The
-    Context's time is the recording's.
+    applied_spatial_force, or add `force` (n,) N m or N, its generalized force Jᵀf, to the plant's generalized force.
+    The Context's time is the recording's time.
     """
 
     def __init__(self, effect: BodyForce, tree: Tree, body: BodyIndex) -> None:
@@ -41,10 +41,10 @@ class BodyForceSystem(LeafSystem):
         self.DeclareVectorOutputPort("force", len(tree.joints), self._calc_force)
 
     def _force(self, context: Context) -> Array:
-        """(3,) N, world axes, at the effect's point."""
+        """The force (3,) N at the effect's point, world axes."""
         body = self._body
         p_WP, v_WP = self._moving(context).point(body.joint, body.p_JB + body.R_JB @ self._p_BP)
-        recording = getattr(self.effect, "recording", None)
+        recording = self.effect.episode.recording if self.effect.episode is not None else None
         return array(self.effect.force(p_WP, v_WP, np.array([context.get_time()]), recording)[0])
 
     def _moving(self, context: Context) -> Motion:
@@ -60,15 +60,15 @@ class BodyForceSystem(LeafSystem):
 
 
 def motion_at(tree: Tree, state: Array) -> Motion:
-    """The motion of the tree in one state (2n,)."""
+    """The tree's kinematics (one sample) at the state (2n,), positions then velocities."""
     n = len(tree.joints)
     return motion(tree, np.array(state[None, :n]), np.array(state[None, n:]))
 
 
 def applied(body: BodyIndex, p_BoBq_B: Array, moment: Array, force: Array) -> ExternallyAppliedSpatialForce:
-    """A moment (3,) N m and a force (3,) N, world axes, at a point of a body."""
-    one = ExternallyAppliedSpatialForce()
-    one.body_index = body
-    one.p_BoBq_B = p_BoBq_B
-    one.F_Bq_W = SpatialForce(tau=moment, f=force)
-    return one
+    """Drake's applied force for a moment (3,) N m and a force (3,) N, world axes, at the point `p_BoBq_B` of a body."""
+    result = ExternallyAppliedSpatialForce()
+    result.body_index = body
+    result.p_BoBq_B = p_BoBq_B
+    result.F_Bq_W = SpatialForce(tau=moment, f=force)
+    return result

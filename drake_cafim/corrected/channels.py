@@ -1,4 +1,4 @@
-"""What perfect sensors of contact and of pose would read, as systems."""
+"""Ideal wrench and pose sensors as Drake systems."""
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
@@ -11,7 +11,7 @@ from drake_cafim.dynamics.tree import FIXED, Body, Tree
 
 
 class TrueWrench(LeafSystem):
-    """A wrench sensor's reading.
+    """The reading of an ideal wrench sensor.
 
     .. pydrake_system::
 
@@ -19,9 +19,9 @@ class TrueWrench(LeafSystem):
         input_ports: [state, wrench_0, ...]
         output_ports: [wrench]
 
-    `state` (2n,) positions then velocities of the joints of `tree`; `count` wrenches (6,) on what rides the sensor's
-    joint, about the world's origin, moment first. `wrench` (6,) is force N then torque N m in and about the sensor's
-    frame.
+    `state` (2n,) positions then velocities of the joints of `tree`; `count` wrenches (6,) on the bodies fixed to the
+    sensor's joint, about the world's origin, moment first. `wrench` (6,) is their sum as force N then torque N m, in
+    the sensor's axes about its origin.
     """
 
     def __init__(self, tree: Tree, sensor: WrenchSensor, count: int) -> None:
@@ -41,7 +41,7 @@ class TrueWrench(LeafSystem):
 
 
 class TruePose(LeafSystem):
-    """A tracked body's pose.
+    """The pose of a tracked body.
 
     .. pydrake_system::
 

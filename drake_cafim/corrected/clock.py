@@ -1,4 +1,4 @@
-"""When hidden states are brought up to date."""
+"""The update schedule of the effects' discrete states."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,17 +11,17 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class Clock:
-    """Updates every `period` s from 0 on, in step with the plant that the hidden state stands beside.
+    """Periodic updates every `period` s from t = 0, synchronous with the discrete plant.
 
-    A discrete plant with `sampled_outputs`, Drake's default, steps in an unrestricted update, which comes before all
-    discrete ones: a hidden state that is to see the plant as it was before the step has to be updated alike.
+    A discrete plant with `sampled_outputs`, Drake's default, steps in an unrestricted update, and Drake does those
+    before all discrete updates: a state that must see the plant before its step needs an unrestricted update as well.
     """
 
     period: float
     sampled_outputs: bool = False
 
     def keep(self, system: LeafSystem, start: Array, update: Callable[[Context], Array]) -> None:
-        """Declares discrete state 0 of `system`, which is `start` (m,) and then what `update` says."""
+        """Declares discrete state 0 of `system`: initially `start` (m,), then `update(context)` every `period` s."""
 
         def discrete(context: Context, values: DiscreteValues) -> None:
             values.set_value(0, array(update(context)))

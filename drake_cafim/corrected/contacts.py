@@ -1,4 +1,4 @@
-"""A scenario's contact with all that it does beyond its law, as a system that gives spatial forces."""
+"""A scenario's contact, with effects on it, as a Drake system with spatial forces as output."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,7 +22,7 @@ from drake_cafim.typing import Array
 def changed_contacts(
     contacts: Sequence[SphereContact], nominal: Sequence[SphereContact]
 ) -> list[tuple[SphereContact, SphereContact]]:
-    """The contacts that effects change, each with what it would be without them."""
+    """Pairs (contact with its effects, the same contact without them) of those contacts that effects change."""
     pairs = []
     for after, before in zip(contacts, nominal, strict=True):
         before = replace(before, parameters=after.parameters)
@@ -33,7 +33,7 @@ def changed_contacts(
 
 
 class ContactSystem(LeafSystem):
-    """The force of a sphere's contact with a plane, its changes and their memory.
+    """The force of a sphere's contact with a plane, including the changes by effects and their memory.
 
     .. pydrake_system::
 
@@ -42,10 +42,10 @@ class ContactSystem(LeafSystem):
         output_ports: [spatial_forces, wrench]
 
     `state` (2n,) positions then velocities of the joints of `tree`; connect `spatial_forces`, which acts on `link`,
-    to the plant's applied_spatial_force. `wrench` (6,) is that on the link about the world's origin, moment N m first.
-    With `beside`, a contact that the plant has by other means, only what this one does beyond that is exerted.
-    Discrete state 0 is what the contact remembers, if it does, after the time s at which it was brought up to date;
-    before the first time that is NaN.
+    to the plant's applied_spatial_force. `wrench` (6,) is the wrench on the link about the world's origin, moment N m
+    first. With `beside`, a contact that the plant already has, the outputs are the difference from that contact.
+    If the contact has a memory (m,), discrete state 0 (1 + m,) is the time s of its last update, then the memory; the
+    time is NaN before the first update.
     """
 
     def __init__(
@@ -65,13 +65,13 @@ class ContactSystem(LeafSystem):
         self.DeclareAbstractOutputPort("spatial_forces", allocate, self._calc_applied)
         self.DeclareVectorOutputPort("wrench", 6, self._calc_wrench)
         if contact.memory:
-            clock.keep(self, np.full(1 + contact.memory, np.nan), self._remember)
+            clock.keep(self, np.full(1 + contact.memory, np.nan), self._update_memory)
 
     def _moving(self, context: Context) -> Motion:
         return motion_at(self._tree, read(self.get_input_port(), context))
 
     def _memory(self, context: Context, moving: Motion) -> Array:
-        """What is remembered now, (1, m)."""
+        """The contact's memory (1, m) at the context's time."""
         touch = self.contact.touch(moving)
         if not self.contact.memory:
             return np.zeros((1, 0))
@@ -80,7 +80,7 @@ class ContactSystem(LeafSystem):
             return self.contact.recall(np.zeros(1), touch, touch)
         return self.contact.ahead(state[None, 1:], touch, np.array([context.get_time() - state[0]]), np.zeros(1))
 
-    def _remember(self, context: Context) -> Array:
+    def _update_memory(self, context: Context) -> Array:
         memory = self._memory(context, self._moving(context))
         return array(np.concatenate([[context.get_time()], memory[0]]))
 

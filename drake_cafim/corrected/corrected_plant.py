@@ -1,4 +1,4 @@
-"""What a scene becomes in a Diagram."""
+"""The result of adding a scene to a Diagram: its plant, its ports and its channels."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from pydrake.systems.framework import InputPort, OutputPort
 
 @dataclass(frozen=True)
 class CorrectedPlant:
-    """A scene's plant in a builder with its effects around it, and where a controller connects.
+    """A scene's plant in a builder, with systems for its effects, and the ports that a controller connects to.
 
-    `effort` (n,) N m or N is what is asked of the joints' actuators, in the order of `joints`: a command goes in here
-    and not into the plant's actuation ports, which know of no effect. `measured` are the recording's channels as the
-    scene's sensors show them, without noise: "q", "v", "u" (n,), "wrench.<sensor>" (6,), "pose.<body>" (7,);
-    "channels" is all of them, one after the other, as `columns` names them.
+    `effort` (n,) N m or N is the command of the joints' actuators, in the order of `joints`: connect a command here
+    and not to the plant's actuation ports, which bypass the actuator effects. `measured` are the recording's channels
+    with the sensor effects and without noise: "q", "v", "u" (n,), "wrench.<sensor>" (6,), "pose.<body>" (7,);
+    "channels" is their concatenation, in the order of `columns`.
     """
 
     plant: MultibodyPlant

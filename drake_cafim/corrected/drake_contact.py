@@ -1,4 +1,4 @@
-"""What Drake's own contact, hydroelastic and point, exerts on a link, as a wrench sensor there feels it."""
+"""The wrench of Drake's own contacts (hydroelastic and point) on a link, as a wrench sensor there measures it."""
 
 from collections.abc import Sequence
 from typing import cast
@@ -13,7 +13,7 @@ from drake_cafim.typing import Array
 
 
 class DrakeContactWrench(LeafSystem):
-    """The wrench of all contacts on some bodies of a plant.
+    """The sum of the wrenches of all Drake contacts on some bodies of a plant.
 
     .. pydrake_system::
 
@@ -21,14 +21,14 @@ class DrakeContactWrench(LeafSystem):
         input_ports: [contact_results]
         output_ports: [wrench]
 
-    `wrench` (6,) N m and N is that on `bodies`, which are one link, about the world's origin, moment first.
+    `wrench` (6,) N m and N acts on `bodies`, which form one link, about the world's origin, moment first.
     """
 
     def __init__(self, plant: MultibodyPlant, bodies: Sequence[str]) -> None:
         LeafSystem.__init__(self)
-        own = [plant.GetBodyByName(name) for name in bodies]
-        self._bodies = {int(body.index()) for body in own}
-        self._shapes = {shape for body in own for shape in plant.GetCollisionGeometriesForBody(body)}
+        link = [plant.GetBodyByName(name) for name in bodies]
+        self._bodies = {int(body.index()) for body in link}
+        self._shapes = {shape for body in link for shape in plant.GetCollisionGeometriesForBody(body)}
         self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
         self.DeclareVectorOutputPort("wrench", 6, self._calc_wrench)
 
@@ -38,7 +38,7 @@ class DrakeContactWrench(LeafSystem):
         for k in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(k)
             surface, F_Ac_W = info.contact_surface(), info.F_Ac_W()
-            # F is on the body of geometry M, at the surface's centroid
+            # Drake gives F on the body of geometry M, at the surface's centroid; the opposite acts on N's body
             sign = float(surface.id_M() in self._shapes) - float(surface.id_N() in self._shapes)
             total += sign * about_origin(surface.centroid(), F_Ac_W.rotational(), F_Ac_W.translational())
         for k in range(results.num_point_pair_contacts()):
@@ -49,5 +49,5 @@ class DrakeContactWrench(LeafSystem):
 
 
 def about_origin(p_WC: Array, moment: Array, force: Array) -> Array:
-    """(6,) about the world's origin, moment first, of a moment and a force (3,) at C."""
+    """The wrench (6,) about the world's origin, moment first, of a moment and a force (3,) at `p_WC`."""
     return np.concatenate([moment + np.cross(p_WC, force), force])

@@ -1,24 +1,22 @@
-"""Actuator effects as systems: the effort that is asked for goes in, the effort that acts comes out.
+"""Actuator effects as Drake systems: input is the commanded effort, output the acting effort.
 
-All are in series on the vector of all joints' efforts (n,). What remembers is sampled with a period h, the plant's
-time step: its output is the mean of the acting effort over the current period, so that nothing is lost between steps.
-At a sample a discrete plant's own step still lies ahead, and the effort is the new one; an integrator has arrived there
-with the old one. Either way a sample is the effort of the period that the next update ends.
+All are in series on the vector of all joints' efforts (n,). Effects with a state are sampled with a period h, the
+plant's time step: their output is the mean of the acting effort over the current period, so that the impulse is exact.
+At a sample time a discrete plant has its step still ahead and uses the new effort; a continuous plant's integrator
+arrives there with the old one. In both cases the output is the effort of the period that the next update ends.
 """
-
-from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_cafim.corrected.clock import Clock
 from drake_cafim.corrected.reading import array, read, remembered
-from drake_cafim.effects.actuator import ActuatorDelay, ActuatorEffect, ActuatorLag, Effort
+from drake_cafim.effects.actuator import ActuatorEffect, Effort
 from drake_cafim.typing import Array
 
 
 class ActuatorSystem(LeafSystem):
-    """An actuator effect without a memory.
+    """An actuator effect without a state.
 
     .. pydrake_system::
 
@@ -26,7 +24,7 @@ class ActuatorSystem(LeafSystem):
         input_ports: [asked]
         output_ports: [acting]
 
-    Both (n,) N m or N, one a joint; element `joint` goes through `effect.drive`.
+    Both (n,) N m or N, one element per joint; element `joint` is transformed by `effect.drive`.
     """
 
     def __init__(self, effect: ActuatorEffect, joint: int, joints: int) -> None:
@@ -45,7 +43,7 @@ class ActuatorSystem(LeafSystem):
 
 
 class DelaySystem(ActuatorSystem):
-    """An actuator that is late: discrete state 0 holds its past efforts, the oldest first, NaN before there were any.
+    """An actuator with a delay: discrete state 0 holds its past commands, the oldest first, NaN for those before t = 0.
 
     .. pydrake_system::
 
@@ -54,11 +52,11 @@ class DelaySystem(ActuatorSystem):
         output_ports: [acting]
     """
 
-    def __init__(self, effect: ActuatorDelay, joint: int, joints: int, clock: Clock) -> None:
+    def __init__(self, effect: ActuatorEffect, joint: int, joints: int, clock: Clock) -> None:
         super().__init__(effect, joint, joints)
         self._period = clock.period
-        past = int(np.ceil(effect.values["delay"] / clock.period)) + 1
-        clock.keep(self, np.full(past, np.nan), self._remember)
+        past = int(np.ceil(effect.past / clock.period)) + 1
+        clock.keep(self, np.full(past, np.nan), self._update_state)
 
     def _past(self, context: Context) -> Array:
         return remembered(context)
@@ -70,13 +68,13 @@ class DelaySystem(ActuatorSystem):
         effort = Effort(times, np.concatenate([past, [asked, asked]]))
         return float(self.effect.drive(effort).means(times[-2:])[0])
 
-    def _remember(self, context: Context) -> Array:
+    def _update_state(self, context: Context) -> Array:
         asked = float(read(self.get_input_port(), context)[self._joint])
         return array(np.append(self._past(context)[1:], asked))
 
 
 class LagSystem(ActuatorSystem):
-    """An actuator that follows slowly: discrete state 0 is the effort that acts now, NaN before the first one.
+    """An actuator with a first-order lag: discrete state 0 is the effort that acts now, NaN before the first command.
 
     .. pydrake_system::
 
@@ -85,22 +83,22 @@ class LagSystem(ActuatorSystem):
         output_ports: [acting]
     """
 
-    def __init__(self, effect: ActuatorLag, joint: int, joints: int, clock: Clock) -> None:
+    def __init__(self, effect: ActuatorEffect, joint: int, joints: int, clock: Clock) -> None:
         super().__init__(effect, joint, joints)
-        self._period, self._constant = clock.period, effect.values["time_constant"]
-        clock.keep(self, np.full(1, np.nan), self._remember)
+        self._period, self._constant = clock.period, effect.settling or 0.0
+        clock.keep(self, np.full(1, np.nan), self._update_state)
 
     def _now(self, context: Context, asked: float) -> float:
         known = float(remembered(context)[0])
         return known if np.isfinite(known) else asked
 
     def _acting(self, context: Context, asked: float) -> float:
-        # the law starts settled: at what acts now, which an effort of a moment ago has brought about
+        # `drive` starts in steady state, so a piece at the acting effort, one period long, sets its initial state
         times = array(self._period * np.array([-1.0, 0.0, 1.0]))
         effort = Effort(times, np.array([self._now(context, asked), asked, asked]))
         return float(self.effect.drive(effort).means(times[1:])[0])
 
-    def _remember(self, context: Context) -> Array:
+    def _update_state(self, context: Context) -> Array:
         asked = float(read(self.get_input_port(), context)[self._joint])
         now = self._now(context, asked)
         # τ ẏ = u − y, integrated over the period
@@ -109,7 +107,9 @@ class LagSystem(ActuatorSystem):
 
 
 def actuator_system(effect: ActuatorEffect, joint: int, joints: int, clock: Clock) -> ActuatorSystem:
-    """The system of an actuator effect."""
-    known: dict[type[ActuatorEffect], Any] = {ActuatorDelay: DelaySystem, ActuatorLag: LagSystem}
-    kind = known.get(type(effect))
-    return ActuatorSystem(effect, joint, joints) if kind is None else kind(effect, joint, joints, clock)
+    """The system of an actuator effect: lag, delay, or without a state."""
+    if effect.settling is not None:
+        return LagSystem(effect, joint, joints, clock)
+    if effect.past > 0.0:
+        return DelaySystem(effect, joint, joints, clock)
+    return ActuatorSystem(effect, joint, joints)

@@ -1,4 +1,4 @@
-"""What a changed tree weighs beyond the model file, put into a plant before it is finalized."""
+"""Changes of inertia, joint damping and rotor inertia, applied to a plant before it is finalized."""
 
 from dataclasses import dataclass
 from typing import cast
@@ -12,7 +12,7 @@ from drake_cafim.dynamics.tree import OneAxisJoint, Tree
 from drake_cafim.typing import Array
 
 LEAST_MASS = 1e-9
-"""kg; a change of moments alone rides on this much."""
+"""kg; the mass of the added body where only the first and second moments change, since Drake divides by the mass."""
 
 
 @dataclass(frozen=True)
@@ -28,21 +28,22 @@ class Lump:
 
     @property
     def nothing(self) -> bool:
+        """Whether all ten inertial parameters are zero."""
         return not (self.mass or np.any(self.moment) or np.any(self.inertia))
 
 
 def lump(tree: Tree, joint: int) -> Lump:
-    """All that rides the joint itself."""
+    """The inertia of all bodies fixed to the joint's moving frame, without those beyond further joints."""
     masses, centers, inertias = tree.lumps
     m, c = float(masses[joint]), centers[joint]
     return Lump(m, m * c, inertias[joint] + m * (c @ c * np.eye(3) - np.outer(c, c)))
 
 
 def add_inertia(plant: MultibodyPlant, nominal: Tree, changed: Tree) -> None:
-    """What `changed` has beyond `nominal`, the tree of the plant's model: bodies' inertia and joints' dampings.
+    """Adds the differences between `changed` and `nominal`, the plant's model: bodies' inertia and joints' damping.
 
-    Drake has no default for a parsed body's inertia but the file's, so the difference, which may be negative, rides
-    each joint as a body of its own, named `change on <joint>`.
+    A parsed body's default inertia cannot be changed in Drake, so the difference, which may be negative, is welded to
+    each joint's child frame as an additional body named `change on <joint>`.
     """
     for k, (before, after) in enumerate(zip(nominal.joints, changed.joints, strict=True)):
         joint = joint_named(plant, after.name)
@@ -57,24 +58,24 @@ def _add_body(plant: MultibodyPlant, joint: OneAxisJoint, change: Lump) -> None:
     mass = change.mass if abs(change.mass) > LEAST_MASS else LEAST_MASS
     G = change.inertia / mass
     unit = UnitInertia(Ixx=G[0, 0], Iyy=G[1, 1], Izz=G[2, 2], Ixy=G[0, 1], Ixz=G[0, 2], Iyz=G[1, 2])
-    # no body by itself: only with the link that it rides is it physical
+    # the difference alone need not be physically valid; only its sum with the link's inertia is
     inertia = SpatialInertia(mass, array(change.moment / mass), unit, skip_validity_check=True)
     body = plant.AddRigidBody(f"change on {joint.name()}", joint.model_instance(), inertia)
     plant.WeldFrames(joint.frame_on_child(), body.body_frame())
 
 
 def set_rotor_inertia(plant: MultibodyPlant, joint: OneAxisJoint, inertia: float) -> None:
-    """Makes `inertia` kg m² (kg) the reflected rotor inertia of a joint, whatever actuators it has."""
-    # a rotor that no actuator drives is still one
+    """Sets the reflected rotor inertia of a joint to `inertia` kg m² (kg), whatever actuators it has."""
+    # a passive joint may have a rotor too; Drake needs an actuator to hold its inertia
     *others, last = actuators_of(plant, joint) or [plant.AddJointActuator(f"{joint.name()} rotor", joint)]
-    # of several actuators on a joint Drake 1.51 takes the last one's rotor for all
+    # with several actuators on a joint, Drake 1.51 uses the last one's rotor inertia only
     for actuator in others:
         actuator.set_default_rotor_inertia(0.0)
     last.set_default_rotor_inertia(inertia / last.default_gear_ratio() ** 2)
 
 
 def joint_named(plant: MultibodyPlant, name: str) -> OneAxisJoint:
-    """The joint of that name, which a scene knows to have one axis."""
+    """The joint of that name; a scene has checked that it has one axis."""
     return cast(OneAxisJoint, plant.GetJointByName(name))
 
 

@@ -1,4 +1,4 @@
-"""Joint effects as systems that give generalized forces."""
+"""Joint force effects as Drake systems with generalized forces as output."""
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -10,7 +10,7 @@ from drake_cafim.effects.joint import JointForce
 
 
 class JointForceSystem(LeafSystem):
-    """The force of one joint's effect.
+    """The generalized force of one joint force effect.
 
     .. pydrake_system::
 
@@ -18,8 +18,8 @@ class JointForceSystem(LeafSystem):
         input_ports: [state, effort]
         output_ports: [force]
 
-    `state` (2n,) positions then velocities of the joints, `effort` (n,) what drives them; `force` (n,) N m or N is
-    `effect.force` at element `joint`, plus `level`·tanh(v/w) where a brake of that level is in the plant.
+    `state` (2n,) positions then velocities of the joints, `effort` (n,) the acting efforts; `force` (n,) N m or N is
+    `effect.force` at element `joint`, plus `level`·tanh(v/w) where the plant has a brake of that level for the effect.
     """
 
     def __init__(self, effect: JointForce, joint: int, joints: int, level: float = 0.0) -> None:

@@ -1,4 +1,4 @@
-"""A plant with what a scene's effects change of it: inertia, gravity, damping, brakes."""
+"""Effects that are parameters of the plant: inertia, gravity, damping, brakes, locked joints."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,14 +12,12 @@ from drake_cafim.corrected.brakes import add_brake, brakes, rest_level
 from drake_cafim.corrected.inertia import actuators_of, add_inertia, joint_named, set_rotor_inertia
 from drake_cafim.corrected.reading import array
 from drake_cafim.dynamics.tree import Tree
-from drake_cafim.effects.effect import JointSamples
-from drake_cafim.effects.joint import JointForce, JointViscousFriction
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 
 def hold_joints(plant: MultibodyPlant, locked: Mapping[str, float]) -> None:
-    """Welds the joints of `locked` at these positions, rad or m; the plant is not finalized."""
+    """Replaces the joints of `locked` by welds at these positions, rad or m; the plant must not be finalized."""
     for name, position in locked.items():
         joint = joint_named(plant, name)
         for actuator in actuators_of(plant, joint):
@@ -34,19 +32,19 @@ def hold_joints(plant: MultibodyPlant, locked: Mapping[str, float]) -> None:
 
 
 def change_plant(plant: MultibodyPlant, nominal: Tree, physics: Physics) -> None:
-    """Puts into a plant that is not finalized what `physics` says of it and `nominal`, its model's tree, does not.
+    """Applies to a plant that is not finalized the differences between `physics` and `nominal`, its model's tree.
 
-    Raises `InputError` where a brake is needed and the plant's solver cannot hold it.
+    Raises `InputError` where a brake is needed and the plant's contact approximation does not support it.
     """
     add_inertia(plant, nominal, physics.tree)
     plant.mutable_gravity_field().set_gravity_vector(physics.gravity)
     for effect in physics.joint_forces:
         joint = joint_named(plant, effect.at)
-        if damps(effect):
-            joint.set_default_damping(joint.default_damping() + damping(effect))
+        if effect.damping is not None:
+            joint.set_default_damping(joint.default_damping() + effect.damping)
         elif plant.time_step() > 0.0 and brakes(effect):
             add_brake(plant, joint, rest_level(effect), f"{effect.name} at {effect.at}")
-    hidden = {coupling.at for coupling in physics.couplings}  # rotors that move by themselves
+    hidden = {coupling.at for coupling in physics.couplings}  # these rotors are systems of their own, see `rotors`
     for before, after in zip(nominal.joints, physics.tree.joints, strict=True):
         joint = joint_named(plant, after.name)
         inertia = 0.0 if after.name in hidden else after.rotor_inertia
@@ -54,21 +52,10 @@ def change_plant(plant: MultibodyPlant, nominal: Tree, physics: Physics) -> None
             set_rotor_inertia(plant, joint, inertia)
 
 
-def damps(effect: JointForce) -> bool:
-    """Whether the law is Drake's own joint damping, which a discrete plant takes implicitly."""
-    return isinstance(effect, JointViscousFriction)
-
-
-def damping(effect: JointForce) -> float:
-    """N m s/rad: the slope of the law."""
-    zero = np.zeros(1)
-    return -float(effect.force(JointSamples(zero, zero, zero)).d_v[0])
-
-
 def state_selection(plant: MultibodyPlant, joints: Sequence[str]) -> Array:
-    """(2n, nx) zeros and ones that pick positions, then velocities, of the joints out of the finalized plant's state.
+    """Selection matrix (2n, nx) from the finalized plant's state to the joints' positions, then velocities.
 
-    Its lower right part, transposed, gives the joints' forces their places among the generalized ones.
+    Its lower right block, transposed, maps forces at the joints to the plant's generalized forces.
     """
     selection = np.zeros((2 * len(joints), plant.num_multibody_states()))
     for k, name in enumerate(joints):

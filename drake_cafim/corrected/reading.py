@@ -1,4 +1,4 @@
-"""Vectors in and out of ports, typed."""
+"""Typed access to the vectors of ports and discrete states."""
 
 from typing import Any, cast
 
@@ -9,7 +9,7 @@ from drake_cafim.typing import Array
 
 
 def read(port: InputPort, context: Context) -> Array:
-    """A copy of the vector at the port."""
+    """A copy of the input port's value."""
     return np.array(cast(Array, port.Eval(context)), dtype=float)
 
 
@@ -19,5 +19,5 @@ def remembered(context: Context) -> Array:
 
 
 def array(values: Any) -> Array:
-    """The values as Drake's typed calls want them."""
+    """The values as an array of floats, the type of Drake's stubs."""
     return np.asarray(values, dtype=float)

@@ -1,4 +1,4 @@
-"""A joint whose rotor and link are not one, as systems: the rotor's motion is hidden in the Context."""
+"""Joint couplings (elasticity, backlash) as Drake systems: the rotor's position and velocity are their state."""
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -17,11 +17,11 @@ from drake_cafim.errors import InputError
 from drake_cafim.typing import Array
 
 MOST_TURN = 0.5
-"""rad that a rotor may swing on its coupling within a discrete plant's step; from 2 on steps would run away."""
+"""Largest ω h: rotor eigenfrequency on its coupling, rad/s, times a discrete plant's step; unstable from 2 on."""
 
 
 class RotorSystem(LeafSystem):
-    """A rotor of reflected inertia J that the effort u drives and a coupling f ties to its link: J θ̈ = u − f.
+    """A rotor of reflected inertia J, driven by the effort u and coupled to its link by the torque f: J θ̈ = u − f.
 
     .. pydrake_system::
 
@@ -29,8 +29,8 @@ class RotorSystem(LeafSystem):
         input_ports: [state, effort]
         output_ports: [force]
 
-    `state` (2n,) positions then velocities of the joints, `effort` (n,) what drives their rotors; `force` (n,) N m or
-    N is the effort with f(θ − q, θ̇ − q̇) at element `joint`. The plant's own joint has no rotor.
+    `state` (2n,) positions then velocities of the joints, `effort` (n,) the efforts on their rotors; `force` (n,) N m
+    or N is the effort with element `joint` replaced by f(θ − q, θ̇ − q̇). The plant's joint has no rotor inertia.
     """
 
     def __init__(self, effect: JointCoupling, inertia: float, joint: int, joints: int) -> None:
@@ -52,7 +52,7 @@ class RotorSystem(LeafSystem):
         return float(read(self.get_input_port(1), context)[self._joint])
 
     def _balanced(self, context: Context) -> Array:
-        """The rotor that moves with its link and passes the effort on."""
+        """(2,) The rotor's state in static equilibrium with the effort: the link's state plus the static twist."""
         twist = self.effect.balance(self._effort(context))
         return array(self._link(context) + np.array([twist, 0.0]))
 
@@ -72,7 +72,7 @@ class RotorSystem(LeafSystem):
 class DiscreteRotor(RotorSystem):
     """`RotorSystem` beside a discrete plant: discrete state 0 is θ, θ̇, stepped as Drake steps the link.
 
-    It starts in balance with the first effort.
+    It starts in static equilibrium with the first effort.
     """
 
     def __init__(self, effect: JointCoupling, inertia: float, joint: int, joints: int, clock: Clock) -> None:
@@ -93,8 +93,8 @@ class DiscreteRotor(RotorSystem):
 class ContinuousRotor(RotorSystem):
     """`RotorSystem` beside a continuous plant: continuous state θ, θ̇.
 
-    When a Simulator is initialized for the first time, which discrete state 0 remembers, it starts in balance with
-    the effort.
+    At the first initialization of a Simulator it starts in static equilibrium with the effort; discrete state 0 is 1
+    after that, so that a later initialization keeps the rotor's state.
     """
 
     def __init__(self, effect: JointCoupling, inertia: float, joint: int, joints: int) -> None:
@@ -118,13 +118,13 @@ class ContinuousRotor(RotorSystem):
 
 
 def rotor_system(effect: JointCoupling, inertia: float, joint: int, joints: int, clock: Clock | None) -> RotorSystem:
-    """The rotor beside a discrete plant with this `clock`, or without one beside a continuous plant.
+    """The rotor's system for a discrete plant with this `clock`, or for a continuous plant where that is None.
 
-    Raises `InputError` for a joint without a rotor, and for steps in which the rotor would swing too far.
+    Raises `InputError` for a joint without rotor inertia, and where the step is too long for the coupling's stiffness.
     """
     place = f"effect {effect.name} at {effect.at}"
     if inertia <= 0.0:
-        raise InputError(f"{place}: the joint's rotor inertia is {inertia:g}, expected a positive one in the model")
+        raise InputError(f"{place}: the joint's rotor inertia is {inertia:g}, expected a positive value in the model")
     if clock is None:
         return ContinuousRotor(effect, inertia, joint, joints)
     rate = float(np.sqrt(effect.values["stiffness"] / inertia))

@@ -1,4 +1,4 @@
-"""A scene in a Diagram."""
+"""Adds a scene to a Diagram: its plant, and a system for every effect."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,9 +15,11 @@ from drake_cafim.corrected.contacts import changed_contacts
 from drake_cafim.corrected.corrected_plant import CorrectedPlant
 from drake_cafim.corrected.plant import change_plant, hold_joints
 from drake_cafim.corrected.wiring import Wiring
+from drake_cafim.description.parser_log import kept_log
 from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.errors import InputError
+from drake_cafim.scenario.holding import positions
 from drake_cafim.scenario.model_file import add_model
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import Scenario
@@ -26,7 +28,7 @@ Contact: TypeAlias = Literal["scenario", "drake"]
 
 
 class Simulated(Protocol):
-    """What of a scene is simulated, as `drake_cafim.Scene` has it."""
+    """The attributes of `drake_cafim.Scene` that a simulation needs."""
 
     @property
     def name(self) -> str: ...
@@ -51,26 +53,31 @@ def add_scene(
     contact: Contact = "scenario",
     period: float = 1e-3,
 ) -> CorrectedPlant:
-    """See `Scene.add_to`."""
+    """Adds the scene's plant and the systems of its effects to `builder`; arguments as for `Scene.add_to`.
+
+    Raises `InputError` where `contact` is neither "scenario" nor "drake".
+    """
     if contact not in get_args(Contact):
         raise InputError(f"{scene.name}: contact {contact!r}, expected one of {', '.join(get_args(Contact))}")
     plant: MultibodyPlant
     plant, scene_graph = AddMultibodyPlant(plant_config or MultibodyPlantConfig(), builder)
-    # a plant with sampled outputs steps before the others' discrete updates, which then see it one step ahead
+    # with sampled outputs the plant would step before the other systems' discrete updates, which would see it one
+    # step ahead
     plant.SetUseSampledOutputPorts(False)
     add_model(scene.scenario, scene.folder, plant)
-    hold_joints(plant, scene.scenario.lock)
+    hold_joints(plant, positions(scene.scenario.lock))
     change_plant(plant, scene.tree, scene.physics)
-    plant.Finalize()
+    with kept_log():
+        plant.Finalize()
     if contact == "scenario":
-        _touch_nothing(plant, scene_graph)
+        _exclude_collisions(plant, scene_graph)
     wiring = Wiring.around(builder, plant, scene.physics.tree, Clock(plant.time_step() or period))
     connect_brakes(builder, plant)
     effort, asked, driving = wiring.add_efforts(scene.physics)
     wiring.add_joint_forces(scene.physics, driving)
     wiring.add_body_forces(scene.physics)
     if contact == "scenario":
-        wrenches = wiring.add_contacts([(one, None) for one in scene.physics.contacts])
+        wrenches = wiring.add_contacts([(touching, None) for touching in scene.physics.contacts])
     else:
         wrenches = wiring.add_contacts(changed_contacts(scene.physics.contacts, scene.nominal_contacts))
         wrenches += wiring.add_drake_contacts({sensor.joint for sensor in scene.wrench_sensors})
@@ -80,8 +87,8 @@ def add_scene(
     return CorrectedPlant(plant, scene_graph, scene.tree.joint_names, effort, measured, columns)
 
 
-def _touch_nothing(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
-    """Leaves the contacts to the scenario's own laws."""
+def _exclude_collisions(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
+    """Excludes all collisions in Drake, since the contacts follow the scenario's laws."""
     bodies = [plant.get_body(BodyIndex(k)) for k in range(plant.num_bodies())]
     shapes = [shape for body in bodies for shape in plant.GetCollisionGeometriesForBody(body)]
     scene_graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(shapes)))

@@ -1,6 +1,6 @@
-"""Sensor effects as systems: the channels of a recording go in and come out, distorted where the effect is.
+"""Sensor effects as Drake systems: input are the true channels, output the channels as the effect distorts them.
 
-What remembers is sampled with a period h: the plant's time step, or the time between updates beside a continuous one.
+Effects with a state are sampled with a period h: the time step of a discrete plant, or a given update period.
 """
 
 from collections.abc import Sequence
@@ -12,17 +12,17 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from drake_cafim.corrected.clock import Clock
 from drake_cafim.corrected.reading import array, read, remembered
 from drake_cafim.effects.sensor import SensorEffect
-from drake_cafim.effects.timing import POINTS, SensorLag, ShiftedSensor, interpolation
+from drake_cafim.effects.timing import POINTS, interpolation
 from drake_cafim.typing import Array
 
 LONGEST = 60.0
-"""s of simulation for which the past of a slow clock is kept; after that it shows the oldest value that is."""
+"""s of simulation for which a slow clock's past is stored; after that its output is the oldest stored value."""
 SAME_TIME = 1e-9
-"""s"""
+"""s; two samples closer in time than this are the same sample."""
 
 
 class SensorSystem(LeafSystem):
-    """A sensor effect without a memory.
+    """A sensor effect without a state.
 
     .. pydrake_system::
 
@@ -30,8 +30,8 @@ class SensorSystem(LeafSystem):
         input_ports: [true]
         output_ports: [measured]
 
-    Both hold the channels that `columns` names; those that the effect is on go through `effect.measured`. The
-    Context's time is the recording's.
+    Both hold the channels `columns`; those of the effect are transformed by `effect.measured`. The Context's time is
+    the recording's time.
     """
 
     def __init__(self, effect: SensorEffect, columns: Sequence[str]) -> None:
@@ -45,7 +45,7 @@ class SensorSystem(LeafSystem):
         return read(self.get_input_port(), context)
 
     def _written(self, context: Context, true: Array) -> Array:
-        """(c,) from the channels (c,) that the effect is on."""
+        """The measured values (c,) for true values (c,) of the effect's channels."""
         return array(self.effect.measured(np.array([context.get_time()]), true[None])[0])
 
     def _calc_measured(self, context: Context, output: BasicVector) -> None:
@@ -55,7 +55,7 @@ class SensorSystem(LeafSystem):
 
 
 class ShiftedSensorSystem(SensorSystem):
-    """A sensor that writes values of another time, out of its past.
+    """A sensor whose output is the value of another time, interpolated from its past samples.
 
     .. pydrake_system::
 
@@ -63,21 +63,21 @@ class ShiftedSensorSystem(SensorSystem):
         input_ports: [true]
         output_ports: [measured]
 
-    Discrete state 0 holds the last `past` samples (past, 1 + c) row by row, the oldest first: when, NaN before there
-    were any, and the channels. Of a time before all of them the oldest is written; a clock that runs ahead asks for
-    what is not yet, and gets the last samples' parabola.
+    Discrete state 0 holds the last `past` samples (past, 1 + c) row by row, the oldest first: time s, NaN for unused
+    rows, then the channels. For a time before all of them the output is the oldest sample; for a time in the future,
+    as of a fast clock, it is extrapolated by the parabola through the last three samples.
     """
 
-    def __init__(self, effect: ShiftedSensor, columns: Sequence[str], clock: Clock, past: int) -> None:
+    def __init__(self, effect: SensorEffect, columns: Sequence[str], clock: Clock, past: int) -> None:
         super().__init__(effect, columns)
         self._shown, self._past = effect.shown, past
-        clock.keep(self, np.full(past * (1 + len(self._on)), np.nan), self._remember)
+        clock.keep(self, np.full(past * (1 + len(self._on)), np.nan), self._update_state)
 
     def _samples(self, context: Context) -> Array:
-        """(past, 1 + c)"""
+        """The stored samples (past, 1 + c): time, then the channels."""
         return remembered(context).reshape(self._past, -1)
 
-    def _remember(self, context: Context) -> Array:
+    def _update_state(self, context: Context) -> Array:
         now = np.concatenate([[context.get_time()], self._true(context)[self._on]])
         return array(np.concatenate([self._samples(context)[1:], now[None]]).ravel())
 
@@ -91,11 +91,11 @@ class ShiftedSensorSystem(SensorSystem):
         parts = range(min(3, len(time)))
         series = [interpolation(time[-3:], np.array([now]), order) @ channels[-3:] for order in parts]
         powers = [(shown - now) ** order / factorial(order) for order in parts]
-        return np.asarray(sum(power * one[0] for power, one in zip(powers, series, strict=True)))
+        return np.asarray(sum(power * term[0] for power, term in zip(powers, series, strict=True)))
 
 
 class LagSensor(SensorSystem):
-    """A sensor that follows slowly.
+    """A sensor with a first-order lag.
 
     .. pydrake_system::
 
@@ -103,20 +103,20 @@ class LagSensor(SensorSystem):
         input_ports: [true]
         output_ports: [measured]
 
-    Discrete state 0 are the last two samples (2, 1 + c), the older first: when, NaN before there was one, and the
-    channels; then what was written last (c,).
+    Discrete state 0 holds the last two samples (2, 1 + c), the older first: time s, NaN for an unused row, then the
+    channels; and after them the last output (c,).
     """
 
-    def __init__(self, effect: SensorLag, columns: Sequence[str], clock: Clock) -> None:
+    def __init__(self, effect: SensorEffect, columns: Sequence[str], clock: Clock) -> None:
         super().__init__(effect, columns)
-        self._constant = effect.values["time_constant"]
-        clock.keep(self, np.full(2 + 3 * len(self._on), np.nan), self._remember)
+        self._constant = effect.settling or 0.0
+        clock.keep(self, np.full(2 + 3 * len(self._on), np.nan), self._update_state)
 
     def _samples(self, context: Context) -> Array:
-        """(2, 1 + c)"""
+        """The stored samples (2, 1 + c): time, then the channels."""
         return remembered(context)[: 2 + 2 * len(self._on)].reshape(2, -1)
 
-    def _remember(self, context: Context) -> Array:
+    def _update_state(self, context: Context) -> Array:
         true = self._true(context)[self._on]
         last = self._samples(context)[1]
         return array(np.concatenate([last, [context.get_time()], true, self._written(context, true)]))
@@ -131,16 +131,16 @@ class LagSensor(SensorSystem):
         samples = samples[np.isfinite(samples[:, 0])]
         time, channels = np.append(samples[:, 0], now), np.concatenate([samples[:, 1:], true[None]])
         settled = self.effect.measured(time, channels)
-        # the law starts settled; what was not yet goes on dying away
+        # `measured` starts in steady state; the deviation of the last output from it decays exponentially
         kept = np.exp((time[-2] - now) / self._constant)
         return np.asarray(settled[-1] + kept * (written - settled[-2]))
 
 
 def sensor_system(effect: SensorEffect, columns: Sequence[str], clock: Clock) -> SensorSystem:
-    """The system of a sensor effect."""
-    if isinstance(effect, SensorLag):
+    """The system of a sensor effect: lag, time shift, or without a state."""
+    if effect.settling is not None:
         return LagSensor(effect, columns, clock)
-    if isinstance(effect, ShiftedSensor):
+    if effect.shifts:
         late = float(np.max(LONGEST - effect.shown(np.array([LONGEST]))))
         return ShiftedSensorSystem(effect, columns, clock, POINTS + max(int(np.ceil(late / clock.period)), 0))
     return SensorSystem(effect, columns)

@@ -1,9 +1,9 @@
-"""Dry friction that grows with the load, in a discrete plant: a brake's level is fixed, and this is what comes beside.
+"""Dry friction that grows with the load, in a discrete plant: the part beyond a brake, whose level is constant.
 
-With A = M⁻¹ the joints' velocities at the end of a step h are v⁺ = v_free + h A f, v_free what all else makes of them.
+With A = M⁻¹ the joints' velocities at the end of a step h are v⁺ = v_free + h A f, with v_free from all other forces.
 Each friction f_j brings its joint to rest if its level allows, and is at its level against the motion if not: a linear
 complementarity problem, solved by projected Gauss-Seidel sweeps (Acary, Brogliato, Numerical Methods for Nonsmooth
-Dynamical Systems, 2008, §13.7). Contacts are not in v_free; against them the brake beside it holds.
+Dynamical Systems, 2008, §13.7). Contact forces are not in v_free; only the brake balances them.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ SWEEPS = 30
 
 
 class StickingFriction(LeafSystem):
-    """The frictions of several joints beyond their brakes.
+    """The friction forces of several joints beyond their brakes.
 
     .. pydrake_system::
 
@@ -30,9 +30,9 @@ class StickingFriction(LeafSystem):
         input_ports: [plant_state, effort, force]
         output_ports: [friction]
 
-    `plant_state` (nx,) is the plant's; `effort` (n,) what drives the joints, on which the laws depend; `force` (n,)
-    all else that acts on them, the effort included; `friction` (n,) N m or N. `selection` (2n, nx) picks the joints'
-    positions and velocities out of the state.
+    `plant_state` (nx,) is the plant's state; `effort` (n,) the acting efforts, on which the laws depend; `force` (n,)
+    the sum of all other forces at the joints, the effort included; `friction` (n,) N m or N. `selection` (2n, nx) maps
+    the plant's state to the joints' positions, then velocities.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class StickingFriction(LeafSystem):
         output.SetFromVector(array(sticking(free, self._plant.time_step() * A, self._joints, bounds)))
 
     def _free_motion(self, state: Array, force: Array) -> tuple[Array, Array]:
-        """v_free (n,) and A (n, n)."""
+        """v_free (n,) rad/s or m/s at the end of the step without friction, and A = M⁻¹ (n, n) of the joints."""
         plant, context = self._plant, self._scratch
         plant.SetPositionsAndVelocities(context, state)
         v = state[plant.num_positions() :]
@@ -71,7 +71,7 @@ class StickingFriction(LeafSystem):
         return np.asarray(self._places.T @ free), np.asarray(self._places.T @ A @ self._places)
 
     def _dampings(self) -> Array:
-        """Of all the plant's velocities, (nv,)."""
+        """The damping coefficients (nv,) of all the plant's velocities."""
         result = np.zeros(self._plant.num_velocities())
         for index in self._plant.GetJointIndices():
             joint = self._plant.get_joint(index)
@@ -87,14 +87,17 @@ def grows_with_load(effect: JointForce) -> bool:
 
 
 def _bounds(effect: JointForce, joint: JointSamples, level: float) -> tuple[float, float]:
-    """The least and the largest force of the friction beyond its brake, at the joint's speed and load."""
+    """The smallest and the largest friction force beyond the brake, at the joint's speed and load."""
     speed = np.maximum(np.abs(joint.v), sliding_speed(effect))
     ends = [float(beyond_brake(effect, JointSamples(joint.q, sign * speed, joint.u), level)[0]) for sign in (1.0, -1.0)]
     return min(ends), max(ends)
 
 
 def sticking(free: Array, change: Array, joints: Sequence[int], bounds: Sequence[tuple[float, float]]) -> Array:
-    """The frictions f (n,), zero but at `joints`, for free + change f to be at rest there as far as bounds allow."""
+    """The friction forces f (n,), zero except at `joints`, by projected Gauss-Seidel sweeps.
+
+    They bring the velocity `free` + `change` f to zero at `joints`, as far as the bounds (smallest, largest) allow.
+    """
     friction = np.zeros(len(free))
     for _ in range(SWEEPS):
         for j, (least, most) in zip(joints, bounds, strict=True):

@@ -1,11 +1,21 @@
-"""Effects wired around a finalized plant: efforts in, forces on the plant, channels out."""
+"""Connects the systems of effects with a finalized plant: efforts in, forces on the plant, channels out."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
 from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem, OutputPort
-from pydrake.systems.primitives import Adder, Demultiplexer, Gain, MatrixGain, Multiplexer, PassThrough, ZeroOrderHold
+from pydrake.systems.primitives import (
+    Adder,
+    Demultiplexer,
+    Gain,
+    MatrixGain,
+    Multiplexer,
+    PassThrough,
+    Saturation,
+    ZeroOrderHold,
+)
 
 from drake_cafim.corrected.body_forces import BodyForceSystem
 from drake_cafim.corrected.brakes import brakes, rest_level
@@ -15,7 +25,7 @@ from drake_cafim.corrected.contacts import ContactSystem
 from drake_cafim.corrected.drake_contact import DrakeContactWrench
 from drake_cafim.corrected.efforts import actuator_system
 from drake_cafim.corrected.joint_forces import JointForceSystem
-from drake_cafim.corrected.plant import damps, state_selection
+from drake_cafim.corrected.plant import state_selection
 from drake_cafim.corrected.reading import array
 from drake_cafim.corrected.rotors import rotor_system
 from drake_cafim.corrected.sensors import sensor_system
@@ -24,6 +34,7 @@ from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.surroundings import SystemPlace
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import POSE_COMPONENTS, WRENCH_COMPONENTS
 from drake_cafim.scenario.physics import Physics
@@ -31,9 +42,9 @@ from drake_cafim.scenario.physics import Physics
 
 @dataclass
 class Wiring:
-    """A plant in a builder whose effects are being connected.
+    """A plant in a builder, and the ports of the effects' systems that are collected for it.
 
-    `clock` says when what effects remember is brought up to date: with a discrete plant's steps.
+    `clock` is the update schedule of the effects' discrete states, synchronous with a discrete plant's steps.
     """
 
     builder: DiagramBuilder
@@ -42,54 +53,64 @@ class Wiring:
     clock: Clock
     state: OutputPort
     forces: list[OutputPort] = field(default_factory=list)
-    """Generalized forces (n,) that were added."""
+    """Ports of generalized forces (n,), summed in `close`."""
     spatial_forces: list[OutputPort] = field(default_factory=list)
 
     @classmethod
     def around(cls, builder: DiagramBuilder, plant: MultibodyPlant, tree: Tree, clock: Clock) -> "Wiring":
-        """The wiring of the joints of `tree` in the plant."""
+        """A wiring for the joints of `tree` in the plant, with a system that selects their state."""
         selected = builder.AddNamedSystem("joint state", MatrixGain(state_selection(plant, tree.joint_names)))
         builder.Connect(plant.get_state_output_port(), selected.get_input_port())
         return cls(builder, plant, tree, clock, selected.get_output_port())
 
     def add_efforts(self, physics: Physics) -> tuple[InputPort, OutputPort, OutputPort]:
-        """Where efforts (n,) come in, what is asked of the actuators, and what drives the joints or their rotors."""
+        """Ports, each (n,): input of the commanded efforts, the commands, and the efforts on joints or their rotors."""
         entry = self.builder.AddNamedSystem("effort", PassThrough(len(self.tree.joints)))
         asked = entry.get_output_port()
-        return entry.get_input_port(), asked, self.driven(physics, asked)
+        return entry.get_input_port(), asked, self.driven(physics, self._within_limits(asked))
+
+    def _within_limits(self, asked: OutputPort) -> OutputPort:
+        """The efforts (n,) clipped to the model's limits; a limit of 0 means that none is stated."""
+        limits = array([joint.effort_limit or np.inf for joint in self.tree.joints])
+        if not np.any(np.isfinite(limits)):
+            return asked
+        system = self.builder.AddNamedSystem("effort limits", Saturation(-limits, limits))
+        self.builder.Connect(asked, system.get_input_port())
+        return system.get_output_port()
 
     def driven(self, physics: Physics, asked: OutputPort) -> OutputPort:
-        """What the actuators make of the efforts (n,) that are asked of them."""
+        """The acting efforts (n,): the commands `asked` after all actuator effects in series."""
         for effect in physics.actuators:
             joint = self.tree.joint_index(effect.at)
-            system = self._named(effect, actuator_system(effect, joint, len(self.tree.joints), self.clock))
+            made = self._build(effect) or actuator_system(effect, joint, len(self.tree.joints), self.clock)
+            system = self._add(effect, made)
             self.builder.Connect(asked, system.get_input_port())
             asked = system.get_output_port()
         return asked
 
     def add_joint_forces(self, physics: Physics, driving: OutputPort) -> None:
-        """Joint effects, and the rotors' couplings, which pass the efforts on."""
+        """Adds the systems of joint forces and of couplings, which replace the effort by the coupling's torque."""
         n, discrete = len(self.tree.joints), self.plant.time_step() > 0.0
         sticking = [effect for effect in physics.joint_forces if discrete and grows_with_load(effect)]
         for effect in physics.joint_forces:
-            if damps(effect) or effect in sticking:
+            if effect.damping is not None or effect in sticking:
                 continue
             level = rest_level(effect) if discrete and brakes(effect) else 0.0
-            system = JointForceSystem(effect, self.tree.joint_index(effect.at), n, level)
-            self._connect_joint(self._named(effect, system), driving)
+            system = self._build(effect) or JointForceSystem(effect, self.tree.joint_index(effect.at), n, level)
+            self._connect_joint(self._add(effect, system), driving)
             self.forces.append(system.get_output_port())
         for coupling in physics.couplings:
             joint = self.tree.joint_index(coupling.at)
             inertia = self.tree.joints[joint].rotor_inertia
-            rotor = rotor_system(coupling, inertia, joint, n, self.clock if discrete else None)
-            self._connect_joint(self._named(coupling, rotor), driving)
+            rotor = self._build(coupling) or rotor_system(coupling, inertia, joint, n, self.clock if discrete else None)
+            self._connect_joint(self._add(coupling, rotor), driving)
             driving = rotor.get_output_port()
         self.forces.append(driving)
         if sticking:
             self._add_sticking(sticking, driving)
 
     def _add_sticking(self, effects: Sequence[JointForce], driving: OutputPort) -> None:
-        """Frictions that grow with the load, which ask for all the other forces."""
+        """Adds the friction laws that grow with the load; they need the sum of all other forces."""
         others = self._total("joint forces but friction under load")
         joints = [self.tree.joint_index(effect.at) for effect in effects]
         selection = state_selection(self.plant, self.tree.joint_names)
@@ -102,7 +123,7 @@ class Wiring:
         self.forces.append(system.get_output_port())
 
     def _total(self, name: str) -> OutputPort:
-        """The sum of the joints' forces so far."""
+        """The sum (n,) of the generalized forces added so far."""
         total = self.builder.AddNamedSystem(name, Adder(len(self.forces), len(self.tree.joints)))
         for k, force in enumerate(self.forces):
             self.builder.Connect(force, total.get_input_port(k))
@@ -113,10 +134,10 @@ class Wiring:
         self.builder.Connect(driving, system.GetInputPort("effort"))
 
     def add_body_forces(self, physics: Physics, at_joints: bool = False) -> None:
-        """Body effects; `at_joints`, as what they come to there."""
+        """Adds the systems of body forces; with `at_joints`, connects their generalized instead of spatial forces."""
         for effect in physics.body_forces:
             index = self.plant.GetBodyByName(effect.at).index()
-            system = self._named(effect, BodyForceSystem(effect, self.tree, index))
+            system = self._add(effect, self._build(effect) or BodyForceSystem(effect, self.tree, index))
             self.builder.Connect(self.state, system.get_input_port())
             if at_joints:
                 self.forces.append(system.GetOutputPort("force"))
@@ -126,9 +147,10 @@ class Wiring:
     def add_contacts(
         self, contacts: Sequence[tuple[SphereContact, SphereContact | None]]
     ) -> list[tuple[int, OutputPort]]:
-        """The contacts' wrenches on their links, each with the link's joint.
+        """Adds the systems of contacts; returns the wrenches (6,) on their links, each with the link's joint index.
 
-        Beside each contact stands what of it the plant has by other means, if it has.
+        Each contact is paired with the contact that the plant already has in its place, or None; only the difference
+        is applied.
         """
         wrenches = []
         for contact, beside in contacts:
@@ -142,9 +164,9 @@ class Wiring:
         return wrenches
 
     def add_drake_contacts(self, joints: Iterable[int]) -> list[tuple[int, OutputPort]]:
-        """Wrenches of Drake's own contacts on what rides these joints, each with its joint.
+        """The wrenches (6,) of Drake's contacts on the bodies fixed to these joints, each with its joint index.
 
-        A discrete plant's are those of its last step: a controller may close a loop over them.
+        A discrete plant's wrenches are delayed by a step, since a controller may close a loop over them.
         """
         wrenches = []
         for joint in sorted(joints):
@@ -161,18 +183,18 @@ class Wiring:
         return wrenches
 
     def _has(self, body: str) -> bool:
-        """A payload is a body of the tree and none of the plant's."""
+        """Whether the plant has the body: a payload is a body of the tree only."""
         return bool(self.plant.HasBodyNamed(body))
 
     def take_away(self, effort: OutputPort) -> None:
-        """An effort (n,) that the plant gets by other means and that is among the forces is not to act twice."""
+        """Subtracts an effort (n,) that the plant also gets by its actuation port, so that it does not act twice."""
         n = len(self.tree.joints)
         opposite = self.builder.AddNamedSystem("effort by other means", Gain(-1.0, n))
         self.builder.Connect(effort, opposite.get_input_port())
         self.forces.append(opposite.get_output_port())
 
     def close(self) -> None:
-        """Connects all forces that were added to the plant."""
+        """Connects the sums of all added forces to the plant's force ports; to be called last."""
         n = len(self.tree.joints)
         total = self._total("joint forces")
         places = state_selection(self.plant, self.tree.joint_names)[n:, self.plant.num_positions() :].T
@@ -194,9 +216,10 @@ class Wiring:
         bodies: Sequence[str],
         wrenches: Sequence[tuple[int, OutputPort]],
     ) -> tuple[Mapping[str, OutputPort], tuple[str, ...]]:
-        """The measured channels by group, "channels" all of them, and their columns.
+        """The ports of the measured channels by group, with "channels" for all, and the names of the columns.
 
-        `wrenches` (6,) about the world's origin act on the links of these joints.
+        `wrenches` (6,) about the world's origin act on the links of the joints with these indices. Raises `InputError`
+        for a sensor effect on a channel that does not exist.
         """
         n = len(self.tree.joints)
         halves = self.builder.AddNamedSystem("true q, v", Demultiplexer(2 * n, n))
@@ -204,9 +227,9 @@ class Wiring:
         true = {"q": halves.get_output_port(0), "v": halves.get_output_port(1), "u": asked}
         names: dict[str, Sequence[str]] = dict.fromkeys(true, self.tree.joint_names)
         for sensor in sensors:
-            own = [port for joint, port in wrenches if joint == sensor.joint]
-            reading = self.builder.AddNamedSystem(f"true {sensor.name}", TrueWrench(self.tree, sensor, len(own)))
-            for port, entry in zip([self.state, *own], range(1 + len(own)), strict=True):
+            acting = [port for joint, port in wrenches if joint == sensor.joint]
+            reading = self.builder.AddNamedSystem(f"true {sensor.name}", TrueWrench(self.tree, sensor, len(acting)))
+            for port, entry in zip([self.state, *acting], range(1 + len(acting)), strict=True):
                 self.builder.Connect(port, reading.get_input_port(entry))
             true[f"wrench.{sensor.name}"] = reading.get_output_port()
             names[f"wrench.{sensor.name}"] = WRENCH_COMPONENTS
@@ -220,22 +243,27 @@ class Wiring:
         for effect in physics.sensors:
             if not effect.channels(known):
                 raise InputError(f"effect {effect.name} at {effect.at}: no such channel; there are: {', '.join(known)}")
-        together = self.builder.AddNamedSystem("channels", Multiplexer([len(one) for one in columns.values()]))
+        together = self.builder.AddNamedSystem("channels", Multiplexer([len(group) for group in columns.values()]))
         for k, port in enumerate(measured.values()):
             self.builder.Connect(port, together.get_input_port(k))
         return measured | {"channels": together.get_output_port()}, known
 
     def sensed(self, physics: Physics, true: OutputPort, columns: Sequence[str]) -> OutputPort:
-        """A group of channels after the effects on it; each group by itself, for a controller closes loops."""
+        """A group of channels after the sensor effects on it; by group, to avoid algebraic loops over a controller."""
         for effect in physics.sensors:
             if effect.channels(columns):
-                system = self._named(effect, sensor_system(effect, columns, self.clock))
+                system = self._add(effect, self._build(effect, columns) or sensor_system(effect, columns, self.clock))
                 self.builder.Connect(true, system.get_input_port())
                 true = system.get_output_port()
         return true
 
-    def _named(self, effect: Effect, system: LeafSystem) -> LeafSystem:
-        """The system in the builder under the effect's name; a second such one gets a number."""
+    def _build(self, effect: Effect, columns: Sequence[str] = ()) -> LeafSystem | None:
+        """The custom system of an effect's class; None where it uses the default of its kind."""
+        found: LeafSystem | None = effect.system(SystemPlace(self.tree, self.clock.period, columns))
+        return found
+
+    def _add(self, effect: Effect, system: LeafSystem) -> LeafSystem:
+        """Adds the system to the builder under the effect's name, with a number if the name is taken."""
         name, k = f"{effect.name} at {effect.at}", 2
         while self.builder.HasSubsystemNamed(name):
             name, k = f"{effect.name} at {effect.at} ({k})", k + 1

@@ -1,4 +1,4 @@
-"""Effects in a plant that is not a scene's: a robot among other things, under a controller of its own."""
+"""Effects of a robot that is part of a larger plant, with its own controller."""
 
 from dataclasses import dataclass
 
@@ -17,34 +17,34 @@ from drake_cafim.scenario.physics import Physics
 
 @dataclass(frozen=True)
 class AffectedRobot:
-    """A robot, `nominal` by itself and with effects in `physics`, whose joints are in the plant of a larger world.
+    """A robot in the plant of a larger world: its `nominal` tree, and its `physics` with effects.
 
-    `prepare` before the plant is finalized, then `connect` and `measured`. The plant is discrete and has its efforts by
-    its own actuation port: effects of actuators act as the difference that they make.
+    Call `prepare` before the plant is finalized, then `connect` and `measured`. The plant is discrete and gets its
+    efforts by its actuation port: actuator effects are applied as the difference from that effort.
     """
 
     nominal: Tree
     physics: Physics
     contacts: tuple[SphereContact, ...] = ()
-    """Those of `physics` without effects: what the plant's own contacts do already."""
+    """The contacts of `physics` without effects, which the plant already has."""
 
     @property
     def untouched(self) -> bool:
-        """Whether there are no effects at the joints, bodies and contacts, or on what drives them."""
+        """Whether there are no effects on joints, bodies, contacts, actuators or couplings."""
         physics = self.physics
         changed = physics.joint_forces or physics.actuators or physics.couplings or physics.body_forces
         return not (changed or changed_contacts(physics.contacts, self.contacts))
 
     def prepare(self, plant: MultibodyPlant) -> None:
-        """Changes of inertia, gravity and damping, and brakes."""
+        """Applies the changes of inertia, gravity and damping and adds brakes; before the plant is finalized."""
         change_plant(plant, self.nominal, self.physics)
 
     def connect(
         self, builder: DiagramBuilder, plant: MultibodyPlant, effort: OutputPort
     ) -> list[tuple[int, OutputPort]]:
-        """Forces of the effects on the finalized plant, whose actuation gets the `effort` (n,) of these joints.
+        """Connects the effects' forces to the finalized plant, whose actuation port gets the `effort` (n,).
 
-        Wrenches (6,) about the world's origin that effects of contacts add are returned, each with its link's joint.
+        Returns the wrenches (6,) about the world's origin that contact effects add, each with its link's joint index.
         """
         connect_brakes(builder, plant)
         if self.untouched:
@@ -58,7 +58,7 @@ class AffectedRobot:
         return wrenches
 
     def measured(self, builder: DiagramBuilder, plant: MultibodyPlant, state: OutputPort) -> OutputPort:
-        """The joints' `state` (2n,), positions then velocities, as the sensors write it."""
+        """The joints' `state` (2n,), positions then velocities, after the sensor effects."""
         columns = [f"{kind}.{name}" for kind in "qv" for name in self.nominal.joint_names]
         wiring = Wiring(builder, plant, self.physics.tree, _clock(plant), state)
         return wiring.sensed(self.physics, state, columns)

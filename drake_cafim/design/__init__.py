@@ -1,1 +1,1 @@
-"""CA-OED: motions whose contacts tell most about the unknown parameters."""
+"""CA-OED, contact-aware optimal experiment design: motions whose contacts are most informative about θ."""

@@ -1,4 +1,4 @@
-"""What of a command a robot can do."""
+"""Commands limited to what the robot can execute within its workspace."""
 
 import numpy as np
 
@@ -7,8 +7,8 @@ from drake_cafim.typing import Array
 
 
 def attainable(model: PlanningModel, robot_state: Array, command: Array) -> Array:
-    """The velocity (nu,) that the robot will have if `command` (nu,) is given: inside the workspace, it brakes."""
+    """The velocity (nu,) m/s that the robot reaches for `command` (nu,); it brakes to stay within the workspace."""
     size = len(command)
     reached = model.motion(robot_state, command[np.newaxis, np.newaxis])[0, -1]
-    # a position that was cut off at the workspace gives its velocity up to rounding
+    # the velocity follows from a position clipped to the workspace, so it has rounding errors
     return np.asarray(np.clip(reached[size : 2 * size], *model.velocity_bounds))

@@ -1,4 +1,4 @@
-"""A score averaged over the belief: what a motion is expected to tell, not what it tells at the likeliest θ."""
+"""A score averaged over the belief instead of evaluated at its mean θ."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from drake_cafim.typing import Array
 class BeliefAveragedScore:
     """E[ψ(F(θ)) − J(θ)] over `samples` sigma points of the present belief, inside the parameters' bounds.
 
-    What is touched starts, for each θ, where its sensitivity says to first order.
+    The initial state of the touched object is shifted with θ to first order, by its sensitivity.
     """
 
     model: PlanningModel
@@ -39,13 +39,13 @@ class BeliefAveragedScore:
         points = sigma_points(situation.theta, situation.covariance, self.samples)
         scored = [self.score(_at(situation, self.model.parameters.clip(theta)), commands) for theta in points]
         return Scored(
-            np.asarray(np.mean([one.scores for one in scored], axis=0)),
-            np.asarray(np.mean([one.fisher for one in scored], axis=0)),
+            np.asarray(np.mean([sample.scores for sample in scored], axis=0)),
+            np.asarray(np.mean([sample.fisher for sample in scored], axis=0)),
         )
 
 
 def _at(situation: Situation, theta: Array) -> Situation:
-    """The same moment if θ were the truth."""
+    """The situation with θ as the estimate, and the touched object's state shifted accordingly."""
     touched = situation.touched
     moved = touched.state + touched.sensitivity @ (theta - situation.theta)
     return replace(situation, theta=theta, touched=Start(moved, touched.sensitivity))

@@ -1,10 +1,10 @@
-"""What the contact force may be, learned from measured, noisy forces by a filter that does not believe its model.
+"""A belief over the contact force, updated from measured forces by a filter that allows for model error.
 
-Under each of a few hypotheses θ_k about the parameters, with weights w_k, the true force is λ̂ (a_k + b_k |λ̂|/L),
-λ̂ the force predicted with θ_k and L the force limit: too soft or too hard by a factor, and growing faster or slower
-than predicted, as Drake's hydroelastic contact does. The gains (a_k, b_k) are Gaussian, at first about (1, 0). A
-measured force corrects the gains, and the weights by what each hypothesis had expected of it: a face that should
-have been felt by now and was not loses its weight.
+Under each of m hypotheses θ_k about the parameters, with weights w_k, the true force is λ̂ (a_k + b_k |λ̂|/L), with λ̂
+the force predicted with θ_k and L the force limit: larger or smaller than predicted by a factor, and growing faster or
+slower with penetration, as Drake's hydroelastic contact does. The gains (a_k, b_k) are Gaussian, initially with mean
+(1, 0). A measured force updates the gains by a Kalman filter, and the weights by the innovation's likelihood: a
+hypothesis that predicts a contact where none is measured loses weight.
 """
 
 from dataclasses import dataclass
@@ -17,21 +17,21 @@ from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.typing import Array
 
 GAINS = 2
-"""Of each hypothesis: a, and b."""
+"""Number of gains of each hypothesis: a and b."""
 
 
 @dataclass(frozen=True)
 class FilterConfig:
-    """How little the model is believed."""
+    """The assumed model error: prior std and drift of the gains, and the number of hypotheses."""
 
     points: int = 48  # hypotheses
-    # before any force was felt: of a + b, the gain at the limit, and of b, of which 1 is a force that grows with the
-    # square of the predicted one. Apart from each other, or weak forces far below the predicted ones would promise
-    # weak ones at the limit. Wide: hydroelastic contact is 2.3 times as strong as a model predicts near the limit that
-    # takes it for 30 % too soft
+    # prior std of a + b, the gain at the limit, and of b, where b = 1 is a force that grows with the square of the
+    # predicted one. They are independent; otherwise small forces far below the predicted ones would imply small forces
+    # at the limit. They are large: near the limit, hydroelastic contact is 2.3 times as strong as predicted by a model
+    # whose stiffness is 30 % too low
     gain_std: tuple[float, float] = (0.5, 0.6)
     drift: float = 0.05  # 1/√s, std of a gain's random walk after a second
-    fewest: float = 0.15  # part of the hypotheses; with weight on fewer, they are placed anew
+    fewest: float = 0.15  # least effective fraction of the hypotheses; below it they are resampled
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,12 @@ class ForceBelief:
         return np.asarray(likely / likely.sum())
 
     def vector(self) -> Array:
-        """All of it, (m (n + 7),)."""
+        """θ, log weights, means and covariances as one vector (m (n + 7),)."""
         return np.concatenate([self.theta.ravel(), self.log_weight, self.mean.ravel(), self.covariance.ravel()])
 
     @staticmethod
     def vector_size(count: int, parameters: int) -> int:
-        """Of `vector`, for `count` hypotheses about so many parameters."""
+        """The length of `vector` for `count` hypotheses about n = `parameters` parameters."""
         return count * (parameters + 1 + GAINS + GAINS**2)
 
     @classmethod
@@ -69,7 +69,7 @@ class ForceBelief:
 
 
 def first_force_belief(model: PlanningModel, belief: Belief, config: FilterConfig) -> ForceBelief:
-    """Before any force was felt: equally likely hypotheses, spread as the belief is, inside the model's bounds."""
+    """The belief before any measurement: equally likely hypotheses with the belief's moments, clipped to the bounds."""
     theta = _clip(model, sigma_points(belief.mean, belief.covariance, config.points))
     shape = (config.points, GAINS)
     first = np.broadcast_to(_first_covariance(config), (*shape, GAINS))
@@ -77,15 +77,15 @@ def first_force_belief(model: PlanningModel, belief: Belief, config: FilterConfi
 
 
 def _first_covariance(config: FilterConfig) -> Array:
-    """Of (a, b), (2, 2), where a + b and b are independent."""
+    """The prior covariance (2, 2) of (a, b), for which a + b and b are independent."""
     gains = np.array([[1.0, -1.0], [0.0, 1.0]]) * config.gain_std
     return np.asarray(gains @ gains.T)
 
 
 def predicted_forces(model: PlanningModel, robot_states: Array, theta: Array) -> Array:
-    """λ̂ (m, ..., nλ) N under `theta` (m, n), at robot states (..., 2 nu), on what does not move.
+    """λ̂ (m, ..., nλ) N under `theta` (m, n), at robot states (..., 2 nu), for a touched object without a state.
 
-    All at once: the model's `contact` takes θ (..., n) with leading axes that broadcast with the motion's.
+    Vectorised: the model's `contact` takes θ (..., n) with leading axes that broadcast with the motion's.
     """
     state = np.zeros((*robot_states.shape[:-1], 0))
     return model.contact(state, robot_states, theta.reshape(len(theta), *[1] * (robot_states.ndim - 1), -1))
@@ -109,7 +109,7 @@ def learn(
     limit: float,
     config: FilterConfig,
 ) -> ForceBelief:
-    """The belief a period later: a random walk of the gains, corrected by `measured` (nλ,) N at `robot_state`."""
+    """The belief a period later: random walk of the gains, then an update by `measured` (nλ,) N at `robot_state`."""
     forces = predicted_forces(model, robot_state, before.theta)
     size = np.linalg.norm(forces, axis=-1, keepdims=True)
     slope = np.stack([forces, forces * size / limit], axis=-1) / model.noise_std[:, np.newaxis]  # (m, nλ, 2)
@@ -126,32 +126,34 @@ def learn(
         prior - gain @ slope @ prior,
     )
     few = 1.0 / (learned.weight**2).sum() < config.fewest * config.points
-    return _placed_anew(model, learned) if few else learned
+    return _resample(model, learned) if few else learned
 
 
-def _placed_anew(model: PlanningModel, old: ForceBelief) -> ForceBelief:
-    """As many equally likely hypotheses, θ and gains together of the same mean, their covariance no finer than before.
+def _resample(model: PlanningModel, old: ForceBelief) -> ForceBelief:
+    """The same number of equally likely hypotheses, with the same mean of θ and gains, and a widened covariance of θ.
 
-    Points that lay `spacing` apart, in units of their spread, tell no more than that.
+    The widening is the squared spacing of the old points: they do not resolve a narrower distribution.
     """
     count, size = old.theta.shape
-    return _placed(model, old, count, count ** (-2.0 / size) * np.cov(old.theta.T, bias=True))
+    return _sample(model, old, count, count ** (-2.0 / size) * np.cov(old.theta.T, bias=True))
 
 
 def condensed(model: PlanningModel, belief: ForceBelief) -> ForceBelief:
-    """The fewest equally likely hypotheses that have the same mean and covariance of θ and gains."""
+    """The smallest number of equally likely hypotheses with the same mean and covariance of θ and gains."""
     size = belief.theta.shape[1]
-    return _placed(model, belief, size + GAINS + 1, np.zeros((size, size)))
+    return _sample(model, belief, size + GAINS + 1, np.zeros((size, size)))
 
 
-def _placed(model: PlanningModel, old: ForceBelief, count: int, widening: Array) -> ForceBelief:
-    """`count` equally likely hypotheses, θ and gains together of the same moments but for θ's `widening` (n, n)."""
+def _sample(model: PlanningModel, old: ForceBelief, count: int, widening: Array) -> ForceBelief:
+    """`count` equally likely hypotheses with the joint moments of θ and gains, plus `widening` (n, n) of θ's
+    covariance.
+    """
     size = old.theta.shape[1]
     points = np.column_stack([old.theta, old.mean])
     centre = old.weight @ points
     covariance = (old.weight[:, np.newaxis] * (points - centre)).T @ (points - centre)
     covariance[:size, :size] += widening
-    # gains that all agree would leave no spread to place them by
+    # equal gains of all hypotheses would make the covariance singular
     covariance += 1e-12 * np.trace(covariance) * np.eye(len(covariance))
     placed = sigma_points(centre, covariance, count)
     gains = np.broadcast_to(np.einsum("m,mij->ij", old.weight, old.covariance), (count, GAINS, GAINS))

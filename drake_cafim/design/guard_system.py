@@ -1,4 +1,4 @@
-"""The force guard as a system between a controller and what it commands."""
+"""The force guard as a Drake system between a controller and the robot."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from drake_cafim.sensitivity.model import PlanningModel
 
 
 class ForceGuard(LeafSystem):
-    """Keeps the contact force within `limit` N, whatever is commanded and though `model` may be wrong.
+    """Keeps the contact force within `limit` N for any command, allowing for errors of `model`.
 
     .. pydrake_system::
 
@@ -20,10 +20,10 @@ class ForceGuard(LeafSystem):
         input_ports: [command, measured_state, measured_force]
         output_ports: [command, force_belief]
 
-    Every `model.period` it keeps `measured_state` (2 nu,), position m and velocity m/s, and learns from
-    `measured_force` (nλ,) N, with the noise that `model` states, what the force may be; `config` says how careful
-    to be. `command` (nu,) m/s passes through at once, as much of it as may. `force_belief` is what it
-    has learned, as a vector, for a controller that plans with it.
+    Every `model.period` it samples `measured_state` (2 nu,), position m and velocity m/s, and updates its force belief
+    by `measured_force` (nλ,) N, with the noise std of `model`; `config` sets the risk. `command` (nu,) m/s passes
+    through directly, reduced where necessary. `force_belief` is the belief as a vector, for a controller that plans
+    with it.
     """
 
     def __init__(self, model: PlanningModel, limit: float, *, config: GuardConfig | None = None) -> None:
@@ -42,11 +42,11 @@ class ForceGuard(LeafSystem):
 
     @property
     def hypotheses(self) -> int:
-        """How many there are in its force belief."""
+        """Number of hypotheses in its force belief."""
         return self._config.filter.points
 
     def begin(self, context: Context, belief: Belief) -> None:
-        """Forget in `context` (this system's own) what was felt: nothing is touched yet, and `belief` is all."""
+        """Reset the force belief in `context`, this system's context, to its prior given `belief`."""
         first = first_force_belief(self._model, belief, self._config.filter)
         state: Any = context.get_mutable_discrete_state()
         state.get_mutable_vector(self._belief).SetFromVector(first.vector())

@@ -1,4 +1,4 @@
-"""Scores of plans as a force guard will let them through."""
+"""Scores of plans after their reduction by a force guard."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,11 +15,11 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class GuardedScore:
-    """`score` of what is left of each plan once the guard has cut its commands, one after the other.
+    """`score` of each plan after the guard has reduced its commands, one after the other.
 
-    A plan that does not know of the guard promises what will not be executed: it presses, is stopped, and tells
-    less than a milder one. The guard's belief (`Situation.forces`) is taken as it is now, by its moments alone, and
-    cuts more coarsely than the guard will.
+    Without this, a plan may rely on commands that the guard reduces, and be less informative than a more cautious one.
+    The guard's present belief (`Situation.forces`) is condensed to its moments, and the reduction is computed more
+    coarsely than by the guard itself.
     """
 
     model: PlanningModel
@@ -32,7 +32,7 @@ class GuardedScore:
         return self.score(situation, self.let_through(situation, commands))
 
     def let_through(self, situation: Situation, commands: Array) -> Array:
-        """What the guard is expected to leave of commands (N, H, nu)."""
+        """The commands (N, H, nu) as the guard is expected to reduce them."""
         assert situation.forces is not None, "the policy was made for a guard, and the situation knows of none"
         belief = condensed(self.model, situation.forces)
         states = np.repeat(situation.robot_state[np.newaxis], len(commands), axis=0)

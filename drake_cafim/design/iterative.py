@@ -1,6 +1,7 @@
 """Planners that improve a plan in several rounds: the cross-entropy method, MPPI, and gradient ascent.
 
-All spend `config.candidates` rollouts a planning step, so that they compare with predictive sampling.
+They need about as many rollouts per planning step as predictive sampling, `config.candidates`; `rollouts` gives the
+exact number.
 """
 
 from dataclasses import dataclass, field
@@ -21,7 +22,7 @@ from drake_cafim.typing import Array
 
 @dataclass
 class _Seen:
-    """All candidates of one planning step, from which the best is taken in the end."""
+    """All candidates of one planning step; the best of them becomes the plan."""
 
     knots: list[Array]
     commands: list[Array]
@@ -36,7 +37,7 @@ class _Seen:
 
 
 class _Rounds:
-    """Scores candidates round by round and remembers them."""
+    """Scores candidates round by round and stores them."""
 
     def __init__(self, config: PlannerConfig, score: Score, bounds: tuple[Array, Array]) -> None:
         self.config, self.score, self.bounds = config, score, bounds
@@ -57,6 +58,10 @@ class CrossEntropy:
 
     config: PlannerConfig = field(default_factory=PlannerConfig)
 
+    def rollouts(self, numbers: int) -> int:
+        """Number of rollouts: rounds of equal size, so at most `config.candidates`."""
+        return self.config.iterations * (self.config.candidates // self.config.iterations)
+
     def __call__(self, nominal: Array, score: Score, bounds: tuple[Array, Array], random: np.random.Generator) -> Plan:
         rounds = _Rounds(self.config, score, bounds)
         count = self.config.candidates // self.config.iterations
@@ -65,7 +70,7 @@ class CrossEntropy:
         for _ in range(self.config.iterations):
             knots = around(mean, count, std, bounds, random)
             scores = rounds(knots)
-            # without a random key, a plateau would always keep the nominal
+            # ties are broken at random: on a plateau the nominal, which is first, would otherwise always be kept
             elites = knots[np.lexsort((random.random(count), scores))[-kept:]]
             mean, std = elites.mean(axis=0), elites.std(axis=0) + 0.05 * self.config.knot_std
         return rounds.seen.plan(random)
@@ -75,10 +80,14 @@ class CrossEntropy:
 class PathIntegral:
     """MPPI: each round moves the nominal to the average of its candidates, weighted by exp(score / temperature).
 
-    The last rollout is the average's own; the best candidate of all rounds is the plan.
+    The last rollout is that of the final average; the best candidate of all rounds is the plan.
     """
 
     config: PlannerConfig = field(default_factory=PlannerConfig)
+
+    def rollouts(self, numbers: int) -> int:
+        """Number of rollouts: rounds of equal size and the final average, so at most `config.candidates`."""
+        return self.config.iterations * ((self.config.candidates - 1) // self.config.iterations) + 1
 
     def __call__(self, nominal: Array, score: Score, bounds: tuple[Array, Array], random: np.random.Generator) -> Plan:
         rounds = _Rounds(self.config, score, bounds)
@@ -99,12 +108,16 @@ class PathIntegral:
 class GradientAscent:
     """Ascent of the score in the knots, from the nominal and from random splines.
 
-    The score holds the analytic sensitivities; its slope in the knots is taken by forward differences, one
-    rollout a knot. What remains of the budget goes to random starts (first) and to steps along the slope (last).
+    The score uses analytic sensitivities; its gradient in the knots is computed by forward differences, one rollout
+    per knot. The rest of the budget goes to random starts (first) and to steps along the gradient (last).
     """
 
     config: PlannerConfig = field(default_factory=PlannerConfig)
     difference: float = 1e-4  # m/s
+
+    def rollouts(self, numbers: int) -> int:
+        """Number of rollouts: one per knot value (`numbers`) for the gradient, at least four for starts and steps."""
+        return numbers + max(4, self.config.candidates - numbers)
 
     def __call__(self, nominal: Array, score: Score, bounds: tuple[Array, Array], random: np.random.Generator) -> Plan:
         rounds = _Rounds(self.config, score, bounds)

@@ -1,4 +1,4 @@
-"""What a planner is: from a nominal spline and a score of command sequences, a better spline."""
+"""The planner interface: from a nominal spline and a score of command sequences to an improved spline."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ PLANNERS: tuple[str, ...] = get_args(PlannerName)
 
 @dataclass(frozen=True)
 class PlannerConfig:
-    """Of every planner; the defaults are the paper's where it has one."""
+    """Parameters of all planners; the defaults are the paper's where it states them."""
 
     candidates: int = 10  # rollouts a planning step, paper
     horizon: int = 10  # steps, paper
@@ -56,6 +56,10 @@ class Planner(Protocol):
     @property
     def config(self) -> PlannerConfig:
         """Its numbers."""
+        ...
+
+    def rollouts(self, numbers: int) -> int:
+        """How many command sequences are scored in a planning step whose knots hold `numbers` numbers, K nu."""
         ...
 
     def __call__(self, nominal: Array, score: Score, bounds: tuple[Array, Array], random: np.random.Generator) -> Plan:

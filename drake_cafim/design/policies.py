@@ -1,4 +1,4 @@
-"""The policies that are compared, on one interface: from a situation to a command."""
+"""Policies with a common interface, from a situation to a command: planning ones and the baselines."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,20 +32,20 @@ POLICIES: tuple[str, ...] = get_args(PolicyName)
 
 
 Scoring: TypeAlias = Callable[[Situation, Array], Scored]
-"""From a situation and commands (N, H, nu) to the scores of these."""
+"""From a situation and commands (N, H, nu) to the commands' scores."""
 
 
 class Policy(Protocol):
-    """Decides one command; what it needs to remember is in the situation's knots."""
+    """Decides one command; its only state is the situation's knots."""
 
     @property
     def config(self) -> PlannerConfig:
-        """Sizes of its plans."""
+        """The planner's configuration, which gives the sizes of its plans."""
         ...
 
     @property
     def shifts(self) -> bool:
-        """Whether the knots move on by a step between decisions, to be improved again."""
+        """Whether the knots are shifted by a step between decisions, as a warm start of the next plan."""
         ...
 
     def __call__(self, situation: Situation, random: np.random.Generator) -> Decision:
@@ -82,7 +82,7 @@ class PlanningPolicy:
 
 @dataclass(frozen=True)
 class RandomPolicy:
-    """Executes splines with uniform random knots, a new one when the last has run out."""
+    """Executes splines with uniform random knots, a new spline at the end of each."""
 
     model: PlanningModel
     config: PlannerConfig
@@ -101,7 +101,7 @@ class RandomPolicy:
 
 @dataclass(frozen=True)
 class ScriptedPolicy:
-    """Executes the model's own script, or `script` (time, robot state, θ) → command."""
+    """Executes the model's script, or `script` (time, robot state, θ) → command."""
 
     model: PlanningModel
     config: PlannerConfig
@@ -117,7 +117,7 @@ class ScriptedPolicy:
 
 @dataclass(frozen=True)
 class HoldPolicy:
-    """Stays where it is."""
+    """Commands zero velocity."""
 
     model: PlanningModel
     config: PlannerConfig
@@ -135,7 +135,7 @@ def _decide(model: PlanningModel, situation: Situation, plan: Array, knots: Arra
 
 
 def make_planner(name: PlannerName, config: PlannerConfig | None = None) -> Planner:
-    """The planner called `name`; `InputError` lists the valid ones."""
+    """The planner called `name`; the `InputError` for an unknown name lists the valid names."""
     config = PlannerConfig() if config is None else config
     if name == "predictive-sampling":
         return PredictiveSampling(config)
@@ -159,11 +159,11 @@ def make_policy(
     belief_samples: int = 1,
     force_limit: float | None = None,
 ) -> Policy:
-    """The policy called `name`; `InputError` lists the valid ones.
+    """The policy called `name`; the `InputError` for an unknown name lists the valid names.
 
     `fisher` is the evaluator of contact-aware; finite-difference always differences whole trajectories. The
-    planning policies' scores are averaged over `belief_samples` points of the belief; 1 is its mode alone. With a
-    `force_limit` N they know of the force guard that is between them and the robot.
+    planning policies' scores are averaged over `belief_samples` points of the belief; 1 is its mean alone. With a
+    `force_limit` N they account for the force guard between the controller and the robot.
     """
     config = PlannerConfig() if config is None else config
     if name in ("contact-aware", "finite-difference"):
@@ -183,6 +183,6 @@ def make_policy(
 
 
 def _scoring(score: Scoring, model: PlanningModel, samples: int, force_limit: float | None) -> Scoring:
-    """`score` over the belief, of what passes the guard."""
+    """`score` averaged over the belief and evaluated for guarded commands, where these are set."""
     averaged = score if samples == 1 else BeliefAveragedScore(model, score, samples)
     return averaged if force_limit is None else GuardedScore(model, averaged, force_limit)

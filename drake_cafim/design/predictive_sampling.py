@@ -14,6 +14,10 @@ class PredictiveSampling:
 
     config: PlannerConfig = field(default_factory=PlannerConfig)
 
+    def rollouts(self, numbers: int) -> int:
+        """`config.candidates`."""
+        return self.config.candidates
+
     def __call__(self, nominal: Array, score: Score, bounds: tuple[Array, Array], random: np.random.Generator) -> Plan:
         knots = around(nominal, self.config.candidates, self.config.knot_std, bounds, random)
         commands = candidate_commands(knots, self.config.horizon, bounds)

@@ -1,4 +1,4 @@
-"""Scores of candidate motions: what they tell about θ, less what they cost."""
+"""Scores of candidate motions: information about θ minus cost."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class InformationScore:
-    """ψ(F) − J (paper, Eq. 10): F by `evaluator` along each candidate, at the present estimate."""
+    """ψ(F) − J (paper, Eq. 10), F by the sensitivities of `evaluator` along each candidate, at the estimate θ."""
 
     model: PlanningModel
     evaluator: Evaluator
@@ -34,8 +34,8 @@ class InformationScore:
 class OneStepScore:
     """The reward of ASID (Memmel et al.): tr(GᵀG) of one step, G_i = [o(θ + δ e_i) − o(θ − δ e_i)] / 2δ.
 
-    o is the state after one step from the same full state; no noise covariance, no propagation in time, no
-    forces. Clipped to [0, 1000] at each step, as its authors do, and summed over the horizon.
+    o is the state after one step from the same full state, without noise covariance, propagation in time or forces.
+    Clipped to [0, 1000] at each step, as by its authors, and summed over the horizon.
     """
 
     model: PlanningModel

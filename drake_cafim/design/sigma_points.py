@@ -1,4 +1,4 @@
-"""A few points that stand for a normal distribution."""
+"""Equally weighted points with the mean and covariance of a normal distribution."""
 
 import numpy as np
 from scipy.stats import norm
@@ -7,7 +7,7 @@ from drake_cafim.typing import Array
 
 
 def sigma_points(mean: Array, covariance: Array, count: int) -> Array:
-    """Points (count, n), count > n, of equal weight and of exactly the mean (n,) and covariance (n, n) given.
+    """Points (count, n), count > n, of equal weight, with exactly the given mean (n,) and covariance (n, n).
 
     Quantiles of the normal distribution at the points of a rank-1 lattice, standardised.
     """

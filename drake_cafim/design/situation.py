@@ -1,4 +1,4 @@
-"""What a policy knows when it decides, and what it decides."""
+"""Input and output of a policy: the situation of an experiment, and the decision."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,12 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class Situation:
-    """A moment of an experiment.
+    """The state of an experiment at the beginning of a period.
 
-    `robot_state` (2 nu,) as measured; `theta` (n,) the present estimate and `covariance` (n, n) its belief's;
-    `information` P (n, n), the prior's and that of all data so far, those since the estimate included; `touched`,
-    the predicted state of what is touched; `knots` (K, nu), the last plan already shifted to now (zero at the start);
-    `forces`, what a force guard believes of them, if commands pass through one.
+    `robot_state` (2 nu,) as measured; `theta` (n,) the present estimate and `covariance` (n, n) of its belief;
+    `information` P (n, n), of the prior and all data so far, including those after the estimate; `touched`, the
+    predicted state of the touched object; `knots` (K, nu), the last plan shifted to the present (zero at the start);
+    `forces`, the force guard's belief, if there is a guard.
     """
 
     step: int
@@ -30,9 +30,9 @@ class Situation:
 
 @dataclass(frozen=True)
 class Decision:
-    """`command` (nu,) m/s to hold for a period, the `plan` (H, nu) it begins, and the `knots` (K, nu) of the plan.
+    """`command` (nu,) m/s to hold for a period, the `plan` (H, nu) that it starts, and the `knots` (K, nu) of the plan.
 
-    `fisher` (n, n) is the information that the plan promises; `candidates` (N, H, nu) what else was weighed.
+    `fisher` (n, n) is the plan's expected Fisher information; `candidates` (N, H, nu) are the compared plans.
     """
 
     command: Array

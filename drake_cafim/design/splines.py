@@ -1,4 +1,4 @@
-"""Cubic Hermite splines through equally spaced knots on [0, 1], as matrices that act on the knots."""
+"""Cubic Hermite splines through equally spaced knots on [0, 1], as matrices that multiply the knots."""
 
 from functools import cache
 
@@ -25,6 +25,6 @@ def sample(knots: Array, horizon: int) -> Array:
 
 
 def shift(knots: Array, horizon: int) -> Array:
-    """Knots (K, nu) of the same spline one of `horizon` samples later; beyond its end it keeps its last value."""
+    """Knots (K, nu) of the same spline shifted by one of `horizon` samples; constant beyond its end."""
     count = knots.shape[-2]
     return np.asarray(_sampling_matrix(count, count, 1.0 / (horizon - 1)) @ knots)

@@ -1,4 +1,4 @@
-"""The CA-OED controller: a LeafSystem that decides, once a period, the motion that tells most about θ."""
+"""The CA-OED controller: a LeafSystem that plans, once per period, the motion most informative about θ."""
 
 from dataclasses import dataclass
 from time import perf_counter
@@ -21,13 +21,13 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class _Slots:
-    """Discrete state groups of `CaOed`, by index."""
+    """Indices of the discrete state groups of `CaOed`."""
 
     counters: int  # experiment, step
     robot: int  # measured robot state of the last step
     belief: int  # belief of the last step
     gained: int  # information since that belief
-    touched: int  # predicted state of what is touched
+    touched: int  # predicted state of the touched object
     tangent: int  # its sensitivity
     knots: int
     command: int
@@ -48,16 +48,15 @@ class CaOed(LeafSystem):
 
     Every `model.period` it reads `measured_state` (2 nu,), the end-effector's position m and velocity m/s, and
     `belief` (n + n²,), mean then covariance; decides by `policy`; and holds `command` (nu,) m/s until the next.
-    `plan` (H·nu,) and `candidates` (N·H·nu,) are commands, row by row; `information` (n²,) is the Fisher
-    information that the plan promises, `planning_ms` (1,) how long it took. Behind a `ForceGuard`, with its
-    number of hypotheses in `force_hypotheses`, its `force_belief` comes in, and plans keep to what it lets through;
-    without, there is no such port.
+    `plan` (H·nu,) and `candidates` (N·H·nu,) are commands, row by row; `information` (n²,) is the plan's expected
+    Fisher information, `planning_ms` (1,) the planning time. With a `ForceGuard`, set `force_hypotheses` to its number
+    of hypotheses: then there is an input port for its `force_belief`, and plans account for its reductions.
 
-    `model` is what it plans with, for a plant of one's own a `DiagramModel`; `policy` comes from `make_policy`;
-    `seed` starts its random numbers; `evaluator` gives the sensitivities, by default the fastest there is.
+    `model` is the planning model, for your own plant a `DiagramModel`; `policy` comes from `make_policy`; `seed` is
+    that of the random numbers; `evaluator` computes the sensitivities, by default the fastest one.
 
-    All that changes lives in the Context, the random numbers too (they follow from seed, experiment and step),
-    so that a Context can be copied and replayed.
+    All state is in the Context, including the random numbers (they follow from seed, experiment and step), so that a
+    Context can be copied and replayed.
     """
 
     def __init__(
@@ -81,7 +80,7 @@ class CaOed(LeafSystem):
         self._hypotheses = force_hypotheses
         if force_hypotheses > 0:
             self.DeclareVectorInputPort("force_belief", ForceBelief.vector_size(force_hypotheses, size))
-        # predictive sampling, hold and the others weigh different numbers of candidates; one size fits all
+        # policies compare different numbers of candidates, but the port has a fixed size, see `_padded`
         self._candidate_count = config.candidates
         sizes = _Slots(
             counters=2,
@@ -104,7 +103,7 @@ class CaOed(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(model.period, 0.0, self._decide)
 
     def begin_experiment(self, context: Context, experiment: int) -> None:
-        """Forget the plan in `context` (this system's own) and start experiment number `experiment`."""
+        """Reset the plan in `context`, this system's context, and start experiment number `experiment`."""
         state: Any = context.get_mutable_discrete_state()
         for index in range(state.num_groups()):
             state.get_mutable_vector(index).SetZero()
@@ -158,9 +157,9 @@ class CaOed(LeafSystem):
         return ForceBelief.from_vector(np.array(self._input(context, 2)), self._hypotheses)
 
     def _advance(self, read: Any, step: int, robot: Array, belief: Belief) -> tuple[Start, Array]:
-        """What is touched, now, and the information gained since the belief last changed.
+        """The touched object's present state, and the information gained since the belief last changed.
 
-        A belief that has changed holds that information already: it is counted anew from there.
+        A changed belief includes the information gained before, so that the sum restarts at zero.
         """
         size = len(self._names)
         if step == 0:
@@ -176,7 +175,7 @@ class CaOed(LeafSystem):
         return touched, gained + fisher_information(passed.sensitivities, self._model.noise_std)[0]
 
     def _padded(self, candidates: Array) -> Array:
-        """Exactly as many candidates as the port holds; fewer are repeated from the last."""
+        """The candidates as an array of the port's size: truncated, or padded with copies of the last."""
         short = self._candidate_count - len(candidates)
         if short > 0:
             candidates = np.concatenate([candidates, np.repeat(candidates[-1:], short, axis=0)])

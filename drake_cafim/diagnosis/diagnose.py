@@ -1,32 +1,35 @@
 """The whole diagnosis: recordings and a scene in, a verdict out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_cafim.diagnosis.coloured_noise import (
-    seen_memories,
+from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.intervals import standard_deviations
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.effort_noise import effort_noise, effort_notes, with_std
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.joints.quality import qualities
+from drake_cafim.diagnosis.joints.recording_notes import mistakes_of, notes_of, strangers
+from drake_cafim.diagnosis.noise.coloured import (
+    estimate_memories,
     stated_memories,
     step_of,
-    widened,
 )
-from drake_cafim.diagnosis.data_mistakes import data_mistakes
-from drake_cafim.diagnosis.fitting import Fit, unbiased_fit
-from drake_cafim.diagnosis.forecast import forecasts, root_mean_square
-from drake_cafim.diagnosis.innovations import innovations
-from drake_cafim.diagnosis.intervals import standard_deviations
-from drake_cafim.diagnosis.judgement import Judgement, judged
-from drake_cafim.diagnosis.location import locate
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.named_pushes import locate_named
-from drake_cafim.diagnosis.problem import Problem
-from drake_cafim.diagnosis.quantisation import quantised_memories
-from drake_cafim.diagnosis.samples import samples_of
-from drake_cafim.diagnosis.search import Outcome, Settings, inclusion, key_of
-from drake_cafim.diagnosis.slow_channels import bridged
-from drake_cafim.diagnosis.stated_noise import noise_of
-from drake_cafim.diagnosis.tosses.prepared import PreparedTosses, prepare_tosses
+from drake_cafim.diagnosis.noise.differences import correct_for_memory
+from drake_cafim.diagnosis.noise.quantised import quantised_memories
+from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
+from drake_cafim.diagnosis.noise.stated import needed_columns, noise_of
+from drake_cafim.diagnosis.rows.samples import moves, samples_of
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.search.conclusion import concluded, data_mistake
+from drake_cafim.diagnosis.search.judgement import Judgement, judged
+from drake_cafim.diagnosis.search.push_locations import locate_named
+from drake_cafim.diagnosis.search.search import Outcome, Settings, inclusion, key_of
+from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_ROUNDS, EFFORT_NOISE_SETTLED, RIVAL_EXCESS_CHI_SQUARE
+from drake_cafim.diagnosis.tosses.preparation import PreparedTosses, prepare_tosses
+from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.verdict import (
     Comparison,
     Explanation,
@@ -37,23 +40,23 @@ from drake_cafim.diagnosis.verdict import (
     Rival,
     Value,
     Verdict,
+    mistaken,
 )
-from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.effect import Effect
+from drake_cafim.numerics.computed import NotComputable, computed
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.recordings.units import unit_mistakes
-from drake_cafim.scenario.physics import Physics
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.recordings.usable import check_usable
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
-RIVAL = 9.0
-"""χ², in units of the noise that is left, by which a rival may fit worse: three standard deviations."""
 MADE_UP_FOR = (
     "the unknowns, fitted alone, make up for what is missing and predict these recordings worse than as given; in the "
     "corrected scenario they are as given"
 )
 
+NO_ESTIMATES = "What follows is fitted to the recordings as they are, and no estimate:"
+
+NOTHING_MOVES = "nothing moves in the recordings beyond its noise, so that no effect was looked for"
 Progress = Callable[[str], None]
 
 
@@ -95,11 +98,24 @@ def examine(
     settings = settings or Settings()
     progress("reading noise and laying windows")
     prepared = prepare(scene.knowing(effects), recordings, held_out)
-    if prepared.mistakes:
-        # physics that would make up for a mistake of the data is none
+    trace = Trace()
+    if prepared.mistakes or not prepared.moves:
+        # physics that would make up for a mistake of the data is none, nor is what nothing moves by
         settings = replace(settings, most_effects=0)
-    judgement = judged(prepared.problem(), settings, progress)
-    return _verdict(prepared, judgement, progress), judgement.outcome
+        trace.add(*map(data_mistake, prepared.mistakes))
+    judgement = judged(prepared.problem(), settings, progress, trace)
+    for _ in range(EFFORT_NOISE_ROUNDS):
+        finer = prepared.under(judgement.best.model)
+        if finer is None:
+            break
+        progress("searching under the noise that efforts have beside what was found")
+        # the verdict stands by the last search: what earlier ones decided under other noise did not shape it
+        trace = Trace()
+        trace.add(*map(data_mistake, finer.mistakes))
+        prepared, judgement = finer, judged(finer.problem(), settings, progress, trace)
+    verdict = _verdict(prepared, judgement, progress)
+    trace.of_search(judgement.search).add(*concluded(verdict, judgement))
+    return replace(verdict, trace=trace.records), judgement.outcome
 
 
 @dataclass(frozen=True)
@@ -112,14 +128,36 @@ class Prepared:
     notes: tuple[str, ...]
     mistakes: tuple[str, ...]
     noise_remarks: tuple[str, ...]
+    effort_noise: Mapping[str, float]
+    """Std by column of the efforts whose noise nobody stated, N m or N."""
+
+    def under(self, model: Model) -> "Prepared | None":
+        """The same under the noise of efforts that is left beside `model`; None where it is much as it was.
+
+        What physics was missing when it was first estimated may have passed for noise in part.
+        """
+        joints = [self.scene.tree.joint_index(column.removeprefix("u.")) for column in self.effort_noise]
+        exact = [with_std(form, dict.fromkeys(self.effort_noise, 0.0)) for form in self.weak]
+        noise = effort_noise(self.scene, exact, model, joints)
+        if all(noise[column] >= EFFORT_NOISE_SETTLED * std for column, std in self.effort_noise.items()):
+            return None
+        before = effort_notes(self.scene, self.effort_noise)
+        return replace(
+            self,
+            weak=[with_std(form, noise) for form in self.weak],
+            held_out=[with_std(form, noise) for form in self.held_out],
+            notes=(*(note for note in self.notes if note not in before), *effort_notes(self.scene, noise)),
+            effort_noise=noise,
+        )
+
+    @property
+    def moves(self) -> bool:
+        """Whether any joint moves in any of the recordings, beyond its noise."""
+        return any(moves(form.samples) for form in self.weak)
 
     def problem(self) -> WeakProblem:
         """The recordings' whitened equations, under the model as given."""
         return WeakProblem.of(self.scene, self.weak, Model(self.scene.priors.mean))
-
-    def locate(self, problem: WeakProblem, lacking: Model) -> tuple[Location, ...]:
-        """Where the recordings differ from `lacking`."""
-        return locate(problem, lacking)
 
     def qualities(self, model: Model, covariance: Array) -> list[Quality]:
         """How `model` does on the recordings, and on those held out where there are any.
@@ -127,7 +165,7 @@ class Prepared:
         `covariance` (n, n) is of its unknowns.
         """
         groups = [self.weak, self.held_out] if self.held_out else [self.weak]
-        return _qualities(groups, self.scene, model, covariance)
+        return qualities(groups, self.scene, model, covariance)
 
 
 def prepare(
@@ -137,39 +175,71 @@ def prepare(
 
     Raises `InputError` for recordings that lack what the scene needs.
     """
+    scene = scene.recorded_by([*recordings, *held_out])
     if scene.tree.floating:
-        return prepare_tosses(scene, recordings, held_out, _notes(recordings))
+        return prepare_tosses(scene, recordings, held_out, (*scene.stated.notes, *notes_of(recordings)))
+    for recording in (*recordings, *held_out):
+        check_usable(recording, needed_columns(scene))
     scene = _facing(scene, recordings)
     std, notes = noise_of(scene, recordings)
     stated = stated_memories(scene, list(std))
     estimated = {column for column in std if scene.std(column) is None}
-    seen, told = seen_memories(recordings, std, stated, estimated)
+    seen, told = estimate_memories(recordings, std, stated, estimated)
     known = stated | seen
-    std = widened(std, known, estimated, step_of(recordings))
+    std = correct_for_memory(std, known, estimated, step_of(recordings))
 
-    def laid(recording: Recording) -> WeakForm:
+    def laid(recording: Recording, std: dict[str, float]) -> WeakForm:
         memories = quantised_memories(recording, std) | known
-        recording, bridges = bridged(recording)
+        recording, bridges = bridge_slow_channels(recording)
         samples = samples_of(scene, recording, std, memories=memories, bridges=bridges)
         return WeakForm(samples, scene.wrench_sensors)
 
-    even = [bridged(recording)[0] for recording in recordings]
+    even = [bridge_slow_channels(recording)[0] for recording in recordings]
+    forms = [laid(recording, std) for recording in recordings]
+    measured = [j for j, name in enumerate(scene.tree.joint_names) if f"u.{name}" in estimated]
+    noise: dict[str, float] = {}
+    if measured:
+        # what the equations say of it can only be known once they are laid out with efforts taken as exact
+        noise = effort_noise(scene, forms, Model(scene.priors.mean), measured)
+        std, notes = std | noise, (*notes, *effort_notes(scene, noise))
+        forms = [laid(recording, std) for recording in recordings]
     return Prepared(
         scene,
-        [laid(recording) for recording in recordings],
-        [laid(recording) for recording in held_out],
-        (*notes, *_notes(even)),
-        _unit_mistakes(scene, recordings) or data_mistakes(scene, even, std),
+        forms,
+        [laid(recording, std) for recording in held_out],
+        (
+            *scene.stated.notes,
+            *notes,
+            *notes_of(even),
+            *strangers(scene, recordings),
+            *(f"held out: {mistake}" for mistake in mistakes_of(scene, held_out, std)),
+        ),
+        mistakes_of(scene, recordings, std),
         told,
+        noise,
     )
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The unknown parameters as fitted, and how the model then does."""
+    """The unknown parameters as fitted, how the model then does, and what was noticed while reading.
+
+    `data_mistakes`, `noise_remarks` and `notes` are those of a `Verdict`. With a mistake the numbers are those of the
+    recordings as they are, and no estimates.
+    """
 
     parameters: tuple[NominalParameter, ...]
     train: Comparison
+    data_mistakes: tuple[str, ...] = ()
+    noise_remarks: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        """What is to be known first, a line each, then the numbers."""
+        lines = [mistaken(self.data_mistakes), NO_ESTIMATES] if self.data_mistakes else []
+        lines += [f"{one.parameter} of {one.at}: {one.value:.6g} ± {one.std:.2g} {one.unit}" for one in self.parameters]
+        lines += [f"{remark[0].upper()}{remark[1:]}." for remark in self.noise_remarks]
+        return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
 
 def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progress = lambda text: None) -> Estimate:
@@ -186,8 +256,19 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
     scene, problem = prepared.scene, prepared.problem()
     progress("fitting the unknown parameters")
     fitted = unbiased_fit(problem, problem.nominal())
+    finer = prepared.under(fitted.model)
+    if finer is not None:
+        prepared, problem = finer, finer.problem()
+        fitted = unbiased_fit(problem, fitted.model)
     progress("simulating")
-    return Estimate(_parameters(scene, fitted), _comparisons(prepared, [fitted, fitted])[0])
+    train = _comparisons(prepared, [fitted, fitted])[0]
+    return Estimate(
+        _parameters(scene, fitted),
+        train,
+        prepared.mistakes,
+        prepared.noise_remarks,
+        (*prepared.notes, *train.missing("train")),
+    )
 
 
 def _facing(scene: Scene, recordings: Sequence[Recording]) -> Scene:
@@ -200,8 +281,16 @@ def _verdict(prepared: Prepared | PreparedTosses, judgement: Judgement, progress
     scene, outcome, best, kind = prepared.scene, judgement.outcome, judgement.best, judgement.kind
     # where the mismatch is: of the nominal physics at the numbers that the explanation found, or of what remains
     lacking = best.model if kind == "unexplained" else Model(best.model.unknown)
-    locations = () if kind == "none" else _locations(prepared, outcome.nominal_problem, best.model, lacking)
-    corrected, notes = scene.corrected(best.model.unknown, best.model.effects), (*prepared.notes, *judgement.notes)
+    nominally = outcome.nominal_problem
+    locations: tuple[Location, ...] = ()
+    where: tuple[str, ...] = ()
+    found = computed(lambda: locate_named(nominally, best.model, lacking)) if kind != "none" else ()
+    if isinstance(found, NotComputable):
+        where = (f"mismatch.locations cannot be computed: {found.reason}",)
+    else:
+        locations = found
+    corrected = scene.corrected(best.model.unknown, best.model.effects)
+    notes = (*prepared.notes, *judgement.notes, *where, *(() if prepared.moves else (NOTHING_MOVES,)))
     progress("simulating with and without the effects")
     comparisons = _comparisons(prepared, [outcome.nominal, best])
     given, fitted = comparisons[0].nominal_as_given.nll, comparisons[0].corrected.nll
@@ -209,10 +298,12 @@ def _verdict(prepared: Prepared | PreparedTosses, judgement: Judgement, progress
         corrected, notes = scene.corrected(scene.priors.mean, ()), (*notes, MADE_UP_FOR)
         comparisons = [replace(one, corrected=one.nominal_as_given) for one in comparisons]
     train, *held_out = comparisons
+    explanation, unknown_std = _explanations(scene, outcome, best)
+    notes = (*notes, *unknown_std, *train.missing("train"), *(held_out[0].missing("held_out") if held_out else ()))
     return Verdict(
         kind=kind,
         mismatch=Mismatch(kind != "none", outcome.detection_p_value, locations),
-        explanation=_explanations(scene, outcome, best),
+        explanation=explanation,
         rivals=_rivals(outcome, best),
         parameters=_parameters(scene, best),
         train=train,
@@ -222,22 +313,20 @@ def _verdict(prepared: Prepared | PreparedTosses, judgement: Judgement, progress
         noise_remarks=(*prepared.noise_remarks, *judgement.noise_remarks),
         notes=notes,
         reduced_chi_square=(
-            outcome.nominal.chi_square / outcome.nominal.degrees_of_freedom,
-            best.chi_square / best.degrees_of_freedom,
+            outcome.nominal.reduced_chi_square,
+            best.reduced_chi_square,
         ),
     )
 
 
-def _locations(
-    prepared: Prepared | PreparedTosses, problem: Problem, best: Model, lacking: Model
-) -> tuple[Location, ...]:
-    """Where the recordings differ from `lacking`, the pushes that `best` names by their own ends."""
-    return locate_named(problem, best, lacking, lambda model: prepared.locate(problem, model))  # type: ignore[arg-type]
-
-
-def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Explanation, ...]:
+def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
+    """The accepted effects, and a note where their standard deviations cannot be computed."""
     probability = inclusion(outcome)
-    std = standard_deviations(outcome.problem, best, outcome.scale)
+    std = computed(lambda: standard_deviations(outcome.problem, best, outcome.scale))
+    notes: tuple[str, ...] = ()
+    if isinstance(std, NotComputable):
+        notes = (f"the std of the named effects' parameters cannot be computed: {std.reason}",)
+        std = np.full(len(best.model.vector), np.nan)
     position = len(best.model.unknown)
     found = []
     for effect in best.model.effects:
@@ -246,9 +335,10 @@ def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Explanatio
             unit = effect.unit(strength, scene.tree)
             values[strength.name] = Value(effect.values[strength.name], float(std[position]), unit)
             position += 1
+        values |= {one.name: Value(value, None, one.unit) for one, value in effect.choices.items()}
         sentence = effect.sentence(scene.tree)
         found.append(Explanation(effect, probability.get(effect.key, 1.0), values, sentence))
-    return tuple(sorted(found, key=lambda e: -e.probability))
+    return tuple(sorted(found, key=lambda e: -e.probability)), notes
 
 
 def _rivals(outcome: Outcome, best: Fit) -> tuple[Rival, ...]:
@@ -257,7 +347,7 @@ def _rivals(outcome: Outcome, best: Fit) -> tuple[Rival, ...]:
     probability = inclusion(outcome)
     found: dict[tuple[str, str], float] = {}
     for key, one in outcome.pool.fits.items():
-        as_good = one.chi_square - best.chi_square < RIVAL * outcome.scale
+        as_good = one.chi_square - best.chi_square < RIVAL_EXCESS_CHI_SQUARE * outcome.scale
         if not present or present <= key or not as_good or len(key) > len(present) + 1:
             continue
         found |= {effect: probability[effect] for effect in key - present}
@@ -274,7 +364,16 @@ def _why_alike(best: Fit, name: str) -> str:
 
 def _parameters(scene: Scene, best: Fit) -> tuple[NominalParameter, ...]:
     return tuple(
-        NominalParameter(one.parameter, one.at, float(value), float(std), one.prior.unit, one.prior.mean, one.prior.std)
+        NominalParameter(
+            one.parameter,
+            one.at,
+            float(value),
+            float(std),
+            one.prior.unit,
+            one.prior.mean,
+            one.prior.std,
+            one.effect,
+        )
         for one, value, std in zip(scene.unknown, best.model.unknown, best.std, strict=False)
     )
 
@@ -296,44 +395,3 @@ def _comparisons(prepared: Prepared | PreparedTosses, fits: Sequence[Fit]) -> li
         ]
         found.append(found[same[0]] if same else prepared.qualities(model, covariance))
     return [Comparison(*(one[k] for one in found)) for k in range(len(found[0]))]
-
-
-def _qualities(groups: Sequence[list[WeakForm]], scene: Scene, model: Model, covariance: Array) -> list[Quality]:
-    """Of each group; the recordings of all are simulated side by side."""
-    physics = model.physics(scene)
-    forms = [form for group in groups for form in group]
-    likelihoods = [
-        one.negative_log_likelihood for one in innovations(forms, physics, _doubts(scene, model, covariance))
-    ]
-    simulated = forecasts(forms, physics)
-    result, first = [], 0
-    for group in groups:
-        own = slice(first, first + len(group))
-        result.append(Quality(float(np.mean(np.concatenate(likelihoods[own]))), root_mean_square(simulated[own])))
-        first = own.stop
-    return result
-
-
-def _doubts(scene: Scene, model: Model, covariance: Array) -> list[Physics]:
-    """The physics a standard deviation off along each axis of what is not known of its unknowns, priors aside."""
-    priors = scene.priors
-    # nothing is known worse than before anything was recorded
-    spread, axes = np.linalg.eigh(covariance / np.outer(priors.std, priors.std))
-    off = (axes * np.sqrt(np.clip(spread, 0.0, 1.0))).T * priors.std
-    return [Model(priors.clip(model.unknown + one), model.effects).physics(scene) for one in off]
-
-
-def _unit_mistakes(scene: Scene, recordings: Sequence[Recording]) -> tuple[str, ...]:
-    limits = {
-        j.name: j.position_limits for j in scene.tree.joints if not j.prismatic and np.isfinite(j.position_limits[0])
-    }
-    return tuple(sentence for recording in recordings for sentence in unit_mistakes(recording, limits))
-
-
-def _notes(recordings: Sequence[Recording]) -> tuple[str, ...]:
-    notes: list[str] = []
-    for recording in recordings:
-        notes.extend(f"{recording.name}: {note}" for note in recording.notes)
-        if recording.other_columns:
-            notes.append(f"{recording.name}: left alone: {', '.join(recording.other_columns)}")
-    return tuple(notes)

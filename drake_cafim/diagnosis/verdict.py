@@ -1,12 +1,13 @@
 """The verdict as plain data: what a report says, and nothing of how it was found."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from drake_cafim.diagnosis.trace import Record
 from drake_cafim.effects.effect import Effect
-from drake_cafim.rounding import rounded
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.numerics.rounding import rounded
+from drake_cafim.scene.scene import Scene
 
 Kind = Literal["none", "explained", "unexplained"]
 
@@ -44,10 +45,10 @@ class Mismatch:
 
 @dataclass(frozen=True)
 class Value:
-    """A number with its standard deviation."""
+    """A number with its standard deviation; None of a choice, such as a side."""
 
     value: float
-    std: float
+    std: float | None
     unit: str
 
 
@@ -82,15 +83,44 @@ class NominalParameter:
     unit: str
     prior_mean: float
     prior_std: float
+    effect: str | None = None
+    """Of a parameter of an effect that the scenario states: the effect's name."""
+
+    @property
+    def key(self) -> tuple[str, str, str | None]:
+        """What tells it from the scenario's other unknowns."""
+        return self.parameter, self.at, self.effect
+
+
+@dataclass(frozen=True)
+class EffortResidual:
+    """A joint's residual of inverse dynamics, both sides low-passed without phase lag at `cutoff` Hz.
+
+    `rms` N m (N), and `relative` over the rms of its effort, None where that is zero throughout.
+    """
+
+    rms: float
+    relative: float | None
+    cutoff: float
 
 
 @dataclass(frozen=True)
 class Quality:
-    """Negative log likelihood per sample of one-step innovations, what is not known of the unknowns reckoned in; and
-    root mean square of 1 s forecasts by column."""
+    """How a model does on some recordings.
+
+    `nll` is the negative log likelihood per sample of one-step innovations, what is not known of the unknowns reckoned
+    in; `rmse` and `rmse_short` the root mean square of simulations over 1 s and 0.1 s by column; `effort` the residual
+    of inverse dynamics by joint; `diverges` the seconds after which simulations over 1 s leave a joint's range.
+
+    What cannot be computed is NaN, or empty; `missing` says which of them and why, as "nll cannot be computed: ...".
+    """
 
     nll: float
     rmse: Mapping[str, float]
+    rmse_short: Mapping[str, float] = field(default_factory=dict)
+    effort: Mapping[str, EffortResidual] = field(default_factory=dict)
+    diverges: Mapping[str, float] = field(default_factory=dict)
+    missing: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -100,6 +130,11 @@ class Comparison:
     nominal_as_given: Quality
     nominal: Quality
     corrected: Quality
+
+    def missing(self, group: str) -> tuple[str, ...]:
+        """What of it cannot be computed, and why, for a report's notes; `group` is "train" or "held_out"."""
+        models = {"nominal_as_given": self.nominal_as_given, "nominal": self.nominal, "corrected": self.corrected}
+        return tuple(f"fit.{group}.{name}.{why}" for name, one in models.items() for why in one.missing)
 
 
 @dataclass(frozen=True)
@@ -121,8 +156,10 @@ class Verdict:
     - `corrected`: the scene with its unknowns as fitted and the accepted effects in it; where none is accepted though
       something is missing, and the unknowns as given predict the recordings better, with those.
     - `data_mistakes`: what is wrong with the recordings themselves, before any physics; `noise_remarks`: where the
-      noise is not as stated; `notes`: what was read and what was left out.
+      noise is not as stated; `notes`: what was read, what was left out, and which figure cannot be computed (it is
+      NaN here, null in a report) and why.
     - `reduced_chi_square`: χ² per whitened row before and after the explanation; noise alone gives 1.
+    - `trace`: the decisions that led here, in order, see `drake_cafim.diagnosis.trace`; `cafim why` reads them.
     - `next_experiment`: the motion that tells the rivals apart, None until one was designed.
     """
 
@@ -138,6 +175,7 @@ class Verdict:
     noise_remarks: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     reduced_chi_square: tuple[float, float] = (0.0, 0.0)
+    trace: tuple[Record, ...] = ()
     next_experiment: Mapping[str, object] | None = field(default=None)
 
     def __str__(self) -> str:
@@ -150,9 +188,14 @@ def sentence(verdict: Verdict) -> str:
     return " ".join([_finding(verdict), *remarks])
 
 
+def mistaken(mistakes: Sequence[str]) -> str:
+    """The sentence that stands before all others where the data themselves have `mistakes`."""
+    return f"The recordings themselves look wrong: {'; '.join(mistakes)}."
+
+
 def _finding(verdict: Verdict) -> str:
     if verdict.data_mistakes:
-        return f"The recordings themselves look wrong: {'; '.join(verdict.data_mistakes)}."
+        return mistaken(verdict.data_mistakes)
     if verdict.kind == "none":
         return (
             "Nothing is missing: the recordings are as the model and its noise predict "

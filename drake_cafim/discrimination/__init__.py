@@ -1,1 +1,1 @@
-"""The next experiment: motions that tell two explanations apart, and what a run of them says."""
+"""Model discrimination: motions that tell two explanations apart, and the odds after a run of them."""

@@ -1,34 +1,33 @@
-"""A planned motion run in simulation: the robot as a model has it, under a controller that knows the nominal model."""
+"""Simulation of planned motions: a robot with given physics, under a controller based on the nominal model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.diagnosis.coloured_noise import drawn, stated_memories
+from drake_cafim.diagnosis.noise.coloured import drawn, stated_memories
 from drake_cafim.discrimination.motions import MARGIN, Limits, Motion
 from drake_cafim.dynamics.motion import equations_of_motion, mass_matrix, motion
 from drake_cafim.effects.actuator import Effort
-from drake_cafim.effects.coupling import JointBacklash, JointCoupling
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 BANDWIDTH = 2.0 * np.pi * 3.0
 """rad/s of the controller, critically damped."""
 LONGEST_STEP, LONGEST_CONTACT_STEP, LONGEST_COUPLED_STEP = 2e-3, 5e-4, 5e-4
-"""s; contacts and rotors on springs are stiff."""
+"""s, longest integration steps: in general, with contacts, and with couplings, of which the last two are stiff."""
 PAST = 0.4
-"""s of efforts that a drive can still know of: twice the longest delay."""
+"""s of past efforts that are given to the actuator effects: twice the longest delay in their bounds."""
 ROTOR_SHARE = 1e-9
 """kg m² (kg) left where a rotor is taken off its link, so that a link without inertia stays solvable."""
 
 
 @dataclass(frozen=True)
 class _State:
-    """Positions and velocities (B, n), rotors' (B, c), and what contacts remember (B, m), in B runs side by side."""
+    """State of B parallel runs: positions and velocities (B, n), of the rotors (B, c), contacts' memory (B, m)."""
 
     q: Array
     v: Array
@@ -38,10 +37,10 @@ class _State:
 
 
 def simulated(physics: Physics, nominal: Physics, limits: Limits, planned: Motion) -> Motion:
-    """What happens when the robot is `physics` and follows `planned`; its efforts `u` (T, n) are as asked for.
+    """The simulated motion of a robot with `physics` that follows `planned`; `u` (T, n) are the commanded efforts.
 
     u = planned u + M(q) (ω² (q_planned − q) + 2 ω (v_planned − v)) with the `nominal` M, within the model's limits.
-    The controller sees the link without noise.
+    The controller reads the links' true positions and velocities.
     """
     return simulated_together(physics, nominal, limits, [planned])[0]
 
@@ -49,10 +48,10 @@ def simulated(physics: Physics, nominal: Physics, limits: Limits, planned: Motio
 def simulated_together(
     physics: Physics, nominal: Physics, limits: Limits, planned: Sequence[Motion]
 ) -> tuple[Motion, ...]:
-    """`simulated` of motions at the same times, each by itself but all in the time that one takes."""
+    """`simulated` for several motions on the same time grid, as independent runs of one vectorised simulation."""
     most = limits.effort / MARGIN
     time = planned[0].time
-    wanted_q, wanted_v, wanted_u = (np.stack([getattr(one, name) for one in planned], axis=1) for name in "qvu")
+    wanted_q, wanted_v, wanted_u = (np.stack([getattr(path, name) for path in planned], axis=1) for name in "qvu")
     q, v, u = np.empty_like(wanted_q), np.empty_like(wanted_v), np.empty_like(wanted_u)  # (T, B, n)
     state = _start(physics, planned)
     for k in range(len(time)):
@@ -71,7 +70,7 @@ def simulated_together(
 def measured(
     scene: Scene, physics: Physics, run: Motion, std: Mapping[str, float], random: np.random.Generator, name: str
 ) -> Recording:
-    """The recording of a run: what the sensors of `physics` write of it, with the noise of `std`."""
+    """The recording of a run by the sensors of `physics`, effects included, with noise of `std` by channel."""
     names = scene.tree.joint_names
     columns = {f"q.{joint}": run.q[:, j] for j, joint in enumerate(names)}
     if f"v.{names[0]}" in std:
@@ -91,7 +90,7 @@ def measured(
 
 
 def noisy(scene: Scene, clean: Recording, std: Mapping[str, float], random: np.random.Generator) -> Recording:
-    """The recording with noise of `std` on its channels, coloured where the scenario says so."""
+    """The recording with Gaussian noise of `std` added by channel, coloured where the scenario states a memory."""
     memories, columns = stated_memories(scene, list(std)), dict(clean.columns)
     for column, spread in std.items():
         if spread > 0.0:
@@ -100,24 +99,24 @@ def noisy(scene: Scene, clean: Recording, std: Mapping[str, float], random: np.r
 
 
 def _start(physics: Physics, planned: Sequence[Motion]) -> _State:
-    """At rest at each motion's start, each rotor twisted as far as the first effort asks for."""
-    q, v, u = (np.stack([getattr(one, name)[0] for one in planned]) for name in "qvu")
+    """The initial state: each motion's first sample, the rotors at rest in static equilibrium with the first effort."""
+    q, v, u = (np.stack([getattr(path, name)[0] for path in planned]) for name in "qvu")
     theta = []
     for coupling in physics.couplings:
         j = physics.tree.joint_index(coupling.at)
-        gap = 0.5 * coupling.values["gap"] * np.sign(u[:, j]) if isinstance(coupling, JointBacklash) else 0.0
-        theta.append(q[:, j] + gap + u[:, j] / coupling.values["stiffness"])
+        theta.append(q[:, j] + np.array([coupling.balance(float(effort)) for effort in u[:, j]]))
     memory = [
-        physics.contact_memory(one.time[:1], *(2 * [motion(physics.tree, one.q[:1], one.v[:1])]))[0] for one in planned
+        physics.contact_memory(path.time[:1], *(2 * [motion(physics.tree, path.q[:1], path.v[:1])]))[0]
+        for path in planned
     ]
     rotors = np.array(theta).reshape(-1, len(planned)).T
     return _State(q, v, rotors, np.zeros_like(rotors), np.stack(memory))
 
 
 def _acting(physics: Physics, time: Array, u: Array) -> list[tuple[float, float, Array]]:
-    """The efforts (B, n) that act from the last but one of `time` (K + 1,) s to the last, each from when until when.
+    """Pieces (start s, end s, acting effort (B, n)) of the interval between the last two of `time` (K + 1,) s.
 
-    `u` (K, B, n) was asked for.
+    `u` (K, B, n) are the commanded efforts at `time` but the last.
     """
     start, stop = float(time[-2]), float(time[-1])
     drives = [[_drive(physics, time, u[:, b, j], name) for j, name in enumerate(physics.tree.joint_names)]
@@ -132,7 +131,7 @@ def _acting(physics: Physics, time: Array, u: Array) -> list[tuple[float, float,
 
 
 def _drive(physics: Physics, time: Array, u: Array, joint: str) -> Effort:
-    """What the joint's actuator makes of `u` (K,); the last hold must have its length, since a lag divides holds."""
+    """The acting effort for commands `u` (K,); `time` includes the end of the last hold, as a lag subdivides holds."""
     effort = Effort(time, np.append(u, u[-1]))
     for effect in physics.actuators:
         if effect.at == joint:
@@ -156,8 +155,8 @@ def _advanced(physics: Physics, state: _State, effort: Array, duration: float) -
 def _step(physics: Physics, state: _State, effort: Array, h: float) -> _State:
     """The linearly implicit midpoint rule, as in the diagnosis, for links and rotors together.
 
-    A coupled joint's rotor is a degree of freedom of its own, which the effort (B, n) drives and the coupling's torque
-    ties to the link; the slopes of that torque are taken implicitly.
+    A coupled joint's rotor is an additional degree of freedom, driven by the effort (B, n) and tied to the link by the
+    coupling's torque; the derivatives of that torque enter implicitly.
     """
     (count, n), c = state.q.shape, len(physics.couplings)
     q = state.q + 0.5 * h * state.v
@@ -170,12 +169,12 @@ def _step(physics: Physics, state: _State, effort: Array, h: float) -> _State:
     force[:, :n] = effort + law - bias
     memory = state.memory
     if physics.contacts:
-        own = None
+        middle = None
         if memory.shape[1]:
             elapsed, left = np.full(count, 0.5 * h), np.zeros(count)
-            own = physics.remembered(memory, moving, elapsed, left)
+            middle = physics.remembered(memory, moving, elapsed, left)
             memory = physics.remembered(memory, moving, 2.0 * elapsed, elapsed)
-        force[:, :n] += moving.project(physics.contact_wrenches(moving, own))
+        force[:, :n] += moving.project(physics.contact_wrenches(moving, middle))
     if physics.body_forces:
         force[:, :n] += moving.project(physics.body_wrenches(moving))
     M = np.zeros((count, n + c, n + c))
@@ -187,7 +186,7 @@ def _step(physics: Physics, state: _State, effort: Array, h: float) -> _State:
         inertia = physics.rotor_inertias[j]
         M[:, j, j] += ROTOR_SHARE - inertia
         M[:, rotor, rotor] = inertia
-        torque, stiffness, damping = _torque(coupling, theta[:, i] - q[:, j], state.omega[:, i] - state.v[:, j])
+        torque, stiffness, damping = coupling.slopes(theta[:, i] - q[:, j], state.omega[:, i] - state.v[:, j])
         force[:, j] += torque - effort[:, j]
         force[:, rotor] = effort[:, j] - torque
         tie = 0.5 * h * damping + 0.25 * h * h * stiffness
@@ -202,14 +201,3 @@ def _step(physics: Physics, state: _State, effort: Array, h: float) -> _State:
         state.omega + omega,
         memory,
     )
-
-
-def _torque(coupling: JointCoupling, twist: Array, rate: Array) -> tuple[Array, Array, Array]:
-    """What the coupling exerts on its link (B,), and its slopes in the twist and in its rate."""
-    stiffness, damping = coupling.values["stiffness"], coupling.values["damping"]
-    half = 0.5 * coupling.values["gap"] if isinstance(coupling, JointBacklash) else 0.0
-    beyond = twist - np.clip(twist, -half, half)
-    torque = stiffness * beyond + damping * rate
-    # teeth push and do not pull
-    meshed = np.asarray((half == 0.0) | (torque * beyond > 0.0), dtype=float)
-    return meshed * torque, meshed * stiffness, meshed * damping

@@ -1,4 +1,4 @@
-"""A cloud of candidates that learns its shape from their worth: covariance matrix adaptation (CMA-ES)."""
+"""Covariance matrix adaptation (CMA-ES): a normal distribution of candidates, adapted to their scores."""
 
 from dataclasses import dataclass
 
@@ -7,17 +7,17 @@ import numpy as np
 from drake_cafim.typing import Array
 
 WIDEST = 1.0
-"""Of the scale, in units of half a range: a wider cloud would only pile up at the bounds."""
+"""Largest scale, in units of half a range: with a larger one most candidates would be clipped to the bounds."""
 FLATTEST = 1e-20
-"""Of the covariance's eigenvalues."""
+"""Smallest eigenvalue of the covariance, against rounding below zero."""
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """Candidates within [−1, 1]^d, normal about `mean` (d,) with `scale`² times `covariance` (d, d).
+    """The normal distribution of candidates: `mean` (d,), covariance `scale`² · `covariance` (d, d), in [−1, 1]^d.
 
-    `path` and `scale_path` (d,) remember where the mean went. Hansen, The CMA Evolution Strategy: A Tutorial, 2016,
-    eqs. 40–47, with the better half of each generation as parents; candidates beyond the bounds are put onto them.
+    `path` and `scale_path` (d,) are CMA-ES's evolution paths. Hansen, The CMA Evolution Strategy: A Tutorial, 2016,
+    eqs. 40–47, with the better half of each generation as parents; candidates are clipped to the bounds.
     """
 
     mean: Array
@@ -29,21 +29,21 @@ class Cloud:
 
     @classmethod
     def about(cls, mean: Array, scale: float) -> "Cloud":
-        """A round one."""
+        """The initial isotropic distribution about `mean` (d,)."""
         zero = np.zeros(len(mean))
         return cls(mean, scale, np.eye(len(mean)), zero, zero)
 
     def drawn(self, count: int, random: np.random.Generator) -> Array:
-        """Candidates (count, d)."""
+        """Random candidates (count, d), clipped to [−1, 1]."""
         steps = random.standard_normal((count, len(self.mean))) @ self._root.T
         return np.asarray(np.clip(self.mean + self.scale * steps, -1.0, 1.0))
 
     def after(self, candidates: Array, scores: Array) -> "Cloud":
-        """The next generation's cloud: nearer to the candidates (N, d) with the larger of `scores` (N,)."""
+        """The next generation's distribution, updated by candidates (N, d) with `scores` (N,), larger is better."""
         d, parents = len(self.mean), len(candidates) // 2
         weights = np.log(parents + 0.5) - np.log(np.arange(1, parents + 1))
         weights = weights / weights.sum()
-        mass = 1.0 / float(weights @ weights)  # as many equal parents would weigh as much
+        mass = 1.0 / float(weights @ weights)  # effective number of parents, μ_eff
         steps = (candidates[np.argsort(-scores)[:parents]] - self.mean) / self.scale
         step = weights @ steps
         generation = self.generation + 1
@@ -56,13 +56,13 @@ class Cloud:
         damping = 1.0 + keep + 2.0 * max(0.0, np.sqrt((mass - 1.0) / (d + 1.0)) - 1.0)
 
         follow = (4.0 + mass / d) / (d + 4.0 + 2.0 * mass / d)
-        begun = np.sqrt(1.0 - (1.0 - keep) ** (2 * generation))
-        steady = float(length / begun < 1.4 + 2.0 / (d + 1.0))
+        settling = np.sqrt(1.0 - (1.0 - keep) ** (2 * generation))
+        steady = float(length / settling < 1.4 + 2.0 / (d + 1.0))
         path = (1.0 - follow) * self.path + steady * np.sqrt(follow * (2.0 - follow) * mass) * step
-        one = 2.0 / ((d + 1.3) ** 2 + mass)
-        many = min(1.0 - one, 2.0 * (mass - 2.0 + 1.0 / mass) / ((d + 2.0) ** 2 + mass))
+        c_1 = 2.0 / ((d + 1.3) ** 2 + mass)
+        c_mu = min(1.0 - c_1, 2.0 * (mass - 2.0 + 1.0 / mass) / ((d + 2.0) ** 2 + mass))
         covariance = (
-            (1.0 - one - many) * self.covariance + one * np.outer(path, path) + many * (steps.T * weights) @ steps
+            (1.0 - c_1 - c_mu) * self.covariance + c_1 * np.outer(path, path) + c_mu * (steps.T * weights) @ steps
         )
         return Cloud(
             mean=self.mean + self.scale * step,
@@ -75,6 +75,6 @@ class Cloud:
 
     @property
     def _root(self) -> Array:
-        """The symmetric root (d, d) of the covariance."""
+        """The symmetric square root (d, d) of `covariance`."""
         values, vectors = np.linalg.eigh(self.covariance)
         return np.asarray(vectors * np.sqrt(np.maximum(values, FLATTEST)) @ vectors.T)

@@ -1,8 +1,8 @@
-"""Evidence for one explanation against another, along a motion that is planned or was made.
+"""Bayesian evidence of one explanation against another, along a planned or an executed motion.
 
-Every number of a model is measured in units of what is known of it beforehand: unknowns from their priors, strengths
-from no effect in units of the size at which engineers meet them. In these coordinates x the prior is a unit normal, and
-with whitened rows z(x), Jacobian J and F = JᵀJ, Laplace's approximation of the evidence is
+The parameters of a model are scaled by their priors: unknowns as (value − mean)/std, strengths as the deviation from no
+effect in units of their typical size. In these coordinates x the prior is a unit normal, and with whitened residual
+z(x), Jacobian J and F = JᵀJ, Laplace's approximation of the evidence is
 
     ln p(y | model) = −½ (|z(x̂)|² + |x̂|²) − ½ ln det(I + F) + a constant that all models share,
 
@@ -15,21 +15,22 @@ from typing import TypeAlias
 
 import numpy as np
 
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.effects.effect import Strength
 from drake_cafim.typing import Array
 
 Rows: TypeAlias = Callable[[Array], Array]
 SMALLEST = 1e-4
-"""Of a coordinate that is the inverse of a strength: no effect at all would be a strength without end."""
+"""Smallest coordinate of an inverse strength: zero, no effect, would be an infinite strength."""
 STEPS, DAMPINGS = 25, 6
+"""Largest numbers of Gauss–Newton steps, and of increases of the damping within a step."""
 CONVERGED = 1e-3
-"""Of |z|² + |x|², which a step is expected to gain, or did."""
+"""Convergence threshold: expected or actual decrease of |z|² + |x|² in a step."""
 
 
 def coordinate(strength: Strength, value: float) -> float:
-    """The strength in units of its typical size, zero where it is absent."""
+    """The scaled coordinate of a strength's value, zero where the effect is absent."""
     return strength.typical / value if strength.inverse else (value - strength.nominal) / strength.typical
 
 
@@ -40,7 +41,7 @@ def strength_at(strength: Strength, x: float) -> float:
 
 
 def coordinates(problem: WeakProblem, model: Model) -> Array:
-    """(k,) of unknowns, then strengths."""
+    """The scaled coordinates (k,) of the model's unknowns, then of its effects' strengths."""
     priors = problem.scene.priors
     unknown = (model.unknown - priors.mean) / priors.std
     strengths = [coordinate(s, v) for e in model.effects for s, v in zip(e.strengths, e.vector.tolist(), strict=True)]
@@ -48,21 +49,21 @@ def coordinates(problem: WeakProblem, model: Model) -> Array:
 
 
 def model_at(problem: WeakProblem, model: Model, x: Array) -> Model:
-    """The model with its numbers at the coordinates `x` (k,), within their bounds."""
+    """The model with its parameters at the coordinates `x` (k,), clipped to their bounds."""
     priors, n = problem.scene.priors, len(model.unknown)
     unknown = priors.clip(priors.mean + priors.std * x[:n])
     effects, start = [], n
     for effect in model.effects:
-        own = x[start : start + len(effect.strengths)].tolist()
+        scaled = x[start : start + len(effect.strengths)].tolist()
         effects.append(
-            effect.with_values({s.name: strength_at(s, c) for s, c in zip(effect.strengths, own, strict=True)})
+            effect.with_values({s.name: strength_at(s, c) for s, c in zip(effect.strengths, scaled, strict=True)})
         )
         start += len(effect.strengths)
     return Model(unknown, tuple(effects))
 
 
 def slopes(problem: WeakProblem, model: Model) -> Array:
-    """Whitened data rows (R, k) by the coordinates."""
+    """The Jacobian ∂z/∂x (R, k) of the whitened data rows with respect to the coordinates."""
     per_number = [np.asarray(problem.scene.priors.std, dtype=float)]
     for effect in model.effects:
         values = zip(effect.strengths, effect.vector.tolist(), strict=True)
@@ -72,7 +73,9 @@ def slopes(problem: WeakProblem, model: Model) -> Array:
 
 @dataclass(frozen=True)
 class Explained:
-    """A model at its most probable numbers `x` (k,): `rows` z (R,) and their `slopes` J (R, k) there."""
+    """A model at coordinates `x` (k,), as a rule its posterior mode: whitened residual `rows` z (R,), Jacobian
+    `slopes` J (R, k).
+    """
 
     model: Model
     x: Array
@@ -91,12 +94,12 @@ class Explained:
 
     @property
     def log_evidence(self) -> float:
-        """Up to the constant that models of the same rows share."""
+        """ln p(y | model) up to the constant that all models of the same rows share."""
         return -0.5 * (self.misfit + self.log_volume)
 
     @property
     def log_volume(self) -> float:
-        """ln det(I + F): how much narrower the numbers are known after than before."""
+        """ln det(I + F): −2 ln of the ratio of posterior to prior volume."""
         return float(np.linalg.slogdet(np.eye(len(self.information)) + self.information)[1])
 
 
@@ -109,10 +112,10 @@ def explain(
     steps: int = STEPS,
     weight: float = 1.0,
 ) -> Explained:
-    """The most probable numbers of `model` near those that it has, by damped Gauss–Newton.
+    """The posterior mode of `model` near its present values, by damped Gauss–Newton.
 
-    `instead` (R,) is taken off the rows: the data are then those of which a model with these rows would be true. Only
-    the first `rows` count, where given, and all of them `weight` times.
+    `instead` (R,) is subtracted from the residual: the data are then those that a model with this residual predicts.
+    Only the first `rows` are used, where given, and the residual is multiplied by `weight`.
     """
     count = problem.rows if rows is None else rows
     here = looked(problem, model)
@@ -121,7 +124,7 @@ def explain(
 
 
 def looked(problem: WeakProblem, model: Model) -> Explained:
-    """The model at the numbers that it has, whether or not they are its best."""
+    """The model at its present values, without a fit."""
     rows = problem.residual(model)[: problem.rows]
     return Explained(model, coordinates(problem, model), rows, slopes(problem, model))
 
@@ -129,7 +132,7 @@ def looked(problem: WeakProblem, model: Model) -> Explained:
 def _improved(
     problem: WeakProblem, here: Explained, instead: Array | float, *, steps: int, weight: float = 1.0
 ) -> Explained:
-    """Nearer the most probable numbers, as many rows of the data as `here` has being known."""
+    """`here` improved by up to `steps` damped Gauss–Newton steps, with as many rows as `here` has."""
     count = len(here.rows)
     damping = 1e-6
     for _ in range(steps):
@@ -155,10 +158,9 @@ def _improved(
 
 @dataclass(frozen=True)
 class Course:
-    """Sums of JᵀJ (W, k, k), Jᵀz (W, k) and z·z (W,) up to the end of each window, z being the rows at x = 0.
+    """Sums of JᵀJ (W, k, k), Jᵀz (W, k) and z·z (W,) up to the end of each window, with z the residual at x = 0.
 
-    To first order they say all that a motion's rows, or as many whole motions as were added up before it, say of a
-    model.
+    For rows linear in x they are sufficient statistics of the data so far, from one motion or from several.
     """
 
     information: Array
@@ -167,7 +169,7 @@ class Course:
 
     @classmethod
     def of(cls, problem: WeakProblem, explained: Explained, rows: Array | None = None) -> "Course":
-        """The course about explained numbers; `rows` (R,), if given, are the whitened rows there instead of its own."""
+        """The course linearized at `explained`; `rows` (R,) replace its whitened residual, where given."""
         here = explained.rows if rows is None else rows
         count = problem.runs[0].weak.rows_per_window
         J = explained.slopes.reshape(-1, count, len(explained.x))
@@ -177,24 +179,24 @@ class Course:
         return cls(np.cumsum(information, axis=0), np.cumsum(slope, axis=0), np.cumsum(np.sum(z**2, axis=1)))
 
     def after(self, before: "Course", times: float = 1.0) -> "Course":
-        """This course `times` after the end of another."""
+        """This course preceded by `times` repetitions of the whole of another."""
         information, slope, square = before.information[-1], before.slope[-1], before.square[-1]
         return Course(self.information + times * information, self.slope + times * slope, self.square + times * square)
 
     def repeated(self, times: Array) -> "Course":
-        """What is said after the whole motion was run each of `times` (K,), instead of by window."""
-        information, slope = (np.multiply.outer(times, one[-1]) for one in (self.information, self.slope))
+        """The course whose entries are the sums after the whole motion was run `times` (K,), instead of by window."""
+        information, slope = (np.multiply.outer(times, sums[-1]) for sums in (self.information, self.slope))
         return Course(information, slope, times * self.square[-1])
 
     @property
     def misfit(self) -> Array:
-        """|z|² + |x|² (W,) at the most probable numbers."""
+        """|z|² + |x|² (W,) at the posterior mode."""
         best = np.linalg.solve(self._posterior, self.slope[..., None])[..., 0]
         return np.asarray(self.square - np.einsum("wi,wi->w", self.slope, best))
 
     @property
     def log_evidence(self) -> Array:
-        """(W,) up to what all models share."""
+        """ln p(y | model) (W,), up to the constant that all models share."""
         return np.asarray(-0.5 * (self.misfit + np.linalg.slogdet(self._posterior)[1]))
 
     @property
@@ -203,24 +205,24 @@ class Course:
 
     @property
     def fitted(self) -> Array:
-        """tr F (I + F)⁻¹ (W,): how many numbers the rows determine, each of which takes one from |noise|²."""
+        """tr F (I + F)⁻¹ (W,): effective number of fitted parameters, each of which reduces E|noise|² by one."""
         return np.asarray(self.slope.shape[-1] - np.trace(np.linalg.inv(self._posterior), axis1=1, axis2=2))
 
 
 def expected(problem: WeakProblem, truth: Explained, rival: Explained, *, steps: int = 5) -> tuple[Course, Course]:
-    """The courses of both models along a planned motion, of the data that `truth` makes without noise.
+    """The courses of both models along a planned motion, for the noiseless data that `truth` predicts.
 
-    Both were `looked` at on it. `problem` holds the motion as the nominal model makes it: a model's rows on the data of
-    `truth` are, to first order in the data, its rows there less those of `truth`.
+    Both are results of `looked` on `problem`, whose data are the nominal model's predictions: to first order in the
+    data, a model's residual on the data of `truth` is its residual on `problem` minus that of `truth`.
     """
     best = _improved(problem, replace(rival, rows=rival.rows - truth.rows), truth.rows, steps=steps)
     return Course.of(problem, truth, np.zeros_like(truth.rows)), Course.of(problem, best)
 
 
-def expected_log_odds(own: Course, other: Course) -> Array:
+def expected_log_odds(truth: Course, rival: Course) -> Array:
     """E ln p(y | truth's model)/p(y | rival's model) (W,) over the noise, up to each window's end.
 
     Half the non-centrality of the best-fitting rival (Atkinson, Fedorov, Biometrika 62(1), 1975), with unknowns and the
-    rival's own strengths fitted, and what each model pays for numbers that it must determine.
+    rival's strengths fitted, and the Occam factors of both models.
     """
-    return np.asarray(own.log_evidence - other.log_evidence + 0.5 * (own.fitted - other.fitted))
+    return np.asarray(truth.log_evidence - rival.log_evidence + 0.5 * (truth.fitted - rival.fitted))

@@ -1,8 +1,8 @@
-"""Smooth motions within a robot's limits, from the numbers that a planner chooses.
+"""Smooth motions within a robot's limits, parametrized by the control points of a spline.
 
 A motion is a uniform cubic B-spline: its positions stay between those of its control points and its velocities between
-their differences (de Boor, A Practical Guide to Splines, 1978, ch. IX), so that limits on either are kept exactly. It
-starts and ends at rest at home, so that it can be run again and again.
+their differences (de Boor, A Practical Guide to Splines, 1978, ch. IX), so that limits on both are satisfied exactly.
+It starts and ends at rest at home, so that it can be repeated.
 """
 
 from dataclasses import dataclass
@@ -19,19 +19,22 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 RANGE, LINEAR_RANGE = 0.5 * np.pi, 0.1
-"""rad, m either way from zero, of a joint without position limits."""
+"""rad and m: assumed range, to either side of zero, of a joint without position limits."""
 SPEED, LINEAR_SPEED = 2.0, 0.25
-"""rad/s, m/s of a joint without a velocity limit."""
+"""rad/s and m/s: assumed limit of a joint without a velocity limit."""
 MARGIN = 0.9
-"""Part of each limit that a plan uses; the rest is for what the controller adds."""
+"""Fraction of each limit that a plan uses; the rest is a reserve for the feedback controller."""
 SHRINK, SHRINKINGS = 0.8, 12
+"""Factor by which a motion is scaled towards home while its efforts exceed the limits, and how often at most."""
 AT_REST = 3
-"""Equal control points that hold a cubic at rest."""
+"""Number of equal control points at either end for which a cubic spline is at rest there."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """`home`, `lower`, `upper` (n,) rad or m, `speed` (n,) rad/s or m/s, `effort` (n,) N m or N."""
+    """Limits of planned motions: `home`, `lower`, `upper` (n,) rad or m, `speed` (n,) rad/s or m/s, `effort` (n,) N m
+    or N.
+    """
 
     home: Array
     lower: Array
@@ -41,9 +44,9 @@ class Limits:
 
     @classmethod
     def of(cls, tree: Tree) -> "Limits":
-        """Nine tenths of what the model file allows; home is zero, or the middle where zero is not allowed.
+        """90 % of the model file's limits; home is zero, or the middle of the range where zero is outside.
 
-        Drake knows efforts of actuators alone: a joint of a URDF without a transmission has no limit on its effort.
+        A joint whose file states no effort limit, or 0, has none.
         """
         bounds = []
         for joint in tree.joints:
@@ -60,15 +63,15 @@ class Limits:
             lower=lower,
             upper=upper,
             speed=MARGIN * np.where(np.isfinite(given) & (given > 0.0), given, usual),
-            effort=MARGIN * np.array([joint.effort_limit for joint in tree.joints]),
+            effort=MARGIN * np.array([joint.effort_limit or np.inf for joint in tree.joints]),
         )
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A planned motion at `time` (T,) s: `q`, `v` and the efforts `u` (T, n) that the nominal model asks for.
+    """A motion at `time` (T,) s: `q`, `v` and efforts `u` (T, n); of a planned one, by the nominal inverse dynamics.
 
-    `u` is held from its sample to the next.
+    `u` is constant from its sample to the next.
     """
 
     time: Array
@@ -79,7 +82,9 @@ class Motion:
 
 @dataclass(frozen=True)
 class Shape:
-    """Of all motions that are compared: `points` free control points, `spacing` s apart, sampled every `step` s."""
+    """The parametrization of all compared motions: `points` free control points, `spacing` s apart, sampled every
+    `step` s.
+    """
 
     points: int = 22
     spacing: float = 0.08
@@ -87,21 +92,21 @@ class Shape:
 
     @classmethod
     def lasting(cls, duration: float) -> "Shape":
-        """The shape of motions that last `duration` s, but for half a control point."""
+        """The shape of motions that last about `duration` s, to within half a `spacing`."""
         return cls(points=max(round(duration / cls.spacing) + 3 - 2 * AT_REST, 4))
 
     @property
     def duration(self) -> float:
-        """s"""
+        """Duration of the motions, s."""
         return self.spacing * (self.points + 2 * AT_REST - 3)
 
     @cached_property
     def time(self) -> Array:
-        """(T,) s"""
+        """Sample times (T,) s, from 0."""
         return np.asarray(self.step * np.arange(round(self.duration / self.step) + 1), dtype=float)
 
     def matrix(self, at: Array, derivative: int) -> Array:
-        """(T, points + 6): value, first or second derivative at `at` (T,) s of a spline by its control points."""
+        """Matrix (T, points + 6) from control points to the spline's value or derivative at `at` (T,) s."""
         count = self.points + 2 * AT_REST
         knots = np.asarray(self.spacing * (np.arange(count + 4) - 3), dtype=float)
         spline = BSpline(knots, np.eye(count), 3)
@@ -110,20 +115,23 @@ class Shape:
 
     @cached_property
     def at_samples(self) -> tuple[Array, Array]:
-        """Value and velocity at the samples."""
+        """Matrices from control points to value and velocity at the samples."""
         return self.matrix(self.time, 0), self.matrix(self.time, 1)
 
     @cached_property
     def between_samples(self) -> tuple[Array, Array, Array]:
-        """Value, velocity and acceleration half a step after each sample, where a held effort is right on average."""
+        """Matrices from control points to value, velocity and acceleration half a step after each sample.
+
+        An effort that is constant over a step is best computed at the step's middle.
+        """
         middle = self.time + 0.5 * self.step
         return self.matrix(middle, 0), self.matrix(middle, 1), self.matrix(middle, 2)
 
 
 def control_points(shape: Shape, limits: Limits, commands: Array) -> Array:
-    """(points + 6, n) from `commands` (points, n) within [−1, 1], each joint's range.
+    """Control points (points + 6, n) from `commands` (points, n), where [−1, 1] is each joint's range.
 
-    Each point is moved as little as its predecessor, the speed and the way home leave room for.
+    Each point is clipped to what the speed limit allows from its predecessor and back home in time.
     """
     middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
     wanted = middle + half * commands
@@ -140,9 +148,9 @@ def control_points(shape: Shape, limits: Limits, commands: Array) -> Array:
 
 
 def plan(shape: Shape, limits: Limits, physics: Physics, commands: Array) -> Motion:
-    """The motion of `commands` (points, n), drawn towards home until its efforts are within the limits.
+    """The motion of `commands` (points, n), scaled towards home until its efforts are within the limits.
 
-    Raises `InputError` where the robot cannot even hold itself at home.
+    Raises `InputError` where the efforts still exceed the limits after `SHRINKINGS` reductions.
     """
     points = control_points(shape, limits, commands)
     for _ in range(SHRINKINGS):
@@ -159,14 +167,14 @@ def plan(shape: Shape, limits: Limits, physics: Physics, commands: Array) -> Mot
 
 
 def motion_through(shape: Shape, physics: Physics, points: Array) -> Motion:
-    """The motion of control points (points + 6, n) whatever its efforts."""
+    """The motion of control points (points + 6, n), without regard to the effort limits."""
     value, rate = shape.at_samples
     q, v, a = (matrix @ points for matrix in shape.between_samples)
     return Motion(shape.time, value @ points, rate @ points, inverse_dynamics(physics, shape.time, q, v, a))
 
 
 def inverse_dynamics(physics: Physics, time: Array, q: Array, v: Array, a: Array) -> Array:
-    """The efforts (T, n) that give the motion its accelerations `a` (T, n)."""
+    """Inverse dynamics: the efforts (T, n) for accelerations `a` (T, n), including contacts, body and joint forces."""
     moving = motion(physics.tree, q, v)
     M, bias = equations_of_motion(moving, physics.gravity)
     effort = np.einsum("nij,nj->ni", M + np.diag(physics.rotor_inertias), a) + bias

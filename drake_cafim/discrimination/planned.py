@@ -1,24 +1,24 @@
-"""A planned motion as the recording that the nominal model would make of it, ready for every sensitivity."""
+"""Planned motions as the recordings that the nominal model predicts, with their whitened rows."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from drake_cafim.diagnosis.coloured_noise import stated_memories
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.samples import Samples, retaken, samples_of
-from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.noise.coloured import stated_memories
+from drake_cafim.diagnosis.rows.samples import Samples, retaken, samples_of
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.discrimination.motions import Motion
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 
 
 def noise_of(scene: Scene) -> dict[str, float]:
-    """The standard deviation of each channel that a run would have, SI.
+    """The noise std of each channel of a future recording, SI units.
 
-    Raises `InputError` where the scenario does not state it: without noise there is nothing to design against.
+    Raises `InputError` where the scenario does not state it, since the design needs the noise level.
     """
     names = scene.tree.joint_names
     columns = [f"q.{name}" for name in names]
@@ -29,13 +29,13 @@ def noise_of(scene: Scene) -> dict[str, float]:
     for column in columns:
         std = scene.std(column)
         if std is None or not std > 0.0:
-            raise InputError(f"{scene.name}: channel {column} has no std; a motion is designed against the noise")
+            raise InputError(f"{scene.name}: channel {column} has no std, expected one: a design needs the noise")
         found[column] = std
     return found | {f"u.{name}": scene.std(f"u.{name}") or 0.0 for name in names}
 
 
 def recording_of(scene: Scene, planned: Motion, std: Mapping[str, float], name: str) -> Recording:
-    """What the nominal model and noiseless sensors make of the motion."""
+    """The noiseless recording of the planned motion that the nominal model predicts."""
     names = scene.tree.joint_names
     columns = {f"q.{joint}": planned.q[:, j] for j, joint in enumerate(names)}
     if f"v.{names[0]}" in std:
@@ -53,27 +53,27 @@ def recording_of(scene: Scene, planned: Motion, std: Mapping[str, float], name: 
 
 @dataclass(frozen=True)
 class Bench:
-    """What all motions of one time grid share: windows, smoothing and the weights of held efforts."""
+    """Windows, smoothing matrices and effort weights, which all motions on the same time grid share."""
 
     scene: Scene
     samples: Samples
 
     @classmethod
     def of(cls, scene: Scene, planned: Motion) -> "Bench":
-        """The bench for motions sampled as `planned` is."""
+        """The bench for motions on the time grid of `planned`."""
         std = noise_of(scene)
         return cls(scene, _samples(scene, recording_of(scene, planned, std, "planned"), std))
 
     def problem(self, planned: Motion, like: WeakProblem | None = None) -> WeakProblem:
-        """The motion's rows, whitened under the nominal model.
+        """The planned motion's rows, whitened under the nominal model.
 
-        With `like`, by the whitening of another motion on this bench: most of the work, and where nothing touches all
-        but the same. The rows' slopes in the samples are then that motion's too.
+        With `like`, the whitening of another motion on this bench is reused, which saves most of the computation and is
+        nearly exact without contacts. The rows' derivatives in the samples are then that motion's as well.
         """
         return self.reading(recording_of(self.scene, planned, self.samples.std, "planned"), like)
 
     def reading(self, recording: Recording, like: WeakProblem | None = None) -> WeakProblem:
-        """The rows of a recording that was sampled as this bench's motions are."""
+        """The whitened rows of a recording on this bench's time grid; `like` as for `problem`."""
         scene = self.scene
         weak = WeakForm(retaken(self.samples, scene, recording), scene.wrench_sensors)
         if like is not None:
@@ -82,7 +82,7 @@ class Bench:
 
 
 def problem_of(scene: Scene, runs: list[Recording]) -> WeakProblem:
-    """Recordings' rows, whitened under the nominal model and the stated noise."""
+    """The recordings' rows, whitened under the nominal model and the stated noise."""
     std = noise_of(scene)
     weak = [WeakForm(_samples(scene, run, std), scene.wrench_sensors) for run in runs]
     return WeakProblem.of(scene, weak, Model(scene.priors.mean))

@@ -1,7 +1,7 @@
-"""What motions are worth by what becomes of them in simulation, each explanation being the truth in turn.
+"""The value of motions by closed-loop simulation, with each explanation in turn as the truth.
 
-A plan can be judged by itself, as the nominal model moves. Where contacts or couplings take the robot off its plan, or
-where rows of short windows follow a law only so closely, what runs bring is something else.
+The value of a plan assumes that the robot moves as the nominal model. Where contacts or couplings make it deviate from
+the plan, or the rows of short windows approximate a law poorly, the value of its simulated runs differs.
 """
 
 from collections.abc import Sequence
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.discrimination.closed_loop import measured, simulated_together
 from drake_cafim.discrimination.evidence import Course, Explained, explain, looked
 from drake_cafim.discrimination.hypotheses import Pair
@@ -21,25 +21,25 @@ from drake_cafim.recordings.recording import Recording
 from drake_cafim.typing import Array
 
 STEPS = 8
-"""Of a rival's fit."""
+"""Largest number of Gauss–Newton steps of a rival's fit."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A motion as it goes where `truth` holds: what noiseless sensors write of it, and its rows."""
+    """A simulated run in which `truth` holds: its noiseless recording and whitened rows."""
 
     truth: Model
     recording: Recording
     problem: WeakProblem
 
     def courses(self, rival: Model) -> tuple[Course, Course]:
-        """Of the truth, and of a rival about its best numbers."""
+        """The course of the truth, and that of a rival linearized at its fit."""
         best: Explained = explain(self.problem, rival, steps=STEPS)
         return Course.of(self.problem, looked(self.problem, self.truth)), Course.of(self.problem, best)
 
 
 def runs(bench: Bench, limits: Limits, truth: Model, planned: Sequence[Motion]) -> list[Run]:
-    """Of each motion, in closed loop."""
+    """The closed-loop simulation of each planned motion, with `truth` as the robot's physics."""
     scene, quiet = bench.scene, dict.fromkeys(bench.samples.std, 0.0)
     physics, random = truth.physics(scene), np.random.default_rng(0)
     found = []
@@ -51,20 +51,20 @@ def runs(bench: Bench, limits: Limits, truth: Model, planned: Sequence[Motion]) 
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """The value of motions by their runs instead of their plans."""
+    """The value of motions by their simulated runs instead of their plans."""
 
     bench: Bench
     limits: Limits
     value: OddsValue
 
     def __call__(self, planned: Sequence[Motion]) -> Array:
-        """(N,), of each motion."""
+        """The values (N,) of the motions."""
         models = {id(model): model for pair in self.value.pairs for model in (pair.first, pair.second)}
         by_truth = [runs(self.bench, self.limits, model, planned) for model in models.values()]
-        return np.array([self._of(dict(zip(models, those, strict=True))) for those in zip(*by_truth, strict=True)])
+        return np.array([self._of(dict(zip(models, runs_of, strict=True))) for runs_of in zip(*by_truth, strict=True)])
 
     def _of(self, runs: dict[int, Run]) -> float:
-        """Of one motion, by its runs where each model holds."""
+        """The value of a motion by its runs, keyed by the id of the model that is the truth."""
 
         def courses(pair: Pair) -> tuple[tuple[Course, Course], tuple[Course, Course]]:
             return runs[id(pair.first)].courses(pair.second), runs[id(pair.second)].courses(pair.first)

@@ -1,4 +1,4 @@
-"""What a planner maximises: the odds that a motion is expected to bring, or the information in it."""
+"""Objectives of a planner: expected log odds, the rate at which odds are settled, or Fisher information."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import log_ndtr, ndtr
 
 from drake_cafim.design.planner import Scored
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.discrimination.evidence import (
     Course,
     Explained,
@@ -26,37 +26,37 @@ from drake_cafim.typing import Array
 
 TWENTY_TO_ONE = float(np.log(20.0))
 REPEATS: Array = np.asarray(3.0 * 1.2 ** np.arange(28), dtype=float)
-"""Of a motion, after which its odds are looked at: to some hundred runs, closely enough for an integral."""
+"""Numbers of repetitions of a motion at which the odds are evaluated: 3 to 400, closely enough for quadrature."""
 
 
 class Value(Protocol):
-    """The worth of one planned motion."""
+    """The value of a planned motion."""
 
     def __call__(self, problem: WeakProblem) -> float:
-        """Larger is better."""
+        """The value of the motion with these whitened rows; larger is better."""
         ...
 
 
 Courses: TypeAlias = Callable[[Pair], tuple[tuple[Course, Course], tuple[Course, Course]]]
-"""Of the true model and of its rival along one motion, if the pair's first is true, and if its second is."""
+"""Courses (true model, rival) along a motion: for the pair's first model as the truth, and for its second."""
 
 
 class OddsValue(Value, Protocol):
-    """A worth that lies in the odds between the explanations of `pairs`, however these were foreseen."""
+    """A value that depends on the expected odds between the models of `pairs`, from plans or from simulated runs."""
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
-        """To be told apart."""
+        """The pairs of models to tell apart."""
         ...
 
     def of(self, problem: WeakProblem, courses: Courses) -> float:
-        """Larger is better; `problem` says when windows end."""
+        """The value for these courses, larger is better; `problem` gives the windows' end times."""
         ...
 
 
 @dataclass(frozen=True)
-class _Looks:
-    """Models along one planned motion, each looked at once."""
+class _PlannedCourses:
+    """Models along a planned motion, each linearized only once."""
 
     problem: WeakProblem
     _known: dict[int, Explained] = field(default_factory=dict)
@@ -79,15 +79,15 @@ class Odds:
     pairs: tuple[Pair, ...]
 
     def __call__(self, problem: WeakProblem) -> float:
-        return self.of(problem, _Looks(problem))
+        return self.of(problem, _PlannedCourses(problem))
 
     def of(self, problem: WeakProblem, courses: Courses) -> float:
-        """By the odds after one motion."""
+        """The smallest expected log odds after one run of the motion."""
         return min(min(self._of(courses, pair)) for pair in self.pairs)
 
     def directions(self, problem: WeakProblem, pair: Pair) -> tuple[float, float]:
-        """If the pair's first is true, and if its second is."""
-        return self._of(_Looks(problem), pair)
+        """Expected log odds for the pair's first model as the truth, and for its second."""
+        return self._of(_PlannedCourses(problem), pair)
 
     def _of(self, courses: Courses, pair: Pair) -> tuple[float, float]:
         first, second = (float(expected_log_odds(*side)[-1]) for side in courses(pair))
@@ -96,66 +96,67 @@ class Odds:
 
 @dataclass(frozen=True)
 class Soonest:
-    """The rate 1/s at which odds are settled: one over the robot time that passes, in the geometric mean over noise and
-    the motion being run again and again, until `log_odds` were reached for each explanation of the pairs, were it true.
+    """The rate 1/s at which odds are settled: the inverse of the geometric mean, over the noise, of the robot time
+    after which `log_odds` have been reached for each model of the pairs as the truth, with the motion repeated.
 
-    Where rows are linear, noise makes of ln odds a normal walk with twice its mean m(t) for variance. The chance that
-    it has been beyond b is Φ((m − b)/√(2m)) + eᵇ Φ(−(m + b)/√(2m)) (Chhikara, Folks, The Inverse Gaussian Distribution,
-    1989). A mean over these chances is smooth in the motion, as the moment at which m passes b is not: m hardly rises
-    on a robot's way home. The geometric one, as a median, cares little about the few runs that never end.
+    For linear rows the log odds are a Gaussian random walk with mean m(t) and variance 2 m(t). The probability that it
+    has exceeded b is Φ((m − b)/√(2m)) + eᵇ Φ(−(m + b)/√(2m)) (Chhikara, Folks, The Inverse Gaussian Distribution,
+    1989). A mean over this distribution is smooth in the motion; the time at which m passes b is not, since m hardly
+    grows on the robot's way home. A geometric mean, like a median, is insensitive to the few runs that never settle.
     """
 
     pairs: tuple[Pair, ...]
     log_odds: float = TWENTY_TO_ONE
 
     def __call__(self, problem: WeakProblem) -> float:
-        return self.of(problem, _Looks(problem))
+        return self.of(problem, _PlannedCourses(problem))
 
     def of(self, problem: WeakProblem, courses: Courses) -> float:
-        """By the odds after each window."""
-        settled = [one for pair in self.pairs for one in self._settled(courses, pair)]
-        return 1.0 / _waited(_moments(problem), np.prod(settled, axis=0))
+        """The rate 1/s from the expected odds after each window."""
+        settled = [chances for pair in self.pairs for chances in self._settled(courses, pair)]
+        return 1.0 / _mean_time(_moments(problem), np.prod(settled, axis=0))
 
     def directions(self, problem: WeakProblem, pair: Pair) -> tuple[float, float]:
-        """Expected robot time s if the pair's first is true, and if its second is."""
-        first, second = (_waited(_moments(problem), one) for one in self._settled(_Looks(problem), pair))
+        """Geometric mean time s for the pair's first model as the truth, and for its second."""
+        chances = self._settled(_PlannedCourses(problem), pair)
+        first, second = (_mean_time(_moments(problem), settled) for settled in chances)
         return first, second
 
     def _settled(self, courses: Courses, pair: Pair) -> list[Array]:
-        """The chances (K,) that odds were settled by each moment, if the first is true, and if the second is."""
-        return [passed(_again_and_again(*side), self.log_odds) for side in courses(pair)]
+        """Probabilities (K,) that odds are settled by each moment: first model true, and second model true."""
+        return [passed(_repeated_log_odds(*side), self.log_odds) for side in courses(pair)]
 
 
 def _moments(problem: WeakProblem) -> Array:
-    """Robot time s (K,): when windows of the first two runs are over, then when further runs are."""
+    """Robot times (K,) s: the ends of the windows of the first two runs, then the ends of `REPEATS` runs."""
     windows = problem.runs[0].weak.samples.windows
     duration = float(windows.time[-1] - windows.time[0])
     ends = windows.starts + windows.width - windows.time[0]
     return np.concatenate([ends, duration + ends, duration * REPEATS])
 
 
-def _again_and_again(own: Course, other: Course) -> Array:
-    """The log odds (K,) that are expected at `_moments`."""
-    again = [expected_log_odds(own, other), expected_log_odds(own.after(own), other.after(other))]
-    return np.concatenate([*again, expected_log_odds(own.repeated(REPEATS), other.repeated(REPEATS))])
+def _repeated_log_odds(truth: Course, rival: Course) -> Array:
+    """The expected log odds (K,) at `_moments`."""
+    first_two = [expected_log_odds(truth, rival), expected_log_odds(truth.after(truth), rival.after(rival))]
+    return np.concatenate([*first_two, expected_log_odds(truth.repeated(REPEATS), rival.repeated(REPEATS))])
 
 
 def passed(mean: Array, threshold: float) -> Array:
-    """The chances (K,) that a walk which is expected to be at `mean` (K,) has been beyond `threshold` (> 0)."""
+    """Probabilities (K,) that a random walk of mean `mean` (K,) and variance 2 `mean` has exceeded `threshold` > 0."""
     mean = np.maximum(mean, 1e-3)
     spread = np.sqrt(2.0 * mean)
     chance = ndtr((mean - threshold) / spread) + np.exp(threshold + log_ndtr(-(mean + threshold) / spread))
     return np.asarray(np.maximum.accumulate(chance))
 
 
-def _waited(moments: Array, settled: Array) -> float:
-    """exp E ln t s, from the chances that t is over at `moments` (K,) s; before the first of them nothing is."""
+def _mean_time(moments: Array, settled: Array) -> float:
+    """exp E ln t, s, from the distribution function `settled` (K,) of t at `moments` (K,) s; t ≥ the first moment."""
     return float(moments[0] * np.exp(np.trapezoid(1.0 - settled, np.log(moments))))
 
 
 @dataclass(frozen=True)
 class Information:
-    """½ (ln det(P + F) − ln det P) of unknowns and all models' strengths together: D-optimality."""
+    """½ (ln det(P + F) − ln det P) for the unknowns and all models' strengths jointly: D-optimality."""
 
     models: Sequence[Model]
 
@@ -164,19 +165,19 @@ class Information:
         return float(criterion("logdet", (J.T @ J)[None], np.eye(J.shape[1]))[0])
 
     def _columns(self, problem: WeakProblem) -> Iterator[Array]:
-        """Slopes in coordinates whose prior is a unit normal: of the unknowns, and of each effect once."""
+        """Jacobian columns in coordinates with a unit normal prior: of the unknowns, and of each effect once."""
         known: set[tuple[str, str]] = set()
         for number, model in enumerate(self.models):
-            new = tuple(one for one in model.effects if one.key not in known)
-            known |= {one.key for one in new}
+            new = tuple(effect for effect in model.effects if effect.key not in known)
+            known |= {effect.key for effect in new}
             yield slopes(problem, Model(model.unknown, new))[:, len(model.unknown) if number else 0 :]
 
 
 @dataclass(frozen=True)
 class MotionScore:
-    """A planner's score: commands (N, points, n) within [−1, 1] as motions, each worth its `value`.
+    """A planner's score: the `value` of the motion of each of the commands (N, points, n) within [−1, 1].
 
-    All are whitened as `like`, where it is given.
+    With `like`, its whitening is used for all motions.
     """
 
     bench: Bench
@@ -186,9 +187,9 @@ class MotionScore:
     like: WeakProblem | None = None
 
     def __call__(self, commands: Array) -> Scored:
-        return Scored(np.array([self.of(one) for one in commands]), np.zeros((len(commands), 0, 0)))
+        return Scored(np.array([self.of(candidate) for candidate in commands]), np.zeros((len(commands), 0, 0)))
 
     def of(self, commands: Array) -> float:
-        """Of one motion, (points, n)."""
+        """The value of the motion of `commands` (points, n)."""
         planned = plan(self.shape, self.limits, self.bench.scene.physics, commands)
         return self.value(self.bench.problem(planned, self.like))

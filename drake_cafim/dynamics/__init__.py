@@ -1,1 +1,1 @@
-"""Rigid-body quantities of a Drake plant, vectorised over samples."""
+"""Rigid-body kinematics and dynamics of a Drake plant, vectorised over samples."""

@@ -1,4 +1,4 @@
-"""A box of a floating body against a plane: each of its corners is a point that may touch."""
+"""Contact of a floating body's box with a plane: each of the box's eight corners is a contact point."""
 
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -25,7 +25,7 @@ class BoxContact(SphereContact):
         return np.asarray(self.p_JC + corners @ self.R_JG.T, dtype=float)
 
     def with_parameter(self, name: str, value: float) -> "SphereContact":
-        """The contact with one of its numbers replaced, `length`, `width` and `height` of the box among them."""
+        """The contact with one parameter replaced; the box's `length`, `width` and `height` are parameters too."""
         if name in EXTENTS:
             size = self.size.copy()
             size[EXTENTS.index(name)] = value

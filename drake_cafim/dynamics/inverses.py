@@ -1,19 +1,19 @@
-"""Inverses of many small matrices, as of mass matrices along a motion."""
+"""Inverses of many small matrices at once, such as mass matrices along a motion."""
 
 import numpy as np
 
-from drake_cafim.compiled import compiled
+from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array
 
 
 def inverses(matrices: Array) -> Array:
-    """The inverse (N, n, n) of each of `matrices` (N, n, n); infinite or no numbers where there is none."""
-    return np.asarray(_inverted(np.array(matrices, dtype=float, order="C")), dtype=float)
+    """The inverse (N, n, n) of each of `matrices` (N, n, n); inf or nan where a matrix is singular."""
+    return np.asarray(_invert(np.array(matrices, dtype=float, order="C")), dtype=float)
 
 
 @compiled
-def _inverted(left: Array) -> Array:
-    """The same by elimination with the largest pivot of each column; `left` is used up."""
+def _invert(left: Array) -> Array:
+    """The same by Gauss-Jordan elimination with partial pivoting; `left` is overwritten."""
     N, n = left.shape[0], left.shape[1]
     result = np.zeros((N, n, n))
     for i in range(N):

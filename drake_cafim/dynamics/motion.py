@@ -1,6 +1,6 @@
 """Spatial kinematics and momentum of a tree over many samples at once.
 
-Spatial vectors stand about the world origin, in world axes, angular part first (Featherstone, *Rigid Body
+Spatial vectors are about the world origin, in world axes, angular part first (Featherstone, *Rigid Body
 Dynamics Algorithms*, 2008, ch. 2): a joint's axis S, a link's velocity V = Σ S v, its momentum h = I V.
 """
 
@@ -9,9 +9,9 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_cafim.cross import cross
 from drake_cafim.dynamics.recursions import balanced, equations, kinematics, projected
 from drake_cafim.dynamics.tree import FIXED, Tree
+from drake_cafim.numerics.cross import cross
 from drake_cafim.typing import Array
 
 
@@ -33,10 +33,10 @@ def cross_motion(V: Array, S: Array) -> Array:
 
 @dataclass(frozen=True)
 class Motion:
-    """Where the links are and how they move.
+    """Poses and spatial velocities of all links over N samples.
 
-    `q`, `v` (N, n); `R_WJ` (N, n, 3, 3), `p_WJ` (N, n, 3) poses of the joints' moving frames; `axes` (N, n, 6)
-    and `velocities` (N, n, 6) about the world origin, world axes.
+    `q`, `v` (N, n) joint positions and velocities; `R_WJ` (N, n, 3, 3), `p_WJ` (N, n, 3) m poses of the joints' moving
+    frames; joint `axes` S (N, n, 6) and link `velocities` V (N, n, 6) about the world origin, world axes.
     """
 
     tree: Tree
@@ -47,7 +47,7 @@ class Motion:
     axes: Array
     velocities: Array
     lasting: Array | float = 0.0
-    """s that each sample stands for, (N,); zero for a moment."""
+    """Sample interval s, (N,), over which force onsets are averaged; zero for an instant."""
     _points: dict[tuple[int, bytes], tuple[Array, Array]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -62,7 +62,7 @@ class Motion:
         return np.asarray(projected(self.tree.frames[0], self.axes, np.ascontiguousarray(wrench)), dtype=float)
 
     def point(self, joint: int, p_JP: Array) -> tuple[Array, Array]:
-        """World position and velocity, each (N, 3), of a point fixed in frame J, `p_JP` (3,); the last few are kept."""
+        """World position and velocity, each (N, 3), of the point `p_JP` (3,) m fixed in frame J; cached by point."""
         key = joint, p_JP.tobytes()
         if key not in self._points:
             while len(self._points) >= 8:
@@ -79,7 +79,7 @@ class Motion:
         return position, V[:, 3:] + cross(V[:, :3], position)
 
     def force_at(self, joint: int, p_JP: Array) -> Array:
-        """Generalized forces (N, n, 3) of unit forces along the world's axes at a point fixed in frame J."""
+        """Transposed Jacobian (N, n, 3): generalized forces of unit forces along the world's axes at a point of J."""
         p_WP, _ = self.point(joint, p_JP)
         result = np.zeros((*self.q.shape, 3))
         for k in np.flatnonzero(self.tree.supports()[joint]):
@@ -90,32 +90,32 @@ class Motion:
 
 def motion(tree: Tree, q: Array, v: Array) -> Motion:
     """The motion of `tree` at positions `q` and velocities `v`, each (N, n)."""
-    # compiled for rows that lie one after the other
+    # the compiled function expects C-contiguous arrays
     q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
     return Motion(tree, q, v, *kinematics(*tree.frames, q, v))
 
 
 @dataclass(frozen=True)
 class MomentumBalance:
-    """The two sides of d/dt(∂T/∂v) = ∂T/∂q + gravity + applied, each (N, n)."""
+    """Terms of the momentum balance d/dt(∂T/∂v) = ∂T/∂q + gravity + applied, each (N, n)."""
 
     momentum: Array
     """p = M(q) v."""
     force: Array
-    """∂T/∂q + gravity."""
+    """∂T/∂q + generalized gravity force."""
 
 
 def momentum_balance(moving: Motion, gravity: Array) -> MomentumBalance:
     """Generalized momentum and its inertial and gravity forces; `gravity` (3,) m/s² in the world."""
     places = (moving.R_WJ, moving.p_WJ, moving.axes, moving.velocities)
-    numbers = (np.ascontiguousarray(one, dtype=float) for one in (*places, *moving.tree.lumps, gravity))
+    numbers = (np.ascontiguousarray(values, dtype=float) for values in (*places, *moving.tree.lumps, gravity))
     return MomentumBalance(*balanced(moving.tree.frames[0], *numbers))
 
 
 def equations_of_motion(moving: Motion, gravity: Array) -> tuple[Array, Array]:
-    """M(q) (N, n, n), without rotor inertias, and C(q, v) v − gravity (N, n), the force that keeps v̇ = 0."""
+    """M(q) (N, n, n), without rotor inertias, and the bias C(q, v) v − gravity (N, n), the force for which v̇ = 0."""
     places = (moving.R_WJ, moving.p_WJ, moving.axes, moving.velocities, moving.v)
-    numbers = (np.ascontiguousarray(one, dtype=float) for one in (*places, *moving.tree.lumps, gravity))
+    numbers = (np.ascontiguousarray(values, dtype=float) for values in (*places, *moving.tree.lumps, gravity))
     M, bias = equations(moving.tree.frames[0], *numbers)
     return np.asarray(M, dtype=float), np.asarray(bias, dtype=float)
 
@@ -126,5 +126,5 @@ def mass_matrix(moving: Motion) -> Array:
 
 
 def bias_force(moving: Motion, gravity: Array) -> Array:
-    """C(q, v) v − gravity, (N, n): the force that keeps v̇ = 0."""
+    """C(q, v) v − gravity, (N, n): the generalized force for which v̇ = 0."""
     return equations_of_motion(moving, gravity)[1]

@@ -1,13 +1,13 @@
-"""The recursions of rigid-body dynamics, from joint to joint, sample after sample.
+"""Recursive rigid-body algorithms (kinematics, mass matrix, bias, momentum), compiled, over many samples.
 
-Spatial vectors stand about the world origin, in world axes, angular part first; a link's inertia is ten numbers: mass,
+Spatial vectors are about the world origin, in world axes, angular part first; a link's inertia is ten numbers: mass,
 first moment, and the inertia about the origin (xx, yy, zz, xy, xz, yz) (Featherstone, Rigid Body Dynamics Algorithms,
 2008, ch. 5, 6).
 """
 
 import numpy as np
 
-from drake_cafim.compiled import compiled
+from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array, Indices
 
 
@@ -17,8 +17,8 @@ def kinematics(
 ) -> tuple[Array, Array, Array, Array]:
     """Poses R (N, n, 3, 3), p (N, n, 3) of the joints' moving frames, axes S and velocities V (N, n, 6).
 
-    By `q` and `v` (N, n); `parents` (n,) is −1 where a joint stands in the world, R_PF (n, 3, 3) and p_PF (n, 3) its
-    place on its parent, `joint_axes` (n, 3) and `prismatic` (n,) its kind.
+    For `q` and `v` (N, n). `parents` (n,) are the parent joints' indices, −1 for the world; R_PF (n, 3, 3) and p_PF
+    (n, 3) m the joints' poses on their parents; `joint_axes` (n, 3) in F; `prismatic` (n,) 1 or 0 for revolute.
     """
     N, n = q.shape
     R, p = np.empty((N, n, 3, 3)), np.empty((N, n, 3))
@@ -51,7 +51,7 @@ def kinematics(
                 p[i, j, 2] += az * q[i, j]
                 S[i, j, 3], S[i, j, 4], S[i, j, 5] = ax, ay, az
             else:
-                # Rodrigues: column by column, F turned about its axis
+                # Rodrigues' formula: F rotated about the joint's axis
                 sine, versine = np.sin(q[i, j]), 1.0 - np.cos(q[i, j])
                 x, y, z = axis[0], axis[1], axis[2]
                 for r in range(3):
@@ -72,7 +72,7 @@ def kinematics(
 
 @compiled
 def _momentum(inertia: Array, V: Array, h: Array) -> None:
-    """h (6,) = I V for ten numbers of an inertia."""
+    """Writes h (6,) = I V for an inertia I of ten numbers."""
     m, x, y, z = inertia[0], inertia[1], inertia[2], inertia[3]
     h[0] = inertia[4] * V[0] + inertia[7] * V[1] + inertia[8] * V[2] + y * V[5] - z * V[4]
     h[1] = inertia[7] * V[0] + inertia[5] * V[1] + inertia[9] * V[2] + z * V[3] - x * V[5]
@@ -86,7 +86,10 @@ def _momentum(inertia: Array, V: Array, h: Array) -> None:
 def _inertia(
     R: Array, p: Array, mass: float, center: Array, inertia: Array, turned: Array, c: Array, found: Array
 ) -> None:
-    """`found` (10,): what rides a joint at pose `R` (3, 3), `p` (3,); `turned` (3, 3) and `c` (3,) are for work."""
+    """Writes into `found` (10,) the inertia, about the world origin, of the bodies fixed to a joint's moving frame.
+
+    Its pose is `R` (3, 3), `p` (3,); `turned` (3, 3) and `c` (3,) are work arrays.
+    """
     for r in range(3):
         c[r] = p[r]
         for s in range(3):
@@ -113,10 +116,10 @@ def equations(
     parents: Indices, R: Array, p: Array, S: Array, V: Array, v: Array, mass: Array, center: Array, inertia: Array,
     gravity: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """M (N, n, n) by composite inertias, and C v − gravity (N, n) by Newton and Euler, without rotor inertias.
+    """M (N, n, n) by composite inertias, and C v − gravity (N, n) by Newton-Euler recursion, without rotor inertias.
 
-    Of the motion that `kinematics` gives; `mass` (n,), `center` (n, 3) and `inertia` (n, 3, 3) about it are of what
-    rides each joint itself, in its moving frame; `gravity` (3,) m/s² in the world.
+    R, p, S, V are the outputs of `kinematics`; `mass` (n,) kg, `center` (n, 3) m and central `inertia` (n, 3, 3) kg m²
+    those of the bodies fixed to each joint's moving frame, as `Tree.lumps`; `gravity` (3,) m/s², world axes.
     """
     N, n = v.shape
     M, bias = np.zeros((N, n, n)), np.empty((N, n))
@@ -126,17 +129,18 @@ def equations(
         for j in range(n):
             _inertia(R[i, j], p[i, j], mass[j], center[j], inertia[j], turned, c, total[j])
             W, A, parent, rate = V[i, j], S[i, j], parents[j], v[i, j]
-            own = acceleration[j]
+            a = acceleration[j]
             for r in range(3):
-                own[r] = 0.0 if parent < 0 else acceleration[parent, r]
-                own[3 + r] = -gravity[r] if parent < 0 else acceleration[parent, 3 + r]
-            own[0] += rate * (W[1] * A[2] - W[2] * A[1])
-            own[1] += rate * (W[2] * A[0] - W[0] * A[2])
-            own[2] += rate * (W[0] * A[1] - W[1] * A[0])
-            own[3] += rate * (W[1] * A[5] - W[2] * A[4] + W[4] * A[2] - W[5] * A[1])
-            own[4] += rate * (W[2] * A[3] - W[0] * A[5] + W[5] * A[0] - W[3] * A[2])
-            own[5] += rate * (W[0] * A[4] - W[1] * A[3] + W[3] * A[1] - W[4] * A[0])
-            _momentum(total[j], own, force[j])
+                a[r] = 0.0 if parent < 0 else acceleration[parent, r]
+                # a base that accelerates against gravity stands for the links' weight
+                a[3 + r] = -gravity[r] if parent < 0 else acceleration[parent, 3 + r]
+            a[0] += rate * (W[1] * A[2] - W[2] * A[1])
+            a[1] += rate * (W[2] * A[0] - W[0] * A[2])
+            a[2] += rate * (W[0] * A[1] - W[1] * A[0])
+            a[3] += rate * (W[1] * A[5] - W[2] * A[4] + W[4] * A[2] - W[5] * A[1])
+            a[4] += rate * (W[2] * A[3] - W[0] * A[5] + W[5] * A[0] - W[3] * A[2])
+            a[5] += rate * (W[0] * A[4] - W[1] * A[3] + W[3] * A[1] - W[4] * A[0])
+            _momentum(total[j], a, force[j])
             _momentum(total[j], W, h)
             force[j, 0] += W[1] * h[2] - W[2] * h[1] + W[4] * h[5] - W[5] * h[4]
             force[j, 1] += W[2] * h[0] - W[0] * h[2] + W[5] * h[3] - W[3] * h[5]
@@ -168,20 +172,20 @@ def equations(
 def balanced(
     parents: Indices, R: Array, p: Array, S: Array, V: Array, mass: Array, center: Array, inertia: Array, gravity: Array
 ) -> tuple[Array, Array]:
-    """Generalized momentum M v and ∂T/∂q + gravity, each (N, n), without rotor inertias; arguments as `equations`.
+    """Generalized momentum M v and ∂T/∂q + gravity, each (N, n), without rotor inertias; arguments as of `equations`.
 
-    With h the momentum that joint k carries and w the weight, they are S_k·h and Ṡ_k·h + S_k·w with Ṡ = V × S.
+    With h the momentum and w the weight of the subtree beyond joint k, they are S_k·h and Ṡ_k·h + S_k·w, Ṡ = V × S.
     """
     N, n = S.shape[:2]
     momentum, force = np.empty((N, n)), np.empty((N, n))
-    h, w, own, pull = np.empty((n, 6)), np.empty((n, 6)), np.empty(10), np.zeros(6)
+    h, w, link, pull = np.empty((n, 6)), np.empty((n, 6)), np.empty(10), np.zeros(6)
     turned, c = np.empty((3, 3)), np.empty(3)
     pull[3:] = gravity
     for i in range(N):
         for j in range(n):
-            _inertia(R[i, j], p[i, j], mass[j], center[j], inertia[j], turned, c, own)
-            _momentum(own, V[i, j], h[j])
-            _momentum(own, pull, w[j])
+            _inertia(R[i, j], p[i, j], mass[j], center[j], inertia[j], turned, c, link)
+            _momentum(link, V[i, j], h[j])
+            _momentum(link, pull, w[j])
         for j in range(n - 1, -1, -1):
             W, A, g = V[i, j], S[i, j], h[j]
             momentum[i, j], force[i, j] = 0.0, 0.0
@@ -200,7 +204,7 @@ def balanced(
 
 @compiled
 def projected(parents: Indices, S: Array, wrench: Array) -> Array:
-    """Generalized forces (N, n) of wrenches (N, n, 6) on the links; each joint feels its whole subtree's."""
+    """Generalized forces (N, n) of wrenches (N, n, 6) on the links: S_k · the sum of the wrenches on k's subtree."""
     N, n = wrench.shape[:2]
     result, total = np.empty((N, n)), np.empty((n, 6))
     for i in range(N):

@@ -1,16 +1,16 @@
-"""Unit quaternions (w, x, y, z) and small rotations about the world's axes, over many samples at once."""
+"""Unit quaternions (w, x, y, z), rotation vectors and rotation matrices, over many samples at once."""
 
 import numpy as np
 
-from drake_cafim.compiled import compiled
-from drake_cafim.cross import cross
+from drake_cafim.numerics.compiled import compiled
+from drake_cafim.numerics.cross import cross
 from drake_cafim.typing import Array
 
 _OF_VECTOR = np.array([[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], float)
 
 
 def crossing(vector: Array) -> Array:
-    """(B, 3, 3) the matrices of vector × for (B, 3)."""
+    """The skew-symmetric matrices (B, 3, 3) of `vector` × for vectors (B, 3)."""
     return np.asarray((vector @ _OF_VECTOR).reshape(-1, 3, 3))
 
 
@@ -22,7 +22,7 @@ def rotation_matrices(quaternion: Array) -> Array:
 
 @compiled
 def rotation_matrices_of(quaternion: Array) -> Array:
-    """R (B, 3, 3) of unit quaternions (B, 4), for compiled code to call."""
+    """R (B, 3, 3) of unit quaternions (B, 4), callable from compiled functions."""
     R = np.empty((len(quaternion), 3, 3))
     for i in range(len(quaternion)):
         a, b, c, d = quaternion[i]
@@ -40,7 +40,7 @@ def product(a: Array, b: Array) -> Array:
 
 
 def inverse(quaternion: Array) -> Array:
-    """The opposite rotation, (..., 4)."""
+    """The inverse of a unit quaternion (..., 4): its conjugate."""
     return np.asarray(quaternion * np.array([1.0, -1.0, -1.0, -1.0]), dtype=float)
 
 

@@ -1,16 +1,16 @@
-"""Steps in time of many simulations at once, compiled."""
+"""Time integration of many simulations at once (compiled)."""
 
 import numpy as np
 
-from drake_cafim.compiled import compiled
 from drake_cafim.dynamics.recursions import equations, kinematics, projected
 from drake_cafim.dynamics.touching import pressed
+from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array, Indices
 
 
 @compiled
-def _solved(A: Array, b: Array) -> None:
-    """`b` (n,) becomes A⁻¹ b, by Gauss with pivots; `A` (n, n) is used up."""
+def _solve(A: Array, b: Array) -> None:
+    """Overwrites `b` (n,) with A⁻¹ b by Gaussian elimination with partial pivoting; `A` (n, n) is overwritten too."""
     n = len(b)
     for k in range(n):
         pivot = k
@@ -38,10 +38,10 @@ def stepped(
     inertia: Array, rotors: Array, dampings: Array, gravity: Array, joints: Indices, placed: Array, laws: Array,
     q: Array, v: Array, force: Array, slope: Array, duration: Array, count: int,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Positions and velocities (B, n) after `count` steps of `duration` (B,) s each, by `stepper.step`'s rule.
+    """Positions and velocities (B, n) after `count` steps of `duration` (B,) s each, by the rule of `stepper.step`.
 
-    The tree as for `kinematics` and `equations`, `rotors` and `dampings` (n,) of its joints, contacts as for `pressed`.
-    `force` (B, n) acts at the joints beside damping, and its `slope` (B, n) in v is taken implicitly.
+    The tree's arrays as for `kinematics` and `equations`, `rotors` and `dampings` (n,) of its joints, contacts as for
+    `pressed`. `force` (B, n) acts at the joints in addition to damping; its `slope` ∂force/∂v (B, n) enters implicitly.
     """
     B, n = q.shape
     q, v, change = q.copy(), v.copy(), np.empty(n)
@@ -58,7 +58,7 @@ def stepped(
             for j in range(n):
                 M[i, j, j] += rotors[j] + 0.5 * h * (dampings[j] - slope[i, j])
                 change[j] = h * (force[i, j] - dampings[j] * v[i, j] - bias[i, j] + push[i, j])
-            _solved(M[i], change)
+            _solve(M[i], change)
             for j in range(n):
                 q[i, j] += h * (v[i, j] + 0.5 * change[j])
                 v[i, j] += change[j]

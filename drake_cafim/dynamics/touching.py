@@ -1,8 +1,8 @@
-"""How a sphere of the tree meets a plane, and what a wrench sensor reads, sample after sample."""
+"""Contact kinematics of spheres on planes, their wrenches, and wrench sensor readings (compiled)."""
 
 import numpy as np
 
-from drake_cafim.compiled import compiled
+from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array, Indices
 
 
@@ -10,10 +10,10 @@ from drake_cafim.typing import Array, Indices
 def met(
     R: Array, p: Array, V: Array, joint: int, p_JC: Array, radius: float, point: Array, normal: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """Of a sphere's deepest point: penetration m, rate m/s (N,), slip m/s and place m (N, 3); and ω rad/s (N, 3).
+    """Penetration m, rate m/s (N,), slip m/s and position m (N, 3) of a sphere's deepest point; and ω rad/s (N, 3).
 
-    `R` (N, n, 3, 3), `p` (N, n, 3) and `V` (N, n, 6) are those of `Motion`; the sphere's centre `p_JC` (3,) m rides the
-    joint, the plane goes through `point` (3,) m with its unit `normal` (3,) out of it, world frame.
+    `R` (N, n, 3, 3), `p` (N, n, 3) and `V` (N, n, 6) are those of `Motion`; the sphere's centre `p_JC` (3,) m is fixed
+    in the joint's frame J; the plane passes through `point` (3,) m with outward unit `normal` (3,), world frame.
     """
     N = len(p)
     penetration, rate = np.empty(N), np.empty(N)
@@ -36,8 +36,8 @@ def met(
 
 
 @compiled
-def _pushed(depth: float, rate: float, law: Array) -> float:
-    """Normal force N of `normal_force`, by a contact's numbers as `SphereContact.numbers` lays them out."""
+def _normal_force(depth: float, rate: float, law: Array) -> float:
+    """The normal force N as of `normal_force`, with a contact's `law` (7,) as in `SphereContact.numbers`."""
     kind, stiffness, loss, smoothing = law[0], law[1], law[2], law[3]
     force: float = stiffness * depth
     if kind == 0.0:
@@ -53,8 +53,8 @@ def _pushed(depth: float, rate: float, law: Array) -> float:
 
 
 @compiled
-def _rubbed(normal: float, speed: float, law: Array) -> float:
-    """Friction over speed, N s/m, of `slip_force` or `resistance_force` under a `normal` force N."""
+def _friction_ratio(normal: float, speed: float, law: Array) -> float:
+    """Friction force divided by `speed`, N s/m, as of `slip_force` or `resistance_force`, for a `normal` force N."""
     friction, kind, width = law[4], law[5], law[6]
     if kind == 0.0:
         return 0.0
@@ -68,21 +68,21 @@ def _rubbed(normal: float, speed: float, law: Array) -> float:
 
 @compiled
 def pressed(R: Array, p: Array, V: Array, joints: Indices, placed: Array, laws: Array) -> Array:
-    """Wrenches (N, n, 6) on the links about the world's origin, moment first, of C spheres against their planes.
+    """Wrenches (N, n, 6) on the links about the world's origin, moment first, by the contacts of C spheres with planes.
 
-    `R`, `p` and `V` as for `met`. `joints` (C,) carry the spheres, `placed` (C, 10) are centre, radius, point and
-    normal of each, `laws` (C, 7) the numbers of its law.
+    `R`, `p` and `V` as for `met`. `joints` (C,) are the spheres' joints, `placed` (C, 10) centre, radius, point and
+    normal of each, `laws` (C, 7) the numbers of its law, as in `SphereContact.numbers`.
     """
     wrench, f = np.zeros((*p.shape[:2], 6)), np.empty(3)
     for k in range(len(joints)):
         j, at, law = joints[k], placed[k], laws[k]
         depth, rate, slip, place, _ = met(R, p, V, j, at[:3], at[3], at[4:7], at[7:])
         for i in range(len(p)):
-            normal = _pushed(depth[i], rate[i], law)
+            normal = _normal_force(depth[i], rate[i], law)
             if normal == 0.0:
                 continue
             speed = np.sqrt(slip[i, 0] * slip[i, 0] + slip[i, 1] * slip[i, 1] + slip[i, 2] * slip[i, 2])
-            rubbed = _rubbed(normal, speed, law)
+            rubbed = _friction_ratio(normal, speed, law)
             for x in range(3):
                 f[x] = normal * at[7 + x] - rubbed * slip[i, x]
             for x in range(3):
@@ -94,9 +94,10 @@ def pressed(R: Array, p: Array, V: Array, joints: Indices, placed: Array, laws: 
 
 @compiled
 def read(R: Array, p: Array, joint: int, R_JS: Array, p_JS: Array, wrench: Array) -> Array:
-    """(N, 6) force then torque in a sensor's frame S about So, from a wrench (N, 6) about the world's origin.
+    """The reading (N, 6), force then torque in a sensor's frame S about So, for a wrench about the world's origin.
 
-    The wrench has its moment first; `R` and `p` as for `met`, `R_JS` (3, 3) and `p_JS` (3,) the sensor on its joint.
+    The wrench (N, 6) has its moment first; `R` and `p` as for `met`; `R_JS` (3, 3) and `p_JS` (3,) m are the sensor's
+    pose in its joint's frame.
     """
     N = len(p)
     result, moment, at, onto = np.empty((N, 6)), np.empty(3), np.empty(3), np.empty(3)

@@ -1,4 +1,4 @@
-"""The kinematic tree and inertias of a Drake plant as plain arrays: thousands of samples go through at once."""
+"""The kinematic tree and inertias of a Drake plant as plain arrays, for vectorised computation."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,17 +16,17 @@ from drake_cafim.typing import Array, Indices
 
 OneAxisJoint: TypeAlias = RevoluteJoint | PrismaticJoint
 
-FIXED = -1  # the joint index of what stands still in the world
-FREE = 0  # the index of the frame of a body that floats: there are then no joints
+FIXED = -1  # the joint index of bodies fixed in the world
+FREE = 0  # the frame index of a floating body, whose tree has no joints
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A one-axis joint; frame J moves with its child and coincides with F on the parent at zero position."""
+    """A one-axis joint; frame J moves with the child and coincides with F on the parent at zero position."""
 
     name: str
     parent: int
-    """Index of the joint that the parent rides, `FIXED` for the world."""
+    """Index of the joint whose moving frame the parent body is fixed in, `FIXED` for the world."""
     R_PF: Array
     p_PF: Array
     axis: Array
@@ -48,7 +48,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body fixed in frame J of the joint that it rides."""
+    """A rigid body fixed in the moving frame J of joint number `joint`."""
 
     name: str
     joint: int
@@ -63,9 +63,9 @@ class Body:
 
 @dataclass(frozen=True)
 class Tree:
-    """Joints in an order in which parents come first, and the bodies that ride them.
+    """Joints, parents before children, and the bodies fixed to them.
 
-    Of a `floating` body there are no joints: it is frame `FREE` itself, with what is welded to it.
+    The tree of a `floating` body has no joints: the body, with those welded to it, is frame `FREE`.
     """
 
     joints: tuple[Joint, ...]
@@ -74,7 +74,7 @@ class Tree:
 
     @cached_property
     def lumps(self) -> tuple[Array, Array, Array]:
-        """What rides each joint itself: mass (n,) kg, centre of mass (n, 3) m, inertia about it (n, 3, 3), frame J."""
+        """Sums over the bodies fixed to each frame J: mass (n,), centre (n, 3) and central inertia (n, 3, 3), in J."""
         n = 1 if self.floating else len(self.joints)
         mass, center, inertia = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
         for joint in range(n):
@@ -91,9 +91,9 @@ class Tree:
 
     @cached_property
     def inertial_parameters(self) -> Array:
-        """(n, 10): mass, first moment and inertia about Jo (xx, yy, zz, xy, xz, yz) of what rides each joint, frame J.
+        """(n, 10): mass, first moment and inertia about Jo (xx, yy, zz, xy, xz, yz), in J, of the bodies fixed to J.
 
-        These are the numbers that momentum and weight are linear in.
+        Momentum and weight are linear in these parameters.
         """
         result = np.zeros((len(self.joints), 10))
         for body in self.bodies:
@@ -106,7 +106,7 @@ class Tree:
 
     @cached_property
     def frames(self) -> tuple[Indices, Array, Array, Array, Indices]:
-        """Each joint's parent (n,), R_PF (n, 3, 3), p_PF (n, 3) m, axis (n, 3), and whether it slides (n,)."""
+        """Each joint's parent (n,), R_PF (n, 3, 3), p_PF (n, 3) m, axis (n, 3), and whether it is prismatic (n,)."""
         joints = self.joints
         return (
             np.array([joint.parent for joint in joints], dtype=np.int64),
@@ -121,18 +121,20 @@ class Tree:
         return tuple(joint.name for joint in self.joints)
 
     def joint_index(self, name: str) -> int:
+        """The index of the joint of that name; `InputError` where there is none."""
         if name not in self.joint_names:
             raise InputError(f"the model has no joint named {name!r}; it has: {', '.join(self.joint_names)}")
         return self.joint_names.index(name)
 
     def body(self, name: str) -> Body:
+        """The body of that name; `InputError` where there is none."""
         for body in self.bodies:
             if body.name == name:
                 return body
         raise InputError(f"the model has no body named {name!r}; it has: {', '.join(b.name for b in self.bodies)}")
 
     def supports(self) -> Array:
-        """(n, n) ones where joint k (column) carries joint j (row), itself included."""
+        """(n, n) with 1 where joint k (column) is joint j (row) or one of its ancestors, 0 elsewhere."""
         n = len(self.joints)
         carried = np.eye(n)
         for j, joint in enumerate(self.joints):
@@ -178,7 +180,7 @@ def tree_of(plant: MultibodyPlant, locked: Mapping[str, float] | None = None) ->
                 f"joint {joint.name()}: its type {type(joint).__name__} is not supported here, "
                 "expected revolute, continuous, prismatic or fixed"
             )
-    moving.sort(key=lambda one: int(one.velocity_start()))
+    moving.sort(key=lambda joint: int(joint.velocity_start()))
     index = {joint.name(): k for k, joint in enumerate(moving)}
     rides = _rides(plant, index)
     rotors = _rotor_inertias(plant)
@@ -222,14 +224,14 @@ def _lock(plant: MultibodyPlant, context: Context, name: str, position: float) -
 
 
 def _rides(plant: MultibodyPlant, index: dict[str, int]) -> dict[str, int]:
-    """Body name to the index of the last moving joint on its way to the world."""
+    """Body name to the index of the nearest moving joint between it and the world."""
     rides = {plant.world_body().name(): FIXED}
     waiting = [plant.get_joint(i) for i in plant.GetJointIndices()]
     while waiting:
         known = [joint for joint in waiting if joint.parent_body().name() in rides]
         if not known:
             names = ", ".join(joint.child_body().name() for joint in waiting)
-            raise InputError(f"bodies {names} hang on no chain to the world; weld the base (`weld:`)")
+            raise InputError(f"bodies {names} are not connected to the world by joints; weld the base (`weld:`)")
         for joint in known:
             parent = rides[joint.parent_body().name()]
             rides[joint.child_body().name()] = index.get(joint.name(), parent)
@@ -282,7 +284,7 @@ def _joint(
 
 
 def _moving_frame(context: Context, moving: Sequence[OneAxisJoint], joint: int) -> RigidTransform:
-    """X_WJ of the joint of that index, the world itself for `FIXED`."""
+    """X_WJ of the joint of that index, the identity for `FIXED`."""
     return RigidTransform() if joint == FIXED else moving[joint].frame_on_child().CalcPoseInWorld(context)
 
 

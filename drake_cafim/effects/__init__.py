@@ -1,1 +1,1 @@
-"""The catalogue of physics that a model may lack: one effect, one class; one family, one file."""
+"""The catalogue of effects that a model may lack: each effect is one class, each family of effects one file."""

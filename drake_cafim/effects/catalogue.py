@@ -1,4 +1,4 @@
-"""The vocabulary: every effect class by its name."""
+"""The vocabulary of the diagnosis: all effect classes, and look-up by name."""
 
 from collections.abc import Sequence
 
@@ -26,6 +26,7 @@ from drake_cafim.effects.joint import (
     JointSpring,
     JointViscousFriction,
 )
+from drake_cafim.effects.kinds import check_kinds
 from drake_cafim.effects.link import GravityMisalignment, Payload, RotorInertia
 from drake_cafim.effects.normal_contact import (
     ContactAdhesion,
@@ -84,7 +85,7 @@ EFFECTS: tuple[type[Effect], ...] = (
 
 
 def effect_named(name: str, vocabulary: Sequence[type[Effect]] = EFFECTS) -> type[Effect]:
-    """The effect class of that name in `vocabulary`; `InputError` lists the valid ones."""
+    """The effect class of that name in `vocabulary`; the `InputError` for an unknown name lists the valid names."""
     for effect in vocabulary:
         if effect.name == name:
             return effect
@@ -94,8 +95,12 @@ def effect_named(name: str, vocabulary: Sequence[type[Effect]] = EFFECTS) -> typ
 def vocabulary_with(
     effects: Sequence[type[Effect]], vocabulary: tuple[type[Effect], ...] = EFFECTS
 ) -> tuple[type[Effect], ...]:
-    """`vocabulary` with `effects` that are not in it; `InputError` where two classes would share a name."""
+    """`vocabulary` with the `effects` that it lacks appended.
+
+    Raises `InputError` where two classes share a name, or a class is of no known kind.
+    """
     new = [effect for effect in effects if effect not in vocabulary]
+    check_kinds(new)
     taken = {effect.name for effect in vocabulary}
     for effect in new:
         if effect.name in taken:

@@ -1,23 +1,44 @@
-"""What contacts do beyond their nominal law, as effects: where they are looked for, and how a search starts."""
+"""Effects that change a contact's law: their places, their linearizations for screening, and their base class."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
 
 from drake_cafim.contact.change import ContactChange, Touch
 from drake_cafim.dynamics.contact import SphereContact
-from drake_cafim.effects.effect import Direction, Effect, Place
+from drake_cafim.effects.effect import Direction, Effect, P, Place
+from drake_cafim.effects.surroundings import Surroundings
+from drake_cafim.errors import InputError
 from drake_cafim.typing import Array
 
 FRICTION = "contact friction"
 
 
+class OnContacts(Protocol):
+    """An effect that changes contacts."""
+
+    @property
+    def key(self) -> tuple[str, str]: ...
+    def meets(self, contact: SphereContact) -> bool: ...
+    def on(self, contact: SphereContact) -> SphereContact: ...
+
+
+def on_contacts(effect: OnContacts, physics: P) -> P:
+    """A copy of `physics` with the effect applied to its contacts; `InputError` where no contact is at its place."""
+    if not any(effect.meets(contact) for contact in physics.contacts):
+        known = ", ".join(contact.name for contact in physics.contacts) or "none"
+        name, at = effect.key
+        raise InputError(f"effect {name} at {at}: no contact is there; the scenario has: {known}")
+    contacts = tuple(effect.on(contact) if effect.meets(contact) else contact for contact in physics.contacts)
+    return physics.changed(contacts=contacts)
+
+
 @dataclass(frozen=True)
 class ContactLook:
-    """Steps along which the effect is all but linear, and the effect that coefficients of them stand for."""
+    """Steps along which the effect is nearly linear, and `build`, from their coefficients to the effect."""
 
     steps: tuple[Direction, ...]
     build: Callable[[Array], Effect | None]
@@ -29,30 +50,41 @@ class ContactEffect(Effect, ContactChange):
 
     place: ClassVar[Place] = Place.CONTACT
     family: ClassVar[str] = "contact"
+    kind: ClassVar[str] = "contact"
+    of_contact: ClassVar[bool] = True
+    decides_bounces: ClassVar[bool] = False
+    """Whether it determines where and how high a thrown body bounces."""
+
+    def entered(self, physics: P) -> P:
+        return on_contacts(self, physics)
+
+    @classmethod
+    def attachments(cls, where: Surroundings) -> Iterator[str]:
+        yield from dict.fromkeys(cls.site(contact) for contact in where.contacts)
 
     def meets(self, contact: SphereContact) -> bool:
-        """Whether this is the contact that is meant."""
+        """Whether `at` names this contact's two bodies."""
         return set(self.at.split("/")) == set(contact.bodies)
 
     def on(self, contact: SphereContact) -> SphereContact:
-        """The contact with the effect in it."""
+        """The contact with the effect added to its changes."""
         return contact.changed(self)
 
     @classmethod
     def site(cls, contact: SphereContact) -> str:
-        """What `at` is for this contact."""
+        """The value of `at` for this contact."""
         return contact.name
 
     @abstractmethod
     def looks(self, contact: SphereContact, touch: Touch) -> Iterator[ContactLook]:
-        """Linear looks at the effect in a contact whose touches, of all recordings, are `touch`."""
+        """Linearizations of the effect for screening; `touch` is the contact's kinematics in all recordings."""
 
     def single(self, strength: str, size: float, shape: Mapping[str, float]) -> ContactLook:
-        """A look along one strength with the others held at `shape`."""
+        """The linearization in one strength, a step of `size`, with the other parameters held at `shape`."""
         step = Direction({**shape, strength: size}, None, size)
         return ContactLook((step,), lambda c: self.with_values({**shape, strength: float(c[0])}))
 
 
 def pressing(touch: Touch) -> Array:
-    """Where the two bodies touch, (N,)."""
+    """(N,) booleans: whether the two bodies touch, penetration > 0."""
     return np.asarray(touch.penetration > 0.0)

@@ -1,4 +1,4 @@
-"""How a contact resists sliding and rolling beyond one coefficient of friction."""
+"""Contact friction beyond one constant coefficient: Stribeck, anisotropic, presliding, rolling resistance."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from drake_cafim.effects.effect import Direction, Strength
 from drake_cafim.typing import Array
 
 ROLLING_WIDTH = 0.05
-"""rad/s over which rolling resistance turns its sign."""
+"""rad/s, width w of the smoothed sign function tanh(ω/w) of rolling resistance."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,8 @@ class ContactStribeckFriction(ContactEffect):
     )
     difference_step: ClassVar[float] = 1e-3
     reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2.2"
+    formula: ClassVar[str] = "μ + (μ<sub>s</sub> − μ) exp(−(<i>v</i><sub>t</sub>/<i>v</i><sub>s</sub>)²)"
+    words: ClassVar[str] = "makes the contact stick more at slow sliding than at fast"
     alike: ClassVar[Mapping[str, str]] = {
         "contact_presliding": "both change friction about reversals: one at low speed, one over a short way",
         "contact_anisotropic_friction": "where one direction is always slow, it is rougher by either name",
@@ -57,7 +59,7 @@ class ContactStribeckFriction(ContactEffect):
 
 @dataclass(frozen=True)
 class ContactAnisotropicFriction(ContactEffect):
-    """Two principal coefficients in place of one: −λ tanh(|v|/w) (μ₁ e₁ e₁ᵀ + μ₂ e₂ e₂ᵀ) v/|v|.
+    """Two principal coefficients of friction: −λ tanh(|v|/w) (μ₁ e₁ e₁ᵀ + μ₂ e₂ e₂ᵀ) v/|v|.
 
     e₁ lies at `angle` from the surface's x, in its plane.
     """
@@ -71,6 +73,8 @@ class ContactAnisotropicFriction(ContactEffect):
     )
     difference_step: ClassVar[float] = 1e-3
     reference: ClassVar[str] = "Goyal, Ruina, Papadopoulos, Wear 143(2), 1991"
+    formula: ClassVar[str] = "μ<sub>1</sub>, μ<sub>2</sub> along two axes"
+    words: ClassVar[str] = "makes one sliding direction rougher"
     alike: ClassVar[Mapping[str, str]] = {
         "sensor_gain_error": "a rougher direction and a channel that reads too large look alike without the axes",
         "sensor_misalignment": "both put force across the direction of sliding",
@@ -84,7 +88,7 @@ class ContactAnisotropicFriction(ContactEffect):
         speed = np.linalg.norm(touch.slip, axis=1)
         size = np.linalg.norm(along, axis=1)
         friction = np.where(speed > 0.0, size / np.where(speed > 0.0, speed, 1.0), 0.0)
-        # the law along the direction of the force, at the speed of the sliding
+        # apply the isotropic law along the force's direction, at the sliding speed
         turned = along * (speed / np.where(size > 0.0, size, 1.0))[:, None]
         return law.tangential_force(normal, turned, replace(parameters, friction=friction))
 
@@ -112,7 +116,7 @@ class ContactAnisotropicFriction(ContactEffect):
 
 
 def _principal(tensor: Array) -> dict[str, float]:
-    """The strengths of a symmetric (2, 2) tensor; the larger coefficient first, its angle in [0, π)."""
+    """The strengths that give a symmetric (2, 2) friction tensor; the larger coefficient first, its angle in [0, π)."""
     values, axes = np.linalg.eigh(tensor)
     angle = float(np.arctan2(axes[1, 1], axes[0, 1])) % np.pi
     return {"friction_1": float(values[1]), "friction_2": float(max(values[0], 0.0)), "angle": angle}
@@ -122,9 +126,9 @@ def _principal(tensor: Array) -> dict[str, float]:
 class ContactPresliding(ContactEffect):
     """Dahl's bristle z: ż = v − |v| z/distance in contact, and the friction is −μ λ z/distance.
 
-    It remembers z at a place p a little before, and how fast the body's spin slid there: over a short way Δ in one
-    direction, z → (z − δ) exp(−|Δ|/distance) + δ with δ = distance Δ/|Δ| exactly. Spin moves no place; the way that it
-    slides is its mean speed's.
+    Its memory (9,) is z, the point's position p and the slip velocity from the body's spin at the last update. Over a
+    short straight displacement Δ, z → (z − δ) exp(−|Δ|/distance) + δ with δ = distance Δ/|Δ| exactly. Spin does not
+    show in p; the displacement that it slides is the mean spin velocity times the interval.
     """
 
     name: ClassVar[str] = "contact_presliding"
@@ -133,6 +137,8 @@ class ContactPresliding(ContactEffect):
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("distance", "m", 2e-4, lower=1e-7, upper=0.05),)
     difference_step: ClassVar[float] = 1e-3
     reference: ClassVar[str] = "Dahl, Aerospace Corporation TOR-0158(3107-18)-1, 1968"
+    formula: ClassVar[str] = "−μ λ <i>z</i>/<i>d</i>, <i>ż</i> = <i>v</i> − |<i>v</i>| <i>z</i>/<i>d</i>"
+    words: ClassVar[str] = "gives elastically before it slides, as bristles do"
     alike: ClassVar[Mapping[str, str]] = {
         "contact_stribeck_friction": "both change friction about reversals: one at low speed, one over a short way",
         "contact_anisotropic_friction": "where one direction reverses more often, it slides less freely",
@@ -142,7 +148,7 @@ class ContactPresliding(ContactEffect):
         n = touch.axes[:, 2]
         moved = np.diff(touch.position, axis=0, prepend=touch.position[:1])
         moved = moved - (moved @ n)[:, None] * n
-        # a body that turns slides with its spin, which its point's position does not show
+        # the spin slides the point over the surface without moving its position
         spinning = 0.5 * (touch.spinning + np.concatenate([touch.spinning[:1], touch.spinning[:-1]]))
         turned = spinning * np.diff(time, prepend=time[0])[:, None]
         kept, added = self._slide(moved + turned)
@@ -171,7 +177,7 @@ class ContactPresliding(ContactEffect):
         return np.asarray(-parameters.friction / self.values["distance"] * normal[:, None] * z)
 
     def _slide(self, moved: Array) -> tuple[Array, Array]:
-        """What is kept of z (N,) and what is added to it (N, 3) over straight ways (N, 3)."""
+        """The factor (N,) and the increment (N, 3) of z over straight displacements (N, 3) m."""
         distance = self.values["distance"]
         way = np.linalg.norm(moved, axis=1)
         lost = -np.expm1(-way / distance)
@@ -195,6 +201,8 @@ class ContactRollingResistance(ContactEffect):
     name: ClassVar[str] = "contact_rolling_resistance"
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("coefficient", "m", 1e-3, lower=0.0),)
     reference: ClassVar[str] = "Johnson, Contact Mechanics, 1985, ch. 9"
+    formula: ClassVar[str] = "−<i>c</i> λ against the rolling"
+    words: ClassVar[str] = "resists rolling in proportion to the normal force"
     alike: ClassVar[Mapping[str, str]] = {
         "joint_coulomb_friction": "at a revolute joint both turn their sign with the motion; one asks for the load"
     }
@@ -210,6 +218,6 @@ class ContactRollingResistance(ContactEffect):
 
 
 def _typical_speed(touch: Touch) -> float:
-    """The root mean square of the sliding, m/s."""
+    """The root mean square of the sliding speed in contact, m/s, at least 1 mm/s."""
     square = np.sum(touch.slip**2, axis=1)[pressing(touch)]
     return max(float(np.sqrt(np.mean(square))), 1e-3) if len(square) else 1e-3

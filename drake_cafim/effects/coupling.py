@@ -1,4 +1,4 @@
-"""Rotor and link that are not one: what lies between them, and the rotor's motion that nobody measures.
+"""Couplings between a joint's rotor and its link: elasticity and backlash, with the rotor's unmeasured motion.
 
 The rotor, of reflected inertia J, is driven by the effort u; the coupling exerts the torque f(ψ, ψ̇) on the link, with
 the twist ψ = θ − q of the rotor against the link:
@@ -18,19 +18,25 @@ from typing import ClassVar
 import numpy as np
 
 from drake_cafim.dynamics.tree import Tree
-from drake_cafim.effects.effect import Effect, Place, Strength
+from drake_cafim.effects.effect import Effect, P, Place, Strength
 from drake_cafim.effects.twist import crossed, swung, transition
 from drake_cafim.typing import Array
 
+STEP = 1e-6
+"""rad and rad/s, step of finite differences of a coupling law."""
 LONGEST_STEP = 0.5e-3
-"""s; the flanks of a gap are met and left within steps this long."""
+"""s, longest step of the integration across a gap: impacts on its flanks are resolved within such a step."""
 GAPS = tuple(3e-4 * 1.25**k for k in range(23))
-"""rad, that are tried: a rotor crosses one that is a third too wide so late that it explains less than none does."""
+"""rad, gaps tried in screening. The grid is fine (factor 1.25): with a gap a third too wide the impacts come so late
+that the fit is worse than without backlash."""
 
 
 @dataclass(frozen=True)
 class RotorDrive:
-    """What drives the twist, each (N,): `push` g and `mobility` m, held from each of `time` to the next."""
+    """The coefficients of ψ̈ = g − m f, each (N,): `push` g and `mobility` m, constant from each of `time` to the next.
+
+    `inertia` is the rotor's reflected inertia J, kg m² or kg.
+    """
 
     time: Array
     push: Array
@@ -40,10 +46,15 @@ class RotorDrive:
 
 @dataclass(frozen=True)
 class JointCoupling(Effect):
-    """A law between rotor and link of one joint."""
+    """A force law f(ψ, ψ̇) between rotor and link of one joint."""
 
     place: ClassVar[Place] = Place.JOINT
     family: ClassVar[str] = "joint"
+    kind: ClassVar[str] = "coupling"
+    shapes_about_values: ClassVar[bool] = True
+
+    def entered(self, physics: P) -> P:
+        return physics.joined("couplings", self)
 
     @abstractmethod
     def torque(self, twist: float, rate: float) -> float:
@@ -51,17 +62,17 @@ class JointCoupling(Effect):
 
     @abstractmethod
     def balance(self, torque: float) -> float:
-        """The twist ψ that at rest passes `torque` on, f(ψ, 0) = torque."""
+        """The static twist ψ that transmits `torque`: f(ψ, 0) = torque."""
 
     @abstractmethod
     def twist_rate(self, drive: RotorDrive) -> Array:
-        """ψ̇ (N,) at the samples, from rest in balance with the first push."""
+        """ψ̇ (N,) at the samples, starting at rest in static equilibrium with the first push."""
 
     def twist_rate_by_start(self, drive: RotorDrive) -> Array:
-        """∂ψ̇/∂start (N, c) of what is not known of the twist at the first sample, in its prior standard deviations.
+        """∂ψ̇/∂start (N, c): sensitivity to the unknown initial twist and rate, in units of their prior std.
 
-        A recording may begin in the middle of a motion, and its joint ring as far as the hardest push twists it. Every
-        law has the same doubt, or the one that has none would seem the better explanation.
+        A recording may begin in the middle of a motion with its joint already oscillating; the prior std is the largest
+        static twist. All coupling laws have the same prior, otherwise one without it would seem the better explanation.
         """
         phi, rest = self.stepped(drive)
         twist, still = float(np.max(np.abs(rest))), np.zeros_like(rest)
@@ -69,17 +80,28 @@ class JointCoupling(Effect):
         return np.stack([swung(phi, still, twist, 0.0), swung(phi, still, 0.0, rate)], axis=1)
 
     def stepped(self, drive: RotorDrive) -> tuple[Array, Array]:
-        """Φ (4, N − 1) of each interval, and the balance point x_e (N,) about which the motion is free.
-
-        x' = Φ (x − x_e) + x_e.
-        """
+        """Transition matrices Φ (4, N − 1) of the intervals and equilibria x_e (N,): x' = Φ (x − x_e) + x_e."""
         stiffness, damping = self.values["stiffness"], self.values["damping"]
         pull, drag = stiffness * drive.mobility, damping * drive.mobility
         return np.asarray(transition(pull[:-1], drag[:-1], np.diff(drive.time))), drive.push / pull
 
+    def twist_rates_from(self, drive: RotorDrive) -> Array:
+        """ψ̇ (N, c) from alternative initial equilibria of the twist, where these are not a small change."""
+        return np.zeros((len(drive.time), 0))
+
+    def slopes(self, twist: Array, rate: Array) -> tuple[Array, Array, Array]:
+        """f (B,), ∂f/∂ψ and ∂f/∂ψ̇ (B,); by central differences unless a subclass gives them analytically."""
+
+        def value(psi: Array, psi_rate: Array) -> Array:
+            return np.array([self.torque(float(a), float(b)) for a, b in zip(psi, psi_rate, strict=True)])
+
+        by_twist = (value(twist + STEP, rate) - value(twist - STEP, rate)) / (2.0 * STEP)
+        by_rate = (value(twist, rate + STEP) - value(twist, rate - STEP)) / (2.0 * STEP)
+        return value(twist, rate), by_twist, by_rate
+
     @abstractmethod
     def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
-        """Values to screen with; `drive` holds all recordings, one after the other."""
+        """Parameter values to test in screening; `drive` holds all recordings, concatenated."""
 
     def scaled(self, values: Mapping[str, float], coefficient: float) -> "JointCoupling | None":
         """The effect when `coefficient` times the change by `values` fits best; None where it fits badly."""
@@ -101,6 +123,8 @@ class JointElasticity(JointCoupling):
         Strength("damping", "N m s/rad", 1.0, lower=0.0, linear_unit="N s/m", amplitude=False),
     )
     reference: ClassVar[str] = "Spong, J. Dynamic Systems, Measurement, and Control 109(4), 1987"
+    formula: ClassVar[str] = "<i>k</i> ψ + <i>d</i> ψ̇, ψ the twist of the rotor against the link"
+    words: ClassVar[str] = "couples rotor and link by a spring in place of a rigid shaft"
     alike: ClassVar[Mapping[str, str]] = {
         "actuator_delay": "below the resonance a soft joint passes an effort on late",
         "actuator_lag": "below the resonance a soft joint passes an effort on late",
@@ -115,6 +139,11 @@ class JointElasticity(JointCoupling):
     def balance(self, torque: float) -> float:
         return torque / self.values["stiffness"]
 
+    def slopes(self, twist: Array, rate: Array) -> tuple[Array, Array, Array]:
+        stiffness, damping = self.vector
+        unit = np.ones_like(twist)
+        return stiffness * twist + damping * rate, stiffness * unit, damping * unit
+
     def twist_rate(self, drive: RotorDrive) -> Array:
         phi, rest = self.stepped(drive)
         return np.asarray(swung(phi, rest, float(rest[0]), 0.0), dtype=float)
@@ -122,13 +151,13 @@ class JointElasticity(JointCoupling):
     def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
         mobility = float(np.mean(drive.mobility))
         for frequency in 4.0 * 1.22 ** np.arange(17):
-            # rounded, so that a robot a little heavier is tried with the same
+            # rounded to a fixed grid, so that a slightly different mobility leads to the same trial values
             stiffness = 10.0 ** (round(20.0 * float(np.log10((2.0 * np.pi * frequency) ** 2 / mobility))) / 20.0)
             for ratio in (0.05, 0.2):
                 yield {"stiffness": stiffness, "damping": 4.0 * np.pi * ratio * float(frequency) / mobility}
 
     def reshaped(self) -> Iterator["JointElasticity"]:
-        # of a joint that rings out at the start, each frequency explains some periods
+        # while a joint's initial oscillation decays, each wrong frequency fits some periods: local optima
         for factor in (0.35, 0.6, 1.6, 2.8):
             yield self.with_values({**self.values, "stiffness": factor * self.values["stiffness"]})
 
@@ -141,9 +170,10 @@ class JointElasticity(JointCoupling):
 
 @dataclass(frozen=True)
 class JointBacklash(JointCoupling):
-    """f = max(0, k (ψ − gap/2) + d ψ̇) on one flank, its mirror image on the other, nothing between them."""
+    """f = max(0, k (ψ − gap/2) + d ψ̇) on one flank, its mirror image on the other flank, 0 between them."""
 
     name: ClassVar[str] = "joint_backlash"
+    impacts: ClassVar[bool] = True
     difference_step: ClassVar[float] = 1e-2
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("gap", "rad", 2e-3, lower=0.0, upper=0.5, linear_unit="m"),
@@ -153,6 +183,8 @@ class JointBacklash(JointCoupling):
         Strength("damping", "N m s/rad", 1.0, lower=0.0, linear_unit="N s/m", amplitude=False),
     )
     reference: ClassVar[str] = "Nordin, Gutman, Automatica 38(10), 2002 (backlash with a dead zone and damped flanks)"
+    formula: ClassVar[str] = "0 within the gap; a stiff, damped flank on either side"
+    words: ClassVar[str] = "lets the rotor turn freely over a gap before it moves the link"
     alike: ClassVar[Mapping[str, str]] = {
         "joint_elasticity": "a gap is soft while it is crossed; a gap that is never crossed is a soft joint",
         "actuator_dead_zone": "efforts too small to cross the gap do nothing",
@@ -168,18 +200,27 @@ class JointBacklash(JointCoupling):
     def balance(self, torque: float) -> float:
         return torque / self.values["stiffness"] + 0.5 * self.values["gap"] * float(np.sign(torque))
 
+    def slopes(self, twist: Array, rate: Array) -> tuple[Array, Array, Array]:
+        gap, stiffness, damping = self.vector
+        beyond = twist - np.clip(twist, -0.5 * gap, 0.5 * gap)
+        torque = stiffness * beyond + damping * rate
+        # teeth push and do not pull; without a gap they stay engaged in both directions
+        meshed = np.asarray((gap == 0.0) | (torque * beyond > 0.0), dtype=float)
+        return meshed * torque, meshed * stiffness, meshed * damping
+
     def twist_rate(self, drive: RotorDrive) -> Array:
         side = float(np.sign(drive.push[0]))
         return self._from_rest(drive, side)
 
     def twist_rates_from(self, drive: RotorDrive) -> Array:
-        """ψ̇ (N, 2) from rest at the other flank, and from rest midway between the flanks."""
+        """ψ̇ (N, 2) from rest at the opposite flank, and from rest midway between the flanks."""
         side = float(np.sign(drive.push[0]))
         return np.stack([self._from_rest(drive, -side), self._from_rest(drive, 0.0)], axis=1)
 
     def _from_rest(self, drive: RotorDrive, side: float) -> Array:
-        """ψ̇ (N,) from rest at the flank on the `side` of 1 or −1, as deep as the first push is in balance on its own
-        one; or, 0, midway between the two.
+        """ψ̇ (N,) from rest at the flank of `side` 1 or −1, or from rest midway between the flanks for `side` 0.
+
+        On the flank that the first push acts against, it starts as deep as balances that push.
         """
         gap, stiffness, damping = (float(x) for x in self.vector)
         steps = np.diff(drive.time)
@@ -192,7 +233,7 @@ class JointBacklash(JointCoupling):
         return np.asarray(found, dtype=float)
 
     def reshaped(self) -> Iterator["JointBacklash"]:
-        # each impact that comes too early or too late keeps a fit from going on
+        # impacts at wrong times make local optima, so the fit is restarted from distant gaps and stiffnesses
         for name, factors in (("gap", (0.5, 0.7, 1.4, 2.0)), ("stiffness", (0.4, 2.5))):
             for factor in factors:
                 yield self.with_values({**self.values, name: factor * self.values[name]})

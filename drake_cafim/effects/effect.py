@@ -1,22 +1,24 @@
-"""What an effect is: a named piece of physics at a place, with its strengths."""
+"""The base class of all effects: a named physical law at a place of the model, with its parameters (strengths)."""
 
 from abc import ABC
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 
+from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.mean_sign import MeanSign
+from drake_cafim.effects.surroundings import Surroundings, SystemPlace
 from drake_cafim.errors import InputError
-from drake_cafim.rounding import short
+from drake_cafim.numerics.rounding import short
 from drake_cafim.typing import Array
 
 
 class Place(Enum):
-    """What an effect attaches to."""
+    """The kind of model element that an effect attaches to."""
 
     JOINT = "joint"
     ACTUATOR = "actuator"
@@ -28,11 +30,11 @@ class Place(Enum):
 
 CHANNEL_UNIT = "unit of the channel"
 SIGNS = 12
-"""Widths of sign changes whose means a joint's samples keep."""
+"""How many widths of the smoothed sign function are cached with one joint's samples."""
 
 
 def channel_unit(column: str, tree: Tree) -> str:
-    """The SI unit of a recording's column, or what stands for it where a whole sensor is meant."""
+    """The SI unit of a recording's column; `CHANNEL_UNIT` where `column` names a whole sensor of several units."""
     kind, _, rest = column.partition(".")
     if kind in ("q", "v", "u", "cmd") and rest in tree.joint_names:
         joint = tree.joints[tree.joint_index(rest)]
@@ -50,8 +52,8 @@ def channel_unit(column: str, tree: Tree) -> str:
 class Strength:
     """One parameter of an effect.
 
-    `typical` is the size at which engineers meet it, the scale of the weak prior that evidence needs; `unit` is for
-    a revolute joint, and `linear_unit` for a prismatic one.
+    `typical` is its usual size in practice and the standard deviation of the weak prior that the evidence needs;
+    `unit` holds for a revolute joint, `linear_unit` for a prismatic joint.
     """
 
     name: str
@@ -62,15 +64,20 @@ class Strength:
     nominal: float = 0.0
     """The value at which the effect is absent."""
     inverse: bool = False
-    """Whether the effect is absent at infinity instead. Its inverse then vanishes, and is as many of its own standard
-    deviations from zero as the number itself, so that a test against zero serves both."""
+    """Whether the effect is absent at infinity instead. Its inverse is then zero, and to first order both are the same
+    number of standard deviations from zero, so that one test against zero serves both."""
     linear_unit: str | None = None
     grid: tuple[float, ...] = ()
-    """Of a shape: the values that it may take."""
+    """For a shape parameter: the values that the search tries."""
     amplitude: bool = True
-    """Whether the effect is absent at the nominal value; otherwise the number only says what it looks like."""
+    """Whether the effect is absent at the nominal value; if not, the parameter only shapes the law (as a width)."""
     through: str = ""
-    """Of a number that acts through another strength, such as where a mass is: their product is what vanishes."""
+    """Name of the strength that this one is multiplied by in the law, as the mass for its position: only the product
+    is zero where the effect is absent."""
+    required: bool = False
+    """Whether a scenario that states the effect must give this value, though the nominal one lies within the bounds."""
+    choices: tuple[float, ...] = ()
+    """The only values that it may take, where there are few (as ±1): chosen by the search and reported, not fitted."""
 
 
 @dataclass(frozen=True)
@@ -81,13 +88,13 @@ class JointSamples:
     v: Array
     u: Array
     v_std: Array | float = 0.0
-    """What is not known of v; a force that bends sharply in v is averaged over it."""
+    """Standard deviation of v; a force that is strongly nonlinear in v is averaged over this error."""
     q_reach: Array | float = 0.0
-    """How far q gets within half the time that a sample stands for; a force that sets in on the way is averaged."""
+    """Distance that q moves within half a sample interval; a force with an onset in that range is averaged over it."""
     _signs: dict[float, MeanSign] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def sign(self, width: float) -> MeanSign:
-        """The mean sign of v that changes over `width`; the last few are kept."""
+        """The mean of tanh(v/`width`) over v's error; the results for the last `SIGNS` widths are cached."""
         if width not in self._signs:
             while len(self._signs) >= SIGNS:
                 self._signs.pop(next(iter(self._signs)))
@@ -95,15 +102,15 @@ class JointSamples:
         return self._signs[width]
 
     def moved(self, by: Array) -> "JointSamples":
-        """The samples with other velocities."""
+        """The samples with velocities changed `by` (N,) rad/s or m/s."""
         return replace(self, v=self.v + by)
 
 
 def joined(samples: Sequence[JointSamples]) -> JointSamples:
-    """The samples of several recordings, one after the other."""
+    """The samples of several recordings, concatenated."""
     names = ("q", "v", "u", "v_std", "q_reach")
     return JointSamples(
-        *(np.concatenate([np.broadcast_to(getattr(one, name), one.q.shape) for one in samples]) for name in names)
+        *(np.concatenate([np.broadcast_to(getattr(part, name), part.q.shape) for part in samples]) for name in names)
     )
 
 
@@ -120,9 +127,9 @@ class Force:
 
 @dataclass(frozen=True)
 class Start:
-    """A linear look at an effect: `columns` (N, c) of force whose coefficients an exact fit can start from.
+    """A linear regressor of an effect: `columns` (N, c) of force; their coefficients are a nonlinear fit's start.
 
-    `shape` holds the strengths that the columns were made with and that no coefficient gives.
+    `shape` holds the parameters that the columns were computed at and that the coefficients do not determine.
     """
 
     columns: Array
@@ -131,9 +138,9 @@ class Start:
 
 @dataclass(frozen=True)
 class Direction:
-    """A finite step of an effect's strengths, from `behind` to `ahead`, worth `size` of one coefficient.
+    """A finite-difference step of an effect's strengths, from `behind` to `ahead`, divided by `size`.
 
-    `behind` None is the model without the effect.
+    The difference quotient is the regressor of one coefficient. `behind` None is the model without the effect.
     """
 
     ahead: Mapping[str, float]
@@ -142,10 +149,40 @@ class Direction:
 
 
 @dataclass(frozen=True)
-class Effect(ABC):
-    """A piece of physics `at` a place with its `values`; without values it is a hypothesis.
+class Episode:
+    """The interval of an effect that acts once: from `start` to `stop` s, in one `recording`; None is in each."""
 
-    Subclasses say everything once as class attributes, and override the hook through which their physics acts.
+    start: float
+    stop: float
+    recording: str | None
+
+
+class Acting(Protocol):
+    """The model's physics as far as an effect needs it to insert itself (implemented by `scenario.physics.Physics`)."""
+
+    @property
+    def tree(self) -> Tree: ...
+    @property
+    def gravity(self) -> Array: ...
+    @property
+    def contacts(self) -> tuple[SphereContact, ...]: ...
+    def joined(self, part: str, effect: "Effect") -> Self:
+        """A copy with `effect` appended to the tuple named `part`."""
+        ...
+
+    def changed(self, **parts: Any) -> Self:
+        """A copy with the named fields replaced."""
+        ...
+
+
+P = TypeVar("P", bound=Acting)
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """A physical law `at` a place of the model with parameter `values`; without values it is a hypothesis.
+
+    Subclasses declare their properties as class attributes and override the method that computes their law.
     """
 
     at: str
@@ -154,19 +191,41 @@ class Effect(ABC):
     name: ClassVar[str]
     family: ClassVar[str]
     place: ClassVar[Place]
+    kind: ClassVar[str] = ""
+    """Name of the `kinds.ByKind` method that handles it; inherited from the base class among `kinds.KINDS`."""
     strengths: ClassVar[tuple[Strength, ...]]
     shapes: ClassVar[tuple[Strength, ...]] = ()
-    """Numbers of the law that are not strengths, such as the width of a sign change, fitted from a grid where they have
-    one."""
+    """Parameters of the law besides the strengths, such as the width of a smoothed sign function; chosen from their
+    grid where they have one."""
+    shapes_about_values: ClassVar[bool] = False
+    """Whether `reshaped` varies the effect's present values, so that a new fit gives new values to try."""
+    all_but_linear: ClassVar[bool] = False
+    """Whether its force is nearly linear in its strengths for fixed shapes."""
     difference_step: ClassVar[float] = 1e-4
-    """Step of finite differences by strengths, as a share of the typical size."""
+    """Step of finite differences with respect to the strengths, as a fraction of the typical size."""
     group: ClassVar[str | None] = None
-    """Effects of one group are laws of the same thing: at one place at most one of them holds."""
+    """Effects of one group are alternative laws of the same phenomenon: at most one of them acts at a place."""
     surprise: ClassVar[float] = 0.0
-    """−2 ln of its odds before any recording, against those of the other effects."""
+    """−2 ln of its prior odds relative to the other effects."""
     reference: ClassVar[str]
     alike: ClassVar[Mapping[str, str]] = {}
-    """Names of effects that look like this one, and why."""
+    """Names of effects that are easily confused with this one, each with the reason."""
+    formula: ClassVar[str] = ""
+    """The law as HTML; if empty, a report shows the first line of the class's docstring."""
+    words: ClassVar[str] = ""
+    """What it does, as the predicate of a sentence whose subject is its name."""
+    shown_over: ClassVar[str] = "time"
+    """Abscissa of the law's plot in a report: time, variable (of a joint), load, acceleration or effort."""
+    brief: ClassVar[bool] = False
+    """Whether it acts once: a scenario then gives `interval: [start, stop]` and may name its `recording`."""
+    in_throws: ClassVar[bool] = True
+    """Whether it is a hypothesis for recordings of a thrown body."""
+    of_contact: ClassVar[bool] = False
+    """Whether it changes contact forces and nothing else."""
+    late: ClassVar[bool] = False
+    """Whether it is a sensor effect that records values, and their noise, at a shifted or filtered time."""
+    impacts: ClassVar[bool] = False
+    """Whether it acts by impacts: a change of any parameter shifts their times, so that linearization is poor."""
 
     def __post_init__(self) -> None:
         known = [strength.name for strength in (*self.strengths, *self.shapes)]
@@ -180,7 +239,7 @@ class Effect(ABC):
         return (self.name, self.at)
 
     def excludes(self, other: "Effect") -> bool:
-        """Whether the two cannot both be there."""
+        """Whether both cannot act together: the same effect, or one of the same group, at the same place."""
         same_group = self.group is not None and self.group == other.group
         return self.at == other.at and (self.name == other.name or same_group)
 
@@ -193,20 +252,50 @@ class Effect(ABC):
 
     @property
     def vector(self) -> Array:
-        """Values in the order of `strengths`, (k,); what was not given is at its nominal value."""
+        """Values in the order of `strengths`, (k,); nominal where no value is given."""
         return np.array([self.values.get(s.name, s.nominal) for s in self.strengths], dtype=float)
 
     def unit(self, strength: Strength, tree: Tree) -> str:
-        """The strength's unit at this place."""
+        """The SI unit of `strength` at this effect's place."""
         if self.place is Place.CHANNEL:
             return strength.unit.replace(CHANNEL_UNIT, channel_unit(self.at, tree))
         if strength.linear_unit is not None and self.place in (Place.JOINT, Place.ACTUATOR):
             return strength.linear_unit if tree.joints[tree.joint_index(self.at)].prismatic else strength.unit
         return strength.unit
 
+    @property
+    def settling(self) -> float | None:
+        """Time constant s with which its state before the first sample decays; None for an effect without a state."""
+        return None
+
+    @property
+    def episode(self) -> Episode | None:
+        """The interval in which it acts; None for always."""
+        return None
+
+    def during(self, start: float, stop: float, recording: str | None) -> Self:
+        """The same effect from `start` to `stop` s in one recording, None for each; `TypeError` unless `brief`."""
+        raise TypeError(f"effect {self.name}: it acts at all times and takes no interval")
+
+    def entered(self, physics: P) -> P:
+        """A copy of `physics` that includes the effect; `TypeError` where the class does not define how."""
+        raise TypeError(f"effect {self.name}: {type(self).__name__} does not define how it enters the physics")
+
+    def system(self, place: SystemPlace) -> Any:
+        """A custom LeafSystem with the ports of its kind's systems; None to use the default system of its kind."""
+        return None
+
+    @classmethod
+    def attachments(cls, where: Surroundings) -> Iterator[str]:
+        """The places where it is a hypothesis, in a robot or in a thrown body."""
+        if where.thrown is None:
+            yield from cls.places(where.tree)
+        elif cls.in_throws and cls.place in (Place.BODY, Place.WORLD):
+            yield where.thrown if cls.place is Place.BODY else "world"
+
     @classmethod
     def places(cls, tree: Tree) -> Iterator[str]:
-        """Where in `tree` the effect can be looked for; contact and channel effects ask their scene instead."""
+        """The places in `tree` where it is a hypothesis; contact and channel effects override `attachments`."""
         if cls.place in (Place.JOINT, Place.ACTUATOR):
             yield from tree.joint_names
         elif cls.place is Place.BODY:
@@ -215,7 +304,7 @@ class Effect(ABC):
             yield "world"
 
     def directions(self) -> tuple[Direction, ...]:
-        """Steps along which the effect is nearly linear, where a screening starts; one a strength by default."""
+        """Steps along which the effect is nearly linear, for screening; by default one central step per strength."""
         nominal = {s.name: s.nominal for s in self.strengths}
         steps = []
         for s in self.strengths:
@@ -225,20 +314,20 @@ class Effect(ABC):
         return tuple(steps)
 
     def from_directions(self, coefficients: Array) -> Self:
-        """The effect that the coefficients (k,) of its `directions` stand for."""
+        """The effect whose strengths follow from the coefficients (k,) of its `directions`."""
         return self.with_values(
             {s.name: s.nominal + float(c) for s, c in zip(self.strengths, coefficients, strict=True)}
         )
 
     def reshaped(self) -> Iterator[Self]:
-        """Where else a better fit may lie: the effect with each other value that its shapes may take."""
+        """Further starts of a fit: the effect with each other value on the grid of each shape."""
         for shape in self.shapes:
             for value in shape.grid:
                 if value != self.values.get(shape.name, shape.nominal):
                     yield type(self)(self.at, {**self.values, shape.name: value})
 
     def between_shapes(self, ratio: float) -> Iterator[Self]:
-        """The effect with each of its shapes `ratio` times as large, and as small, while the grid's ends hold it."""
+        """The effect with each shape multiplied and divided by `ratio`, as long as it stays within the grid's ends."""
         for shape in self.shapes:
             value = self.values.get(shape.name, shape.nominal)
             for scaled in (value * ratio, value / ratio):
@@ -246,7 +335,9 @@ class Effect(ABC):
                     yield type(self)(self.at, {**self.values, shape.name: scaled})
 
     def vanishing(self) -> tuple[Array, Array]:
-        """(c,) what is zero where the effect is absent, and nowhere else, and its slope (c, k) by the strengths."""
+        """Coordinates (c,) that are all zero only where the effect is absent, and their Jacobian (c, k) in the
+        strengths.
+        """
         values = self.vector
         index = {s.name: i for i, s in enumerate(self.strengths)}
         coordinates, slopes = [], []
@@ -264,14 +355,24 @@ class Effect(ABC):
             slopes.append(slope)
         return np.array(coordinates), np.array(slopes)
 
+    def contradiction(self) -> str:
+        """Why values that each lie within their bounds are invalid together, as a clause; empty if they are valid."""
+        return ""
+
     def plausible(self) -> bool:
-        """Whether the values can be physics: within their bounds, unless a law asks for more."""
+        """Whether the values are physically possible: within their bounds, and further conditions of the law."""
         return all(s.lower <= self.values[s.name] <= s.upper for s in self.strengths)
 
+    @property
+    def choices(self) -> Mapping[Strength, float]:
+        """The law's parameters that take one of a few values, such as a side, with their values."""
+        return {s: float(self.values.get(s.name, s.nominal)) for s in self.shapes if s.choices}
+
     def sentence(self, tree: Tree) -> str:
-        """What a report says of the effect and its strength."""
+        """The effect, its place and its parameters with units, as a report prints them."""
         strengths = ", ".join(
             f"{s.name.replace('_', ' ')} {short(value)} {self.unit(s, tree)}".removesuffix(" 1")
             for s, value in zip(self.strengths, self.vector, strict=True)
         )
+        strengths += "".join(f", {s.name} {value:+g}" for s, value in self.choices.items())
         return f"{self.name.replace('_', ' ')} at {self.at} ({strengths})"

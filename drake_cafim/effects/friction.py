@@ -1,4 +1,4 @@
-"""Dry friction beyond Coulomb's: it falls with speed, or grows with the load that the transmission carries."""
+"""Dry joint friction that falls with speed (Stribeck) or grows with the transmitted load."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -25,6 +25,11 @@ class JointStribeckFriction(JointForce):
     )
     shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY,)
     reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2.2"
+    formula: ClassVar[str] = (
+        "−(<i>T</i><sub>c</sub> + (<i>T</i><sub>s</sub> − <i>T</i><sub>c</sub>) "
+        "exp(−(<i>v</i>/<i>v</i><sub>s</sub>)²)) tanh(<i>v</i>/<i>w</i>)"
+    )
+    words: ClassVar[str] = "opposes the motion, more near rest than at speed"
     alike: ClassVar[Mapping[str, str]] = {
         "joint_coulomb_friction": "it is that law where the motion is never slow, or the rise near rest is small",
         "joint_viscous_friction": "the falling branch and a viscous slope cancel over a narrow range of speeds",
@@ -51,10 +56,10 @@ class JointStribeckFriction(JointForce):
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointStribeckFriction":
         coulomb, static = (float(c) for c in coefficients)
-        return JointStribeckFriction(self.at, {"coulomb": coulomb, "static": static, **shape})
+        return type(self)(self.at, {"coulomb": coulomb, "static": static, **shape})
 
     def plausible(self) -> bool:
-        # friction that rises with speed is another law; here it would only widen the sign change
+        # friction that rises with speed is a different law; here it would only widen the smoothed sign function
         return super().plausible() and self.values["static"] > self.values["coulomb"]
 
 
@@ -70,8 +75,8 @@ class _Rise:
     def of(cls, joint: JointSamples, velocity: float, width: float) -> "_Rise":
         """For vs = `velocity` and w = `width`.
 
-        A Gaussian error s times the Gaussian of vs is again one, of vs/b exp(−(v/b)²), about v vs²/b², with the
-        standard deviation s vs/b, b² = vs² + 2 s².
+        The product of the Gaussian error's density (std s) and exp(−(v/vs)²) is again Gaussian: vs/b exp(−(v/b)²)
+        times a normal density of mean v vs²/b² and standard deviation s vs/b, with b² = vs² + 2 s².
         """
         v, s = joint.v, np.asarray(joint.v_std)
         b = np.sqrt(velocity**2 + 2.0 * s**2)
@@ -94,6 +99,7 @@ class JointLoadDependentFriction(JointForce):
     """−(T + c |u|) tanh(v/w), u the commanded effort."""
 
     name: ClassVar[str] = "joint_load_dependent_friction"
+    shown_over: ClassVar[str] = "load"
     group: ClassVar[str | None] = DRY_FRICTION
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("torque", "N m", 0.3, lower=0.0, linear_unit="N", amplitude=False),
@@ -101,6 +107,8 @@ class JointLoadDependentFriction(JointForce):
     )
     shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY,)
     reference: ClassVar[str] = "Hamon, Gautier, Garrec, IEEE/RSJ IROS, 2010 (load-dependent joint friction)"
+    formula: ClassVar[str] = "−(<i>T</i> + <i>c</i> |<i>u</i>|) tanh(<i>v</i>/<i>w</i>)"
+    words: ClassVar[str] = "opposes the motion, more the more effort the transmission carries"
     alike: ClassVar[Mapping[str, str]] = {
         "joint_coulomb_friction": "it is that law where the load hardly changes",
         "joint_asymmetric_coulomb_friction": "where one direction is the loaded one, both differ by direction",
@@ -125,4 +133,4 @@ class JointLoadDependentFriction(JointForce):
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointLoadDependentFriction":
         torque, coefficient = (0.0, *coefficients) if len(coefficients) == 1 else coefficients
         values = {"torque": float(torque), "coefficient": float(coefficient)}
-        return JointLoadDependentFriction(self.at, {**values, **shape})
+        return type(self)(self.at, {**values, **shape})

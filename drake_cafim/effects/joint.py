@@ -1,4 +1,4 @@
-"""Forces at a joint that the model lacks: each a law of position, velocity and effort."""
+"""Joint force effects: laws of position, velocity and effort that the model lacks."""
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
@@ -7,14 +7,21 @@ from typing import ClassVar
 
 import numpy as np
 
-from drake_cafim.effects.effect import Effect, Force, JointSamples, Place, Start, Strength
+from drake_cafim.effects.effect import Effect, Force, JointSamples, P, Place, Start, Strength
 from drake_cafim.effects.mean_sign import mean_sides
 from drake_cafim.typing import Array
 
 SLIP_VELOCITY = Strength(
-    "slip_velocity", "rad/s", 0.005, nominal=0.005, linear_unit="m/s", grid=(0.0005, 0.0015, 0.005, 0.015)
+    "slip_velocity",
+    "rad/s",
+    0.005,
+    lower=1e-6,
+    upper=10.0,
+    nominal=0.005,
+    linear_unit="m/s",
+    grid=(0.0005, 0.0015, 0.005, 0.015),
 )
-"""The width over which a dry friction turns its sign; where motion near rest is well measured it shows."""
+"""Width w of the smoothed sign function tanh(v/w) of dry friction; observable where slow motion is well measured."""
 DRY_FRICTION = "dry friction"
 
 
@@ -24,25 +31,36 @@ class JointForce(Effect):
 
     place: ClassVar[Place] = Place.JOINT
     family: ClassVar[str] = "joint"
+    kind: ClassVar[str] = "joint_force"
+    shown_over: ClassVar[str] = "variable"
+    all_but_linear: ClassVar[bool] = True
+
+    def entered(self, physics: P) -> P:
+        return physics.joined("joint_forces", self)
+
+    @property
+    def damping(self) -> float | None:
+        """Coefficient N m s/rad (N s/m) where the law is the same as Drake's joint damping; None for other laws."""
+        return None
 
     @abstractmethod
     def force(self, joint: JointSamples) -> Force:
-        """The law at this effect's values, with its derivatives."""
+        """The force (N,) at this effect's values, with its derivatives."""
 
     @abstractmethod
     def starts(self, joint: JointSamples) -> Iterator[Start]:
-        """Linear looks at the law, over a grid of what is not linear in it."""
+        """Linear regressors of the law, over a grid of the parameters in which it is not linear."""
 
     @abstractmethod
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointForce":
-        """The effect whose force is `columns @ coefficients` of the start with this `shape`."""
+        """The effect whose force is `columns @ coefficients`, for the columns of the start with this `shape`."""
 
     def plausible_over(self, joint: JointSamples) -> bool:
-        """Whether values that were fitted over this motion still are what the name says."""
+        """Whether values fitted over this motion still describe the phenomenon of the effect's name."""
         return True
 
     def stands_out(self, joint: JointSamples) -> bool:
-        """Whether it is more than what a wrong law of something else leaves; asked where more than noise is left."""
+        """Whether its force exceeds the model error of other laws; asked where the residual is not white."""
         return True
 
 
@@ -59,11 +77,17 @@ class JointViscousFriction(JointForce):
         Strength("coefficient", "N m s/rad", 0.3, lower=0.0, linear_unit="N s/m"),
     )
     reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2"
+    formula: ClassVar[str] = "−<i>c</i> <i>v</i>"
+    words: ClassVar[str] = "opposes the motion, in proportion to its speed"
     alike: ClassVar[Mapping[str, str]] = {
         "joint_coulomb_friction": "both oppose the motion; only a range of speeds tells a slope from a step",
         "joint_stribeck_friction": "its falling branch and a viscous slope cancel over a narrow range of speeds",
         "actuator_lag": "under a motion at one frequency both shift the effort's phase",
     }
+
+    @property
+    def damping(self) -> float:
+        return self.values["coefficient"]
 
     def force(self, joint: JointSamples) -> Force:
         c = self.values["coefficient"]
@@ -85,6 +109,8 @@ class JointCoulombFriction(JointForce):
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("torque", "N m", 0.3, lower=0.0, linear_unit="N"),)
     shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY,)
     reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2"
+    formula: ClassVar[str] = "−<i>T</i> tanh(<i>v</i>/<i>w</i>)"
+    words: ClassVar[str] = "opposes the motion with the same force at every speed"
     alike: ClassVar[Mapping[str, str]] = {
         "joint_viscous_friction": "both oppose the motion; only a range of speeds tells a step from a slope",
         "joint_asymmetric_coulomb_friction": "it is this law with two strengths; evidence decides",
@@ -102,7 +128,7 @@ class JointCoulombFriction(JointForce):
             yield Start(-joint.sign(width).value[:, None], {"slip_velocity": width})
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointCoulombFriction":
-        return JointCoulombFriction(self.at, shape).with_values(coefficients)
+        return type(self)(self.at, shape).with_values(coefficients)
 
 
 @dataclass(frozen=True)
@@ -117,6 +143,8 @@ class JointAsymmetricCoulombFriction(JointForce):
     )
     shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY,)
     reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2.1"
+    formula: ClassVar[str] = "−<i>T</i><sub>+</sub> for <i>v</i> &gt; 0, +<i>T</i><sub>−</sub> for <i>v</i> &lt; 0"
+    words: ClassVar[str] = "opposes the motion with a constant force, of another size in each direction"
     alike: ClassVar[Mapping[str, str]] = {
         "joint_coulomb_friction": "with equal strengths it is the symmetric law",
         "actuator_bias": "with Coulomb friction beside it, a constant effort is the same force: half the difference",
@@ -132,7 +160,7 @@ class JointAsymmetricCoulombFriction(JointForce):
             yield Start(mean_sides(joint.sign(width), joint.v, joint.v_std, width)[0], {"slip_velocity": width})
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointAsymmetricCoulombFriction":
-        return JointAsymmetricCoulombFriction(self.at, shape).with_values(coefficients)
+        return type(self)(self.at, shape).with_values(coefficients)
 
 
 @dataclass(frozen=True)
@@ -145,6 +173,8 @@ class JointSpring(JointForce):
         Strength("rest", "rad", 0.5, linear_unit="m", through="stiffness"),
     )
     reference: ClassVar[str] = "Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, 2006, §7"
+    formula: ClassVar[str] = "−<i>k</i> (<i>q</i> − <i>q</i><sub>rest</sub>)"
+    words: ClassVar[str] = "pulls the joint towards a rest position"
     alike: ClassVar[Mapping[str, str]] = {
         "actuator_bias": "a soft spring with a far rest position is a constant effort",
         "torque_ripple": "over a small range of positions a slow ripple is a slope",

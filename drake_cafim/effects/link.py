@@ -1,4 +1,4 @@
-"""Changes of the bodies themselves and of the field that they are in."""
+"""Effects on inertia and gravity: rotor inertia, payload, tilted gravity."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from drake_cafim.dynamics.tree import Body, Tree
-from drake_cafim.effects.effect import Direction, Effect, Place, Strength
+from drake_cafim.effects.effect import Direction, Effect, P, Place, Strength
 from drake_cafim.typing import Array
 
 
@@ -16,9 +16,15 @@ from drake_cafim.typing import Array
 class TreeEffect(Effect):
     """Inertia or gravity that the model lacks."""
 
+    kind: ClassVar[str] = "tree"
+
+    def entered(self, physics: P) -> P:
+        tree, gravity = self.change(physics.tree, physics.gravity)
+        return physics.changed(tree=tree, gravity=gravity)
+
     @abstractmethod
     def change(self, tree: Tree, gravity: Array) -> tuple[Tree, Array]:
-        """The tree and the gravity (3,) m/s², world, with the effect in them."""
+        """The tree and the gravity (3,) m/s², world axes, with the effect included."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +34,11 @@ class RotorInertia(TreeEffect):
     place: ClassVar[Place] = Place.JOINT
     family: ClassVar[str] = "joint"
     name: ClassVar[str] = "rotor_inertia"
+    shown_over: ClassVar[str] = "acceleration"
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("inertia", "kg m^2", 0.05, lower=0.0, linear_unit="kg"),)
     reference: ClassVar[str] = "Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, 2006, §6"
+    formula: ClassVar[str] = "−<i>J</i> <i>v̇</i>"
+    words: ClassVar[str] = "resists acceleration of this joint alone, as a motor's rotor does"
     alike: ClassVar[Mapping[str, str]] = {
         "payload": "seen from one joint a point mass is an inertia; gravity and the other joints tell them apart",
         "actuator_gain_error": "where inertia dominates, more of it and less effort look alike",
@@ -42,16 +51,17 @@ class RotorInertia(TreeEffect):
 
 
 FARTHEST, USUAL = 0.5, 0.15
-"""m from a body's origin, beyond which a load is not believed to be, and where loads are."""
+"""m from a body's origin: the largest plausible distance of a payload, and a usual one."""
 
 
 @dataclass(frozen=True)
 class Payload(TreeEffect):
-    """A point mass that rides on a body."""
+    """A point mass fixed to a body."""
 
     place: ClassVar[Place] = Place.BODY
     family: ClassVar[str] = "link"
     name: ClassVar[str] = "payload"
+    kind: ClassVar[str] = "load"
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("mass", "kg", 0.3, lower=0.0),
         Strength("x", "m", 0.1, lower=-2.0, upper=2.0, through="mass"),
@@ -59,6 +69,8 @@ class Payload(TreeEffect):
         Strength("z", "m", 0.1, lower=-2.0, upper=2.0, through="mass"),
     )
     reference: ClassVar[str] = "Atkeson, An, Hollerbach, Int. J. Robotics Research 5(3), 1986"
+    formula: ClassVar[str] = "a point mass <i>m</i> at (<i>x</i>, <i>y</i>, <i>z</i>) of the body"
+    words: ClassVar[str] = "rides on the body as a point mass"
     alike: ClassVar[Mapping[str, str]] = {
         "gravity_misalignment": "both change the weight that the joints carry; inertia tells them apart",
         "actuator_gain_error": "more load and less effort look alike at one joint",
@@ -87,8 +99,8 @@ class Payload(TreeEffect):
 
     def from_directions(self, coefficients: Array) -> "Payload":
         mass, moment = float(coefficients[0]), float(np.linalg.norm(coefficients[1:]))
-        if moment > FARTHEST * mass:
-            # an unknown mass beside it takes the load's own over; its moment is what is left to go by
+        if moment > FARTHEST * mass or mass == 0.0:
+            # an unknown link mass has absorbed the payload's mass: estimate it from the first moment alone
             mass = max(moment / USUAL, 1e-3)
         x, y, z = coefficients[1:] / mass
         return self.with_values({"mass": mass, "x": float(x), "y": float(y), "z": float(z)})
@@ -106,6 +118,8 @@ class GravityMisalignment(TreeEffect):
         Strength("pitch", "rad", 0.03, lower=-np.pi / 2, upper=np.pi / 2),
     )
     reference: ClassVar[str] = "Khalil, Dombre, Modeling, Identification and Control of Robots, 2002, ch. 12"
+    formula: ClassVar[str] = "<i>g</i> = R<sub>x</sub>(roll) R<sub>y</sub>(pitch) (0, 0, −9.81)"
+    words: ClassVar[str] = "tilts gravity: the robot does not stand upright"
     alike: ClassVar[Mapping[str, str]] = {
         "payload": "both change the weight that the joints carry",
         "joint_spring": "near the horizontal, tilted gravity changes with position as a spring does",

@@ -1,4 +1,4 @@
-"""How a contact pushes and pulls along its normal beyond a spring and a damper."""
+"""Normal contact force beyond a spring and a damper: cubic stiffness, Hunt–Crossley, adhesion, relaxation."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from drake_cafim.effects.effect import Strength
 from drake_cafim.typing import Array
 
 FELT = 12.0
-"""Ranges of a pull beyond which it is not felt."""
+"""Cut-off of adhesion in multiples of its range: exp(−12) ≈ 6·10⁻⁶ of the force is neglected."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,8 @@ class ContactNonlinearStiffness(ContactEffect):
     name: ClassVar[str] = "contact_nonlinear_stiffness"
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("cubic", "N/m^3", 1e9, lower=0.0),)
     reference: ClassVar[str] = "Johnson, Contact Mechanics, 1985, ch. 4 (stiffness that grows with the contact area)"
+    formula: ClassVar[str] = "+ <i>c</i> δ³"
+    words: ClassVar[str] = "stiffens the contact as it is pressed in"
     alike: ClassVar[Mapping[str, str]] = {
         "surface_offset": "pressed about one depth, a stiffer spring and a higher surface push alike",
         "contact_hunt_crossley_dissipation": "both show only where the bodies are pressed deep",
@@ -42,8 +44,11 @@ class ContactHuntCrossleyDissipation(ContactEffect):
     """+ K d c ḋ."""
 
     name: ClassVar[str] = "contact_hunt_crossley_dissipation"
+    decides_bounces: ClassVar[bool] = True
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("dissipation", "s/m", 1.0, lower=0.0),)
     reference: ClassVar[str] = "Hunt, Crossley, J. Applied Mechanics 42(2), 1975"
+    formula: ClassVar[str] = "+ <i>K</i> δ <i>c</i> δ̇"
+    words: ClassVar[str] = "damps the contact, more the deeper it is pressed"
     alike: ClassVar[Mapping[str, str]] = {
         "contact_viscoelastic_relaxation": "a force that dies away fast damps as well",
         "contact_nonlinear_stiffness": "both show only where the bodies are pressed deep",
@@ -61,7 +66,7 @@ class ContactHuntCrossleyDissipation(ContactEffect):
 
 @dataclass(frozen=True)
 class ContactAdhesion(ContactEffect):
-    """A pull of `force`, times exp(d/range) outside; friction does not feel it."""
+    """A pull of `force`, times exp(d/range) outside of contact (d < 0); it does not enter the friction."""
 
     name: ClassVar[str] = "contact_adhesion"
     strengths: ClassVar[tuple[Strength, ...]] = (
@@ -70,6 +75,8 @@ class ContactAdhesion(ContactEffect):
     )
     difference_step: ClassVar[float] = 1e-3
     reference: ClassVar[str] = "Maugis, Contact, Adhesion and Rupture of Elastic Solids, 2000, ch. 4"
+    formula: ClassVar[str] = "−<i>F</i>, times exp(δ/range) outside"
+    words: ClassVar[str] = "pulls the two bodies together"
     alike: ClassVar[Mapping[str, str]] = {
         "surface_offset": "during lasting contact a constant pull and a lower surface press alike; friction tells them",
         "sensor_bias": "a constant pull during lasting contact is an offset of the force; the axes tell them apart",
@@ -93,8 +100,8 @@ class ContactAdhesion(ContactEffect):
 class ContactViscoelasticRelaxation(ContactEffect):
     """+ s, ṡ = stiffness·ḋ − s/τ in contact.
 
-    It remembers the depth y that it has relaxed to: s = stiffness (d − y) with τ ẏ = d − y, y = 0 at touch-down. y is
-    smooth, so that the noise of a sample enters through d alone.
+    Its memory is the relaxed depth y: s = stiffness (d − y) with τ ẏ = d − y, y = 0 at touch-down. y is smooth, so
+    that a sample's noise enters through d alone.
     """
 
     name: ClassVar[str] = "contact_viscoelastic_relaxation"
@@ -105,6 +112,8 @@ class ContactViscoelasticRelaxation(ContactEffect):
     )
     difference_step: ClassVar[float] = 1e-3
     reference: ClassVar[str] = "Johnson, Contact Mechanics, 1985, §6.5 (Maxwell element beside a spring)"
+    formula: ClassVar[str] = "+ <i>s</i>, <i>ṡ</i> = <i>k</i> δ̇ − <i>s</i>/τ"
+    words: ClassVar[str] = "adds a force on pressing in that dies away"
     alike: ClassVar[Mapping[str, str]] = {
         "contact_hunt_crossley_dissipation": "a force that dies away fast damps as well",
         "contact_nonlinear_stiffness": "both stiffen the contact under quick presses",
@@ -117,10 +126,10 @@ class ContactViscoelasticRelaxation(ContactEffect):
         steps = np.diff(time, prepend=time[0])
         before = np.concatenate([d[:1], d[:-1]])
         slope = np.where(steps > 0.0, (d - before) / np.where(steps > 0.0, steps, 1.0), 0.0)
-        # within a step the depth is straight; one that begins outside starts at the touch, with y = 0
-        begun = before <= 0.0
-        steps = np.where(begun & (slope > 0.0), np.maximum(d, 0.0) / np.where(slope > 0.0, slope, 1.0), steps)
-        start = np.where(begun, 0.0, before)
+        # within a step the depth is linear; a step that begins outside of contact starts at touch-down, with y = 0
+        outside = before <= 0.0
+        steps = np.where(outside & (slope > 0.0), np.maximum(d, 0.0) / np.where(slope > 0.0, slope, 1.0), steps)
+        start = np.where(outside, 0.0, before)
         kept = np.exp(-steps / tau)
         inside = pressing(touch)
         added = np.where(inside, d - tau * slope - kept * (start - tau * slope), 0.0)

@@ -1,4 +1,4 @@
-"""What sets in at a depth, averaged over the time that a sample stands for."""
+"""The onset of a force at zero depth (contact, hard stop), averaged over a sample interval."""
 
 from dataclasses import dataclass
 
@@ -8,20 +8,20 @@ from drake_cafim.typing import Array
 
 LEAST = 1e-12
 FREE = 0.02
-"""Least share of the time in which what sets in at a depth has not: a contact that is never left is a spring."""
+"""Least fraction of samples out of contact: a contact or stop that is never left is a spring."""
 
 
 @dataclass(frozen=True)
 class Onset:
-    """Of a passage from depth − reach to depth + reach: the `share` (N,) of it beyond zero, and the mean of x₊ (N,).
+    """Averages over x uniform in depth ± reach: `share` (N,) of x > 0, and `depth` (N,), the mean of max(x, 0).
 
-    A force that starts with a jump, as a damper's does, would otherwise come half a sample early or late.
+    Without the average a force that starts with a jump, as a damper's, would come half a sample early or late.
     """
 
     share: Array
     depth: Array
     slope: Array
-    """∂share/∂depth; that of the mean depth is the share."""
+    """∂share/∂depth (N,); the derivative of the mean max(x, 0) is `share`."""
 
     @classmethod
     def of(cls, depth: Array, reach: Array | float) -> "Onset":

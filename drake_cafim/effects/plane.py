@@ -1,4 +1,4 @@
-"""Something in the way that the model does not have: a plane that a point of a body touches."""
+"""Contact of a body with an obstacle that the model lacks: a plane that the body's origin touches."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,10 +17,13 @@ from drake_cafim.typing import Array
 class UnmodeledContact(BodyForce):
     """max(0, k δ + d δ̇) n where δ = offset − n·p > 0, p the body's origin in the world; no friction.
 
-    Only the direction of (nx, ny, nz) counts; a fit makes it a unit vector.
+    Only the direction of (nx, ny, nz) matters; a fit normalizes it to a unit vector.
     """
 
     name: ClassVar[str] = "unmodeled_contact"
+    kind: ClassVar[str] = "obstacle"
+    stiff: ClassVar[bool] = True
+    in_throws: ClassVar[bool] = False  # its screening needs recordings that touch it at rest
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("offset", "m", 0.1, lower=-100.0, upper=100.0, amplitude=False),
         Strength("stiffness", "N/m", 1000.0, lower=0.0),
@@ -30,6 +33,8 @@ class UnmodeledContact(BodyForce):
         Strength("nz", "1", 1.0, lower=-2.0, upper=2.0, amplitude=False),
     )
     reference: ClassVar[str] = "Haddadin, De Luca, Albu-Schäffer, IEEE Trans. Robotics 33(6), 2017"
+    formula: ClassVar[str] = "<i>k</i> δ + <i>d</i> δ̇ below the plane"
+    words: ClassVar[str] = "pushes back where the model has nothing to touch"
     alike: ClassVar[Mapping[str, str]] = {
         "external_disturbance": "a short touch is a push; only a second one at the same place tells them apart",
         "joint_hard_stop": "both push back beyond a position, one of the joint and one of the body in the world",
@@ -43,7 +48,7 @@ class UnmodeledContact(BodyForce):
 
     @property
     def normal(self) -> Array:
-        """The unit normal (3,), out of what is in the way."""
+        """The unit normal (3,), pointing out of the obstacle, world axes."""
         n = np.array([self.values["nx"], self.values["ny"], self.values["nz"]])
         return np.asarray(n / max(float(np.linalg.norm(n)), 1e-12))
 
@@ -58,7 +63,7 @@ class UnmodeledContact(BodyForce):
         return np.asarray(np.maximum(push, 0.0)[:, None] * self.normal)
 
     def slopes(self, p_WP: Array, v_WP: Array, lasting: Array | float = 0.0) -> Array:
-        """∂force/∂strengths (N, 3, 6); the length of the normal is no strength, and they know nothing of it."""
+        """∂force/∂strengths (N, 3, 6); zero along the normal's length, which does not affect the force."""
         onset, rate = self._touch(p_WP, v_WP, lasting)
         k, d, n = self.values["stiffness"], self.values["damping"], self.normal
         push = k * onset.depth + d * rate * onset.share
@@ -74,13 +79,17 @@ class UnmodeledContact(BodyForce):
         depth, rate = self.values["offset"] - p_WP @ self.normal, -(v_WP @ self.normal)
         return Onset.of(depth, 0.5 * np.abs(rate) * lasting), rate
 
+    def contradiction(self) -> str:
+        normal = np.array([self.values[name] for name in ("nx", "ny", "nz")])
+        return "" if np.any(normal) else "the normal nx, ny, nz is zero, expected a direction"
+
     def plausible(self) -> bool:
-        # a plane that is hardly felt at any depth is none
+        # without stiffness it is not a contact
         return super().plausible() and self.values["stiffness"] > 0.0
 
     def touched_and_left(self, p_WP: Array) -> bool:
-        """Whether the body, at `p_WP` (N, 3), is free of the plane for some of the time.
+        """Whether the body's origin, at `p_WP` (N, 3) m, is out of contact for more than the fraction `FREE`.
 
-        A plane that is always touched is a spring, a damper and a bias, and none of them is a contact.
+        A plane that is always touched acts as a spring, a damper and a bias, and cannot be told from them.
         """
         return float(np.mean(p_WP @ self.normal > self.values["offset"])) > FREE

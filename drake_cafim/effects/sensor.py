@@ -1,4 +1,4 @@
-"""What a sensor makes of the truth at each moment: offset, scale, drift, a turned frame."""
+"""Sensor effects that act on each sample by itself: bias, gain error, drift, misalignment."""
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,70 +8,99 @@ from typing import ClassVar
 import numpy as np
 import scipy.sparse as sp
 
-from drake_cafim.effects.effect import Effect, Place, Strength
+from drake_cafim.effects.effect import Effect, P, Place, Strength
+from drake_cafim.effects.surroundings import Surroundings
 from drake_cafim.typing import Array
 
 
 @dataclass(frozen=True)
 class SensorEffect(Effect):
-    """A distortion of one measured channel, or of all channels of a sensor; `at` is the name of either.
+    """A distortion of one measured channel, or of all channels of a sensor; `at` names the channel or the sensor.
 
-    Arrays are (N, c): samples by the sensor's channels, one for a single channel.
+    Arrays are (N, c): samples by the sensor's channels, c = 1 for a single channel.
     """
 
     place: ClassVar[Place] = Place.CHANNEL
     family: ClassVar[str] = "sensor"
+    kind: ClassVar[str] = "sensor"
+    shifts: ClassVar[bool] = False
+    """Whether it records at t the value of another time, `shown(t)`."""
+    needs_signal: ClassVar[bool] = False
+    """Whether it would reduce the misfit by scaling noise down, where the channel holds little signal."""
+
+    def entered(self, physics: P) -> P:
+        return physics.joined("sensors", self)
+
+    @classmethod
+    def attachments(cls, where: Surroundings) -> Iterator[str]:
+        if where.thrown is None or cls.in_throws:
+            yield from cls.sites(where.columns)
+
+    @property
+    def scale(self) -> float:
+        """∂measured/∂true of a channel."""
+        return 1.0
+
+    def shown(self, time: Array) -> Array:
+        """The times s whose values are recorded at `time` s."""
+        return time
+
+    def read(self, time: Array) -> Array:
+        """The times s at which the values of `time` s are recorded."""
+        return time
 
     @abstractmethod
     def measured(self, time: Array, true: Array) -> Array:
-        """What the sensor writes when `true` happens at `time` (N,) s."""
+        """The recorded values (N, c) for true values `true` (N, c) at `time` (N,) s."""
 
     @abstractmethod
     def true(self, time: Array, measured: Array) -> Array:
-        """The inverse of `measured`."""
+        """The true values (N, c) from recorded values `measured` (N, c): the inverse of `measured`."""
 
     @abstractmethod
     def columns(self, time: Array, true: Array) -> Array:
-        """∂measured/∂strengths at no effect, (N, c, k)."""
+        """∂measured/∂strengths (N, c, k) at zero effect."""
 
     def correction(self, time: Array) -> sp.csr_matrix | None:
-        """(N, N) by which `true` scales or moves a channel's samples, and their noise; None where it does not."""
+        """Matrix (N, N) with which `true` multiplies a channel's samples, and their noise; None for the identity."""
         return None
 
     def facing(self, time: Array) -> sp.csr_matrix | None:
-        """(N, N) that stands in for `correction` where q and v only face each other; None where nothing does."""
+        """Matrix (N, N) that replaces `correction` in the kinematic rows, which compare q with v; None if none does."""
         return None
 
     def writing(self, time: Array) -> sp.csr_matrix | None:
-        """(N, N) by which `measured` mixes the samples of a channel; None where each is written at its own time."""
+        """Matrix (N, N) with which `measured` filters a channel's samples; None where samples do not mix."""
         return None
 
     @classmethod
     def sites(cls, columns: Sequence[str]) -> Iterator[str]:
-        """Where among a recording's columns with noise the effect can be looked for: single channels.
+        """The places among a recording's columns with noise where it is a hypothesis: single channels.
 
-        An effort's sensor is left out: what it does to an effort is what the actuator effects do.
+        Effort channels are left out: a sensor effect on an effort cannot be told from an actuator effect.
         """
         yield from (column for column in columns if not column.startswith("u."))
 
     def channels(self, columns: Sequence[str]) -> tuple[str, ...]:
-        """Which of `columns` the effect is on."""
+        """Those of `columns` that the effect distorts."""
         return tuple(column for column in columns if column == self.at or column.startswith(f"{self.at}."))
 
 
 def whole_sensors(columns: Sequence[str]) -> tuple[str, ...]:
-    """The sensors of several channels among a recording's columns."""
+    """The names of wrench and pose sensors, each of several channels, among a recording's columns."""
     names = (column.rsplit(".", 1)[0] for column in columns if column.startswith(("wrench.", "pose.")))
     return tuple(dict.fromkeys(names))
 
 
 @dataclass(frozen=True)
 class SensorBias(SensorEffect):
-    """The truth + bias is written."""
+    """measured = true + bias."""
 
     name: ClassVar[str] = "sensor_bias"
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("bias", "unit of the channel", 0.1),)
     reference: ClassVar[str] = "ISO 5725-1:2023, bias"
+    formula: ClassVar[str] = "reads the truth + <i>b</i>"
+    words: ClassVar[str] = "adds a constant to what is read"
     alike: ClassVar[Mapping[str, str]] = {
         "payload": "a position offset at the last joint changes the weight torque as a side load does",
         "gravity_misalignment": "a position offset at the first joint turns gravity against the arm",
@@ -92,11 +121,14 @@ class SensorBias(SensorEffect):
 
 @dataclass(frozen=True)
 class SensorGainError(SensorEffect):
-    """gain times the truth is written."""
+    """measured = gain × true."""
 
     name: ClassVar[str] = "sensor_gain_error"
+    needs_signal: ClassVar[bool] = True
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("gain", "1", 0.05, lower=0.5, upper=2.0, nominal=1.0),)
     reference: ClassVar[str] = "ISO 5725-1:2023; Hollerbach, Wampler, Int. J. Robotics Research 15(6), 1996"
+    formula: ClassVar[str] = "reads <i>g</i> × the truth"
+    words: ClassVar[str] = "scales what is read"
     alike: ClassVar[Mapping[str, str]] = {
         "sensor_bias": "where the channel hardly changes, a share of it is an offset",
         "actuator_gain_error": "a motion that is read too large asks for too large efforts",
@@ -105,9 +137,13 @@ class SensorGainError(SensorEffect):
 
     @classmethod
     def sites(cls, columns: Sequence[str]) -> Iterator[str]:
-        # a pose that is read too large is so along all axes: its unit of length is wrong
+        # a pose's gain is common to all its axes: it means a wrong unit of length
         yield from (column for column in columns if not column.startswith(("u.", "pose.")))
         yield from (sensor for sensor in whole_sensors(columns) if sensor.startswith("pose."))
+
+    @property
+    def scale(self) -> float:
+        return self.values["gain"]
 
     def measured(self, time: Array, true: Array) -> Array:
         return self.values["gain"] * true
@@ -124,11 +160,13 @@ class SensorGainError(SensorEffect):
 
 @dataclass(frozen=True)
 class SensorDrift(SensorEffect):
-    """The truth + rate·t is written."""
+    """measured = true + rate·t."""
 
     name: ClassVar[str] = "sensor_drift"
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("rate", "unit of the channel/s", 0.01),)
     reference: ClassVar[str] = "IEEE Std 1554-2005, drift"
+    formula: ClassVar[str] = "reads the truth + <i>r</i> <i>t</i>"
+    words: ClassVar[str] = "moves away from the truth steadily"
     alike: ClassVar[Mapping[str, str]] = {
         "sensor_bias": "a slow drift over a short recording is an offset",
         "clock_skew": "in a steady motion a growing delay is a drift",
@@ -146,7 +184,7 @@ class SensorDrift(SensorEffect):
 
 @dataclass(frozen=True)
 class SensorMisalignment(SensorEffect):
-    """Rᵀ f is written for force and torque f of a wrench sensor, R = Rx(roll) Ry(pitch) Rz(yaw)."""
+    """measured = Rᵀ f for force and for torque f of a wrench sensor, R = Rx(roll) Ry(pitch) Rz(yaw)."""
 
     name: ClassVar[str] = "sensor_misalignment"
     strengths: ClassVar[tuple[Strength, ...]] = (
@@ -155,6 +193,8 @@ class SensorMisalignment(SensorEffect):
         Strength("yaw", "rad", 0.03, lower=-np.pi, upper=np.pi),
     )
     reference: ClassVar[str] = "Traversaro, Pucci, Nori, IEEE/RSJ IROS, 2015 (force-torque sensors in place)"
+    formula: ClassVar[str] = "reads R<sup>T</sup> <i>f</i>"
+    words: ClassVar[str] = "is mounted askew"
     alike: ClassVar[Mapping[str, str]] = {
         "surface_tilt": "a turned surface pushes from where a turned sensor thinks it does",
         "sensor_bias": "a steady force seen under an angle is an offset across it",
@@ -178,7 +218,7 @@ class SensorMisalignment(SensorEffect):
         return np.concatenate([measured[:, :3] @ self.rotation.T, measured[:, 3:] @ self.rotation.T], axis=1)
 
     def columns(self, time: Array, true: Array) -> Array:
-        # Rᵀ f = f − θ × f to first order
+        # to first order in the angles θ, Rᵀ f = f − θ × f
         turned = [
             np.concatenate([-np.cross(axis, true[:, :3]), -np.cross(axis, true[:, 3:])], axis=1) for axis in np.eye(3)
         ]

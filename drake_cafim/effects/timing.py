@@ -1,7 +1,8 @@
-"""Sensors whose values belong to another time: late, slow, or by a clock that runs at another rate.
+"""Sensor effects on timing: delay, first-order lag, and a clock of a different rate.
 
-Their inverse reads the recorded channel between its samples by local polynomials. Under test functions that are much
-wider than a sample this moves the noise, and hardly smooths it; `diagnosis.reading` makes up for what it does.
+Their inverse interpolates the recorded channel between its samples by local polynomials. Under test functions that are
+much wider than a sample interval this shifts the noise and hardly smooths it; the diagnosis accounts for that in the
+noise covariance.
 """
 
 from abc import abstractmethod
@@ -14,22 +15,22 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import solve_banded
 
-from drake_cafim.compiled import compiled
 from drake_cafim.effects.effect import Strength
 from drake_cafim.effects.sensor import SensorEffect, whole_sensors
-from drake_cafim.local_polynomial import local_polynomial
+from drake_cafim.numerics.compiled import compiled
+from drake_cafim.numerics.local_polynomial import local_polynomial
 from drake_cafim.typing import Array
 
 POINTS = 6
-"""Samples that a local polynomial goes through."""
+"""Number of samples that a local polynomial interpolates."""
 MEMORY = 8.0
-"""Time constants after which a lag has forgotten."""
+"""Multiple of the time constant after which a lag's impulse response exp(−t/τ) is neglected."""
 SMOOTHING_REACH = 0.015
-"""s on either side over which a lagging channel is smoothed before its slope is taken."""
+"""s, half width of the smoothing of a lagging channel before it is differentiated."""
 
 
 def interpolation(time: Array, at: Array, derivative: int = 0) -> sp.csr_matrix:
-    """(K, N): value or a derivative at `at` (K,) s of the local polynomials through samples at `time` (N,) s.
+    """Matrix (K, N) from samples at `time` (N,) s to the local polynomials' value or derivative at `at` (K,) s.
 
     Before the first and after the last sample the value is held.
     """
@@ -44,9 +45,10 @@ def interpolation(time: Array, at: Array, derivative: int = 0) -> sp.csr_matrix:
 
 @compiled
 def _weights(offset: Array, derivative: int) -> Array:
-    """(K, c) of values at `offset` (K, c) from a point in the derivative there of the polynomial through them.
+    """Weights (K, c) of values at `offset` (K, c) s in the `derivative` at offset 0 of their interpolating polynomial.
 
-    Point after point is added, and weights follow for all derivatives up to it (Fornberg, Math. Comp. 51(184), 1988).
+    Computed by adding one point after the other, for all derivatives up to that one (Fornberg, Math. Comp. 51(184),
+    1988).
     """
     K, count = offset.shape
     result, known = np.empty((K, count)), np.empty((count, derivative + 1))
@@ -74,26 +76,30 @@ def _weights(offset: Array, derivative: int) -> Array:
 
 @dataclass(frozen=True)
 class TimingEffect(SensorEffect):
-    """A sensor effect that is linear in the channel's past; on a channel, or on a whole sensor's."""
+    """A sensor effect that is a linear filter of a channel, or of all channels of a sensor."""
+
+    late: ClassVar[bool] = True
 
     @classmethod
     def sites(cls, columns: Sequence[str]) -> Iterator[str]:
-        # all channels of a wrench or a pose come through one wire
+        # all channels of a wrench or a pose come in one message, so they share its delay
         yield from (column for column in columns if column.startswith(("q.", "v.")))
         yield from whole_sensors(columns)
 
 
 @dataclass(frozen=True)
 class ShiftedSensor(TimingEffect):
-    """A sensor that writes at t the value of another time."""
+    """A sensor that records at t the true value of another time."""
+
+    shifts: ClassVar[bool] = True
 
     @abstractmethod
     def shown(self, time: Array) -> Array:
-        """The times s whose values are written at `time` s."""
+        """The times s whose values are recorded at `time` s."""
 
     @abstractmethod
     def read(self, time: Array) -> Array:
-        """The times s at which the values of `time` s are written."""
+        """The times s at which the values of `time` s are recorded."""
 
     def measured(self, time: Array, true: Array) -> Array:
         return np.asarray(self.writing(time) @ true)
@@ -110,11 +116,14 @@ class ShiftedSensor(TimingEffect):
 
 @dataclass(frozen=True)
 class SensorDelay(ShiftedSensor):
-    """The value of t − delay is written at t."""
+    """measured(t) = true(t − delay)."""
 
     name: ClassVar[str] = "sensor_delay"
+    in_throws: ClassVar[bool] = False  # a delay common to all of a throw's channels is not observable
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("delay", "s", 0.005, lower=0.0, upper=0.2),)
     reference: ClassVar[str] = "Furgale, Rehder, Siegwart, IEEE/RSJ IROS, 2013 (temporal calibration)"
+    formula: ClassVar[str] = "reads the truth of <i>t</i> − τ"
+    words: ClassVar[str] = "reads the past"
     alike: ClassVar[Mapping[str, str]] = {
         "sensor_lag": "slow signals are late by the time constant, whichever of the two it is",
         "actuator_delay": "late position and late effort are the same at one joint; the other joints tell them apart",
@@ -133,24 +142,31 @@ class SensorDelay(ShiftedSensor):
 
 @dataclass(frozen=True)
 class SensorLag(TimingEffect):
-    """τ ẏ = x − y, and y is written; it starts settled."""
+    """τ ẏ = x − y for the true value x; y is recorded, and starts in steady state, y = x."""
 
     name: ClassVar[str] = "sensor_lag"
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("time_constant", "s", 0.005, lower=0.0, upper=0.5),)
     reference: ClassVar[str] = "Oppenheim, Willsky, Signals and Systems, 1997, §6.5 (first-order systems)"
+    formula: ClassVar[str] = "τ <i>ẏ</i> = truth − <i>y</i>, <i>y</i> is read"
+    words: ClassVar[str] = "follows the truth slowly"
     alike: ClassVar[Mapping[str, str]] = {
         "sensor_delay": "slow signals are late by the time constant, whichever of the two it is",
         "actuator_lag": "late position and late effort are alike at one joint; the other joints tell them apart",
         "sensor_gain_error": "a fast signal comes out smaller",
     }
 
+    @property
+    def settling(self) -> float:
+        # of a hypothesis, which has no values, it is not known yet
+        return self.values.get("time_constant", 0.0)
+
     def measured(self, time: Array, true: Array) -> Array:
         tau = self.values["time_constant"]
         if tau <= 0.0:
             return true
-        # written[k + 1] − kept[k] written[k] = given[k + 1]
+        # written[k + 1] − kept[k] written[k] = (input matrix @ true)[k + 1]
         band = np.stack([np.ones(len(time)), np.append(-np.exp(-np.diff(time) / tau), 0.0)])
-        return np.asarray(solve_banded((1, 0), band, _given(time, tau) @ true, check_finite=False))
+        return np.asarray(solve_banded((1, 0), band, _input_matrix(time, tau) @ true, check_finite=False))
 
     def writing(self, time: Array) -> sp.csr_matrix:
         tau = self.values["time_constant"]
@@ -163,18 +179,18 @@ class SensorLag(TimingEffect):
                 break
             diagonals.append(np.exp(-apart / tau))
             offsets.append(-offset)
-        return sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets) @ _given(time, tau))
+        return sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets) @ _input_matrix(time, tau))
 
     def true(self, time: Array, measured: Array) -> Array:
         return np.asarray(self.correction(time) @ measured)
 
     def correction(self, time: Array) -> sp.csr_matrix:
-        # x = y + τ ẏ, with the slope of a smoothed y, for an exact inverse would be all noise
+        # x = y + τ ẏ, with ẏ from a smoothed y: the exact inverse would amplify the noise
         slope = self.values["time_constant"] * _smooth_slope(time)
         return sp.csr_matrix(sp.eye_array(len(time)) + slope)
 
     def facing(self, time: Array) -> sp.csr_matrix:
-        # a time constant later, as if the channel were only late
+        # to first order in τ a lag is a delay by the time constant
         return interpolation(time, time + self.values["time_constant"])
 
     def columns(self, time: Array, true: Array) -> Array:
@@ -183,11 +199,13 @@ class SensorLag(TimingEffect):
 
 @dataclass(frozen=True)
 class ClockSkew(ShiftedSensor):
-    """The value of t·(1 + skew) is written at t."""
+    """measured(t) = true(t·(1 + skew))."""
 
     name: ClassVar[str] = "clock_skew"
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("skew", "1", 1e-3, lower=-0.1, upper=0.1),)
     reference: ClassVar[str] = "Mills, Internet time synchronization, IEEE Trans. Communications 39(10), 1991"
+    formula: ClassVar[str] = "reads the truth of <i>t</i> (1 + <i>s</i>)"
+    words: ClassVar[str] = "runs on a clock of its own"
     alike: ClassVar[Mapping[str, str]] = {
         "sensor_delay": "over a short recording a growing delay is one of its mean",
         "sensor_drift": "in a steady motion a growing delay is a drift",
@@ -204,8 +222,8 @@ class ClockSkew(ShiftedSensor):
         return np.asarray((time[:, None] * slope)[..., None])
 
 
-def _given(time: Array, tau: float) -> sp.csr_matrix:
-    """(N, N): what each step adds to what is written, exact for a signal that is a parabola between two samples."""
+def _input_matrix(time: Array, tau: float) -> sp.csr_matrix:
+    """Input matrix (N, N) of the lag's recursion; exact for a signal that is a parabola between two samples."""
     steps = np.diff(time)
     a = steps / tau
     kept = np.exp(-a)
@@ -220,17 +238,17 @@ def _given(time: Array, tau: float) -> sp.csr_matrix:
 
 @lru_cache(maxsize=16)
 def _curvature(time: bytes) -> sp.csr_matrix:
-    """The second derivative of a channel over the step to each sample, kept for the recordings at hand."""
+    """Matrix (N, N) to a channel's second derivative midway in the step to each sample; cached by time grid."""
     t = np.frombuffer(time)
     return interpolation(t, np.append(t[0], 0.5 * (t[1:] + t[:-1])), derivative=2)
 
 
 @lru_cache(maxsize=16)
 def _slope(time: bytes) -> sp.csr_matrix:
-    """The slope of a channel at `time`, kept for the recordings at hand."""
+    """Matrix (N, N) to a channel's derivative at its samples; cached by time grid."""
     return interpolation(np.frombuffer(time), np.frombuffer(time), derivative=1)
 
 
 def _smooth_slope(time: Array) -> sp.csr_matrix:
-    """The slope of a smoothed channel at `time`."""
+    """Matrix (N, N) to the derivative of a smoothed channel at its samples."""
     return local_polynomial(time, SMOOTHING_REACH, 5, 1, at_least=3)

@@ -1,4 +1,4 @@
-"""Forces of position that a joint's transmission and its stops add."""
+"""Position-dependent joint forces of the transmission and the stops: torque ripple, hard stop."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -12,9 +12,9 @@ from drake_cafim.effects.onset import FREE, Onset
 from drake_cafim.typing import Array
 
 MOST_PERIODS = 40.0
-"""Ripples are looked for with up to so many periods over the range that the joint moves through."""
+"""Largest number of ripple periods over the joint's range of motion that the search tries."""
 PATCH = 0.05
-"""Of the largest effort, that other laws may be wrong by where more than noise is left."""
+"""Assumed model error of other joint laws, as a fraction of the largest effort, where the residual is not white."""
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,12 @@ class TorqueRipple(JointForce):
     name: ClassVar[str] = "torque_ripple"
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("amplitude", "N m", 0.3, lower=0.0, linear_unit="N"),
-        Strength("cycles", "1/rad", 20.0, lower=0.0, linear_unit="1/m", amplitude=False),
+        Strength("cycles", "1/rad", 20.0, lower=0.0, linear_unit="1/m", amplitude=False, required=True),
         Strength("phase", "rad", 1.0, amplitude=False),
     )
     reference: ClassVar[str] = "Holtz, Springob, IEEE Trans. Industrial Electronics 43(2), 1996 (cogging)"
+    formula: ClassVar[str] = "<i>A</i> sin(<i>n</i> <i>q</i> + φ)"
+    words: ClassVar[str] = "pushes back and forth as the joint turns, as cogging does"
     alike: ClassVar[Mapping[str, str]] = {
         "joint_spring": "over a small range of positions a slow ripple is a slope",
         "gravity_misalignment": "one period a turn is what a tilt does to a joint's weight",
@@ -42,14 +44,14 @@ class TorqueRipple(JointForce):
         return Force(amplitude * sine, amplitude * cycles * cosine, zero, zero, d_strengths)
 
     def plausible_over(self, joint: JointSamples) -> bool:
-        # less than three quarters of a period is a slope or an offset, not a ripple
+        # less than three quarters of a period cannot be told from a slope or an offset
         return bool(self.values["cycles"] * np.ptp(joint.q) > 1.5 * np.pi)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         span = float(np.ptp(joint.q))
         if span < 1e-4:
             return
-        # half a step off, the phase is wrong by at most 0.6 rad at the ends of the range: still in the basin
+        # half a grid step off, the phase error at the ends of the range is at most 0.6 rad: the fit still converges
         for periods in np.arange(1.0, MOST_PERIODS, 0.38):
             cycles = float(2.0 * np.pi * periods / span)
             columns = np.stack([np.sin(cycles * joint.q), np.cos(cycles * joint.q)], axis=1)
@@ -72,8 +74,10 @@ class JointHardStop(JointForce):
         Strength("stiffness", "N m/rad", 10.0, lower=0.0, linear_unit="N/m"),
         Strength("damping", "N m s/rad", 0.1, lower=0.0, linear_unit="N s/m", amplitude=False),
     )
-    shapes: ClassVar[tuple[Strength, ...]] = (Strength("side", "1", 1.0, nominal=1.0),)
+    shapes: ClassVar[tuple[Strength, ...]] = (Strength("side", "1", 1.0, nominal=1.0, choices=(1.0, -1.0)),)
     reference: ClassVar[str] = "Brogliato, Nonsmooth Mechanics, 2016, §2 (compliant unilateral constraint)"
+    formula: ClassVar[str] = "−(<i>k</i> δ + <i>d</i> δ̇) beyond the stop, 0 before it"
+    words: ClassVar[str] = "pushes the joint back beyond a position"
     alike: ClassVar[Mapping[str, str]] = {
         "joint_spring": "a stop that is hardly ever left is a spring",
         "unmodeled_contact": "an obstacle met at the end of the range; other joints feel it too",
@@ -99,15 +103,15 @@ class JointHardStop(JointForce):
         )
 
     def plausible_over(self, joint: JointSamples) -> bool:
-        # a stop may be soft, or leant on for most of the time; but what is never touched stops nothing, what is never
-        # left is a spring, and what does not push back at rest is a friction. How surely it does, evidence tells
+        # a stop may be soft, or in contact for most of the time; but one that is never touched has no effect, one that
+        # is never left is a spring, and one without stiffness is a friction. The evidence decides how certain it is
         depth = self.values.get("side", 1.0) * (joint.q - self.values["position"])
         met, free = np.any(depth > joint.q_reach), np.mean(depth < -joint.q_reach) > FREE
         return bool(met and free and self.values["stiffness"] > 0.0)
 
     def stands_out(self, joint: JointSamples) -> bool:
-        # laws of friction and drives are right to some hundredths of the effort: at the ends of the range, where motion
-        # turns, what they leave looks like a soft stop
+        # friction and drive laws are accurate to a few per cent of the effort: at the ends of the range, where motion
+        # reverses, their model error resembles a soft stop
         depth = self.values.get("side", 1.0) * (joint.q - self.values["position"])
         return bool(self.values["stiffness"] * np.max(depth) > PATCH * np.max(np.abs(joint.u)))
 
@@ -120,6 +124,6 @@ class JointHardStop(JointForce):
                 yield Start(-np.stack([side * depth, rate], axis=1), {"side": side, "position": position})
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointHardStop":
-        # the start's depth at first touch is rough, so its damping may come out below zero
+        # the stop's position is only a grid value here, so the damping may come out negative
         values = {"stiffness": float(coefficients[0]), "damping": max(float(coefficients[1]), 0.0)}
-        return JointHardStop(self.at, {**values, **shape})
+        return type(self)(self.at, {**values, **shape})

@@ -1,8 +1,8 @@
-"""The twist between a rotor and its link, from step to step."""
+"""Time integration of the twist between a rotor and its link (compiled)."""
 
 import numpy as np
 
-from drake_cafim.compiled import compiled
+from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array
 
 
@@ -18,7 +18,7 @@ def transition(pull: Array, drag: Array, step: Array) -> Array:
             decay = np.exp(-half * h)
             cosine, sine = decay * np.cos(root * h), decay * np.sin(root * h) / root
         else:
-            # exponentials that only decay, however strong the damping
+            # overdamped: both exponents are negative, so that neither exponential overflows
             slow, fast = np.exp((root - half) * h), np.exp(-(root + half) * h)
             cosine, sine = 0.5 * (slow + fast), 0.5 * (slow - fast) / root
         phi[0, k], phi[1, k] = cosine + half * sine, sine
@@ -28,7 +28,7 @@ def transition(pull: Array, drag: Array, step: Array) -> Array:
 
 @compiled
 def swung(phi: Array, rest: Array, twist: float, rate: float) -> Array:
-    """ψ̇ (N,) from a `twist` ψ and a `rate` ψ̇ on, by transitions (4, N − 1) about the balance points `rest` (N,)."""
+    """ψ̇ (N,) from initial `twist` ψ and `rate` ψ̇, by transition matrices (4, N − 1) about equilibria `rest` (N,)."""
     rates = np.empty(len(rest))
     rates[0] = rate
     for k in range(len(rest) - 1):
@@ -43,10 +43,10 @@ def crossed(
     half: float, stiffness: float, damping: float, parts: int, step: Array, transition: Array, rest: Array,
     push: Array, mobility: Array, twist: float, rates: Array,
 ) -> Array:  # fmt: skip
-    """Fills `rates` (N,) with ψ̇ at the samples, from rest at `twist`, in a gap of `half` to either side.
+    """Fills `rates` (N,) with ψ̇ at the samples, from rest at `twist`, for a gap from −`half` to `half`.
 
-    An interval has `parts` steps of `step` (N − 1,) s. On a flank each of them is `transition` (4, N − 1), about where
-    the held `push` is in balance, `rest` (N,) beyond the gap's end; between the flanks nothing but `push` acts.
+    An interval has `parts` steps of `step` (N − 1,) s. On a flank each step is `transition` (4, N − 1) about the
+    equilibrium `rest` (N,) beyond the gap's end; between the flanks only the constant `push` accelerates the twist.
     """
     rate = 0.0
     rates[0] = rate
@@ -65,7 +65,7 @@ def crossed(
                 twist, rate = twist + h * (rate + 0.5 * h * g), rate + h * g
                 wall = half if twist > half else -half
                 if (before - wall) * (twist - wall) < 0.0 and abs(twist) > half:
-                    # the flank is met within the step: it pushes for what is left of it
+                    # impact within the step: the flank's force acts for the remaining time
                     left = h * (twist - wall) / (twist - before)
                     force = 0.5 * stiffness * (twist - wall) + damping * rate
                     if force * wall > 0.0:

@@ -1,1 +1,1 @@
-"""CA-MAP: the parameters that best explain the recorded contacts, and how sure that is."""
+"""CA-MAP, contact-aware maximum a posteriori estimation of the parameters, with their covariance."""

@@ -1,9 +1,9 @@
-"""CA-MAP as the paper states it (Def. 4): one program over θ and the trajectory τ, contact as constraints.
+"""CA-MAP as defined in the paper (Def. 4): one program over θ and the trajectory τ, with contact as constraints.
 
     min over θ, x, λ of  ½ Σ |(y − g(x, λ, θ)) / σ|² + ½ |θ − θ₀|²_{Σ₀⁻¹}
     subject to           x_0 = x_0(θ),   λ_k = contact(x_k, r_k, θ),   x_{k+1} = step(x_k, r_k, r_{k+1}, λ_k, θ)
 
-Without a measured pose it has wrong optima, and a kinked law has no derivative where it matters: use a model
+Without a measured pose it has wrong local optima, and a law with kinks is not differentiable at contact: use a model
 with a smooth law, and start from the shooting solution.
 """
 
@@ -23,7 +23,7 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class JointProgram:
-    """The program with its variables: z (n,) is (θ − θ₀)/s with s the prior std; states and forces by experiment.
+    """The program and its variables: z (n,) is (θ − θ₀)/s with s the prior std; states and forces by experiment.
 
     `states` are (K, nx) and `forces` (K, nλ) over the integration steps of each experiment.
     """
@@ -40,8 +40,8 @@ class JointProgram:
 class JointEstimate:
     """θ (n,) and the forces (K, nλ) of each experiment's integration steps.
 
-    `solved` is the solver's own word; `violation` the largest constraint violation (in N and m), which should
-    be looked at before `solved` is believed.
+    `solved` is the solver's status; `violation` the largest constraint violation (in N and m), which should be checked
+    even where `solved` is true.
     """
 
     theta: Array
@@ -53,7 +53,7 @@ class JointEstimate:
 
 
 def build_joint_program(problem: MapProblem) -> JointProgram:
-    """The program of all experiments of `problem`; one small callback a knot."""
+    """The program of all experiments of `problem`, with one constraint callback per knot."""
     model = problem.model
     parameters = model.parameters
     centre, scale = problem.prior.mean, problem.prior.std
@@ -134,7 +134,7 @@ def _step(problem: MapProblem, theta_of: Any, scale: Array, motion: Array, follo
 
 
 def _residual(problem: MapProblem, theta_of: Any, scale: Array, motion: Array, nf: int, reading: Array) -> Function:
-    """½ |(y − g)/σ|² of one sample and its gradient (1, m); what was not measured counts for nothing."""
+    """½ |(y − g)/σ|² of one sample and its gradient (1, m); missing components (NaN) are skipped."""
     model, nx = problem.model, problem.model.state_size
     seen = np.isfinite(reading)
 
@@ -150,7 +150,7 @@ def _residual(problem: MapProblem, theta_of: Any, scale: Array, motion: Array, n
 
 
 def _pieces(jacobians: Jacobians, nf: int, nx: int, n: int) -> tuple[Array, Array, Array]:
-    """The three derivative blocks at their full shapes (k, nx), (k, nf), (k, n)."""
+    """The three derivative blocks broadcast to their full shapes (k, nx), (k, nf), (k, n)."""
     k = len(jacobians.value)
     blocks = (jacobians.wrt_state, jacobians.wrt_force, jacobians.wrt_parameters)
     x, force, theta = (np.broadcast_to(block, (k, size)) for block, size in zip(blocks, (nx, nf, n), strict=True))
@@ -179,7 +179,7 @@ def _add_cost(program: MathematicalProgram, function: Function, variables: Any) 
 def solve_joint(problem: MapProblem, theta: Array, solver: str = "snopt") -> JointEstimate:
     """Solve the joint program of `problem`, started from the trajectory that θ (n,) predicts.
 
-    `solver` is `snopt` or `ipopt`. The result says what the solver found, with its constraint violation.
+    `solver` is `snopt` or `ipopt`, else `InputError`. The result contains the solver's status and constraint violation.
     """
     solvers = {"snopt": SnoptSolver, "ipopt": IpoptSolver}
     if solver not in solvers:

@@ -10,7 +10,13 @@ from typing import Any
 
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd
-from pydrake.solvers import MathematicalProgram, MathematicalProgramResult, SnoptSolver, SolverOptions
+from pydrake.solvers import (
+    MathematicalProgram,
+    MathematicalProgramResult,
+    SnoptSolver,
+    SolutionResult,
+    SolverOptions,
+)
 
 from drake_cafim.belief import Belief
 from drake_cafim.estimation.problem import MapProblem
@@ -30,6 +36,22 @@ class ShootingConfig:
 
 
 @dataclass(frozen=True)
+class SolverReport:
+    """What the solver said: Drake's `SolutionResult` by its number, which a Context can hold."""
+
+    solved: bool
+    status: int
+
+    @property
+    def message(self) -> str:
+        """In a sentence, with what to try where it found no optimum."""
+        if self.solved:
+            return "SNOPT found an optimum"
+        name = SolutionResult(self.status).name
+        return f"SNOPT stopped with {name}: compare its cost with the grid's, or give a better prior or more data"
+
+
+@dataclass(frozen=True)
 class MapEstimate:
     """The belief after the data; `fisher` (E, n, n) is each experiment's alone, at the estimate.
 
@@ -39,9 +61,16 @@ class MapEstimate:
     belief: Belief
     fisher: Array
     cost: float
-    solved: bool
-    message: str
+    solver: SolverReport
     on_bound: tuple[str, ...]
+
+    @property
+    def solved(self) -> bool:
+        return self.solver.solved
+
+    @property
+    def message(self) -> str:
+        return self.solver.message
 
 
 def build_program(problem: MapProblem) -> tuple[MathematicalProgram, Any, Callable[[Array], Array]]:
@@ -95,8 +124,7 @@ def solve(problem: MapProblem, config: ShootingConfig | None = None) -> MapEstim
         belief=problem.prior.update(fisher.sum(axis=0), theta),
         fisher=fisher,
         cost=float(best.get_optimal_cost()),
-        solved=bool(best.is_success()),
-        message=_explain(best),
+        solver=SolverReport(bool(best.is_success()), int(best.get_solution_result().value)),
         on_bound=_on_bound(problem, theta),
     )
 
@@ -136,12 +164,3 @@ def _on_bound(problem: MapProblem, theta: Array) -> tuple[str, ...]:
         for name, value, low, high in zip(problem.prior.names, theta, lower, upper, strict=True)
         if value <= low or value >= high
     )
-
-
-def _explain(result: MathematicalProgramResult) -> str:
-    """What the solver said, in a sentence."""
-    name = result.get_solver_id().name()
-    status = result.get_solution_result().name
-    if result.is_success():
-        return f"{name} found an optimum"
-    return f"{name} stopped with {status}: compare its cost with the grid's, or give a better prior or more data"

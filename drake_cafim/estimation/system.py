@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context, DiscreteStateIndex, DiscreteValue
 from drake_cafim.belief import Belief
 from drake_cafim.errors import InputError
 from drake_cafim.estimation.problem import Data, make_problem
-from drake_cafim.estimation.shooting import ShootingConfig, solve
+from drake_cafim.estimation.shooting import ShootingConfig, SolverReport, solve
 from drake_cafim.sensitivity.evaluator import Evaluator
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.sensitivity.tangent import TangentEvaluator
@@ -55,6 +55,7 @@ class CaMap(LeafSystem):
         self._samples = int(self.DeclareDiscreteState(int(np.prod(self._shape))))
         belief: Any = self._prior.vector()
         self._belief = int(self.DeclareDiscreteState(belief))
+        self._solver = int(self.DeclareDiscreteState(2 + len(self._prior.names)))  # solved, status, on a bound
         self.DeclareStateOutputPort("belief", DiscreteStateIndex(self._belief))
         self.DeclarePeriodicDiscreteUpdateEvent(model.period, 0.0, self._sample)
 
@@ -79,6 +80,14 @@ class CaMap(LeafSystem):
         state: Any = context.get_discrete_state()
         return Belief.from_vector(self._prior.names, np.array(state.get_vector(self._belief).get_value()))
 
+    def solver(self, context: Context) -> tuple[SolverReport, tuple[str, ...]]:
+        """What the solver said of the last belief in `context` (this system's own), and which parameters it left on a
+        bound."""
+        state: Any = context.get_discrete_state()
+        solved, status, *bound = np.array(state.get_vector(self._solver).get_value()).tolist()
+        on_bound = tuple(name for name, there in zip(self._prior.names, bound, strict=True) if there)
+        return SolverReport(bool(solved), int(status)), on_bound
+
     def _unpack(self, rows: Any) -> Data:
         return Data(rows[:, : 2 * self._axes], rows[1:, 2 * self._axes :])
 
@@ -98,6 +107,9 @@ class CaMap(LeafSystem):
             data = [self._unpack(samples[i, :length]) for i, length in enumerate(lengths)]
             estimate = solve(make_problem(self._model, self._evaluator, data, self._prior), self._config)
             written.get_mutable_vector(self._belief).SetFromVector(estimate.belief.vector())
+            on_bound = [float(name in estimate.on_bound) for name in self._prior.names]
+            said: Any = np.array([float(estimate.solved), float(estimate.solver.status), *on_bound])
+            written.get_mutable_vector(self._solver).SetFromVector(said)
 
     def _due(self, count: int) -> bool:
         """Whether the sample number `count`, from 0, calls for a new estimate."""

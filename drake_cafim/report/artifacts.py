@@ -1,17 +1,15 @@
 """What a diagnosis leaves in a folder: the report as numbers and as a page, the corrected scenario, the replay."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
 
-from drake_cafim.diagnosis.samples import samples_of
-from drake_cafim.diagnosis.search import Outcome
-from drake_cafim.diagnosis.tosses.problem import TossProblem
+from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.verdict import Verdict
-from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.numerics.computed import NotComputable, computed
 from drake_cafim.output import write_text
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.recording_mcap import write_recording_mcap
@@ -42,32 +40,50 @@ def write_artifacts(
     none was held out. With `mcap` every recording is written as MCAP too, its residuals as channels.
     """
     progress("writing the report")
+    shown = computed(lambda: replay_of(verdict, outcome, [*held_out, *recordings][0])) if replay or mcap else None
+    notes: list[str] = []
+    if isinstance(shown, NotComputable):
+        notes.append(f"{REPLAY} cannot be drawn: {shown.reason}")
+        shown = None
     # a thrown body has no joints to draw a replay from
-    thrown = isinstance(outcome.problem, TossProblem)
-    replay, mcap = replay and not thrown, mcap and not thrown
+    replay, mcap = replay and shown is not None, mcap and shown is not None
     scene = verdict.corrected
     files = {"corrected_scenario": CORRECTED, "html": PAGE}
-    report = report_of(verdict, (), None, files | ({"replay": REPLAY} if replay else {}))
     write_text(out / CORRECTED, as_yaml(scene.scenario, scene.folder, out))
-    write_report_page(out / PAGE, verdict, outcome, held_out, command)
-    write_text(out / REPORT, as_text(report))
-    if replay:
+    # pictures come after the verdict is on disk: whatever becomes of them, it is not lost
+    write_text(out / REPORT, as_text(report_of(verdict, (), None, files, notes=notes)))
+    notes += write_report_page(out / PAGE, verdict, outcome, held_out, command)
+    if replay and shown is not None:
         progress("drawing the replay")
-        write_recording_replay(out / REPLAY, replay_of(verdict, outcome, [*held_out, *recordings][0]))
+        drawn = computed(partial(write_recording_replay, out / REPLAY, shown))
+        if isinstance(drawn, NotComputable):
+            notes.append(f"{REPLAY} cannot be drawn: {drawn.reason}")
+        else:
+            files |= {"replay": REPLAY}
     if mcap:
         for number, recording in enumerate((*recordings, *held_out), start=1):
+            own = computed(partial(replay_of, verdict, outcome, recording))
+            if isinstance(own, NotComputable):
+                notes.append(f"{recording.name} is not written as MCAP: {own.reason}")
+                continue
+            if own is None:
+                continue
             progress(f"writing {recording.name} as MCAP")
             name = f"{number}_{PurePath(recording.name).stem}.residuals.mcap"  # folders may hold files of one name
-            write_recording_mcap(out / name, replay_of(verdict, outcome, recording))
+            write_recording_mcap(out / name, own)
+    report = report_of(verdict, (), None, files, notes=notes)
+    write_text(out / REPORT, as_text(report))
     return report
 
 
-def replay_of(verdict: Verdict, outcome: Outcome, recording: Recording) -> RecordingReplay:
-    """The recording beside the model with its unknowns as fitted, without and with the effects."""
-    scene = outcome.problem.scene
-    assert isinstance(outcome.problem, WeakProblem)
-    std = outcome.problem.runs[0].weak.samples.std
-    weak = WeakForm(samples_of(scene, recording, std), scene.wrench_sensors)
+def replay_of(verdict: Verdict, outcome: Outcome, recording: Recording) -> RecordingReplay | None:
+    """The recording beside the model with its unknowns as fitted, without and with the effects.
+
+    None where there are no joints to draw.
+    """
+    scene, weak = outcome.problem.scene, outcome.problem.pictures.laid_out(recording)
+    if weak is None:
+        return None
     nominal = scene.physics_at(np.array([one.value for one in verdict.parameters]))
     corrected = verdict.corrected.physics if verdict.explanation else None
     shares: dict[str, float] = {}

@@ -1,16 +1,11 @@
-"""What an effect is judged by: the forces that are missing without it and with it."""
+"""What pictures of an effect's evidence share: the law's line, and the points that it is judged by."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from drake_cafim.diagnosis.weak_problem import WeakProblem
-from drake_cafim.effects.effect import Effect
 from drake_cafim.report.colours import CORRECTED, INK
-from drake_cafim.report.missing import WindowMeans, missing, window_means
-from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Indices
 
 MOST_POINTS = 1400
@@ -23,29 +18,6 @@ class Picture:
 
     svg: str
     caption: str
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What an effect is judged by: each recording's missing forces without and with it, (M, r), and its motion."""
-
-    effect: Effect
-    problem: WeakProblem
-    means: Sequence[WindowMeans]
-    without: Sequence[Array]
-    with_it: Sequence[Array]
-
-
-def evidence_of(effect: Effect, problem: WeakProblem, without: Physics, with_it: Physics) -> Evidence:
-    """The evidence for `effect`: `without` is the corrected physics but for this one, `with_it` all of it."""
-    forms = [run.weak for run in problem.runs]
-    return Evidence(
-        effect,
-        problem,
-        [window_means(form, with_it) for form in forms],
-        [missing(form, without) for form in forms],
-        [missing(form, with_it) for form in forms],
-    )
 
 
 def law_line(axes: Axes, grid: Array, law: Array) -> None:

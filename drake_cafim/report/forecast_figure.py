@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drake_cafim.diagnosis.forecast import Forecast
+from drake_cafim.diagnosis.predict.forecast import Forecast
 from drake_cafim.diagnosis.verdict import Quality
 from drake_cafim.report.colours import CORRECTED, MEASURED, NOMINAL
 from drake_cafim.report.svg import as_svg, page_style
@@ -33,11 +33,12 @@ def telling_columns(
     """The columns in which the effects gain most against the column's own range, or, without effects, the worst."""
 
     def miss(column: str) -> float:
-        left = 0.0 if corrected is None else corrected.rmse[column]
+        left = 0.0 if corrected is None else corrected.rmse.get(column, np.inf)
         span = float(np.nanmax(measured[column]) - np.nanmin(measured[column]))
         return float(np.sqrt(max(nominal.rmse[column] ** 2 - left**2, 0.0))) / max(span, 1e-12)
 
-    chosen = sorted((c for c in nominal.rmse if c in measured), key=lambda column: -miss(column))[:count]
+    known = [c for c, error in nominal.rmse.items() if c in measured and np.isfinite(error)]
+    chosen = sorted(known, key=lambda column: -miss(column))[:count]
     return sorted(chosen, key=lambda column: (not column.startswith("q."), -miss(column)))
 
 
@@ -60,35 +61,47 @@ def forecast_figure(contest: Contest, columns: Sequence[str], units: Mapping[str
 
 def _followed(axes: Axes, contest: Contest, column: str) -> None:
     shown = _shown(contest.nominal)
-    time, nominal = _broken(contest.nominal, contest.nominal.predicted[column], shown)
+    time, nominal = _broken(contest.nominal, _simulated(contest.nominal, column), shown)
     _, measured = _broken(contest.nominal, contest.nominal.measured[column], shown)
     axes.plot(time, measured, color=MEASURED, linewidth=2.2, alpha=0.85, label="measured")
     axes.plot(time, nominal, color=NOMINAL, label="model without the effects" if contest.corrected else "model")
     if contest.corrected is not None:
-        _, corrected = _broken(contest.corrected, contest.corrected.predicted[column], shown)
+        _, corrected = _broken(contest.corrected, _simulated(contest.corrected, column), shown)
         axes.plot(time, corrected, color=CORRECTED, label="with them")
     # a simulation that runs away must not hide the rest
     low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
     margin = 0.45 * max(high - low, 1e-9)
-    axes.set_ylim(low - margin, high + margin)
+    _within(axes, low - margin, high + margin)
 
 
 def _missed(axes: Axes, contest: Contest, column: str) -> None:
     shown = _shown(contest.nominal)
-    error = contest.nominal.predicted[column] - contest.nominal.measured[column]
+    error = _simulated(contest.nominal, column) - contest.nominal.measured[column]
     time, nominal = _broken(contest.nominal, error, shown)
     axes.axhline(0.0, color=MEASURED, linewidth=0.8)
     axes.plot(time, nominal, color=NOMINAL)
     if contest.corrected is not None:
-        error = contest.corrected.predicted[column] - contest.corrected.measured[column]
+        error = _simulated(contest.corrected, column) - contest.corrected.measured[column]
         _, corrected = _broken(contest.corrected, error, shown)
         axes.plot(time, corrected, color=CORRECTED)
     limit = float(np.nanquantile(np.abs(nominal), 0.98)) * 1.3 or 1.0
-    axes.set_ylim(-limit, limit)
+    _within(axes, -limit, limit)
+
+
+def _within(axes: Axes, low: float, high: float) -> None:
+    """Show from `low` to `high`. Raises `FloatingPointError` where these are no numbers."""
+    if not np.isfinite([low, high]).all():
+        raise FloatingPointError("what is to be drawn is beyond numbers")
+    axes.set_ylim(low, high)
 
 
 def _shown(one: Forecast) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     return np.asarray(one.time <= one.time[0] + LONGEST)
+
+
+def _simulated(one: Forecast, column: str) -> Array:
+    """What was simulated, NaN where the simulation has diverged."""
+    return np.where(one.counted, one.predicted[column], np.nan)
 
 
 def _broken(one: Forecast, values: Array, shown: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> tuple[Array, Array]:

@@ -1,39 +1,33 @@
 """Pictures of a law over the data: what is missing without an effect, and what the effect gives."""
 
+from collections.abc import Callable
+from typing import cast
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from drake_cafim.diagnosis.fit.pictures import Evidence
 from drake_cafim.dynamics.tree import Joint
 from drake_cafim.effects.actuator import ActuatorEffect, Effort
-from drake_cafim.effects.effect import Effect, JointSamples
+from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.report.colours import CORRECTED, MUTED, NOMINAL
-from drake_cafim.report.evidence import Evidence, Picture, fit_limits, law_line, points, thinned
+from drake_cafim.report.evidence import Picture, fit_limits, law_line, points, thinned
 from drake_cafim.report.svg import as_svg, page_style
 from drake_cafim.report.time_picture import over_time
 from drake_cafim.typing import Array
 
-BY_EFFORT = ("actuator_gain_error", "actuator_bias", "actuator_saturation", "actuator_dead_zone")
-
 
 def law_picture(evidence: Evidence) -> Picture:
     """The law over what it depends on where that is one number, else over time."""
-    effect = evidence.effect
     with page_style():
-        if isinstance(effect, JointForce):
-            return _over_its_variable(evidence, effect)
-        if effect.name == "rotor_inertia":
-            return _over_acceleration(evidence, effect)
-        if isinstance(effect, ActuatorEffect) and effect.name in BY_EFFORT:
-            return _over_effort(evidence, effect)
-        return over_time(evidence)
+        return PICTURES[evidence.effect.shown_over](evidence)
 
 
-def _over_its_variable(evidence: Evidence, effect: JointForce) -> Picture:
+def _over_its_variable(evidence: Evidence) -> Picture:
     """Over the one of position, velocity and effort that moves the law."""
-    if effect.name == "joint_load_dependent_friction":
-        return _over_load(evidence, effect)
+    effect = cast(JointForce, evidence.effect)
     q, v, u = (_joint_data(evidence, variable)[1] for variable in "qvu")
     law = effect.force(JointSamples(q, v, u))
     moved = [bool(np.any(slope)) for slope in (law.d_q, law.d_v, law.d_u)]
@@ -70,7 +64,8 @@ def _over_position(evidence: Evidence, effect: JointForce) -> Picture:
     return Picture(svg, caption + "the line is the law.")
 
 
-def _over_load(evidence: Evidence, effect: JointForce) -> Picture:
+def _over_load(evidence: Evidence) -> Picture:
+    effect = cast(JointForce, evidence.effect)
     joint, effort, y, unit = _joint_data(evidence, "u")
     v = _joint_data(evidence, "v")[1]
     moving = np.abs(v) > 0.05 * np.max(np.abs(v))
@@ -82,7 +77,8 @@ def _over_load(evidence: Evidence, effect: JointForce) -> Picture:
     return Picture(svg, "Each point is a window in which the joint moves: the missing force that opposes it.")
 
 
-def _over_acceleration(evidence: Evidence, effect: Effect) -> Picture:
+def _over_acceleration(evidence: Evidence) -> Picture:
+    effect = evidence.effect
     joint, x, y, unit = _joint_data(evidence, "a")
     grid = _grid(x)
     label = f"acceleration of {joint} ({_joint(evidence).position_unit}/s²)"
@@ -90,7 +86,8 @@ def _over_acceleration(evidence: Evidence, effect: Effect) -> Picture:
     return Picture(svg, _each_point(evidence) + "the slope of the line is the inertia.")
 
 
-def _over_effort(evidence: Evidence, effect: ActuatorEffect) -> Picture:
+def _over_effort(evidence: Evidence) -> Picture:
+    effect = cast(ActuatorEffect, evidence.effect)
     joint, x, y, unit = _joint_data(evidence, "u")
     grid = _grid(x, 400)
     law = effect.drive(Effort(np.arange(len(grid), dtype=float), grid)).values
@@ -135,16 +132,16 @@ def _single() -> tuple[Figure, Axes]:
 
 def _joint_data(evidence: Evidence, variable: str) -> tuple[str, Array, Array, str]:
     """The effect's joint, a variable of its motion, what is missing there, and the force's unit; all recordings."""
-    tree = evidence.problem.scene.tree
+    tree = evidence.tree
     j = tree.joint_index(evidence.effect.at)
-    row = evidence.problem.runs[0].weak.dynamic.start + j
+    row = evidence.first_force + j
     x = np.concatenate([getattr(means, variable)[:, j] for means in evidence.means])
     y = np.concatenate([values[:, row] for values in evidence.without])
     return evidence.effect.at, x, y, tree.joints[j].effort_unit
 
 
 def _joint(evidence: Evidence) -> Joint:
-    tree = evidence.problem.scene.tree
+    tree = evidence.tree
     return tree.joints[tree.joint_index(evidence.effect.at)]
 
 
@@ -153,5 +150,15 @@ def _grid(x: Array, count: int = 200) -> Array:
 
 
 def _each_point(evidence: Evidence) -> str:
-    width = 1e3 * evidence.problem.runs[0].weak.samples.windows.width
+    width = 1e3 * evidence.width
     return f"Each point is the force at {evidence.effect.at} that the model lacks, averaged over {width:.0f} ms; "
+
+
+PICTURES: dict[str, Callable[[Evidence], Picture]] = {
+    "time": over_time,
+    "variable": _over_its_variable,
+    "load": _over_load,
+    "acceleration": _over_acceleration,
+    "effort": _over_effort,
+}
+"""By what an effect is `shown_over`."""

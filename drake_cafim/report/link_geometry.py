@@ -2,17 +2,22 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import cast
 
 import numpy as np
-from pydrake.geometry import Box, Cylinder, HalfSpace, Rgba, Shape, Sphere
+from pydrake.common import MemoryFile
+from pydrake.geometry import Box, Cylinder, HalfSpace, InMemoryMesh, Mesh, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_cafim.dynamics.motion import Motion
 from drake_cafim.dynamics.tree import FIXED, Tree
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.report.stl import obj_of
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
+MOST_MESH = 12_000_000
+"""Bytes of mesh files; a page holds them once for each of up to three robots."""
 LINK = Rgba(0.72, 0.75, 0.79, 1.0)
 JOINT = Rgba(0.42, 0.48, 0.56, 1.0)
 MASS = Rgba(0.22, 0.26, 0.33, 1.0)
@@ -35,7 +40,7 @@ def link_shapes(scene: Scene, moving: Motion, size: float) -> list[LinkShape]:
 
     Where a model has no visuals: slides as long as its `moving` needs, bars, joints, masses, and what it touches with.
     """
-    visuals = list(_geometries(scene, visual=True))
+    visuals = [] if too_large(scene) else list(_geometries(scene, visual=True))
     if any(shape.joint != FIXED for shape in visuals):
         drawn = visuals
     else:
@@ -78,11 +83,29 @@ def _geometries(scene: Scene, *, visual: bool) -> Iterator[LinkShape]:
             shape = inspector.GetShape(i)
             if isinstance(shape, HalfSpace):
                 continue
+            if isinstance(shape, Mesh) and shape.extension() == ".stl":
+                shape = _as_obj(shape)
             color = TOUCHING
             properties = inspector.GetIllustrationProperties(i) if visual else None
             if properties is not None and properties.HasProperty("phong", "diffuse"):
                 color = cast(Rgba, properties.GetProperty("phong", "diffuse"))
             yield LinkShape(body.joint, shape, X_JB.multiply(inspector.GetPoseInFrame(i)), color)
+
+
+def too_large(scene: Scene) -> bool:
+    """Whether the model's meshes would make a page that nobody can open."""
+    inspector, plant = scene.scene_graph.model_inspector(), scene.plant
+    bodies = [plant.GetBodyByName(body.name) for body in scene.tree.bodies]
+    shapes = [inspector.GetShape(i) for body in bodies for i in plant.GetVisualGeometriesForBody(body)]
+    files = [Path(shape.source().path()) for shape in shapes if isinstance(shape, Mesh) and shape.source().is_path()]
+    return sum(file.stat().st_size for file in files if file.is_file()) > MOST_MESH
+
+
+def _as_obj(mesh: Mesh) -> Mesh:
+    path = Path(mesh.source().path())
+    content = MemoryFile(obj_of(path), ".obj", path.stem)
+    scale: Array = np.array(mesh.scale3(), dtype=float)
+    return Mesh(InMemoryMesh(mesh_file=content), scale)
 
 
 def _sticks(tree: Tree, size: float) -> Iterator[LinkShape]:

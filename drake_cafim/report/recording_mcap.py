@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_cafim.diagnosis.forecast import forecast
-from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.predict.forecast import forecast
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.output import replacing
 from drake_cafim.recordings.mcap_out import write_mcap
 from drake_cafim.report.recording_replay import RecordingReplay
@@ -32,7 +32,8 @@ def write_recording_mcap(path: Path, replay: RecordingReplay) -> None:
 def residuals(weak: WeakForm, physics: Physics) -> dict[str, Array]:
     """By column (N,): the recording less the model's simulation, which starts anew every second.
 
-    NaN where nothing is simulated: before the first start and after the last whole window.
+    NaN where nothing is simulated: before the first start, after the last whole window, and where a simulation has
+    diverged.
     """
     simulated = forecast(weak, physics)
     time = weak.samples.recording.time
@@ -41,6 +42,6 @@ def residuals(weak: WeakForm, physics: Physics) -> dict[str, Array]:
         values = np.full(time.shape, np.nan)
         # a stamp at which one window ends and the next begins belongs to the end, where the error has grown
         rows = np.searchsorted(time, simulated.time)[::-1]
-        values[rows] = (simulated.measured[column] - predicted)[::-1]
+        values[rows] = np.where(simulated.counted, simulated.measured[column] - predicted, np.nan)[::-1]
         result[column] = values
     return result

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.diagnosis.forecast import Forecast, forecast
-from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.joints.missing_forces import missing
+from drake_cafim.diagnosis.predict.forecast import Forecast, forecast
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.dynamics.motion import Motion, motion
 from drake_cafim.dynamics.tree import FIXED
-from drake_cafim.report.missing import missing
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 

@@ -11,13 +11,13 @@ from matplotlib.colors import LinearSegmentedColormap
 from pydrake.geometry import Cylinder, Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
-from drake_cafim.diagnosis.weak_form import WeakForm
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.dynamics.motion import Motion
 from drake_cafim.dynamics.tree import FIXED
 from drake_cafim.errors import InputError
 from drake_cafim.output import write_text
 from drake_cafim.report.colours import CORRECTED, NOMINAL, RESIDUAL
-from drake_cafim.report.link_geometry import LinkShape, cloud, extent, link_shapes
+from drake_cafim.report.link_geometry import LinkShape, cloud, extent, link_shapes, too_large
 from drake_cafim.report.panel import changes
 from drake_cafim.report.recording_motion import (
     Arrow,
@@ -33,7 +33,7 @@ from drake_cafim.report.replay_data import Camera
 from drake_cafim.report.shapes import draw_arrow, move_arrow
 from drake_cafim.report.wording import short
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 ROOT = "/replay"
@@ -205,6 +205,8 @@ def _legend(replay: RecordingReplay, kinds: set[str]) -> str:
     rows.append((NOMINAL, f"{without}, started anew every second"))
     if replay.corrected:
         rows.append((CORRECTED, "the model with them, likewise; unseen where it is within the recording"))
+    if too_large(replay.scene):
+        rows.append(("#5d6b7a", "bars along the links: the model's meshes are too large for a page"))
     if "contact" in kinds:
         rows.append(("#c2291d", "arrow: contact force"))
     if "lacking" in kinds:

@@ -2,53 +2,77 @@
 
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from drake_cafim.diagnosis.forecast import forecast
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.samples import samples_of
-from drake_cafim.diagnosis.search import Outcome
-from drake_cafim.diagnosis.tosses.problem import TossProblem
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.verdict import Comparison, Location, NominalParameter, Verdict
-from drake_cafim.diagnosis.weak_form import WeakForm
-from drake_cafim.diagnosis.weak_problem import WeakProblem
 from drake_cafim.effects.effect import Effect, Place
+from drake_cafim.numerics.computed import NotComputable, computed
 from drake_cafim.output import write_text
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report import colours, wording
-from drake_cafim.report.evidence import evidence_of
 from drake_cafim.report.forecast_figure import Contest, forecast_figure, telling_columns
 from drake_cafim.report.law_figures import law_picture
 from drake_cafim.report.laws import law_of
-from drake_cafim.report.missing import residual_maps, row_labels
 from drake_cafim.report.next_experiment import next_experiment
+from drake_cafim.report.quality_tables import effort_summary, quality_tables
 from drake_cafim.report.remains_figure import remains_figure
 from drake_cafim.report.residual_figure import residual_figure, worst_first
-from drake_cafim.report.toss_pictures import ROWS, recordings_of, shown_recording, toss_contest, toss_maps
+from drake_cafim.report.why_section import why_section
 from drake_cafim.scenario.physics import Physics
 
 TEMPLATE, REPORT = "report.html.j2", "report.json"
 SUSPECT = 3.0
 """Prior standard deviations beyond which an unknown is itself a mismatch."""
+Picture = TypeVar("Picture")
 BADGES = {"none": "nothing missing", "explained": "explained", "unexplained": "not all explained"}
 
 
 def write_report_page(
     path: Path, verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], command: Sequence[str]
-) -> None:
-    """Write the page to `path`, whole or not at all; `command` is the line that makes it again."""
-    write_text(path, render(verdict, outcome, held_out, command))
+) -> tuple[str, ...]:
+    """Write the page to `path`, whole or not at all; `command` is the line that makes it again.
+
+    What comes back are sentences on pictures that cannot be drawn.
+    """
+    text, undrawn = page_of(verdict, outcome, held_out, command)
+    write_text(path, text)
+    return undrawn
 
 
 def render(verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], command: Sequence[str]) -> str:
     """The page as text, the same bytes for the same verdict."""
+    return page_of(verdict, outcome, held_out, command)[0]
+
+
+@dataclass
+class Drawing:
+    """Pictures, and a sentence for each whose numbers cannot be computed."""
+
+    undrawn: list[str] = field(default_factory=list)
+
+    def __call__(self, what: str, draw: Callable[[], Picture]) -> Picture | None:
+        picture = computed(draw)
+        if isinstance(picture, NotComputable):
+            self.undrawn.append(f"{what} cannot be drawn: {picture.reason}")
+            return None
+        return picture
+
+
+def page_of(
+    verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], command: Sequence[str]
+) -> tuple[str, tuple[str, ...]]:
+    """The page as text, and sentences on pictures that cannot be drawn, which stand in it as well."""
     folder = Path(__file__).parent
     environment = Environment(
         loader=FileSystemLoader(folder),
@@ -59,16 +83,20 @@ def render(verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], co
     )
     corrected = verdict.corrected.physics
     without = _without(verdict, outcome)
-    if isinstance(outcome.problem, TossProblem):
-        unknown = np.array([one.value for one in verdict.parameters])
-        effects = tuple(one.effect for one in verdict.explanation)
-        maps, labels = toss_maps(outcome.problem, Model(unknown), Model(unknown, effects)), list(ROWS)
-    else:
-        assert isinstance(outcome.problem, WeakProblem)
-        maps, labels = residual_maps(outcome.problem, without, corrected), row_labels(outcome.problem)
+    unknown = np.array([one.value for one in verdict.parameters])
+    pictures, effects = outcome.problem.pictures, tuple(one.effect for one in verdict.explanation)
+    changed, drawn = bool(verdict.explanation), Drawing()
+    maps = drawn("the map of misfits", lambda: pictures.maps(Model(unknown), Model(unknown, effects))) or []
     shown = worst_first(maps)
-    changed = bool(verdict.explanation)
-    return environment.get_template(TEMPLATE).render(
+    figures = {
+        "heat_map": drawn("the map of misfits", lambda: residual_figure(shown, pictures.row_labels, with_after=changed))
+        if maps
+        else None,
+        "effects": _effects(verdict, outcome, without, corrected, drawn),
+        "remains": drawn("what remains", lambda: _remains(verdict, outcome, corrected)) or [],
+        "forecast": drawn("the simulation", lambda: _forecast(verdict, outcome, held_out, corrected)),
+    }
+    text = environment.get_template(TEMPLATE).render(
         colours=colours,
         wording=wording,
         verdict=verdict,
@@ -77,23 +105,23 @@ def render(verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], co
         badge="check the recording" if verdict.data_mistakes else BADGES[verdict.kind],
         tone="mistake" if verdict.data_mistakes else verdict.kind,
         changed=changed,
-        thrown=isinstance(outcome.problem, TossProblem),
+        pictures=pictures,
         tiles=_tiles(verdict),
-        heat_map=residual_figure(shown, labels, with_after=changed),
         recordings=len(maps),
         recordings_shown=len(shown),
         places=_places(verdict.mismatch.standing),
-        effects=_effects(verdict, outcome, without, corrected),
-        remains=_remains(verdict, outcome, corrected),
-        forecast=_forecast(verdict, outcome, held_out, corrected),
+        undrawn=tuple(drawn.undrawn),
+        **figures,
         held_out=held_out,
-        tables=_tables(verdict),
+        tables=quality_tables(verdict, lambda column: unit_of(verdict, column)),
         parameters=[_parameter(one) for one in verdict.parameters],
         files=_files(outcome, held_out),
         command=shlex.join(command),
+        why=why_section(verdict),
         next_experiment=next_experiment(verdict.next_experiment, _design(verdict)),
         versions=f"drake_cafim {version('drake_cafim')}, Drake {version('drake')}",
     )
+    return text, tuple(drawn.undrawn)
 
 
 def _design(verdict: Verdict) -> str:
@@ -124,6 +152,11 @@ def _tiles(verdict: Verdict) -> list[dict[str, str]]:
         where = "recordings held out" if verdict.held_out else "the recordings"
         figure = wording.with_prefix(values, unit_of(verdict, column))
         tiles.append({"figure": figure, "what": f"error of a 1 s simulation in {column}, on {where}"})
+    effort = effort_summary(comparison, changed)
+    if effort is not None:
+        below = f"below {wording.rounded(effort[1], 3)} Hz, median of joints"
+        what = f"of the effort is missed by inverse dynamics ({below})"
+        tiles.append({"figure": effort[0], "what": what})
     p = wording.p_value(verdict.mismatch.p_value)
     tiles.append({"figure": f"p {p}", "what": "probability that noise alone does so, for all that was looked at"})
     return tiles
@@ -131,7 +164,9 @@ def _tiles(verdict: Verdict) -> list[dict[str, str]]:
 
 def _telling_column(comparison: Comparison) -> str | None:
     """The position that gains most by the effects, or another column where no position does."""
-    gain = {c: comparison.nominal.rmse[c] / max(comparison.corrected.rmse[c], 1e-300) for c in comparison.nominal.rmse}
+    before, after = comparison.nominal.rmse, comparison.corrected.rmse
+    known = [c for c in before if np.isfinite([before[c], after.get(c, np.nan)]).all()]
+    gain = {c: before[c] / max(after[c], 1e-300) for c in known}
     positions = {c: g for c, g in gain.items() if c.startswith("q.")}
     if not gain:
         return None
@@ -167,13 +202,19 @@ def _places(locations: Sequence[Location]) -> list[dict[str, Any]]:
     return sorted(places.values(), key=lambda place: -place["share"])
 
 
-def _effects(verdict: Verdict, outcome: Outcome, without: Physics, corrected: Physics) -> list[dict[str, Any]]:
+def _effects(
+    verdict: Verdict, outcome: Outcome, without: Physics, corrected: Physics, drawn: Drawing
+) -> list[dict[str, Any]]:
     """Each accepted effect with its law, its strengths and the picture of the law over the data."""
     everything = [one.effect for one in verdict.explanation]
     effects = []
     for one in verdict.explanation:
         others = without.with_effects([effect for effect in everything if effect is not one.effect])
-        law = law_of(one.effect)
+        law, pictures = law_of(one.effect), outcome.problem.pictures
+        evidence = drawn(f"the data of {one.effect.name}", partial(pictures.evidence, one.effect, others, corrected))
+        picture = None
+        if evidence is not None:
+            picture = drawn(f"the law of {one.effect.name}", partial(law_picture, evidence))
         effects.append(
             {
                 "name": wording.spoken(one.effect.name),
@@ -189,9 +230,7 @@ def _effects(verdict: Verdict, outcome: Outcome, without: Physics, corrected: Ph
                     }
                     for name, value in one.values.items()
                 ],
-                "picture": law_picture(evidence_of(one.effect, outcome.problem, others, corrected))
-                if isinstance(outcome.problem, WeakProblem)
-                else None,
+                "picture": picture,
                 "reference": one.effect.reference,
             }
         )
@@ -206,11 +245,11 @@ def _unit(verdict: Verdict, effect: Effect, unit: str) -> str:
 
 def _remains(verdict: Verdict, outcome: Outcome, corrected: Physics) -> list[dict[str, str]]:
     """What is left at the places where most of it is, for a verdict that leaves something."""
-    if verdict.kind != "unexplained" or not isinstance(outcome.problem, WeakProblem):
+    if verdict.kind != "unexplained":
         return []
     names = list(dict.fromkeys(one["name"] for one in _places(verdict.mismatch.standing)))
-    figures = [(name, remains_figure(outcome.problem, corrected, name)) for name in names[:2]]
-    return [{"name": name, "svg": svg} for name, svg in figures if svg is not None]
+    left = [(name, outcome.problem.pictures.remains(corrected, name)) for name in names[:2]]
+    return [{"name": name, "svg": remains_figure(one, name)} for name, one in left if one is not None]
 
 
 def _forecast(
@@ -220,17 +259,10 @@ def _forecast(
     comparison = verdict.held_out if held_out and verdict.held_out is not None else verdict.train
     if not comparison.nominal.rmse:
         return None
-    if isinstance(outcome.problem, TossProblem):
-        recording = shown_recording(outcome.problem, held_out)
-        contest = toss_contest(outcome.problem, verdict, outcome.nominal.model, recording)
-    else:
-        assert isinstance(outcome.problem, WeakProblem)
-        scene, weak = outcome.problem.scene, outcome.problem.runs[0].weak
-        if comparison is verdict.held_out:
-            weak = WeakForm(samples_of(scene, held_out[0], weak.samples.std), scene.wrench_sensors)
-        recording = weak.samples.recording
-        nominal = forecast(weak, outcome.nominal.model.physics(scene))
-        contest = Contest(nominal, forecast(weak, corrected) if verdict.explanation else None)
+    pictures = outcome.problem.pictures
+    recording = held_out[0] if comparison is verdict.held_out else pictures.recordings[0]
+    nominal = pictures.forecast(recording, outcome.nominal.model.physics(outcome.problem.scene))
+    contest = Contest(nominal, pictures.forecast(recording, corrected) if verdict.explanation else None)
     corrected_quality = comparison.corrected if verdict.explanation else None
     columns = telling_columns(comparison.nominal, corrected_quality, contest.nominal.measured, 3)
     units = {column: unit_of(verdict, column) for column in columns}
@@ -242,40 +274,9 @@ def _forecast(
     }
 
 
-def _tables(verdict: Verdict) -> list[dict[str, Any]]:
-    """Errors of 1 s simulations and the likelihood, on what was held out and on what was fitted to."""
-    sets = [("held out: nothing was chosen or fitted on these", verdict.held_out), ("fitted to", verdict.train)]
-    tables = []
-    for title, comparison in sets:
-        if comparison is None:
-            continue
-        given, nominal, corrected = comparison.nominal_as_given, comparison.nominal, comparison.corrected
-        rows = [
-            {
-                "column": column,
-                "unit": unit_of(verdict, column),
-                "errors": [wording.rounded(one.rmse[column]) for one in (given, nominal, corrected)],
-                "factor": _factor(nominal.rmse[column], corrected.rmse[column]),
-            }
-            for column in nominal.rmse
-        ]
-        likelihood = [wording.rounded(one.nll, 4) for one in (given, nominal, corrected)]
-        tables.append({"title": title, "rows": rows, "likelihood": likelihood})
-    return tables
-
-
-def _factor(nominal: float, corrected: float) -> str:
-    if corrected <= 0.0 or nominal <= 0.0:
-        return ""
-    ratio = nominal / corrected
-    if 0.95 < ratio < 1.05:
-        return "the same"
-    return f"{wording.rounded(ratio, 2)} × smaller" if ratio > 1.0 else f"{wording.rounded(1.0 / ratio, 2)} × larger"
-
-
 def _files(outcome: Outcome, held_out: Sequence[Recording]) -> list[str]:
     """What each recording is, in words."""
-    fitted = recordings_of(outcome)
+    fitted = outcome.problem.pictures.recordings
     told = []
     for one, use in [*((one, "") for one in fitted), *((one, "; held out") for one in held_out)]:
         step = f", every {wording.rounded(1e3 * float(np.median(np.diff(one.time))))} ms" if len(one) > 1 else ""
@@ -286,7 +287,7 @@ def _files(outcome: Outcome, held_out: Sequence[Recording]) -> list[str]:
 def _parameter(one: NominalParameter) -> dict[str, Any]:
     shift = (one.value - one.prior_mean) / one.prior_std if one.prior_std > 0.0 else 0.0
     return {
-        "name": wording.spoken(one.parameter),
+        "name": wording.spoken(one.parameter) + (f" of {wording.spoken(one.effect)}" if one.effect else ""),
         "at": one.at,
         "value": wording.with_interval(one.value, one.std),
         "prior": wording.with_interval(one.prior_mean, one.prior_std),

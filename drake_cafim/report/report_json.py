@@ -1,9 +1,11 @@
 """report.json: the verdict as the contract of the command line writes it."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from drake_cafim.diagnosis.diagnose import Estimate
 from drake_cafim.diagnosis.verdict import Comparison, NominalParameter, Quality, Verdict
 
 SCHEMA = "drake_cafim.report/1"
@@ -14,18 +16,39 @@ def report_of(
     parameters: Sequence[Mapping[str, Any]],
     fit: Mapping[str, Any] | None,
     files: Mapping[str, str],
+    noticed: Estimate | None = None,
+    notes: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """The report as a mapping; an estimation has no verdict, a diagnosis brings its own parameters and fit."""
+    """The report as a mapping; an estimation has no verdict, a diagnosis brings its own parameters and fit.
+
+    `noticed` is the estimation, for what was noticed while its recordings were read; `notes` are more of them. A number
+    that is not finite is null, and the notes say which.
+    """
+    return _with_nulls(_report_of(verdict, parameters, fit, files, noticed, notes))
+
+
+def _report_of(
+    verdict: Verdict | None,
+    parameters: Sequence[Mapping[str, Any]],
+    fit: Mapping[str, Any] | None,
+    files: Mapping[str, str],
+    noticed: Estimate | None,
+    notes: Sequence[str],
+) -> dict[str, Any]:
     if verdict is None:
         return {
             "schema": SCHEMA,
             "verdict": None,
+            "sentence": str(noticed) if noticed else None,
             "mismatch": None,
-            "data_mistakes": [],
+            "data_mistakes": list(noticed.data_mistakes) if noticed else [],
+            "noise_remarks": list(noticed.noise_remarks) if noticed else [],
             "explanation": [],
             "rivals": [],
             "parameters": list(parameters),
             "fit": fit,
+            "trace": [],
+            "notes": [*(noticed.notes if noticed else ()), *notes],
             "next_experiment": None,
             "files": dict(files),
         }
@@ -48,7 +71,8 @@ def report_of(
                 for one in verdict.mismatch.locations
             ],
         },
-        "data_mistakes": [*verdict.data_mistakes, *verdict.noise_remarks],
+        "data_mistakes": list(verdict.data_mistakes),
+        "noise_remarks": list(verdict.noise_remarks),
         "explanation": [
             {
                 "effect": one.effect.name,
@@ -71,10 +95,32 @@ def report_of(
             "held_out": None if verdict.held_out is None else comparison_of(verdict.held_out),
         },
         "reduced_chi_square": {"nominal": verdict.reduced_chi_square[0], "corrected": verdict.reduced_chi_square[1]},
-        "notes": list(verdict.notes),
+        "trace": [record.as_json() for record in verdict.trace],
+        "notes": [*verdict.notes, *notes],
         "next_experiment": verdict.next_experiment,
         "files": dict(files),
     }
+
+
+def _with_nulls(report: dict[str, Any]) -> dict[str, Any]:
+    """The report with null for what is not finite; of each that no note speaks of, one is added."""
+    found: list[str] = []
+    plain: dict[str, Any] = _finite(report, "", found)
+    told = " ".join(str(note) for note in plain["notes"])
+    plain["notes"] += [f"{path} cannot be computed: no finite number comes out" for path in found if path not in told]
+    return plain
+
+
+def _finite(part: Any, path: str, found: list[str]) -> Any:
+    """A copy of `part`, null for what is not finite; `found` gathers their paths, as "fit.train.nominal.nll"."""
+    if isinstance(part, Mapping):
+        return {key: _finite(value, f"{path}.{key}".removeprefix("."), found) for key, value in part.items()}
+    if isinstance(part, list | tuple):
+        return [_finite(value, f"{path}.{k}", found) for k, value in enumerate(part)]
+    if isinstance(part, float) and not math.isfinite(part):
+        found.append(path)
+        return None
+    return part
 
 
 def as_text(report: Mapping[str, Any]) -> str:
@@ -86,6 +132,7 @@ def parameters_of(parameters: Sequence[NominalParameter]) -> list[dict[str, Any]
     """The `parameters` of a report."""
     return [
         {"parameter": one.parameter, "at": one.at, "value": one.value, "std": one.std, "unit": one.unit}
+        | ({} if one.effect is None else {"effect": one.effect})
         for one in parameters
     ]
 
@@ -100,4 +147,13 @@ def comparison_of(comparison: Comparison) -> dict[str, Any]:
 
 
 def _quality(quality: Quality) -> dict[str, Any]:
-    return {"nll": quality.nll, "rmse": dict(quality.rmse)}
+    return {
+        "nll": quality.nll,
+        "rmse": dict(quality.rmse) or None,
+        "rmse_short": dict(quality.rmse_short),
+        "effort": {
+            joint: {"rms": effort.rms, "relative": effort.relative, "cutoff": effort.cutoff}
+            for joint, effort in quality.effort.items()
+        },
+        "diverges": dict(quality.diverges),
+    }

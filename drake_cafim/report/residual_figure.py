@@ -8,8 +8,8 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
+from drake_cafim.diagnosis.fit.pictures import ResidualMap
 from drake_cafim.report.colours import RESIDUAL
-from drake_cafim.report.missing import ResidualMap
 from drake_cafim.report.svg import as_svg, page_style, quiet
 from drake_cafim.report.wording import short
 from drake_cafim.typing import Array

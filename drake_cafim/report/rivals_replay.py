@@ -16,7 +16,7 @@ from drake_cafim.report.link_geometry import extent, link_shapes
 from drake_cafim.report.recording_motion import frame_times, placed
 from drake_cafim.report.recording_replay import FRAME_RATE, ROOT, STYLE, camera_for, draw_model, move_model
 from drake_cafim.report.replay import make_meshcat, set_stage
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 COLOURS = (CORRECTED, NOMINAL)

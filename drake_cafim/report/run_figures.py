@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from drake_cafim.experiment import RunResult
+from drake_cafim.experiment.closed_loop import RunResult
 from drake_cafim.report.colours import CORRECTED, MUTED, NOMINAL
 from drake_cafim.report.svg import as_svg, page_style
 from drake_cafim.typing import Array

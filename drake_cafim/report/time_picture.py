@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from drake_cafim.diagnosis.fit.pictures import Evidence
 from drake_cafim.report.colours import CORRECTED, INK
-from drake_cafim.report.evidence import Evidence, Picture, fit_limits, law_line, points
-from drake_cafim.report.missing import missing_std, row_labels, row_units
+from drake_cafim.report.evidence import Picture, fit_limits, law_line, points
 from drake_cafim.report.svg import as_svg
 from drake_cafim.typing import Array
 
@@ -20,7 +20,7 @@ def over_time(evidence: Evidence) -> Picture:
     """What is missing and what the effect gives, where it gives most: over time, and one against the other."""
     given = [a - b for a, b in zip(evidence.without, evidence.with_it, strict=True)]
     row = _telling_row(evidence, given)
-    label, unit = row_labels(evidence.problem)[row], row_units(evidence.problem)[row]
+    label, unit = evidence.channels[row].label, evidence.channels[row].unit
     run = int(np.argmax([np.mean(one[:, row] ** 2) for one in given]))
     start = _telling_start(evidence.means[run].time, given[run][:, row])
     time = evidence.means[run].time
@@ -59,9 +59,9 @@ def _against(axes: Axes, x: Array, y: Array, unit: str) -> None:
 def _telling_row(evidence: Evidence, given: Sequence[Array]) -> int:
     """The row of a window in which the effect stands out most over the noise."""
     total = np.zeros(given[0].shape[1])
-    for run, one in zip(evidence.problem.runs, given, strict=True):
-        total += np.sum((one / missing_std(run)) ** 2, axis=0)
-    dynamic = evidence.problem.runs[0].weak.kinematic_rows
+    for std, one in zip(evidence.std, given, strict=True):
+        total += np.sum((one / std) ** 2, axis=0)
+    dynamic = evidence.first_force
     # a force is easier to read than a disagreement of position and velocity
     return dynamic + int(np.argmax(total[dynamic:])) if np.any(total[dynamic:] > 0.0) else int(np.argmax(total))
 

@@ -5,10 +5,11 @@ from pathlib import PurePath
 
 import numpy as np
 
-from drake_cafim.rounding import grouped, rounded
+from drake_cafim.numerics.rounding import grouped, rounded
 
 __all__ = ["rounded"]
 
+NO_FIGURE = "–"
 INTERVAL = 1.959964
 """Standard deviations to either side of a 95 % interval."""
 
@@ -19,8 +20,15 @@ def with_prefix(values: Sequence[float], unit: str) -> str:
     return f"{' → '.join(rounded(scale * value) for value in values)} {name}"
 
 
-def with_interval(value: float, std: float) -> str:
-    """`value ± half-width` of the 95 % interval, both to two digits of the half-width."""
+def figure(value: float, digits: int = 3) -> str:
+    """The rounded value, a dash where it could not be computed."""
+    return NO_FIGURE if np.isnan(value) else rounded(value, digits)
+
+
+def with_interval(value: float, std: float | None) -> str:
+    """`value ± half-width` of the 95 % interval, both to two digits of the half-width; a choice has none."""
+    if std is None:
+        return f"{value:+g}".replace("-", "−")
     half = INTERVAL * std
     if not np.isfinite(half) or half <= 0.0:
         return rounded(value, 4)

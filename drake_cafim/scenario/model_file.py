@@ -1,53 +1,89 @@
 """A finalized Drake plant from a scenario's model file."""
 
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from copy import deepcopy
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import yaml
-from pydrake.geometry import SceneGraph
+from pydrake.geometry import Mesh, SceneGraph
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import LoadModelDirectivesFromString, Parser, ProcessModelDirectives
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import ModelInstanceIndex, PrismaticJoint, RevoluteJoint
 from pydrake.systems.framework import DiagramBuilder
 
+from drake_cafim.description.description import Description, Stated, stated
+from drake_cafim.description.packages import Packages
+from drake_cafim.description.parser_log import kept_log
+from drake_cafim.description.reading import read_description
 from drake_cafim.errors import InputError
+from drake_cafim.scenario.packaged import packaged_folder
 from drake_cafim.scenario.schema import Scenario
 from drake_cafim.typing import Array
 
 MODEL_SUFFIXES = (".urdf", ".sdf", ".xml", ".dmd.yaml", ".dmd.yml", ".mjcf")
+DIRECTIVES = (".dmd.yaml", ".dmd.yml")
+OWN_PACKAGE = "drake_cafim_models"
+_WHERE = re.compile(r"^\S*:\d+: warning: ")
+"""Lines of the text that the parser is given are not the file's."""
 
 
 def add_plant(
     scenario: Scenario, folder: Path, builder: DiagramBuilder, time_step: float
-) -> tuple[MultibodyPlant, SceneGraph]:
-    """Add the scenario's plant and scene graph to `builder`, finalized.
+) -> tuple[MultibodyPlant, SceneGraph, Stated]:
+    """Add the scenario's plant and scene graph to `builder`, finalized, with what its files say beyond the plant.
 
     `folder` is where a relative model path starts. Raises `InputError` for what Drake's parser refuses.
     """
     plant: MultibodyPlant
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
-    add_model(scenario, folder, plant)
-    plant.Finalize()
-    return plant, scene_graph
+    said = add_model(scenario, folder, plant)
+    try:
+        with kept_log():  # of shapes, which nothing here asks for
+            plant.Finalize()
+    except RuntimeError as error:
+        raise InputError(f"the model cannot be finalized: {' '.join(str(error).split())}") from None
+    return plant, scene_graph, said
 
 
-def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> None:
+def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> Stated:
     """Add the scenario's model, its welds and its gravity to `plant`, which is not finalized.
 
-    `folder` is where a relative model path starts. Raises `InputError` for what Drake's parser refuses.
+    `folder` is where a relative model path starts. The rotor inertias that its files state are in the plant, what else
+    they say beyond it comes back. Raises `InputError` for what Drake's parser refuses.
     """
-    parser = Parser(plant)
-    parser.package_map().Add("drake_cafim_models", Path(__file__).parents[1] / "models")
-    _parse(parser, scenario, folder)
-    for weld in scenario.weld:
+    said = _Model(scenario, folder, plant).add()
+    for i, weld in enumerate(scenario.weld):
         if not plant.HasBodyNamed(weld.body):
             names = ", ".join(_body_names(plant))
-            raise InputError(
-                f"{scenario.model}: weld names the body {weld.body!r}, which the model lacks; it has: {names}"
-            )
-        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(weld.body))
+            raise InputError(f"weld[{i}].body is {weld.body!r}, which the model lacks; it has: {names}")
+        try:
+            plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(weld.body))
+        except RuntimeError as error:
+            raise InputError(f"weld[{i}].body is {weld.body!r}: {' '.join(str(error).split())}") from None
+    for name, inertia in said.rotor_inertias.items():
+        _add_rotor(plant, name, inertia)
+    for k, mesh in enumerate(said.shown):
+        X_BG = RigidTransform(RotationMatrix.ProjectToRotationMatrix(mesh.R), mesh.p)
+        scale: Array = np.array(mesh.scale, dtype=float)
+        color: Array = np.array(mesh.color, dtype=float)
+        shape, body = Mesh(mesh.file, scale), plant.GetBodyByName(mesh.body)
+        plant.RegisterVisualGeometry(body, X_BG, shape, f"mesh_{k}", color)
     gravity: Array = np.array(scenario.gravity, dtype=float)
     plant.mutable_gravity_field().set_gravity_vector(gravity)
+    return said
+
+
+def _add_rotor(plant: MultibodyPlant, name: str, inertia: float) -> None:
+    """Reflected rotor inertia, kg m² (kg), of a joint that has no actuator."""
+    joint = plant.GetJointByName(name)
+    if isinstance(joint, RevoluteJoint | PrismaticJoint):
+        plant.AddJointActuator(name, joint).set_default_rotor_inertia(inertia)
 
 
 def _body_names(plant: MultibodyPlant) -> list[str]:
@@ -56,23 +92,78 @@ def _body_names(plant: MultibodyPlant) -> list[str]:
     return [plant.get_body(i).name() for instance in instances for i in plant.GetBodyIndices(instance)]
 
 
-def _parse(parser: Parser, scenario: Scenario, folder: Path) -> None:
-    if scenario.directives:
-        text = yaml.safe_dump({"directives": scenario.directives})
-        try:
-            ProcessModelDirectives(LoadModelDirectivesFromString(text), parser)
-        except (RuntimeError, ValueError) as error:
-            raise InputError(f"directives: {' '.join(str(error).split())}") from None
-        return
-    address = scenario.model
-    if not address.startswith("package://") and not (folder / address).is_file():
-        raise InputError(
-            f"{folder / address}: there is no such model file, expected one of {', '.join(MODEL_SUFFIXES)}"
-        )
+class _Model:
+    """A scenario's model on its way into a plant."""
+
+    def __init__(self, scenario: Scenario, folder: Path, plant: MultibodyPlant) -> None:
+        self._scenario, self._folder = scenario, folder
+        given = {name: (folder / place).resolve() for name, place in scenario.packages.items()}
+        self._packages = Packages({OWN_PACKAGE: packaged_folder("models"), **given})
+        self._parser = Parser(plant)
+        self._parser.SetAutoRenaming(False)
+        for name, place in self._packages.given.items():
+            if not place.is_dir():
+                raise InputError(f"packages: {name} is {place}, which is no folder")
+            self._parser.package_map().Add(name, place)
+
+    def add(self) -> Stated:
+        """Parse the model."""
+        scenario = self._scenario
+        if scenario.directives:
+            return self._add_directives(scenario.directives, "directives", self._folder / "directives")
+        path = self._file(scenario.model, self._folder / "scenario")
+        if str(path).endswith(DIRECTIVES):
+            content = yaml.safe_load(path.read_text(encoding="utf-8"))
+            return self._add_directives(content.get("directives", []), str(path), path)
+        description = read_description(path, self._packages)
+        with kept_log() as warnings, _refused(str(path)):
+            self._parser.AddModelsFromString(description.text, description.form)
+        return stated([description], _in_words(warnings, path))
+
+    def _file(self, address: str, near: Path) -> Path:
+        if address.startswith(("package://", "model://")):
+            return self._packages.expected(address, near)
+        path = near.parent / address
+        if not path.is_file():
+            raise InputError(f"{path}: there is no such model file, expected one of {', '.join(MODEL_SUFFIXES)}")
+        return path
+
+    def _add_directives(self, directives: list[dict[str, Any]], source: str, near: Path) -> Stated:
+        """Parse Drake's model directives, each of whose model files is read as a description first."""
+        written, found, warnings = deepcopy(directives), list[Description](), list[str]()
+        with TemporaryDirectory() as scratch:
+            for k, directive in enumerate(written):
+                entry = directive.get("add_model")
+                if not isinstance(entry, dict) or not self._ours(str(entry.get("file", ""))):
+                    continue
+                path = self._file(str(entry["file"]).removeprefix("file://"), near)
+                found.append(read_description(path, self._packages))
+                plain = Path(scratch) / f"{k}_{path.stem}.{found[-1].form}"
+                plain.write_text(found[-1].text, encoding="utf-8")
+                entry["file"] = f"file://{plain}"
+            text = yaml.safe_dump({"directives": written})
+            with kept_log() as lines, _refused(source):
+                ProcessModelDirectives(LoadModelDirectivesFromString(text), self._parser)
+            warnings += [line.replace(f"{scratch}/", "") for line in lines]
+        return stated(found, _in_words(warnings, Path(source)))
+
+    def _ours(self, address: str) -> bool:
+        """Whether a description can be read here; Drake finds the files of packages that it alone knows."""
+        name = re.match(r"(?:package|model)://([^/]+)/", address)
+        known = name is None or self._packages.find(name.group(1), self._folder / "scenario") is not None
+        return known and not address.endswith(DIRECTIVES)
+
+
+@contextmanager
+def _refused(source: str) -> Iterator[None]:
+    """Turns what Drake's parser raises into an `InputError` of one sentence; it may end as a `SystemExit`."""
     try:
-        if address.startswith("package://"):
-            parser.AddModelsFromUrl(address)
-        else:
-            parser.AddModels(folder / address)
+        yield
     except (RuntimeError, ValueError, SystemExit) as error:
-        raise InputError(f"{address}: Drake's parser refuses it: {' '.join(str(error).split())}") from None
+        raise InputError(f"{source}: Drake's parser refuses it: {' '.join(str(error).split())}") from None
+
+
+def _in_words(warnings: list[str], path: Path) -> list[str]:
+    """The parser's warnings as notes."""
+    plain = dict.fromkeys(_WHERE.sub("", line) for line in warnings)
+    return [f"{path.name}: {line}" for line in plain]

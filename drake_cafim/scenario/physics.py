@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from drake_cafim.cross import cross
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.inverses import inverses
 from drake_cafim.dynamics.motion import Motion, equations_of_motion, momentum_balance
@@ -14,14 +14,11 @@ from drake_cafim.dynamics.touching import pressed
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.body import BodyForce
-from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect, Force, JointSamples
 from drake_cafim.effects.joint import JointForce
-from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.sensor import SensorEffect
-from drake_cafim.effects.surface import SurfaceEffect
-from drake_cafim.errors import InputError
+from drake_cafim.numerics.cross import cross
 from drake_cafim.typing import Array, Indices
 
 
@@ -183,30 +180,16 @@ class Physics:
         """The physics with more effects, each of which has its values."""
         physics = self
         for effect in effects:
-            if isinstance(effect, TreeEffect):
-                tree, gravity = effect.change(physics.tree, physics.gravity)
-                physics = replace(physics, tree=tree, gravity=gravity)
-            elif isinstance(effect, JointForce):
-                physics = replace(physics, joint_forces=(*physics.joint_forces, effect))
-            elif isinstance(effect, ActuatorEffect):
-                physics = replace(physics, actuators=(*physics.actuators, effect))
-            elif isinstance(effect, BodyForce):
-                physics = replace(physics, body_forces=(*physics.body_forces, effect))
-            elif isinstance(effect, JointCoupling):
-                physics = replace(physics, couplings=(*physics.couplings, effect))
-            elif isinstance(effect, SensorEffect):
-                physics = replace(physics, sensors=(*physics.sensors, effect))
-            elif isinstance(effect, ContactEffect | SurfaceEffect):
-                if not any(effect.meets(one) for one in physics.contacts):
-                    known = ", ".join(one.name for one in physics.contacts) or "none"
-                    raise InputError(
-                        f"effect {effect.name} at {effect.at}: no contact is there; the scenario has: {known}"
-                    )
-                contacts = (effect.on(one) if effect.meets(one) else one for one in physics.contacts)
-                physics = replace(physics, contacts=tuple(contacts))
-            else:
-                raise TypeError(f"{effect.name} has no way into the physics")
+            physics = effect.entered(physics)
         return physics
+
+    def joined(self, part: str, effect: Effect) -> "Physics":
+        """With `effect` at the end of one of its parts, as "joint_forces"."""
+        return self.changed(**{part: (*getattr(self, part), effect)})
+
+    def changed(self, **parts: Any) -> "Physics":
+        """With other parts."""
+        return replace(self, **parts)
 
 
 def _in_the_middle(values: Array) -> Array:

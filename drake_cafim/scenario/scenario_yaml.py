@@ -15,6 +15,8 @@ def as_yaml(scenario: Scenario, folder: Path, destination: Path) -> str:
     raw = {key: value for key, value in _plain(scenario).items() if value not in (None, [], {}, "")}
     if scenario.model and not scenario.model.startswith("package://"):
         raw["model"] = os.path.relpath((folder / scenario.model).resolve(), destination.resolve())
+    for name, place in raw.get("packages", {}).items():
+        raw["packages"][name] = os.path.relpath((folder / place).resolve(), destination.resolve())
     for channel in raw.get("channels", {}).values():
         if set(channel.get("std", {})) == {"all"}:
             channel["std"] = channel["std"]["all"]

@@ -1,7 +1,6 @@
 """The scenario file as dataclasses, loaded by Drake's `yaml_load_typed`."""
 
 import dataclasses as dc
-import difflib
 import re
 import typing
 from pathlib import Path
@@ -11,7 +10,13 @@ import yaml
 from pydrake.common.yaml import yaml_load_typed
 
 from drake_cafim.errors import InputError
+from drake_cafim.numerics.ranges import Range, number
 from drake_cafim.recordings.topics import Topic, check_topics
+from drake_cafim.scenario import not_built
+from drake_cafim.scenario.shape import shaped
+from drake_cafim.scenario.yaml_file import read_mapping
+
+EXPECTED = "a scenario (.yaml): a mapping with the key model"
 
 
 @dc.dataclass
@@ -27,8 +32,10 @@ class Channel:
 
     # Standard deviation of one sample, SI: `{all: 2e-4}`, or by part: force, torque, position, rotation.
     # The file may hold a plain number for `all`. Empty: estimated from the recording.
-    std: dict[str, float] = dc.field(default_factory=dict)
-    correlation_time: float = 0.0  # s; 0: white
+    std: dict[str, float] = dc.field(
+        default_factory=dict, metadata={"range": Range(least=0.0, most=1e6), "plain": "all"}
+    )
+    correlation_time: float = number(0.0, "s", least=0.0, most=1e6)  # 0: white
     hold: str = "zero_order"  # of u between samples: zero_order or first_order
     body: str = ""  # of a wrench sensor: the body it belongs to
     frame: str = ""  # of a wrench sensor: the frame it measures in
@@ -39,11 +46,11 @@ class Unknown:
     """A nominal parameter that may be wrong, with its Gaussian prior."""
 
     parameter: str = ""
-    std: float = 0.0  # of the prior, in the parameter's unit
+    std: float = number(0.0, least=0.0, above=True)  # of the prior, in the parameter's unit
     mean: float | None = None  # missing: the model's value
     body: str | None = None
     joint: str | None = None
-    contact: list[str] = dc.field(default_factory=list)  # two bodies
+    contact: list[str] = dc.field(default_factory=list, metadata={"length": 2})  # two bodies
     effect: str | None = None  # with `at`: a parameter of an entry of `effects:`
     at: str | None = None
 
@@ -52,22 +59,26 @@ class Unknown:
 class Ground:
     """A fixed half-space that the model file does not have; world frame."""
 
-    point: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 0.0])  # m
-    normal: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, 1.0])
+    point: list[float] = dc.field(
+        default_factory=lambda: [0.0, 0.0, 0.0], metadata={"length": 3, "range": Range(-1e6, 1e6, "m")}
+    )
+    normal: list[float] = dc.field(
+        default_factory=lambda: [0.0, 0.0, 1.0], metadata={"length": 3, "range": Range(-1e6, 1e6)}
+    )
 
 
 @dc.dataclass
 class ContactPair:
     """The nominal contact model of two bodies; the moving or tracked one first."""
 
-    bodies: list[str] = dc.field(default_factory=list)
+    bodies: list[str] = dc.field(default_factory=list, metadata={"length": 2})
     law: str = "kelvin_voigt"  # or paper, hunt_crossley
-    stiffness: float = 0.0  # N/m; of a box on a plane, per corner
-    damping: float = 0.0  # N s/m
-    dissipation: float = 0.0  # s/m, hunt_crossley
-    friction: float = 0.0
-    slip_velocity: float | None = None  # m/s; friction saturates as tanh(|v_t|/slip_velocity)
-    resistance: float | None = None  # N s/m; the paper's R
+    stiffness: float = number(0.0, "N/m", least=0.0, above=True)  # of a box on a plane, per corner
+    damping: float = number(0.0, "N s/m", least=0.0, most=1e9)
+    dissipation: float = number(0.0, "s/m", least=0.0, most=1e6)  # hunt_crossley
+    friction: float = number(0.0, least=0.0, most=100.0)
+    slip_velocity: float | None = number(None, "m/s", least=0.0, most=100.0, above=True)  # tanh(|v_t|/slip_velocity)
+    resistance: float | None = number(None, "N s/m", least=0.0, most=1e9, above=True)  # the paper's R
     ground: Ground | None = None
 
 
@@ -77,17 +88,9 @@ class EffectEntry:
 
     effect: str = ""
     at: str = ""
-    parameters: dict[str, float] = dc.field(default_factory=dict)  # written flat in the file
-    interval: list[float] = dc.field(default_factory=list)  # s, external_disturbance
+    parameters: dict[str, float] = dc.field(default_factory=dict, metadata={"flat": True})  # flat in the file
+    interval: list[float] = dc.field(default_factory=list, metadata={"length": 2})  # s, external_disturbance
     recording: str | None = None
-
-
-@dc.dataclass
-class Servo:
-    """A joint position servo that runs on the robot: effort = kp (cmd − q) − kv v."""
-
-    kp: dict[str, float] = dc.field(default_factory=dict)  # joint to N m/rad
-    kv: dict[str, float] = dc.field(default_factory=dict)  # joint to N m s/rad
 
 
 @dc.dataclass
@@ -96,22 +99,27 @@ class Scenario:
 
     model: str = ""  # path relative to the scenario file, or package://...
     directives: list[dict[str, typing.Any]] = dc.field(default_factory=list)  # Drake's model directives instead
-    gravity: list[float] = dc.field(default_factory=lambda: [0.0, 0.0, -9.81])  # m/s², world
+    gravity: list[float] = dc.field(
+        default_factory=lambda: [0.0, 0.0, -9.81], metadata={"length": 3, "range": Range(-1e4, 1e4, "m/s²")}
+    )  # world
     weld: list[Weld] = dc.field(default_factory=list)
-    lock: dict[str, float] = dc.field(default_factory=dict)  # joints that are held at a position, rad or m
+    packages: dict[str, str] = dc.field(default_factory=dict)  # where package://name/... leads, relative to the file
+    # Joints that are held: at a position, rad or m; as a list at the file's value or 0; `unrecorded`: those without q.
+    lock: dict[str, float] | list[str] | str = dc.field(default_factory=dict)
     channels: dict[str, Channel] = dc.field(default_factory=dict)
     unknown: list[Unknown] = dc.field(default_factory=list)
     contact: list[ContactPair] = dc.field(default_factory=list)
     effects: list[EffectEntry] = dc.field(default_factory=list)
-    servo: Servo | None = None
     topics: dict[str, Topic] = dc.field(default_factory=dict)  # names in bags, logs and foreign tables
     diagram: dict[str, typing.Any] = dc.field(default_factory=dict)  # the world that `cafim run` builds, see diagrams/
     task: dict[str, typing.Any] = dc.field(default_factory=dict)  # numbers of the planner's task, see tasks/
 
 
 LAWS = ("kelvin_voigt", "paper", "hunt_crossley")
+UNRECORDED = "unrecorded"
+"""`lock:` of all joints that the recordings have no column of."""
 HOLDS = ("zero_order", "first_order")
-_ENTRY_KEYS = ("effect", "at", "interval", "recording")
+CHANNELS = ("q", "v", "u", "cmd", "wrench", "pose")
 
 
 def load(path: Path) -> Scenario:
@@ -119,23 +127,14 @@ def load(path: Path) -> Scenario:
 
     Raises `InputError` naming the file, the key, what was found and the valid choices.
     """
-    try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file, expected a scenario (.yaml) or a model file") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not readable as YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(raw, dict):
-        raise InputError(f"{path}: found {type(raw).__name__}, expected a mapping with the key model")
-    return parse(raw, str(path))
+    return parse(read_mapping(path, EXPECTED), str(path))
 
 
 def parse(raw: dict[str, Any], source: str) -> Scenario:
     """The scenario in the mapping `raw`; `source` names it in messages."""
-    raw = {key: value for key, value in raw.items() if value is not None}
-    _refuse_unknown_keys(raw, source)
-    free: dict[str, Any] = {key: raw.pop(key) for key in ("directives", "diagram", "task") if key in raw}
-    plain = _with_plain_std(_with_effect_parameters(raw))
+    _refuse_later_effects(raw, source)
+    plain = shaped(raw, Scenario, f"{source}: ")
+    free: dict[str, Any] = {key: plain.pop(key) for key in ("directives", "diagram", "task", "lock") if key in plain}
     try:
         scenario: Scenario = yaml_load_typed(schema=Scenario, data=yaml.safe_dump(plain))
     except (RuntimeError, ValueError, TypeError) as error:
@@ -146,97 +145,93 @@ def parse(raw: dict[str, Any], source: str) -> Scenario:
     return scenario
 
 
-def _with_plain_std(raw: dict[str, Any]) -> dict[str, Any]:
-    """`std: 1e-3` written as `std: {all: 1e-3}`, the one form that the schema types."""
-    channels = {}
-    for name, channel in (raw.get("channels") or {}).items():
-        channel = dict(channel or {})
-        if not isinstance(channel.get("std", {}), dict):
-            channel["std"] = {"all": channel["std"]}
-        channels[name] = channel
-    return raw | {"channels": channels}
-
-
-def _with_effect_parameters(raw: dict[str, Any]) -> dict[str, Any]:
-    """The flat parameters of each entry of `effects:` gathered under `parameters`."""
-    entries = []
-    for entry in raw.get("effects") or []:
-        kept = {key: value for key, value in entry.items() if key in _ENTRY_KEYS and value is not None}
-        flat = {key: value for key, value in entry.items() if key not in (*_ENTRY_KEYS, "parameters")}
-        entries.append(kept | {"parameters": entry.get("parameters", {}) | flat})
-    return raw | {"effects": entries}
-
-
-def _refuse_unknown_keys(raw: dict[str, Any], source: str) -> None:
-    def check(mapping: Any, kind: type, where: str, also: tuple[str, ...] = ()) -> None:
-        if not isinstance(mapping, dict):
-            raise InputError(f"{source}: {where} is {mapping!r}, expected a mapping")
-        valid = (*(field.name for field in dc.fields(kind)), *also)
-        for key in mapping:
-            if key not in valid:
-                near = difflib.get_close_matches(str(key), valid, n=1)
-                hint = f" (did you mean {near[0]}?)" if near else ""
-                raise InputError(f"{source}: unknown key {key!r} in {where}{hint}; valid keys: {', '.join(valid)}")
-
-    check(raw, Scenario, "the scenario")
-    for key in ("diagram", "task"):
-        if not isinstance(raw.get(key, {}), dict):
-            raise InputError(f"{source}: {key} is {raw[key]!r}, expected a mapping")
-    for name, channel in (raw.get("channels") or {}).items():
-        check(channel or {}, Channel, f"channels.{name}")
-    for key, kind in (("weld", Weld), ("unknown", Unknown), ("contact", ContactPair)):
-        entries = raw.get(key) or []
-        if not isinstance(entries, list):
-            raise InputError(f"{source}: {key} is {entries!r}, expected a list")
-        for entry in entries:
-            check(entry, kind, f"an entry of {key}")
-            if entry.get("ground") is not None and key == "contact":
-                check(entry["ground"], Ground, "ground")
-    if raw.get("servo") is not None:
-        check(raw["servo"], Servo, "servo")
+def _refuse_later_effects(raw: dict[str, Any], source: str) -> None:
+    """Effects of later versions, before their parameters are taken for numbers."""
+    entries = raw.get("effects")
+    for i, entry in enumerate(entries if isinstance(entries, list) else []):
+        if isinstance(entry, dict):
+            not_built.refuse_value(entry.get("effect"), not_built.EFFECTS, f"{source}: effects[{i}].effect")
 
 
 def _check(scenario: Scenario, source: str) -> None:
+    """What the keys must be to each other. Raises `InputError`."""
     if not scenario.model and not scenario.directives:
         raise InputError(f"{source}: the key model is missing, expected the path of a .urdf, .sdf, .xml or .dmd.yaml")
+    if scenario.model and scenario.directives:
+        raise InputError(f"{source}: model and directives are both given, expected one of them")
     check_topics(scenario.topics, source)
-    if len(scenario.gravity) != 3:
-        raise InputError(f"{source}: gravity is {scenario.gravity}, expected three numbers in m/s²")
+    _check_lock(scenario.lock, source)
+    for i, weld in enumerate(scenario.weld):
+        if weld.body in ("", "world"):
+            raise InputError(f"{source}: weld[{i}].body is {weld.body!r}, expected a body of the model")
+        if weld in scenario.weld[:i]:
+            raise InputError(f"{source}: weld[{i}].body is {weld.body!r}, which is welded already")
     for name, channel in scenario.channels.items():
-        kind = name.split(".")[0]
-        if kind not in ("q", "v", "u", "cmd", "wrench", "pose"):
-            raise InputError(
-                f"{source}: unknown channel {name!r}; valid kinds: q, v, u, cmd, wrench.<sensor>, pose.<body>"
-            )
-        parts = {"wrench": {"force", "torque"}, "pose": {"position", "rotation"}}.get(kind, {"all"})
-        wrong = set(channel.std) - parts
-        if wrong:
-            raise InputError(
-                f"{source}: channels.{name}.std has {', '.join(sorted(wrong))}, expected {' and '.join(sorted(parts))}"
-            )
-        if any(not value >= 0 for value in channel.std.values()):
-            raise InputError(f"{source}: channels.{name}.std is {channel.std}, expected numbers of at least 0")
-        if channel.hold not in HOLDS:
-            raise InputError(f"{source}: channels.{name}.hold is {channel.hold!r}; valid: {', '.join(HOLDS)}")
-    for pair in scenario.contact:
-        if len(pair.bodies) != 2:
-            raise InputError(f"{source}: contact.bodies is {pair.bodies}, expected two names")
-        if pair.law not in LAWS:
-            raise InputError(f"{source}: contact.law is {pair.law!r}; valid: {', '.join(LAWS)}")
-        if pair.friction and (pair.slip_velocity is None) == (pair.resistance is None):
-            raise InputError(
-                f"{source}: contact {'/'.join(pair.bodies)} needs exactly one of slip_velocity and resistance"
-            )
-    for unknown in scenario.unknown:
-        places = [unknown.body, unknown.joint, "/".join(unknown.contact) or None, unknown.at]
-        if sum(place is not None for place in places) != 1:
-            raise InputError(
-                f"{source}: unknown {unknown.parameter!r} needs exactly one of body, joint, contact, effect with at"
-            )
-        if not unknown.std > 0:
-            raise InputError(
-                f"{source}: unknown {unknown.parameter!r} has std {unknown.std}, expected a positive number"
-            )
+        _check_channel(name, channel, f"{source}: channels.{name}", source)
+    for i, pair in enumerate(scenario.contact):
+        _check_contact(pair, f"{source}: contact[{i}]")
+    for i, unknown in enumerate(scenario.unknown):
+        _check_unknown(unknown, f"{source}: unknown[{i}]")
+
+
+def _check_channel(name: str, channel: Channel, key: str, source: str) -> None:
+    kind = name.split(".")[0]
+    if kind not in CHANNELS or (kind in ("wrench", "pose") and not name.partition(".")[2]):
+        raise InputError(
+            f"{source}: unknown channel {name!r} in channels; valid kinds: q, v, u, cmd, wrench.<sensor>, pose.<body>"
+        )
+    parts = {"wrench": {"force", "torque"}, "pose": {"position", "rotation"}}.get(kind, {"all"})
+    wrong = set(channel.std) - parts
+    if wrong:
+        expected = "one number" if parts == {"all"} else " and ".join(sorted(parts))
+        found = "one number" if wrong == {"all"} else ", ".join(sorted(wrong))
+        raise InputError(f"{key}.std has {found}, expected {expected}")
+    if channel.hold not in HOLDS:
+        raise InputError(f"{key}.hold is {channel.hold!r}; valid: {', '.join(HOLDS)}")
+    if kind != "u" and channel.hold != HOLDS[0]:
+        raise InputError(f"{key}.hold is {channel.hold!r}, but only u is held between its samples")
+    if kind != "wrench" and (channel.body or channel.frame):
+        raise InputError(f"{key} has body or frame, which only a wrench.<sensor> has")
+
+
+def _check_contact(pair: ContactPair, key: str) -> None:
+    if len(pair.bodies) != 2 or pair.bodies[0] == pair.bodies[1]:
+        raise InputError(f"{key}.bodies is {pair.bodies}, expected the names of two bodies")
+    not_built.refuse_value(pair.law, not_built.LAWS, f"{key}.law")
+    if pair.law not in LAWS:
+        raise InputError(f"{key}.law is {pair.law!r}; valid: {', '.join(LAWS)}")
+    if not pair.stiffness > 0.0:
+        raise InputError(f"{key} has no stiffness, expected a number in N/m")
+    if pair.friction and (pair.slip_velocity is None) == (pair.resistance is None):
+        raise InputError(f"{key} needs exactly one of slip_velocity and resistance")
+    other = "damping" if pair.law == "hunt_crossley" else "dissipation"
+    if getattr(pair, other):
+        raise InputError(f"{key}.{other} is {getattr(pair, other):g}, but the law {pair.law} has no {other}")
+    if pair.ground is not None and not any(pair.ground.normal):
+        raise InputError(f"{key}.ground.normal is {pair.ground.normal}, expected a direction")
+
+
+def _check_unknown(unknown: Unknown, key: str) -> None:
+    if not unknown.parameter:
+        raise InputError(f"{key} has no parameter, expected its name")
+    not_built.refuse_value(unknown.parameter, not_built.UNKNOWNS, f"{key}.parameter")
+    places = [unknown.body, unknown.joint, "/".join(unknown.contact) or None, unknown.effect]
+    if sum(place is not None for place in places) != 1 or (unknown.effect is None) != (unknown.at is None):
+        raise InputError(f"{key} ({unknown.parameter}) needs exactly one of body, joint, contact, effect with at")
+    if not unknown.std > 0:
+        raise InputError(f"{key} ({unknown.parameter}) has no std, expected that of its prior")
+
+
+def _check_lock(lock: Any, source: str) -> None:
+    fits = lock == UNRECORDED
+    if isinstance(lock, dict):
+        fits = all(isinstance(value, int | float) and not isinstance(value, bool) for value in lock.values())
+    elif isinstance(lock, list):
+        fits = all(isinstance(name, str) for name in lock)
+    if not fits:
+        raise InputError(
+            f"{source}: lock is {lock!r}, expected a list of joints, joints with positions (rad or m), or {UNRECORDED}"
+        )
 
 
 def package_reference(text: str) -> str | None:

@@ -10,9 +10,9 @@ from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoD
 from pydrake.systems.framework import Diagram
 
 from drake_cafim.errors import InputError
+from drake_cafim.numerics.motion_counts import count_make_breaks, count_reversals
 from drake_cafim.parameters import Parameters
 from drake_cafim.sensitivity.model import Jacobians, Rollout, Start
-from drake_cafim.tasks.behaviour import count_make_breaks, count_reversals
 from drake_cafim.typing import Array
 
 SetParameters = Callable[[Any, Any, Any], None]

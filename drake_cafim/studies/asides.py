@@ -4,8 +4,8 @@ import numpy as np
 
 from drake_cafim.estimation.problem import Data, MapProblem, make_problem
 from drake_cafim.information import fisher_information
+from drake_cafim.numerics.rounding import short
 from drake_cafim.parameters import Parameter
-from drake_cafim.rounding import short
 from drake_cafim.sensitivity.evaluator import Evaluator
 from drake_cafim.sensitivity.finite_difference import FiniteDifferenceEvaluator
 from drake_cafim.sensitivity.model import PlanningModel

@@ -10,12 +10,13 @@ from drake_cafim.design.planner import PlannerName
 from drake_cafim.design.policies import PolicyName
 from drake_cafim.diagrams.catalogue import stage_of
 from drake_cafim.diagrams.world import WorldKind
-from drake_cafim.experiment import ExperimentResult, Options, RunResult, run
+from drake_cafim.experiment.closed_loop import ExperimentResult, Options, RunResult, run
+from drake_cafim.experiment.kinematic_world import kinematic_world
+from drake_cafim.experiment.run_record import identified
+from drake_cafim.experiment.world import World
 from drake_cafim.information import Criterion
-from drake_cafim.kinematic_world import kinematic_world
-from drake_cafim.run_record import identified
-from drake_cafim.scenario.scene import resolve
 from drake_cafim.scenario.schema import load
+from drake_cafim.scene.scene import resolve
 from drake_cafim.studies.diagnosed import diagnosed
 from drake_cafim.studies.other_laws import other_laws
 from drake_cafim.tasks.contouring import contouring
@@ -23,7 +24,6 @@ from drake_cafim.tasks.hefting import hefting
 from drake_cafim.tasks.pinching import pinching
 from drake_cafim.tasks.rubbing import rubbing
 from drake_cafim.tasks.task import Task
-from drake_cafim.world import World
 
 TASKS: Mapping[str, Callable[[], Task]] = {
     "hefting": hefting,

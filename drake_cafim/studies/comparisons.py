@@ -5,8 +5,8 @@ from typing import Any, get_args
 
 import numpy as np
 
-from drake_cafim.design.planner import PlannerName
-from drake_cafim.design.policies import PolicyName
+from drake_cafim.design.planner import PlannerConfig, PlannerName
+from drake_cafim.design.policies import PolicyName, make_planner
 from drake_cafim.information import Criterion
 from drake_cafim.studies.cell import SCENARIOS, Cell
 from drake_cafim.studies.curves import Curve, quartile_figure
@@ -46,16 +46,26 @@ def policy_claims(results: Mapping[Cell, Any]) -> list[Claim]:
 
 
 def planner_cells(short: bool) -> list[Cell]:
-    """Four planners on the same budget of rollouts, 20 seeds."""
+    """Four planners on about the same budget of rollouts, 20 seeds."""
     seeds = range(1 if short else 20)
     return [Cell(name, seed, planner=planner) for name in SCENARIOS for planner in PLANNERS for seed in seeds]
 
 
 def planners(results: Mapping[Cell, Any]) -> Findings:
-    """What each planner finds with ten rollouts a step."""
+    """What each planner finds with about ten rollouts a step."""
     groups = {name: _groups(results, name, PLANNERS, lambda cell: cell.planner) for name in SCENARIOS}
     tables = tuple(_table(name, by, "predictive-sampling") for name, by in groups.items())
-    return Findings("Planners", "The same score and the same number of rollouts a planning step.", (), tables)
+    about = f"The same score; rollouts a planning step: {rollouts_in_words()}."
+    return Findings("Planners", about, (), tables)
+
+
+def rollouts_in_words(axes: Sequence[int] = (1, 2)) -> str:
+    """How many rollouts each planner spends a step, for motions along one axis and along two."""
+    config, found = PlannerConfig(), []
+    for name in PLANNERS:
+        counts = dict.fromkeys(str(make_planner(name, config).rollouts(config.knots * nu)) for nu in axes)
+        found.append(f"{name} {' or '.join(counts)}")
+    return ", ".join(found)
 
 
 def criteria_cells(short: bool) -> list[Cell]:

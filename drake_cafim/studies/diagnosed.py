@@ -7,10 +7,10 @@ from pydrake.systems.framework import Diagram
 from drake_cafim.diagnosis.diagnose import diagnose
 from drake_cafim.diagnosis.verdict import Quality
 from drake_cafim.diagrams.catalogue import joint_names
-from drake_cafim.experiment import RunResult
-from drake_cafim.joint_recording import recordings_of
-from drake_cafim.scenario.scene import Scene
-from drake_cafim.world import World
+from drake_cafim.experiment.closed_loop import RunResult
+from drake_cafim.experiment.joint_recording import recordings_of
+from drake_cafim.experiment.world import World
+from drake_cafim.scene.scene import Scene
 
 
 def diagnosed(result: RunResult, scenario: str, world: World) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from drake_cafim.rounding import short
+from drake_cafim.numerics.rounding import short
 from drake_cafim.studies.cell import Cell
 from drake_cafim.typing import Array
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from drake_cafim.experiment import Options, RunResult, run
+from drake_cafim.experiment.closed_loop import Options, RunResult, run
 from drake_cafim.report.svg import as_svg, page_style
 from drake_cafim.studies.cell import Cell
 from drake_cafim.studies.curves import COLOURS

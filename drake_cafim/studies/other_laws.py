@@ -9,7 +9,7 @@ import numpy as np
 from drake_cafim.contact.normal import NORMAL_LAWS, NormalLaw
 from drake_cafim.estimation.problem import Data, make_problem
 from drake_cafim.estimation.shooting import solve
-from drake_cafim.experiment import RunResult
+from drake_cafim.experiment.closed_loop import RunResult
 from drake_cafim.sensitivity.tangent import TangentEvaluator
 from drake_cafim.tasks.pinching import Pinching, hunt_crossley_pinching
 

@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from drake_cafim.design.policies import PolicyName
-from drake_cafim.rounding import short
+from drake_cafim.numerics.rounding import short
 from drake_cafim.studies.cell import SCENARIOS, TASKS, Cell
 from drake_cafim.studies.findings import (
     Claim,

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from drake_cafim.experiment import Options, run
+from drake_cafim.experiment.closed_loop import Options, run
 from drake_cafim.report.svg import as_svg, page_style
 from drake_cafim.studies.cell import TASKS
 from drake_cafim.studies.curves import COLOURS

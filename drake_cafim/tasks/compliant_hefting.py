@@ -5,9 +5,9 @@ from typing import final
 
 import numpy as np
 
-from drake_cafim.compiled import compiled
 from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.contact.normal import NORMAL_LAWS, NormalLaw, normal_force_at, normal_force_derivatives
+from drake_cafim.numerics.compiled import compiled
 from drake_cafim.sensitivity.model import Jacobians, Rollout, Start
 from drake_cafim.tasks.hefting import Hefting
 from drake_cafim.typing import Array

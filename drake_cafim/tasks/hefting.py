@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from drake_cafim.numerics.motion_counts import count_make_breaks, count_reversals
 from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.sensitivity.model import Jacobians, Rollout, Start
-from drake_cafim.tasks.behaviour import count_make_breaks, count_reversals
 from drake_cafim.tasks.task import Task
 from drake_cafim.typing import Array
 

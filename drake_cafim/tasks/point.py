@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_cafim.numerics.motion_counts import count_make_breaks, count_reversals
 from drake_cafim.sensitivity.model import Jacobians, Start
-from drake_cafim.tasks.behaviour import count_make_breaks, count_reversals
 from drake_cafim.typing import Array
 
 

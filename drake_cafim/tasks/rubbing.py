@@ -7,9 +7,9 @@ import numpy as np
 
 from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.contact.normal import NormalLaw
+from drake_cafim.numerics.motion_counts import count_reversals
 from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.sensitivity.model import Jacobians, Rollout
-from drake_cafim.tasks.behaviour import count_reversals
 from drake_cafim.tasks.point import PointModel
 from drake_cafim.tasks.task import Task
 from drake_cafim.typing import Array

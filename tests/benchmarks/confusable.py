@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 
 from drake_cafim.design.planner import PlannerConfig, candidate_commands
-from drake_cafim.diagnosis.model import Model
-from drake_cafim.diagnosis.weak_problem import WeakProblem
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.discrimination.design import Designer
 from drake_cafim.discrimination.evidence import expected, looked, strength_at
 from drake_cafim.discrimination.hypotheses import Pair, parsed
 from drake_cafim.discrimination.motions import Motion, Shape
 from drake_cafim.discrimination.scores import TWENTY_TO_ONE
 from drake_cafim.effects.effect import Effect
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 
 RANDOM_MOTIONS = 5
 KNOWN = 10.0

@@ -33,7 +33,7 @@ from pathlib import Path
 import numpy as np
 
 from drake_cafim.cli import progress_line
-from drake_cafim.diagnosis.model import Model
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.discrimination.closed_loop import noisy
 from drake_cafim.discrimination.design import Designer, Progress
 from drake_cafim.discrimination.evidence import Course, Explained, explain, looked

@@ -8,12 +8,13 @@ from typing import Any
 
 from drake_cafim.commands.inputs import read_all
 from drake_cafim.diagnosis.diagnose import prepare
-from drake_cafim.diagnosis.evidence import scale_of
-from drake_cafim.diagnosis.fitting import fit, unbiased_fit
-from drake_cafim.diagnosis.intervals import standard_deviations
-from drake_cafim.diagnosis.screening import hypotheses, screen
-from drake_cafim.diagnosis.shapes import reshaped
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.diagnosis.fit.evidence import scale_of
+from drake_cafim.diagnosis.fit.fitting import fit, unbiased_fit
+from drake_cafim.diagnosis.fit.intervals import standard_deviations
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.search.law_shapes import reshaped
+from drake_cafim.diagnosis.search.screening import screen
+from drake_cafim.scene.scene import Scene
 
 from .score import same_place
 
@@ -30,8 +31,8 @@ def assumed(folder: Path, recordings: Sequence[str], effects: Sequence[Mapping[s
     It is what the diagnosis does with an effect that it has chosen, without the choice.
     """
     scene = Scene.load(str(folder / "scenario.yaml"))
-    problem = prepare(scene, read_all(scene, [str(folder / name) for name in recordings])).problem()
-    every = hypotheses(problem)
+    problem: SearchProblem = prepare(scene, read_all(scene, [str(folder / name) for name in recordings])).problem()
+    every = problem.hypotheses()
     best = unbiased_fit(problem, problem.nominal())
     for wanted in effects:
         named = [one for one in every if one.name == wanted["effect"] and same_place(one.at, wanted["at"])]

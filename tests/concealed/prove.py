@@ -4,6 +4,9 @@ Each case's truth is sealed by a salted hash that is printed before its diagnosi
 system's entropy when the proof starts, so after the last change to the diagnosis, whose commit is printed and stands on
 the page.
 A killed run goes on with --resume: finished trials stay, the others are made anew from fresh entropy.
+
+`--again DIR --out DIR2 [--cases NAME ...]` diagnoses the cases that a proof with --keep left in DIR by the present
+code, and compares: see `again`.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
+from .again import run_again
 from .page import write_page
 from .plan import composition
 from .seal import canonical, case_seed, fresh_seed
@@ -100,8 +104,29 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", help="for debugging only; the page says so")
     parser.add_argument("--only", type=int, nargs="*", help="these slots only")
     cafim = str(Path(sys.executable).parent / "cafim")
+    parser.add_argument(
+        "--again", type=Path, metavar="DIR", help="diagnose the cases that are kept in DIR, and compare"
+    )
+    parser.add_argument("--cases", nargs="+", help="of --again: these names only")
     parser.add_argument("--diagnose", nargs="+", default=[cafim, "diagnose", "--no-replay"])
     options = parser.parse_args(arguments)
+    diagnose = [str(Path(part).absolute()) if Path(part).exists() else part for part in options.diagnose]
+    if options.again is not None:
+        if options.keep or options.seed or options.only:
+            parser.error("--again takes its cases from DIR: --keep, --seed and --only are of new ones")
+        return run_again(
+            options.again,
+            options.out,
+            commit(),
+            diagnose,
+            limit=options.limit,
+            jobs=options.jobs,
+            resume=options.resume,
+            overwrite=options.overwrite,
+            only=options.cases,
+        )
+    if options.cases:
+        parser.error("--cases are of --again DIR")
     started = time.perf_counter()
     prepare(options.out, options.resume, options.overwrite)
     known = about(options.out, options.size, options.seed)
@@ -116,7 +141,6 @@ def main(arguments: list[str] | None = None) -> int:
         flush=True,
     )
     trials = [Trial(i, *slots[i], seed=case_seed(master, i)) for i in wanted]
-    diagnose = [str(Path(part).absolute()) if Path(part).exists() else part for part in options.diagnose]
     work = (delayed(attempt)(trial, diagnose, options.out, options.limit, options.keep) for trial in trials)
     results = Parallel(n_jobs=options.jobs, return_as="generator_unordered", batch_size=1)(work)
     for number, _ in enumerate(tqdm(results, total=len(trials), desc="trials", file=sys.stderr), 1):

@@ -43,9 +43,11 @@ def score(truth: Json, report: Json | None, failure: str = "") -> dict[str, Any]
         "process": bool(truth.get("settings", {}).get("process")),
     }
     if report is None:
-        return result | {"verdict": "failed", "named": [], "right": False}
+        return result | {"verdict": "failed", "named": [], "right": False, "right_as_before": False, "wrong_names": []}
     named = [[item["effect"], item["at"]] for item in report.get("explanation", [])]
-    result |= {"verdict": report["verdict"], "named": named}
+    known = [*effects, *truth.get("accept", [])]
+    wrong = [name for name in named if not any(matches(name, effect) for effect in known)]
+    result |= {"verdict": report["verdict"], "named": named, "wrong_names": wrong}
     if kind == "null":
         return result | _score_null(truth, report, named)
     if kind == "odd":
@@ -54,20 +56,36 @@ def score(truth: Json, report: Json | None, failure: str = "") -> dict[str, Any]
 
 
 def _score_null(truth: Json, report: Json, named: Sequence[Sequence[str]]) -> dict[str, Any]:
-    alarm = bool(named) or report["verdict"] != "none" or bool(report.get("data_mistakes"))
-    if truth["noise"]["kind"] == "coloured_undeclared" and not named:
-        # Noise that was not declared may be told of, as noise.
-        spoken = json.dumps([report.get("data_mistakes"), report.get("mismatch")]).lower()
-        alarm = report["verdict"] == "explained" or (alarm and "noise" not in spoken)
-    return {"right": not alarm, "false_alarm": alarm}
+    """Any verdict but `none` is an alarm, and so is a mistake of the data that is not there.
+
+    Noise that was not declared may be told of, as noise: beside `none`, that is no alarm. `right_as_before` is the
+    count of 0.1.0, by which such a remark excused any verdict `unexplained`.
+    """
+    alarm = bool(named) or report["verdict"] != "none"
+    remarks = [*(report.get("data_mistakes") or []), *(report.get("noise_remarks") or [])]
+    mistakes = [json.dumps(item).lower() for item in remarks]
+    before = alarm or bool(mistakes)
+    if truth["noise"]["kind"] == "coloured_undeclared":
+        mistakes = [words for words in mistakes if "noise" not in words]
+        if not named:
+            spoken = json.dumps([remarks, report.get("mismatch")]).lower()
+            before = report["verdict"] == "explained" or (before and "noise" not in spoken)
+    alarm = alarm or bool(mistakes)
+    return {"right": not alarm, "false_alarm": alarm, "right_as_before": not before}
 
 
 def _score_odd(effect: Json, report: Json, named: Sequence[Sequence[str]]) -> dict[str, Any]:
+    """Nothing of the vocabulary is there, so that every name is a wrong one, under whichever verdict it stands.
+
+    `right_as_before` and `misnamed_as_before` are the count of 0.1.0, which looked at the verdict alone.
+    """
     return {
-        "right": report["verdict"] == "unexplained",
-        "misnamed": report["verdict"] == "explained",
+        "right": report["verdict"] == "unexplained" and not named,
+        "misnamed": bool(named) or report["verdict"] == "explained",
         "missed": report["verdict"] == "none",
         "place": _located(effect["at"], report),
+        "right_as_before": report["verdict"] == "unexplained",
+        "misnamed_as_before": report["verdict"] == "explained",
     }
 
 
@@ -99,6 +117,7 @@ def _score_effects(truth: Json, report: Json, named: Sequence[Sequence[str]]) ->
     families = [any(FAMILY.get(name[0]) == FAMILY.get(effect["effect"]) for name in named) for effect in effects]
     return {
         "right": exact or second,
+        "right_as_before": exact or second,
         "exact": exact,
         "second_name": second,
         "found": found,

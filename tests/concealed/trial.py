@@ -102,11 +102,9 @@ def attempt(trial: Trial, diagnose: list[str], out: Path, limit: float, keep: bo
         report, failure = diagnosed(diagnose, folder, home, limit)
         ended = time.perf_counter()
         if keep:
-            shutil.copytree(home, out / "kept" / name, dirs_exist_ok=True)
-        if not seal.verify(seal.digest):  # pragma: no cover
-            raise RuntimeError("the truth was changed after it was sealed")
-        result = score(seal.truth, report, failure)
-        result["covered_unnamed"] = covered_unnamed(folder, seal.truth, result["named"])
+            keep_whole(home, out / "kept" / name)
+        verify_sealed(out, name, seal)
+        result = scored(folder, seal.truth, report, failure)
     finally:
         shutil.rmtree(home, ignore_errors=True)
     result |= {
@@ -116,13 +114,43 @@ def attempt(trial: Trial, diagnose: list[str], out: Path, limit: float, keep: bo
         "case_rig": trial.rig,
         "seed": hex(trial.seed),
     }
-    result |= {"digest": seal.digest, "salt": seal.salt, "opened": seal.truth, "report": _short(report)}
+    result |= {"digest": seal.digest, "salt": seal.salt, "opened": seal.truth, "report": short_report(report)}
     result |= {"made_seconds": made - started, "diagnosed_seconds": ended - made}
-    path = out / "opened" / f"{trial.slot:05d}.json"
-    temporary = path.with_suffix(".part")
-    temporary.write_text(json.dumps(result, default=float))
-    temporary.replace(path)
+    write_whole(out / "opened" / f"{trial.slot:05d}.json", result)
     return result
+
+
+def scored(folder: Path, truth: Mapping[str, Any], report: dict[str, Any] | None, failure: str) -> dict[str, Any]:
+    """The score, with what is known of the strengths of effects that were not named."""
+    result = score(truth, report, failure)
+    return result | {"covered_unnamed": covered_unnamed(folder, truth, result["named"])}
+
+
+def sealed_digests(out: Path) -> dict[str, str]:
+    """The digests that were told before the diagnoses, by the cases' names."""
+    return dict(line.split() for line in (out / "seals.txt").read_text().splitlines())
+
+
+def verify_sealed(out: Path, name: str, seal: Seal) -> None:
+    """Raises where the truth is no longer what the digest of this name was told of."""
+    if not seal.verify(sealed_digests(out)[name]):
+        raise RuntimeError(f"case {name}: the truth is not the one that was sealed")
+
+
+def keep_whole(source: Path, target: Path) -> None:
+    """A copy of a folder, there with all its files or not at all."""
+    temporary = target.with_name(f".{target.name}.part")
+    shutil.rmtree(temporary, ignore_errors=True)
+    shutil.copytree(source, temporary)
+    shutil.rmtree(target, ignore_errors=True)
+    temporary.replace(target)
+
+
+def write_whole(path: Path, content: Mapping[str, Any]) -> None:
+    """JSON, there with all its lines or not at all."""
+    temporary = path.with_suffix(".part")
+    temporary.write_text(json.dumps(content, default=float))
+    temporary.replace(path)
 
 
 def covered_unnamed(folder: Path, truth: Mapping[str, Any], named: Sequence[Sequence[str]]) -> list[list[Any]]:
@@ -140,9 +168,9 @@ def covered_unnamed(folder: Path, truth: Mapping[str, Any], named: Sequence[Sequ
     return [entry for k in missed if found for entry in covered_by(effects[k], found[k])]
 
 
-def _short(report: dict[str, Any] | None) -> dict[str, Any] | None:
+def short_report(report: dict[str, Any] | None) -> dict[str, Any] | None:
     """The report's findings, without its long parts."""
     if report is None:
         return None
-    kept = ("verdict", "mismatch", "explanation", "rivals", "data_mistakes", "parameters")
+    kept = ("verdict", "mismatch", "explanation", "rivals", "data_mistakes", "noise_remarks", "parameters")
     return {key: report.get(key) for key in kept}

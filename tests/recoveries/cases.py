@@ -10,7 +10,7 @@ from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 
 from .models import ARM, PRESS, ROLLER, STAGE, scene_of
 from .rig import Desired, recorded, waves

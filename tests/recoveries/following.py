@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 from .rig import replayed

@@ -7,7 +7,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from drake_cafim.corrected.corrected_plant import CorrectedPlant
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 from .rig import CONTINUOUS

@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 
 LINK = """<link name="{name}"><inertial><origin xyz="{x} 0.01 -0.02"/><mass value="{mass}"/>
 <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0.001" ixz="0" iyz="0"/></inertial></link>"""

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from drake_cafim.diagnosis.diagnose import diagnose, examine
-from drake_cafim.diagnosis.fitting import Fit
+from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.verdict import Verdict
 from drake_cafim.scenario.scenario_yaml import as_yaml
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 from .cases import HIDDEN, Case

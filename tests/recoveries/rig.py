@@ -15,7 +15,7 @@ from drake_cafim.dynamics.motion import bias_force, mass_matrix, motion
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.vector_log import from_vector_log
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 PERIOD = 0.002

@@ -11,7 +11,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from drake_cafim.rounding import short
+from drake_cafim.numerics.rounding import short
 
 from .cases import CASES, Case
 from .recovery import Recovery, recovered, sentences

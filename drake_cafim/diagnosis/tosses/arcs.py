@@ -10,21 +10,17 @@ from typing import Any
 
 import numpy as np
 
+from drake_cafim.diagnosis.thresholds import (
+    ARC_DURATION,
+    ARC_END_SHIFT,
+    ARC_FEWEST_SAMPLES,
+    ARC_LONGEST_PAUSE,
+    ARC_START_REACH,
+)
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack
 from drake_cafim.diagnosis.tosses.state import State, stacked
 from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product
 from drake_cafim.typing import Array
-
-DURATION = 0.2
-"""s of an arc, about."""
-FEWEST = 8
-"""Samples of an arc."""
-AROUND = 0.012
-"""s on either side of an arc's first sample over which its state is guessed."""
-SHIFT = 0.2
-"""Of an arc's duration, by which its ends may be moved to where the motion is smooth."""
-LATE = 2.5
-"""Median sampling times: a longer pause ends an arc."""
 
 Piece = tuple[int, int, int]
 """Which track, its first sample, and its last + 1."""
@@ -63,14 +59,14 @@ class Arcs:
     @property
     def first_halves(self) -> "Arcs":
         """What is there of each arc before the middle."""
-        counts = np.maximum(self.counts // 2, np.minimum(self.counts, FEWEST))
+        counts = np.maximum(self.counts // 2, np.minimum(self.counts, ARC_FEWEST_SAMPLES))
         kept = np.minimum(np.arange(int(counts.max())), counts[:, None] - 1)
         sample, times = np.take_along_axis(self.sample, kept, axis=1), np.take_along_axis(self.times, kept, axis=1)
         p, quaternion = (np.take_along_axis(one, kept[..., None], axis=1) for one in (self.p, self.quaternion))
         return Arcs(self.tracks, self.recording, sample, counts, times, p, quaternion, self.start)
 
 
-def arcs_of(tracks: Sequence[PoseTrack], noise: PoseNoise, duration: float = DURATION) -> Arcs:
+def arcs_of(tracks: Sequence[PoseTrack], noise: PoseNoise, duration: float = ARC_DURATION) -> Arcs:
     """The tracks cut into arcs of about `duration` s, where the motion is smooth."""
     pieces: list[Piece] = []
     for index, track in enumerate(tracks):
@@ -98,18 +94,18 @@ def joined_arcs(tracks: Sequence[PoseTrack], noise: PoseNoise, pieces: Sequence[
 def _cuts(time: Array, misfit: Array, duration: float) -> list[tuple[int, int]]:
     """First and last + 1 sample of each arc; arcs of one stretch are about as long as each other."""
     steps = np.diff(time)
-    breaks = np.flatnonzero(steps > LATE * np.median(steps))
+    breaks = np.flatnonzero(steps > ARC_LONGEST_PAUSE * np.median(steps))
     found: list[tuple[int, int]] = []
     for begin, end in itertools.pairwise([0, *(breaks + 1).tolist(), len(time)]):
-        if end - begin < FEWEST:
+        if end - begin < ARC_FEWEST_SAMPLES:
             continue
         span = time[end - 1] - time[begin]
-        count = max(1, min(round(span / duration), (end - begin) // FEWEST))
+        count = max(1, min(round(span / duration), (end - begin) // ARC_FEWEST_SAMPLES))
         edges = [begin]
         for k in range(1, count):
             middle = time[begin] + span * k / count
-            low, high = np.searchsorted(time, middle + np.array([-SHIFT, SHIFT]) * span / count)
-            low = max(int(low), edges[-1] + FEWEST // 2)
+            low, high = np.searchsorted(time, middle + np.array([-ARC_END_SHIFT, ARC_END_SHIFT]) * span / count)
+            low = max(int(low), edges[-1] + ARC_FEWEST_SAMPLES // 2)
             high = max(int(high), low + 1)
             edges.append(low + int(np.argmin(misfit[low:high])))
         found += itertools.pairwise([*edges, end])
@@ -120,7 +116,7 @@ def _local_states(track: PoseTrack, noise: PoseNoise) -> tuple[State, Array]:
     """The state at each sample by a cubic through its neighbours, and how badly it fits them."""
     time = track.time
     N = len(time)
-    n = int(np.clip(np.round(2.0 * AROUND / np.median(np.diff(time))) + 1, 7, N))
+    n = int(np.clip(np.round(2.0 * ARC_START_REACH / np.median(np.diff(time))) + 1, 7, N))
     first = np.clip(np.arange(N) - n // 2, 0, N - n)
     near = first[:, None] + np.arange(n)
     scale = np.max(np.abs(time[near] - time[:, None]), axis=1)

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from drake_cafim.diagnosis.tosses import rigid
-from drake_cafim.diagnosis.tosses.bouncing import bounced
+from drake_cafim.diagnosis.tosses import rigid_body as rigid
+from drake_cafim.diagnosis.tosses.compiled_flight import bounced
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
-from drake_cafim.diagnosis.tosses.rosenbrock import (
+from drake_cafim.diagnosis.tosses.state import Moment, State, stacked
+from drake_cafim.dynamics.rotations import rotation_matrices
+from drake_cafim.numerics.rosenbrock import (
     ALPHA,
     CAREFUL,
     EMBEDDED,
@@ -25,8 +27,6 @@ from drake_cafim.diagnosis.tosses.rosenbrock import (
     SHORTEST,
     WEIGHTS,
 )
-from drake_cafim.diagnosis.tosses.state import Moment, State, stacked
-from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.typing import Array, Flags
 
 
@@ -85,6 +85,13 @@ def fly(
         R = rotation_matrices(here.quaternion)
         felt = body.felt(here, R, touching, remembered)
         first = body.accelerated(here, R, felt, moment)
+        lost = ~np.all(np.isfinite(first), axis=1)
+        if np.any(lost):
+            # forces beyond all numbers throw the body out of the world
+            for row in alive[lost]:
+                out[row, following[row] :] = np.nan
+            alive = alive[~lost]
+            continue
         landing = body.time_to_land(here, R, touching, first)
         step = np.minimum(np.minimum(usual[alive], left), np.maximum(landing, SHORTEST))
         # a crumb of a step before a sample is left to the one before

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from drake_cafim.contact.change import Touch, surface_axes
-from drake_cafim.diagnosis.tosses import rigid
+from drake_cafim.diagnosis.tosses import rigid_body as rigid
+from drake_cafim.diagnosis.tosses.compiled_contact import Law, law_of
 from drake_cafim.diagnosis.tosses.state import Moment, State
-from drake_cafim.diagnosis.tosses.touching import Law, law_of
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import skew
 from drake_cafim.dynamics.rotations import crossing, rotation_matrices
@@ -51,7 +51,11 @@ class FreeBody:
 
     @cached_property
     def inertial(self) -> tuple[float, Array, Array, Array]:
-        """Mass, centre of mass (3,), inertia (3, 3) about the origin, and the inverse (6, 6) of all; body axes."""
+        """Mass, centre of mass (3,), inertia (3, 3) about the origin, and the inverse (6, 6) of all; body axes.
+
+        Where the inertia is singular, as of a mass that a fit has brought to zero, the inverse is NaN: such a body's
+        flight is no number, and a fit refuses the step.
+        """
         masses, centers, inertias = self.physics.tree.lumps
         m, c = float(masses[FREE]), centers[FREE]
         C = skew(c)
@@ -59,7 +63,11 @@ class FreeBody:
         spatial = np.zeros((6, 6))
         spatial[:3, :3], spatial[:3, 3:] = m * np.eye(3), -m * C
         spatial[3:, :3], spatial[3:, 3:] = m * C, about_origin
-        return m, c, about_origin, np.asarray(np.linalg.inv(spatial), dtype=float)
+        try:
+            inverse = np.asarray(np.linalg.inv(spatial), dtype=float)
+        except np.linalg.LinAlgError:
+            inverse = np.full((6, 6), np.nan)
+        return m, c, about_origin, inverse
 
     @cached_property
     def contact(self) -> SphereContact | None:
@@ -115,7 +123,7 @@ class FreeBody:
     def drag(self) -> tuple[float, Array]:
         """N s²/m² of a `plain` body, and where on it (3,) m."""
         for effect in self.physics.body_forces:
-            if isinstance(effect, AerodynamicDrag):
+            if effect.episode is None:
                 return float(effect.values["coefficient"]), self._place(effect)
         return 0.0, np.zeros(3)
 
@@ -125,14 +133,11 @@ class FreeBody:
         Their peaks (P, 3) N, when they start and stop (P, 2) s, in whose recording (P,) among `names`, -1 for all, and
         where on the body (P, 3) m they act.
         """
-        found = [
-            one
-            for one in self.physics.body_forces
-            if isinstance(one, ExternalDisturbance) and (one.recording is None or one.recording in names)
-        ]
+        brief = [(one, one.episode.recording) for one in self.physics.body_forces if one.episode is not None]
+        found = [one for one, recording in brief if recording is None or recording in names]
         values = np.array([[one.values[name] for name in ("x", "y", "z", "start", "stop")] for one in found])
         values = values.reshape(-1, 5)
-        whose = [-1 if one.recording is None else names.index(one.recording) for one in found]
+        whose = [-1 if own is None else names.index(own) for _, own in brief if own is None or own in names]
         places = np.array([self._place(one) for one in found]).reshape(-1, 3)
         return values[:, :3].copy(), values[:, 3:].copy(), np.array(whose, dtype=np.int64), places
 
@@ -198,9 +203,9 @@ class FreeBody:
             self._disturb(wrench, effect, state, R, moment)
         return np.asarray(rigid.accelerated(state.numbers, R, wrench, *self.inertial, self.physics.gravity))
 
-    def _disturb(self, wrench: Array, effect: Any, state: State, R: Array, moment: Moment) -> None:
+    def _disturb(self, wrench: Array, effect: BodyForce, state: State, R: Array, moment: Moment) -> None:
         lever = R @ self._place(effect)
-        recording = effect.recording if isinstance(effect, ExternalDisturbance) else None
+        recording = effect.episode.recording if effect.episode is not None else None
         v = state.v + (crossing(state.w) @ lever[:, :, None])[:, :, 0]
         force = effect.force(state.p + lever, v, moment.time, recording)
         if recording is not None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.compiled import compiled
+from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array, Flags
 
 VAGUE = np.array([1.0] * 3 + [1.0] * 3 + [30.0] * 3 + [300.0] * 3)

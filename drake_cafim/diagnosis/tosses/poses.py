@@ -5,15 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.diagnosis.even_clock import evened
+from drake_cafim.diagnosis.noise.differences import noise_std
 from drake_cafim.dynamics.rotations import inverse, logarithm, product
 from drake_cafim.dynamics.tree import FREE
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import POSE_COMPONENTS, Recording
-from drake_cafim.scenario.scene import Scene
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
-
-_DIFFERENCES = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -101,13 +99,9 @@ def noise_of_poses(scene: Scene, body: str, tracks: Sequence[PoseTrack]) -> tupl
 
 
 def _estimated(tracks: Sequence[PoseTrack], part: str) -> Array:
-    """(3,) std along each axis; robust (median absolute deviation)."""
-    pieces = []
-    for track in tracks:
-        values = evened(track.time, track.p if part == "position" else unrolled(track.quaternion))
-        pieces.append(np.stack([np.convolve(column, _DIFFERENCES, mode="valid") for column in values.T], axis=1))
-    spread = np.median(np.abs(np.concatenate(pieces)), axis=0) * 1.4826
-    return np.asarray(spread / np.linalg.norm(_DIFFERENCES), dtype=float)
+    """(3,) std along each axis."""
+    values = [(one.time, one.p if part == "position" else unrolled(one.quaternion)) for one in tracks]
+    return np.array([noise_std([(time, columns[:, k]) for time, columns in values]) for k in range(3)])
 
 
 def unrolled(quaternion: Array) -> Array:

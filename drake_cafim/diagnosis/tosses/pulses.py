@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from drake_cafim.diagnosis.fitting import Fit
-from drake_cafim.diagnosis.pulses import DURATIONS, SPACING, Push
-from drake_cafim.diagnosis.tosses.columns import force_rows
-from drake_cafim.diagnosis.tosses.problem import TossProblem
-from drake_cafim.diagnosis.tosses.shots import Shot
+from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.pushes import Push, found_once, tried_intervals
+from drake_cafim.diagnosis.tosses.arc_rows import ArcRows
+from drake_cafim.diagnosis.tosses.jacobian import force_rows
+from drake_cafim.diagnosis.tosses.simulated_arcs import Shot
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.effects.body import pulse
 from drake_cafim.typing import Array
@@ -15,24 +15,17 @@ TOGETHER = 8
 """Pulses whose rows are reckoned at once."""
 
 
-def strongest_pushes(problem: TossProblem, at: Fit) -> tuple[list[Push], int]:
+def strongest_pushes(problem: ArcRows, at: Fit) -> tuple[list[Push], int]:
     """The strongest push of each recording, best first, beyond what `at` explains; and how many pulses were tried."""
-    known = problem.found_pushes
-    if not known or known[0] is not at.residual:
-        known[:] = [at.residual, *_searched(problem, at)]
-    return known[1], known[2]
+    return found_once(problem.found_pushes, at.residual, lambda: _searched(problem, at))
 
 
-def _searched(problem: TossProblem, at: Fit) -> tuple[list[Push], int]:
+def _searched(problem: ArcRows, at: Fit) -> tuple[list[Push], int]:
     """Arcs of different recordings are independent: each trial is one of all recordings at once."""
     shot = problem.shot(at.model)
     starts = [run.time[0] for run in problem.runs]
     length = max(float(run.time[-1] - run.time[0]) for run in problem.runs)
-    trials = [
-        (float(start), float(duration))
-        for duration in DURATIONS
-        for start in np.arange(0.0, length - duration, SPACING * duration)
-    ]
+    trials = list(tried_intervals(0.0, length))
     basis = np.linalg.qr(at.jacobian)[0][: problem.rows] if at.jacobian.shape[1] else np.zeros((problem.rows, 0))
     residual = at.residual[: problem.rows]
     ends = np.cumsum([0, *(run.rows for run in problem.runs)])

@@ -4,13 +4,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drake_cafim.diagnosis.forecast import Forecast, root_mean_square
+from drake_cafim.diagnosis.predict.forecast import Forecast, window_starts
+from drake_cafim.diagnosis.predict.quality import quality_of
+from drake_cafim.diagnosis.tosses.arc_rows import counted
 from drake_cafim.diagnosis.tosses.arcs import Arcs, arcs_of, joined_arcs
+from drake_cafim.diagnosis.tosses.initial_states import settled_from
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack, unrolled
-from drake_cafim.diagnosis.tosses.problem import counted
-from drake_cafim.diagnosis.tosses.settling import settled_from
-from drake_cafim.diagnosis.tosses.shots import Shot
+from drake_cafim.diagnosis.tosses.simulated_arcs import Shot
 from drake_cafim.diagnosis.verdict import Quality
+from drake_cafim.numerics.computed import NotComputable, computed
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -23,12 +25,13 @@ LOST = 1.0
 def qualities(groups: Sequence[Sequence[PoseTrack]], noise: PoseNoise, physics: Physics, body: str) -> list[Quality]:
     """Of each group under `physics`; the recordings of all are simulated side by side."""
     tracks = [track for group in groups for track in group]
-    likelihoods = _negative_log_likelihoods(tracks, noise, physics)
-    simulated = toss_forecasts(tracks, noise, physics, body)
+    likelihoods = computed(lambda: _negative_log_likelihoods(tracks, noise, physics))
+    simulated = computed(lambda: toss_forecasts(tracks, noise, physics, body))
     result, first = [], 0
     for group in groups:
         own = slice(first, first + len(group))
-        result.append(Quality(float(np.mean(np.concatenate(likelihoods[own]))), root_mean_square(simulated[own])))
+        values = likelihoods if isinstance(likelihoods, NotComputable) else likelihoods[own]
+        result.append(quality_of(values, simulated if isinstance(simulated, NotComputable) else simulated[own]))
         first = own.stop
     return result
 
@@ -62,7 +65,7 @@ def toss_forecasts(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physi
     """
     before, windows = [], []
     for index, track in enumerate(tracks):
-        for start in _starts(track.time):
+        for start in window_starts(track.time, HORIZON):
             first = min(int(np.searchsorted(track.time, track.time[start] - LOOK_BACK - 1e-9)), max(start - 8, 0))
             stop = int(np.searchsorted(track.time, track.time[start] + HORIZON + 1e-9, side="right"))
             before.append((index, first, start + 1))
@@ -91,10 +94,3 @@ def toss_forecasts(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physi
 def _turned(quaternion: Array) -> Array:
     """(N,) rad that the body has turned since the first of `quaternion` (N, 4)."""
     return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(unrolled(quaternion), axis=0), axis=1)))
-
-
-def _starts(time: Array) -> list[int]:
-    """Indices at which windows begin, one horizon apart, after the first look back; one window if it is short."""
-    first = time[0] + LOOK_BACK
-    count = max(1, int((time[-1] - first + 1e-9) / HORIZON))
-    return [int(np.searchsorted(time, first + k * HORIZON - 1e-9)) for k in range(count)]

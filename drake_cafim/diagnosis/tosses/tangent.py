@@ -12,11 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from drake_cafim.cross import cross
-from drake_cafim.diagnosis.tosses.carrying import carried
-from drake_cafim.diagnosis.tosses.flight import Fine, Flights
-from drake_cafim.diagnosis.tosses.free_body import FreeBody
-from drake_cafim.diagnosis.tosses.memory_slopes import (
+from drake_cafim.diagnosis.tosses.compiled_tangent import carried
+from drake_cafim.diagnosis.tosses.contact_memory_derivatives import (
     FINE_SIZES,
     SIZES,
     acceleration_by_memory,
@@ -26,9 +23,12 @@ from drake_cafim.diagnosis.tosses.memory_slopes import (
     midway_acceleration,
     shifted,
 )
+from drake_cafim.diagnosis.tosses.flight import Fine, Flights
+from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.state import Moment, State, upright
 from drake_cafim.dynamics.motion import skew
 from drake_cafim.dynamics.rotations import exponential, product, rotation_matrices
+from drake_cafim.numerics.cross import cross
 from drake_cafim.typing import Array
 
 INSIDE = 2e-6

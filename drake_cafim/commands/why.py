@@ -1,0 +1,125 @@
+"""`cafim why`: why an effect was named in a finished report, or was not."""
+
+import json
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from drake_cafim.diagnosis.trace import Record
+from drake_cafim.errors import InputError
+from drake_cafim.report.reasons import Reasons, asked_about, number, reasons_of, story_of
+
+SCHEMA = "drake_cafim.why/1"
+LISTED = 12
+"""Valid choices that a message lists."""
+
+
+@dataclass(frozen=True)
+class Traced:
+    """What `cafim why` reads of a report."""
+
+    sentence: str
+    records: tuple[Record, ...]
+    named: tuple[str, ...]
+
+
+def why_command(report: Path, asked: str | None) -> dict[str, Any]:
+    """The reasons as a mapping: of the effect `asked`, as EFFECT@PLACE, or of the whole verdict.
+
+    Raises `InputError` for a report that cannot be read, and for an effect that was not looked for.
+    """
+    traced = read_trace(report)
+    told: dict[str, Any] = {"schema": SCHEMA, "verdict": traced.sentence}
+    if asked is None:
+        story = story_of(traced.records, traced.named)
+        return told | {
+            "named": [_told(item) for item in story.named],
+            "refused": [_told(item) for item in story.refused],
+            "no_more": None if story.no_more is None else story.no_more.as_json(),
+            "left": [item.as_json() for item in story.left],
+        }
+    _check(asked, report, asked_about(traced.records))
+    return told | _told(reasons_of(traced.records, asked, traced.named))
+
+
+def read_trace(report: Path) -> Traced:
+    """The trace of the report in the file, or folder, `report`."""
+    path = report / "report.json" if report.is_dir() else report
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: it cannot be read ({error.strerror}), expected a report.json") from None
+    except ValueError as error:
+        raise InputError(f"{path}: it is no JSON ({error}), expected a report.json") from None
+    if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("drake_cafim.report/"):
+        raise InputError(f"{path}: its schema is not drake_cafim.report/1, expected a report.json of `cafim diagnose`")
+    if not content.get("trace"):
+        raise InputError(f"{path}: it holds no `trace`, expected a report of `cafim diagnose` of this version")
+    try:
+        records = tuple(Record.from_json(item) for item in content["trace"])
+        named = tuple(f"{item['effect']}@{item['at']}" for item in content["explanation"])
+    except (KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: its `trace` or `explanation` is damaged ({error}), expected a report.json") from None
+    return Traced(str(content.get("sentence", "")), records, named)
+
+
+def in_words(told: dict[str, Any]) -> str:
+    """What is printed."""
+    if "asked" in told:
+        return "\n".join(_lines(told))
+    lines = [told["verdict"], ""]
+    for title, key in (("Why", "named"), ("Why not", "refused")):
+        if told[key]:
+            lines += [title, *(f"  {item['sentence']}{_turn(item)}" for item in told[key]), ""]
+    if told["no_more"]:
+        lines += ["Why no further effect", f"  {told['no_more']['words']}", ""]
+    lines += ["What is left", *(f"  {item['words']}" for item in told["left"])]
+    return "\n".join(lines)
+
+
+def _told(reasons: Reasons) -> dict[str, Any]:
+    return {
+        "asked": reasons.asked,
+        "named": reasons.named,
+        "sentence": f"{reasons.sentence[:1].upper()}{reasons.sentence[1:]}.",
+        "turning": reasons.turning,
+        "records": [item.as_json() for item in reasons.records],
+        "rivals": [item.as_json() for item in reasons.rivals],
+    }
+
+
+def _lines(told: dict[str, Any]) -> list[str]:
+    lines = [told["sentence"], *([f"For the other outcome: {told['turning']}."] if told["turning"] else []), ""]
+    for item in told["records"]:
+        numbers = ""
+        if item["statistic"] is not None and item["threshold"] is not None:
+            numbers = f" [{number(item['statistic'])} against {number(item['threshold'])}]"
+        lines.append(f"  {'+' if item['passed'] else '-'} {item['step']}: {item['words']}{numbers}")
+    if told["rivals"]:
+        lines += ["", "Its rivals" if told["named"] else "What was chosen instead"]
+        lines += [f"  {item['asked']}: {item['words']}" for item in told["rivals"]]
+    return lines
+
+
+def _turn(told: dict[str, Any]) -> str:
+    return f" For the other outcome: {told['turning']}." if told["turning"] else ""
+
+
+def _check(asked: str, report: Path, valid: list[str]) -> None:
+    effect, at, place = asked.partition("@")
+    if not at or not effect or not place:
+        raise InputError(f"{asked}: expected EFFECT@PLACE, as {valid[0] if valid else 'joint_spring@elbow'}")
+    if asked in valid:
+        return
+    places = [name.partition("@")[2] for name in valid if name.partition("@")[0] == effect]
+    if places:
+        raise InputError(f"{asked}: {effect} was not looked for at {place} in {report}; valid places: {_few(places)}")
+    effects = sorted({name.partition("@")[0] for name in valid})
+    near = get_close_matches(effect, effects, LISTED, 0.5)
+    raise InputError(f"{asked}: no effect {effect} was looked for in {report}; valid: {_few(near or effects)}")
+
+
+def _few(names: list[str]) -> str:
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    return ", ".join(names[:LISTED]) + more

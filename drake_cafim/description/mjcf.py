@@ -1,0 +1,273 @@
+"""An MJCF as Drake's parser takes it: bodies, joints and primitive shapes, without classes, includes and meshes."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drake_cafim.description.description import Acting, Description, listed
+from drake_cafim.description.inertia import breaks_the_rule, mended
+from drake_cafim.description.mjcf_actuators import actuators, effort_limits
+from drake_cafim.description.mjcf_couplings import couplings
+from drake_cafim.description.mjcf_defaults import Defaults, bodies, include_all
+from drake_cafim.description.mjcf_frames import Compiler, limited, set_pose
+from drake_cafim.description.mjcf_meshes import Meshes
+from drake_cafim.description.packages import Packages
+from drake_cafim.description.xml_document import XmlDocument, numbers
+from drake_cafim.errors import InputError
+from drake_cafim.typing import Array
+
+SHAPES = ("plane", "sphere", "capsule", "ellipsoid", "cylinder", "box")
+POSE = ("pos", "quat", "axisangle", "euler", "xyaxes", "zaxis")
+GEOM = ("name", "type", "size", "mass", "density", "rgba", "fromto", *POSE)
+JOINT = ("name", "type", "pos", "axis", "range", "limited", "damping")
+BODY = ("name", *POSE)
+COMPILER = ("angle", "eulerseq", "autolimits", "inertiafromgeom")
+
+
+@dataclass
+class _Taken:
+    """What was taken out of the file on the way."""
+
+    acting: list[Acting] = field(default_factory=list)
+    rotors: dict[str, float] = field(default_factory=dict)
+    references: dict[str, float] = field(default_factory=dict)
+    """q of each joint in the pose that the file draws."""
+    notes: list[str] = field(default_factory=list)
+    meshes: dict[str, list[Element]] = field(default_factory=dict)
+    """Of each body."""
+
+
+def mjcf_description(document: XmlDocument, packages: Packages) -> Description:
+    """The description of an MJCF. Raises `InputError` that names the body or joint and the line."""
+    include_all(document)
+    root = document.root
+    compiler, defaults, taken = Compiler.of(root), Defaults.of(root), _Taken()
+    worlds = root.findall("worldbody")
+    for world in worlds:
+        _write_out(world, defaults, None)
+        for body, childclass in bodies(world):
+            _write_out(body, defaults, childclass)
+    driving = actuators(root, defaults)
+    _name_all(worlds)
+    efforts, notes = effort_limits(driving, worlds, compiler)
+    for world in worlds:
+        _keep_shapes(world, taken)
+        moving = _moving(world)
+        for body, _ in bodies(world):
+            _read_body(document, body, compiler, taken, body in moving)
+    mimics, uncoupled = couplings(root, taken.references)
+    taken.notes += [*notes, *uncoupled, *_unread(root)]
+    files = Meshes.of(root, defaults, compiler, document.path)
+    shown = [mesh for body, geoms in taken.meshes.items() for mesh in files.shown(body, geoms)]
+    lost = [body for body in taken.meshes if body not in {mesh.body for mesh in shown}]
+    if taken.meshes:
+        taken.notes.append(f"collision meshes are not read: nothing touches them ({listed(taken.meshes)})")
+    if lost:
+        taken.notes.append(f"not shown in the replay: {listed(lost)}, since their mesh files are not there")
+    places = {
+        element.get("name", ""): document.place(element)
+        for world in worlds for element in world.iter() if element.tag in ("body", "joint")
+    }  # fmt: skip
+    document.root = _kept(root, worlds, compiler, document)
+    return Description(
+        text=document.text(),
+        form="xml",
+        acting=tuple(taken.acting),
+        rotor_inertias=taken.rotors,
+        effort_limits=efforts,
+        mimics=mimics,
+        notes=tuple(taken.notes),
+        places=places,
+        positions=taken.references,
+        shown=tuple(shown),
+    )
+
+
+def _write_out(parent: Element, defaults: Defaults, childclass: str | None) -> None:
+    for child in parent:
+        if child.tag in ("joint", "geom"):
+            defaults.write_out(child, childclass)
+
+
+def _name_all(worlds: list[Element]) -> None:
+    """Names for bodies and joints that have none, by their place in the file."""
+    count = 0
+    for world in worlds:
+        for body, _ in bodies(world):
+            count += 1
+            name = body.attrib.setdefault("name", f"body_{count}")
+            for k, joint in enumerate(body.findall("joint")):
+                joint.attrib.setdefault("name", f"{name}_joint" if k == 0 else f"{name}_joint_{k + 1}")
+
+
+def _moving(world: Element) -> set[Element]:
+    """The bodies that a joint carries."""
+    jointed = [
+        body for body, _ in bodies(world) if body.find("joint") is not None or body.find("freejoint") is not None
+    ]
+    return {below for body in jointed for below in body.iter("body")}
+
+
+def _read_body(document: XmlDocument, body: Element, compiler: Compiler, taken: _Taken, moves: bool) -> None:
+    name = body.get("name", "")
+    place = f"{document.place(body)}: body {name!r}"
+    if float(body.get("gravcomp", "0")) != 0.0:
+        taken.notes.append(f"{place}: its compensation of gravity is not taken")
+    if moves and body.find("inertial") is None and any(_heavy_mesh(geom) for geom in body.findall("geom")):
+        raise InputError(f"{place} weighs what its mesh does, and meshes are not read; expected an <inertial>")
+    weighs = _mend_inertia(body, place, compiler, taken)
+    _keep_shapes(body, taken, weighs)
+    free = [joint for joint in body.findall("joint") if joint.get("type") == "free"]
+    for joint in free:
+        joint.attrib = {key: value for key, value in joint.attrib.items() if key in ("name", "type")}
+    moved = [joint for joint in body.findall("joint") if joint not in free]
+    for joint in moved:
+        _read_joint(document, joint, compiler, taken)
+    _start_at_zero(body, moved, compiler, taken, place)
+    for key in [key for key in body.attrib if key not in BODY]:
+        del body.attrib[key]
+    for child in [child for child in body if child.tag not in ("body", "joint", "freejoint", "geom", "inertial")]:
+        body.remove(child)
+
+
+def _read_joint(document: XmlDocument, joint: Element, compiler: Compiler, taken: _Taken) -> None:
+    """Takes friction, spring, armature and reference out of a joint."""
+    name, hinge = joint.get("name", ""), joint.get("type", "hinge") == "hinge"
+    place = f"{document.place(joint)}: joint {name!r}"
+
+    def first(attribute: str) -> float:
+        try:
+            return (numbers(joint, attribute, "0") or [0.0])[0]
+        except ValueError:
+            raise InputError(f"{place}: {attribute} is {joint.get(attribute)!r}, expected a number") from None
+
+    def angle(attribute: str) -> float:
+        return compiler.angle(first(attribute)) if hinge else first(attribute)
+
+    if first("frictionloss") > 0.0:
+        taken.acting.append(Acting("joint_coulomb_friction", name, {"torque": first("frictionloss")}))
+    if first("stiffness") > 0.0:
+        spring = {"stiffness": first("stiffness"), "rest": angle("springref")}
+        taken.acting.append(Acting("joint_spring", name, spring))
+    if first("armature") > 0.0:
+        taken.rotors[name] = first("armature")
+    if angle("ref") != 0.0:
+        taken.references[name] = angle("ref")
+    span = limited(joint, "limited", "range", compiler)
+    joint.attrib.pop("range", None)
+    joint.set("limited", "true" if span else "false")
+    if span:
+        joint.set("range", " ".join(map(repr, span)))
+    if joint.get("damping"):
+        joint.set("damping", repr(first("damping")))
+    for key in [key for key in joint.attrib if key not in JOINT]:
+        del joint.attrib[key]
+
+
+def _start_at_zero(body: Element, joints: list[Element], compiler: Compiler, taken: _Taken, place: str) -> None:
+    """Moves a body whose joint is drawn at `ref` to where it is at zero: X_PB J(−ref)."""
+    R, p = compiler.pose(body)
+    for k, joint in enumerate(joints):
+        if joint.get("name", "") not in taken.references:
+            continue
+        # only what comes first, or slides after slides, moves the joints before it along
+        if k > 0 and any(one.get("type", "hinge") != "slide" for one in joints[: k + 1]):
+            raise InputError(
+                f"{place} turns at {joint.get('name')!r} by a `ref` after other joints, expected ref 0 there"
+            )
+        axis = np.array(numbers(joint, "axis", "0 0 1"))
+        axis, back = axis / np.linalg.norm(axis), -taken.references[joint.get("name", "")]
+        if joint.get("type", "hinge") == "slide":
+            p = p + R @ (back * axis)
+            continue
+        anchor = np.array(numbers(joint, "pos", "0 0 0"))
+        turn = Rotation.from_rotvec(back * axis).as_matrix()
+        R, p = R @ turn, p + R @ (anchor - turn @ anchor)
+    if any(joint.get("name", "") in taken.references for joint in joints):
+        set_pose(body, R, p)
+
+
+def _mend_inertia(body: Element, place: str, compiler: Compiler, taken: _Taken) -> bool:
+    """Whether the body weighs something; an inertia that no body can have becomes one that it can."""
+    inertial = body.find("inertial")
+    if inertial is None or compiler.says("inertiafromgeom", "auto") == "true":
+        return True
+    if numbers(inertial, "mass", "0")[0] <= 0.0:
+        body.remove(inertial)
+        return False
+    inertia = _moments(inertial)
+    if breaks_the_rule(inertia):
+        balanced = compiler.says("balanceinertia", "false") == "true"
+        fitting = np.trace(inertia) / 3.0 * np.eye(3) if balanced else mended(inertia)
+        moments = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(inertia))
+        taken.notes.append(
+            f"{place} has the principal moments {moments} kg m², of which none may exceed the sum of the others "
+            f"or be negative: {'their mean is' if balanced else 'the nearest that a body can have are'} taken"
+        )
+        xx, yy, zz, xy, xz, yz = (float(fitting[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+        inertial.attrib.pop("diaginertia", None)
+        inertial.set("fullinertia", " ".join(map(repr, (xx, yy, zz, xy, xz, yz))))
+    return True
+
+
+def _heavy_mesh(geom: Element) -> bool:
+    massless = "0" in (geom.get("mass"), geom.get("density"))
+    return bool(geom.get("mesh")) and geom.get("type") == "mesh" and not massless
+
+
+def _moments(inertial: Element) -> Array:
+    """(3, 3) kg m² in the inertial's own axes."""
+    if inertial.get("fullinertia"):
+        xx, yy, zz, xy, xz, yz = numbers(inertial, "fullinertia")
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return np.diag(numbers(inertial, "diaginertia", "0 0 0"))
+
+
+def _keep_shapes(parent: Element, taken: _Taken, weighs: bool = True) -> None:
+    """Leaves the primitive shapes of a body, or none where they would give weight to one that has none."""
+    for geom in parent.findall("geom"):
+        kind = geom.get("type", "sphere") if not geom.get("mesh") else "mesh"
+        if kind not in SHAPES or not weighs or (kind == "box" and geom.get("fromto")):
+            parent.remove(geom)
+            if kind == "mesh":
+                taken.meshes.setdefault(parent.get("name", "world"), []).append(geom)
+            continue
+        touches = geom.get("contype", "1") != "0" or geom.get("conaffinity", "1") != "0"
+        slipping = geom.get("friction", "").split()
+        for key in [key for key in geom.attrib if key not in GEOM]:
+            del geom.attrib[key]
+        if not touches:
+            geom.set("contype", "0")
+            geom.set("conaffinity", "0")
+        if slipping:
+            geom.set("friction", slipping[0])
+
+
+def _unread(root: Element) -> Iterator[str]:
+    """What else of the file acts and is not taken."""
+    for option in root.findall("option"):
+        for key in ("density", "viscosity", "wind"):
+            if any(numbers(option, key, "0")):
+                yield f"the model's <option {key}> is not taken: nothing flows around the robot"
+        gravity = numbers(option, "gravity", "0 0 -9.81")
+        if not np.allclose(gravity, [0.0, 0.0, -9.81]):
+            yield f"the model's <option gravity> is {gravity}; the scenario's `gravity` is taken"
+    if any(flag.get("gravity") == "disable" for flag in root.findall("option/flag")):
+        yield "the model's <flag gravity> is off; the scenario's `gravity` is taken"
+    total = Compiler.of(root).says("settotalmass", "-1")
+    if float(total) > 0.0:
+        yield f"the model's <compiler settotalmass={total}> is not taken: masses are as written"
+
+
+def _kept(root: Element, worlds: list[Element], compiler: Compiler, document: XmlDocument) -> Element:
+    """The file that is left for Drake's parser."""
+    kept = Element("mujoco", {"model": root.get("model") or document.path.stem})
+    SubElement(kept, "compiler", {key: compiler.attributes[key] for key in COMPILER if key in compiler.attributes})
+    for world in worlds:
+        for child in [child for child in world if child.tag not in ("body", "geom")]:
+            world.remove(child)
+        kept.append(world)
+    return kept

@@ -1,0 +1,219 @@
+"""A URDF as Drake's parser takes it: without collision meshes, mimics and what it does not know."""
+
+from collections.abc import Iterator
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from drake_cafim.description.description import SHOWN, Acting, Description, Mimic, listed
+from drake_cafim.description.inertia import breaks_the_rule, mended
+from drake_cafim.description.packages import Packages
+from drake_cafim.description.xml_document import XmlDocument, numbers
+from drake_cafim.errors import InputError
+from drake_cafim.typing import Array
+
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+UNREAD = ("safety_controller", "calibration")
+"""Of a joint: for a controller on the robot."""
+LEAST_MASS = 1e-9
+"""kg; Drake has no inertia without a mass."""
+MOVING = ("revolute", "continuous", "prismatic")
+
+
+def urdf_description(document: XmlDocument, packages: Packages) -> Description:
+    """The description of a URDF. Raises `InputError` that names the body or joint and the line."""
+    root = document.root
+    _refuse_macros(document)
+    if not root.get("name"):
+        root.set("name", document.path.stem)
+    notes = [*_without_meshes(document, packages), *_mend_inertias(document)]
+    mimics = tuple(_mimics(document))
+    acting = tuple(_frictions(document))
+    limits = dict(_effort_limits(document))
+    notes += _without_transmissions(document)
+    _own_colors(root)
+    for joint in root.findall("joint"):
+        for child in [child for child in joint if child.tag in UNREAD]:
+            joint.remove(child)
+    named = [*root.findall("link"), *root.findall("joint")]
+    places = {element.get("name", ""): document.place(element) for element in named}
+    return Description(document.text(), "urdf", acting, {}, limits, mimics, tuple(notes), places)
+
+
+def _refuse_macros(document: XmlDocument) -> None:
+    for element in document.root.iter():
+        if element.tag.startswith("xacro:"):
+            raise InputError(
+                f"{document.place(element)}: found <{element.tag}>, which is a macro; expected the URDF that "
+                f"`xacro {document.path.name}` writes"
+            )
+
+
+def _without_meshes(document: XmlDocument, packages: Packages) -> Iterator[str]:
+    """Takes out meshes but those that can be shown."""
+    collisions: list[str] = []
+    lost: dict[str, list[str]] = {}
+    for link in document.root.findall("link"):
+        name = link.get("name", "")
+        for shape in link.findall("collision"):
+            if shape.find("geometry/mesh") is not None:
+                link.remove(shape)
+                collisions.append(name)
+        for shape in link.findall("visual"):
+            mesh = shape.find("geometry/mesh")
+            if mesh is None:
+                continue
+            address = mesh.get("filename", "")
+            file = packages.file(address, document.path)
+            if file is not None and file.suffix.lower() in SHOWN:
+                mesh.set("filename", f"file://{file}")
+            else:
+                link.remove(shape)
+                lost.setdefault(_why_lost(address, document, packages), []).append(name)
+    if collisions:
+        yield f"collision meshes are not read: nothing touches them ({listed(collisions)})"
+    for why, names in lost.items():
+        yield f"not shown in the replay: {listed(names)}, since {why}"
+
+
+def _own_colors(root: Element) -> None:
+    """Gives each visual its colour itself: in the wild materials are defined twice, or never."""
+    colors = {
+        material.get("name"): color.get("rgba", "")
+        for material in root.iter("material")
+        if (color := material.find("color")) is not None
+    }
+    visuals = root.findall("link/visual")
+    for k, visual in enumerate(visuals):
+        for material in visual.findall("material"):
+            color = material.find("color")
+            rgba = colors.get(material.get("name")) if color is None else color.get("rgba")
+            visual.remove(material)
+            if rgba:
+                own = SubElement(visual, "material", {"name": f"color_{k}"})
+                SubElement(own, "color", {"rgba": rgba})
+    for material in root.findall("material"):
+        root.remove(material)
+
+
+def _why_lost(address: str, document: XmlDocument, packages: Packages) -> str:
+    if packages.file(address, document.path) is not None:
+        return f"meshes are shown that end in {', '.join(SHOWN)}"
+    if "://" in address:
+        return packages.missing(address, document.path).replace(address, "it")
+    return "their mesh files are not there"
+
+
+def _mend_inertias(document: XmlDocument) -> Iterator[str]:
+    """Replaces inertias that no body can have; takes out what weighs nothing."""
+    for link in document.root.findall("link"):
+        inertial, name = link.find("inertial"), link.get("name", "")
+        if inertial is None:
+            continue
+        place = f"{document.place(inertial)}: body {name!r}"
+        mass, inertia = _mass(inertial, place), _moments(inertial, place)
+        if mass < 0.0:
+            raise InputError(f"{place} has the mass {mass:g} kg, expected 0 or more")
+        if mass == 0.0:
+            if not np.any(inertia):
+                link.remove(inertial)
+                continue
+            yield f"{place} has an inertia but no mass: {LEAST_MASS:g} kg are taken"
+            for given in inertial.findall("mass"):
+                inertial.remove(given)
+            SubElement(inertial, "mass", {"value": repr(LEAST_MASS)})
+        if breaks_the_rule(inertia):
+            _set_moments(inertial, mended(inertia))
+            moments = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(inertia))
+            yield (
+                f"{place} has the principal moments {moments} kg m², of which none may exceed the sum of the others "
+                "or be negative: the nearest that a body can have are taken"
+            )
+
+
+def _mass(inertial: Element, place: str) -> float:
+    mass = inertial.find("mass")
+    return 0.0 if mass is None else _number(mass, "value", place)
+
+
+def _moments(inertial: Element, place: str) -> Array:
+    """(3, 3) kg m²."""
+    given = inertial.find("inertia")
+    xx, xy, xz, yy, yz, zz = (0.0 if given is None else _number(given, key, place) for key in MOMENTS)
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _set_moments(inertial: Element, inertia: Array) -> None:
+    given = inertial.find("inertia")
+    assert given is not None
+    for key in MOMENTS:
+        given.set(key, repr(float(inertia["xyz".index(key[1]), "xyz".index(key[2])])))
+
+
+def _number(element: Element, attribute: str, place: str) -> float:
+    text = element.get(attribute, "0")
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{place}: {attribute} is {text!r}, expected a number") from None
+
+
+def _mimics(document: XmlDocument) -> Iterator[Mimic]:
+    """Takes the mimics out; those of joints that do not move say nothing."""
+    joints = {joint.get("name", ""): joint for joint in document.root.findall("joint")}
+    for name, joint in joints.items():
+        mimic = joint.find("mimic")
+        if mimic is None:
+            continue
+        joint.remove(mimic)
+        if joint.get("type") not in MOVING:
+            continue
+        place, leader = f"{document.place(joint)}: joint {name!r}", mimic.get("joint", "")
+        if leader not in joints:
+            raise InputError(f"{place} mimics {leader!r}, which is no joint of the model")
+        multiplier = _number(mimic, "multiplier", place) if mimic.get("multiplier") else 1.0
+        yield Mimic(name, leader, multiplier, _number(mimic, "offset", place))
+
+
+def _frictions(document: XmlDocument) -> Iterator[Acting]:
+    """Takes `<dynamics friction>` out, which Drake's parser does not take."""
+    for joint in document.root.findall("joint"):
+        dynamics, name = joint.find("dynamics"), joint.get("name", "")
+        if dynamics is None:
+            continue
+        friction = _number(dynamics, "friction", f"{document.place(joint)}: joint {name!r}")
+        dynamics.attrib.pop("friction", None)
+        if friction < 0.0:
+            raise InputError(
+                f"{document.place(joint)}: joint {name!r} has the friction {friction:g}, expected 0 or more"
+            )
+        if friction > 0.0 and joint.get("type") in MOVING:
+            yield Acting("joint_coulomb_friction", name, {"torque": friction})
+
+
+def _effort_limits(document: XmlDocument) -> Iterator[tuple[str, float]]:
+    """Limits above zero; exporters write 0 where they know none."""
+    for joint in document.root.findall("joint"):
+        limit = joint.find("limit")
+        effort = numbers(limit, "effort") if limit is not None else []
+        if effort and effort[0] > 0.0 and joint.get("type") in MOVING:
+            yield joint.get("name", ""), effort[0]
+
+
+def _without_transmissions(document: XmlDocument) -> Iterator[str]:
+    """Takes out transmissions that are no simple ones on a joint that moves."""
+    moving = {joint.get("name") for joint in document.root.findall("joint") if joint.get("type") in MOVING}
+    other = []
+    for transmission in document.root.findall("transmission"):
+        kind = (transmission.findtext("type") or transmission.get("type") or "").strip()
+        joints = [joint.get("name") for joint in transmission.findall("joint")]
+        if not kind.endswith("SimpleTransmission") or len(joints) != 1 or joints[0] not in moving:
+            document.root.remove(transmission)
+            if not kind.endswith("SimpleTransmission"):
+                other += [str(joint) for joint in joints]
+            continue
+        for element in [transmission, *transmission]:
+            for child in element.findall("mechanicalReduction"):
+                element.remove(child)  # of efforts before the gear; a recording has those at the joint
+    if other:
+        yield f"transmissions that are not simple are not taken: efforts are those at the joints ({listed(other)})"

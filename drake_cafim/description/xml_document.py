@@ -1,0 +1,56 @@
+"""An XML file as elements that know the line they stand on; prefixes as `drake:` are left as they are written."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree.ElementTree import Element, TreeBuilder, tostring
+from xml.parsers import expat
+
+from drake_cafim.errors import InputError
+
+
+@dataclass
+class XmlDocument:
+    """The elements of a file and of those that it includes; `lines` say where each began."""
+
+    path: Path
+    root: Element
+    lines: dict[Element, tuple[Path, int]] = field(default_factory=dict)
+
+    def place(self, element: Element) -> str:
+        """`file, line n` of an element."""
+        path, line = self.lines.get(element, (self.path, 0))
+        return f"{path}, line {line}" if line else str(path)
+
+    def text(self) -> str:
+        return tostring(self.root, encoding="unicode")
+
+
+def read_document(path: Path) -> XmlDocument:
+    """The file at `path`. Raises `InputError` for one that is no XML."""
+    try:
+        return parse_document(path.read_bytes(), path)
+    except OSError as error:
+        raise InputError(f"{path}: it cannot be read ({error.strerror}), expected a model file") from None
+
+
+def parse_document(content: bytes, path: Path) -> XmlDocument:
+    """The elements of `content`; without namespaces, since files in the wild use prefixes that they do not declare."""
+    builder, parser = TreeBuilder(), expat.ParserCreate()
+    lines: dict[Element, tuple[Path, int]] = {}
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        lines[builder.start(tag, attributes)] = path, parser.CurrentLineNumber
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        raise InputError(f"{path}: not readable as XML ({error}), expected a model file") from None
+    return XmlDocument(path, builder.close(), lines)
+
+
+def numbers(element: Element, attribute: str, default: str = "") -> list[float]:
+    """The numbers in an attribute. Raises `ValueError` for what is none."""
+    return [float(word) for word in element.get(attribute, default).replace(",", " ").split()]

@@ -1,0 +1,130 @@
+"""Whether whitened rows look like unit white noise: goodness of fit in total, by row and by stretch of time."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from drake_cafim.diagnosis.fit.problem import Problem
+from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE, WINDOWS_PER_BLOCK
+from drake_cafim.typing import Array
+
+KINDS = 3
+"""Of statistics: total, by row and by stretch of time."""
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """The smallest of several p-values, times their number, and the share of χ² to expect."""
+
+    p_value: float
+    reduced_chi_square: float
+
+
+def by_run(problem: Problem, rows: Array) -> Iterator[tuple[int, Array]]:
+    """Each recording's whitened rows as (M, r)."""
+    start = 0
+    for index, run in enumerate(problem.runs):
+        stop = start + run.shape[0] * run.shape[1]
+        yield index, rows[start:stop].reshape(run.shape)
+        start = stop
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """The farthest of one `kind` of statistic from what noise gives, in units of the noise.
+
+    - "stretch": mean square of a row over `WINDOWS_PER_BLOCK` windows of one recording;
+    - "neighbours": correlation of a row's neighbouring windows, in standard deviations of chance;
+    - "row": mean square of a row over all recordings.
+    """
+
+    kind: str
+    statistic: float
+    threshold: float
+    """What noise alone passes, at the rate that was asked for."""
+    row: int
+    run: int | None
+    windows: tuple[int, int] | None
+    """First and last of a stretch."""
+    failing: int
+    of: int
+    """How many of this kind are beyond their threshold, and how many there are."""
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Statistics of one kind over one recording, or over all: (blocks, r) or (r,), their p-values and their number.
+
+    `level` says which statistic has a given p-value.
+    """
+
+    kind: str
+    run: int | None
+    statistic: Array
+    p: Array
+    recordings: int
+    level: Callable[[float], float]
+
+
+def adequacy(problem: Problem, residual: Array, fitted: int) -> Adequacy:
+    """How well `residual` (whitened rows, then prior rows) agrees with unit white noise; `fitted` strengths."""
+    rows = residual[: problem.rows]
+    p_values = [float(min(1.0, g.p.min() * g.p.size * g.recordings)) for g in _groups(problem, rows, fitted)]
+    reduced = float(rows @ rows) / max(problem.rows - fitted, 1)
+    return Adequacy(min(1.0, KINDS * min(p_values)), reduced)
+
+
+def misfits(problem: Problem, residual: Array, fitted: int, rate: float) -> tuple[Misfit, ...]:
+    """The worst of each kind of statistic in `adequacy`, which finds more than noise where one is beyond its threshold.
+
+    `rate` is the probability that any of them is where there is nothing but noise.
+    """
+    kinds: dict[str, list[tuple[_Group, float]]] = {}
+    for group in _groups(problem, residual[: problem.rows], fitted):
+        level = group.level(rate / (KINDS * group.p.size * group.recordings))
+        kinds.setdefault(group.kind, []).append((group, level))
+    return tuple(_worst(kind, groups) for kind, groups in kinds.items())
+
+
+def _worst(kind: str, groups: list[tuple[_Group, float]]) -> Misfit:
+    group, level = max(groups, key=lambda of: float(np.max(of[0].statistic)) / of[1])
+    at = np.unravel_index(int(np.argmax(group.statistic)), group.statistic.shape)
+    windows = (
+        (WINDOWS_PER_BLOCK * int(at[0]), WINDOWS_PER_BLOCK * int(at[0]) + WINDOWS_PER_BLOCK - 1)
+        if len(at) == 2
+        else None
+    )
+    failing = sum(int(np.count_nonzero(other.statistic > limit)) for other, limit in groups)
+    of = sum(other.statistic.size for other, _ in groups)
+    return Misfit(kind, float(np.max(group.statistic)), level, int(at[-1]), group.run, windows, failing, of)
+
+
+def _groups(problem: Problem, rows: Array, fitted: int) -> Iterator[_Group]:
+    """The statistics that tell whitened `rows` from unit white noise."""
+    wider = (1.0 + NOISE_STD_TOLERANCE) ** 2
+    total = np.zeros(problem.runs[0].shape[1])
+    count, runs = 0, len(problem.runs)
+    for run, z in by_run(problem, rows):
+        total += np.sum(z**2, axis=0)
+        count += len(z)
+        blocks = len(z) // WINDOWS_PER_BLOCK
+        if blocks:
+            per_block = np.sum(z[: blocks * WINDOWS_PER_BLOCK].reshape(blocks, WINDOWS_PER_BLOCK, -1) ** 2, axis=1)
+            p = chi2.sf(per_block / wider, WINDOWS_PER_BLOCK)
+            yield _Group(
+                "stretch",
+                run,
+                per_block / WINDOWS_PER_BLOCK,
+                p,
+                runs,
+                lambda p: float(chi2.isf(p, WINDOWS_PER_BLOCK)) * wider / WINDOWS_PER_BLOCK,
+            )
+        if len(z) > 2:
+            score = np.abs(np.sum(z[1:] * z[:-1], axis=0)) / np.sqrt(len(z) - 1)
+            p = 2.0 * norm.sf(score / wider)
+            yield _Group("neighbours", run, score, p, runs, lambda p: float(norm.isf(p / 2.0)) * wider)
+    freedom = max(count - fitted / len(total), 1.0)
+    p = chi2.sf(total / wider, freedom)
+    yield _Group("row", None, total / freedom, p, 1, lambda p: float(chi2.isf(p, freedom)) * wider / freedom)

@@ -1,0 +1,237 @@
+"""What joints' recordings may lack, and linear looks at it: how an effect would move their whitened rows."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.pushes import Push, found_once, pushed
+from drake_cafim.diagnosis.fit.search_problem import Look, Looks
+from drake_cafim.diagnosis.joints.linearised_contact_effects import contact_looks, surface_looks
+from drake_cafim.diagnosis.joints.plane_candidates import plane_looks
+from drake_cafim.diagnosis.joints.pulses import strongest_pushes
+from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
+from drake_cafim.diagnosis.thresholds import GAIN_SIGNAL_IN_NOISE_STDS
+from drake_cafim.diagnosis.whitening.whitened_run import Run
+from drake_cafim.effects.actuator import ActuatorEffect
+from drake_cafim.effects.body import BodyForce, ExternalDisturbance, pulse
+from drake_cafim.effects.contact import ContactEffect
+from drake_cafim.effects.coupling import JointCoupling, RotorDrive
+from drake_cafim.effects.effect import Effect, JointSamples, joined
+from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.kinds import ByKind
+from drake_cafim.effects.plane import UnmodeledContact
+from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.effects.surface import SurfaceEffect
+from drake_cafim.effects.surroundings import Surroundings
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+KEPT = 30_000
+"""Rows of all recordings up to which looks at joints' laws are kept for the next model they are asked of."""
+
+
+def hypotheses(problem: WeakFormRows) -> tuple[Effect, ...]:
+    """Every effect of the vocabulary at every place of the scene where it can be."""
+    columns = tuple(name for name, _ in problem.runs[0].labels)
+    where = Surroundings(problem.scene.tree, problem.scene.physics.contacts, columns)
+    return tuple(effect(at) for effect in problem.scene.vocabulary for at in effect.attachments(where))
+
+
+def looks(problem: WeakFormRows, at: Fit, effect: Effect) -> Looks:
+    """Linear looks at `effect` beyond the fitted model `at`."""
+    return _LooksByKind(problem, at)(effect)
+
+
+@dataclass(frozen=True)
+class _LooksByKind(ByKind[Looks]):
+    """Whitened columns (R, c) along which an effect moves the rows, and the effect that coefficients stand for."""
+
+    problem: WeakFormRows
+    at: Fit
+
+    @property
+    def _physics(self) -> Physics:
+        return self.at.model.physics(self.problem.scene)
+
+    def joint_force(self, effect: JointForce) -> Looks:
+        return Looks(_force_looks(self.problem, self._physics, effect))
+
+    def actuator(self, effect: ActuatorEffect) -> Looks:
+        return Looks(_drive_looks(self.problem, self._physics, effect))
+
+    def coupling(self, effect: JointCoupling) -> Looks:
+        return Looks(_coupling_looks(self.problem, self._physics, effect))
+
+    def push(self, effect: ExternalDisturbance) -> Looks:
+        tried = pushes(self.problem, self.at)[1]
+        return Looks(_push_looks(self.problem, self._physics, effect, self.at), tried)
+
+    def obstacle(self, effect: UnmodeledContact) -> Looks:
+        return Looks(plane_looks(self.problem, self.at, effect))
+
+    def body_force(self, effect: BodyForce) -> Looks:
+        if effect.linear != tuple(strength.name for strength in effect.strengths):
+            return self.tree(effect)
+        units = (effect.with_values({**dict.fromkeys(effect.linear, 0.0), name: 1.0}) for name in effect.linear)
+        columns = [_body_force_columns(self.problem, self._physics, unit) for unit in units]
+        return Looks(iter([(np.concatenate(columns, axis=1), effect.from_directions)]))
+
+    def contact(self, effect: ContactEffect) -> Looks:
+        return Looks(contact_looks(self.problem, self.at, effect))
+
+    def surface(self, effect: SurfaceEffect) -> Looks:
+        return Looks(surface_looks(self.problem, self.at, effect))
+
+    def sensor(self, effect: SensorEffect) -> Looks:
+        if effect.needs_signal and not _moves(self.problem, effect.at):
+            return Looks(iter(()))
+        return Looks(iter([(self.problem.sensor_columns(effect), effect.from_directions)]))
+
+    def tree(self, effect: Effect) -> Looks:
+        """By differences of all rows along its directions."""
+        return Looks(_difference_looks(self.problem, self._physics, self.at, effect))
+
+
+def _difference_looks(problem: WeakFormRows, physics: Physics, at: Fit, effect: Effect) -> Iterator[Look]:
+    here = at.residual[: problem.rows]
+    columns = []
+    for direction in effect.directions():
+        ahead = problem.data_rows(physics.with_effects([effect.with_values(direction.ahead)]))
+        behind = (
+            here
+            if direction.behind is None
+            else problem.data_rows(physics.with_effects([effect.with_values(direction.behind)]))
+        )
+        columns.append((ahead - behind) / direction.size)
+    yield np.stack(columns, axis=1), effect.from_directions
+
+
+def _moves(problem: WeakFormRows, column: str) -> bool:
+    """Whether a channel has far more signal than noise: else a larger gain would explain noise by shrinking it.
+
+    Of a wrench it is the prediction that a gain scales.
+    """
+    if column.startswith("wrench."):
+        return True
+    pieces = [run.weak.samples.recording[column] for run in problem.runs]
+    spread = max(float(np.nanstd(piece)) for piece in pieces)
+    return spread > GAIN_SIGNAL_IN_NOISE_STDS * problem.runs[0].weak.samples.std[column]
+
+
+def _force_looks(problem: WeakFormRows, physics: Physics, effect: JointForce) -> Iterator[Look]:
+    """The joint law's starts; they see all recordings at once, so that a grid is the same in each."""
+    joint = problem.scene.tree.joint_index(effect.at)
+    samples = tuple(run.weak.joint_samples(physics)[joint] for run in problem.runs)
+    known = problem.force_looks.get(effect.key)
+    if known is None or any(one is not other for one, other in zip(known[0], samples, strict=True)):
+        known = samples, _force_rows(problem, joint, effect, samples)
+        if problem.rows < KEPT:
+            problem.force_looks[effect.key] = known
+    for rows, shape in known[1]:
+        yield rows, partial(effect.from_coefficients, shape=shape)
+
+
+def _force_rows(
+    problem: WeakFormRows, joint: int, effect: JointForce, samples: Sequence[JointSamples]
+) -> list[tuple[Array, Mapping[str, float]]]:
+    """Whitened rows (R, c) of each start, and its shape."""
+    starts = list(effect.starts(joined(samples)))
+    if not starts:
+        return []
+    ends = np.cumsum([len(one.q) for one in samples])[:-1]
+    all_columns = np.concatenate([start.columns for start in starts], axis=1)
+    rows = problem.joint_columns(joint, np.split(all_columns, ends))
+    widths = np.cumsum([start.columns.shape[1] for start in starts])[:-1]
+    return [(part, start.shape) for part, start in zip(np.split(rows, widths, axis=1), starts, strict=True)]
+
+
+def _drive_looks(problem: WeakFormRows, physics: Physics, effect: ActuatorEffect) -> Iterator[Look]:
+    """The actuator's looks, of which only the joint's own rows know."""
+    joint = problem.scene.tree.joint_index(effect.at)
+    gain = float(physics.effort_gains[joint])
+    efforts = [run.weak.effort(physics, joint, run.weak.measurement(physics).u) for run in problem.runs]
+    for look in effect.looks(np.concatenate([effort.values for effort in efforts])):
+        parts = []
+        for run, effort in zip(problem.runs, efforts, strict=True):
+            weak, windows = run.weak, run.weak.samples.windows
+            here = windows.held(effort.times, effort.ramped) @ effort.values
+            rows = np.zeros((len(windows), weak.rows_per_window, len(look)))
+            for k, step in enumerate(look):
+                driven = effect.with_values(step.ahead).drive(effort)
+                ahead = windows.held(driven.times, driven.ramped) @ driven.values
+                behind = here
+                if step.behind is not None:
+                    driven = effect.with_values(step.behind).drive(effort)
+                    behind = windows.held(driven.times, driven.ramped) @ driven.values
+                rows[:, weak.dynamic.start + joint, k] = -(ahead - behind) / (step.size * gain)
+            parts.append(run.whitened(rows))
+        yield np.concatenate(parts), partial(effect.from_look, look)
+
+
+def _coupling_looks(problem: WeakFormRows, physics: Physics, effect: JointCoupling) -> Iterator[Look]:
+    """The coupling's trials: the rotor simulated with each, which no coefficient can stand for."""
+    joint = problem.scene.tree.joint_index(effect.at)
+    gain = float(physics.effort_gains[joint])
+    drives = [run.weak.rotor_drives(physics)[joint] for run in problem.runs]
+    time, push, mobility = (
+        np.concatenate([getattr(drive, name) for drive in drives]) for name in ("time", "push", "mobility")
+    )
+    together = RotorDrive(time, push, mobility, drives[0].inertia)
+    trials = list(effect.trials(together, problem.scene.tree.joints[joint].prismatic))
+    parts = []
+    for run in problem.runs:
+        weak = run.weak
+        rows = np.zeros((len(weak.samples.windows), weak.rows_per_window, len(trials)))
+        for k, values in enumerate(trials):
+            rows[:, weak.dynamic.start + joint, k] = weak.trial_rows(physics, effect.with_values(values)) / gain
+        parts.append(run.whitened(rows))
+    columns = np.concatenate(parts)
+    for k, values in enumerate(trials):
+        yield columns[:, k : k + 1], partial(_scaled, effect, values)
+
+
+def _scaled(effect: JointCoupling, values: Mapping[str, float], coefficients: Array) -> Effect | None:
+    return effect.scaled(values, float(coefficients[0]))
+
+
+def _body_force_columns(problem: WeakFormRows, physics: Physics, unit: BodyForce) -> Array:
+    """Whitened rows (R, 1) of a force on a body."""
+    parts = []
+    for run in problem.runs:
+        weak = run.weak
+        moving = weak.motion(physics)
+        force = moving.project(replace(physics, body_forces=(unit,)).body_wrenches(moving))
+        parts.append(run.whitened(_pushed_rows(run, physics, force[..., None])))
+    return np.concatenate(parts)
+
+
+def _pushed_rows(run: Run, physics: Physics, force: Array) -> Array:
+    """Rows (M, r, k) of generalized forces (N, n, k)."""
+    windows, weak = run.weak.samples.windows, run.weak
+    rows = np.zeros((len(windows), weak.rows_per_window, force.shape[2]))
+    weighed = (windows.value @ force.reshape(len(force), -1)).reshape(len(windows), *force.shape[1:])
+    rows[:, weak.dynamic] = -weighed / physics.effort_gains[:, None]
+    return rows
+
+
+def pushes(problem: WeakFormRows, at: Fit) -> tuple[list[Push], int]:
+    """The strongest pushes of the residual, found once for all bodies."""
+    return found_once(problem.found_pushes, at.residual, lambda: strongest_pushes(problem, at.residual))
+
+
+def _push_looks(problem: WeakFormRows, physics: Physics, effect: ExternalDisturbance, at: Fit) -> Iterator[Look]:
+    """A pulse along each axis, at the strongest pushes and a little beside them."""
+    body = physics.tree.body(effect.at)
+    for push in pushes(problem, at)[0][:2]:
+        run = problem.runs[push.run]
+        time, name, moving = run.weak.samples.time, run.weak.samples.recording.name, run.weak.motion(physics)
+        along = moving.force_at(body.joint, body.p_JB + body.R_JB @ effect.point(body))
+        start = sum(one.rows for one in problem.runs[: push.run])
+        for interval in push.intervals():
+            force = along * pulse(time, *interval)[:, None, None]
+            columns = np.zeros((problem.rows, 3))
+            columns[start : start + run.rows] = run.whitened(_pushed_rows(run, physics, force))
+            yield columns, partial(pushed, effect, interval, name)

@@ -1,0 +1,108 @@
+"""What a report draws of recordings of joints."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.pictures import Channel, Evidence, Pictures, Remains, ResidualMap
+from drake_cafim.diagnosis.joints.location import places_of, standardised
+from drake_cafim.diagnosis.joints.missing_forces import channels, missing, missing_std, window_means
+from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
+from drake_cafim.diagnosis.predict.forecast import Forecast, forecast
+from drake_cafim.diagnosis.rows.samples import samples_of
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.effects.effect import Effect
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.scenario.physics import Physics
+
+
+@dataclass(frozen=True)
+class JointPictures(Pictures):
+    """Of the recordings of `problem`."""
+
+    problem: WeakFormRows
+
+    row_note: ClassVar[str] = (
+        "“Forces” is the equation of motion of a joint: what drives it, less what its motion shows."
+    )
+    simulation_note: ClassVar[str] = ", driven by the recorded efforts alone"
+
+    @property
+    def recordings(self) -> list[Recording]:
+        return [form.samples.recording for form in self.problem.forms]
+
+    @property
+    def row_labels(self) -> list[str]:
+        return [channel.label for channel in self._channels]
+
+    @property
+    def _channels(self) -> list[Channel]:
+        return channels(self.problem)
+
+    def maps(self, before: Model, after: Model) -> list[ResidualMap]:
+        without, with_it = before.physics(self.problem.scene), after.physics(self.problem.scene)
+        return [
+            ResidualMap(
+                run.name,
+                run.weak.samples.windows.centers,
+                run.weak.samples.windows.width,
+                standardised(run, run.weak.residual(without)),
+                standardised(run, run.weak.residual(with_it)),
+            )
+            for run in self.problem.runs
+        ]
+
+    def forecast(self, recording: Recording, physics: Physics) -> Forecast:
+        return forecast(self.laid_out(recording), physics)
+
+    def evidence(self, effect: Effect, without: Physics, with_it: Physics) -> Evidence:
+        forms = self.problem.forms
+        return Evidence(
+            effect,
+            self.problem.scene.tree,
+            self._channels,
+            forms[0].dynamic.start,
+            forms[0].samples.windows.width,
+            [window_means(form, with_it) for form in forms],
+            [missing(form, without) for form in forms],
+            [missing(form, with_it) for form in forms],
+            [missing_std(run) for run in self.problem.runs],
+        )
+
+    def remains(self, physics: Physics, place: str) -> Remains | None:
+        names = [name for _, name in places_of(self.problem)]
+        if place not in names:
+            return None
+        row, forms = names.index(place), self.problem.forms
+        j = self._joint_of(row)
+        joint = self.problem.scene.tree.joints[j]
+        means = [window_means(form, physics) for form in forms]
+        values = np.concatenate([missing(form, physics)[:, row] for form in forms])
+        unit = joint.position_unit
+        against = [
+            (f"position of {joint.name} ({unit})", np.concatenate([one.q[:, j] for one in means])),
+            (f"velocity ({unit}/s)", np.concatenate([one.v[:, j] for one in means])),
+            (f"effort ({joint.effort_unit})", np.concatenate([one.u[:, j] for one in means])),
+            ("time (s)", np.concatenate([one.time - one.time[0] for one in means])),
+        ]
+        return Remains(self._channels[row], values, against)
+
+    def _joint_of(self, row: int) -> int:
+        """The joint whose motion a row is shown against: its own, or the one that carries the sensor."""
+        weak = self.problem.forms[0]
+        if row < weak.kinematic_rows:
+            return row
+        if row < weak.dynamic.stop:
+            return int(row - weak.dynamic.start)
+        sensor = (row - weak.dynamic.stop) // 6
+        carrier = weak.sensors[sensor].joint if sensor < len(weak.sensors) else weak.joints - 1
+        return max(int(carrier), 0)
+
+    def laid_out(self, recording: Recording) -> WeakForm:
+        for form in self.problem.forms:
+            if form.samples.recording is recording:
+                return form
+        scene = self.problem.scene
+        return WeakForm(samples_of(scene, recording, self.problem.forms[0].samples.std), scene.wrench_sensors)

@@ -1,0 +1,74 @@
+"""Recordings of joints as the search, the verdict and the report ask of them."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.pictures import Pictures
+from drake_cafim.diagnosis.fit.search_problem import Looks, SearchProblem
+from drake_cafim.diagnosis.joints.echo import gain_without_echo
+from drake_cafim.diagnosis.joints.linearised_effects import hypotheses, looks
+from drake_cafim.diagnosis.joints.location import locate
+from drake_cafim.diagnosis.joints.pictures import JointPictures
+from drake_cafim.diagnosis.joints.unknown_force import likeliest, remarks
+from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
+from drake_cafim.diagnosis.rows.samples import over_wider_windows
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.verdict import Location
+from drake_cafim.effects.effect import Effect
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class WeakProblem(WeakFormRows, SearchProblem):
+    """Recordings of one scene's joints, their equations of motion in weak form."""
+
+    def hypotheses(self) -> tuple[Effect, ...]:
+        return hypotheses(self)
+
+    def looks(self, at: Fit, effect: Effect) -> Looks:
+        return looks(self, at, effect)
+
+    def locate(self, lacking: Model) -> tuple[Location, ...]:
+        return locate(self, lacking)
+
+    @cached_property
+    def pictures(self) -> Pictures:
+        return JointPictures(self)
+
+    def gain_without_echo(self, at: Fit, effect: Effect, gain: float, basis: Array) -> float:
+        return gain_without_echo(self, at, effect, gain, basis)
+
+    def shape_columns(self, model: Model, position: int) -> Array | None:
+        return self.effect_columns(model, position) if model.effects[position].all_but_linear else None
+
+    def likeliest_force(self, model: Model) -> Array:
+        return likeliest(self, model)
+
+    def shaken(self, force: Array, model: Model | None = None) -> Self:
+        return self.of(self.scene, self.forms, model or self.under, force)
+
+    @property
+    def force_remarks(self) -> tuple[str, ...]:
+        return remarks(self)
+
+    def over_wider_windows(self, times: float) -> tuple[Self, float] | None:
+        forms = [_under_windows(form, times) for form in self.forms]
+        widths = [
+            (new.samples.windows.width, old.samples.windows.width) for new, old in zip(forms, self.forms, strict=True)
+        ]
+        if all(wide < times * usual for wide, usual in widths):
+            return None
+        return self.of(self.scene, forms, self.under), float(max(wide for wide, _ in widths))
+
+
+def _under_windows(form: WeakForm, times: float) -> WeakForm:
+    """The recording under windows `times` as wide, or half of that and so on while too few of them fit."""
+    while times > 1.0:
+        wide = over_wider_windows(form.samples, times)
+        if wide is not None:
+            return WeakForm(wide, form.sensors)
+        times *= 0.5
+    return form

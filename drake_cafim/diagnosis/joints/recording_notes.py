@@ -1,0 +1,47 @@
+"""What is to be said of recordings before they are diagnosed: mistakes, columns that are left alone, repairs."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drake_cafim.diagnosis.joints.data_mistakes import data_mistakes
+from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.recordings.units import unit_mistakes
+from drake_cafim.scene.scene import Scene
+
+JOINT_KINDS = ("q", "v", "u", "cmd")
+
+
+def mistakes_of(scene: Scene, recordings: Sequence[Recording], std: dict[str, float]) -> tuple[str, ...]:
+    """What is wrong with each recording: its units where they show, else what the equations of motion tell."""
+    limits = {
+        j.name: j.position_limits for j in scene.tree.joints if not j.prismatic and np.isfinite(j.position_limits[0])
+    }
+    units = [unit_mistakes(recording, limits) for recording in recordings]
+    others = [bridge_slow_channels(one)[0] for one, found in zip(recordings, units, strict=True) if not found]
+    return (
+        *(sentence for found in units for sentence in found),
+        *(data_mistakes(scene, others, std) if others else ()),
+    )
+
+
+def strangers(scene: Scene, recordings: Sequence[Recording]) -> list[str]:
+    """Notes on columns of joints that the model does not have."""
+    known = {f"{kind}.{joint}" for kind in JOINT_KINDS for joint in scene.joint_names}
+    notes = []
+    for recording in recordings:
+        columns = [name for name in recording.columns if name.split(".")[0] in JOINT_KINDS and name not in known]
+        if columns:
+            notes.append(f"{recording.name}: left alone, since the model has no such joint: {', '.join(columns)}")
+    return notes
+
+
+def notes_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """What was noticed while the files were read, each under its name."""
+    notes: list[str] = []
+    for recording in recordings:
+        notes.extend(f"{recording.name}: {note}" for note in recording.notes)
+        if recording.other_columns:
+            notes.append(f"{recording.name}: left alone: {', '.join(recording.other_columns)}")
+    return tuple(notes)

@@ -1,0 +1,122 @@
+"""Many short simulations of a model at once, open loop in the efforts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_cafim.dynamics.motion import equations_of_motion, motion
+from drake_cafim.dynamics.stepping import stepped
+from drake_cafim.effects.actuator import Effort
+from drake_cafim.effects.effect import JointSamples
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+LONGEST_STEP, LONGEST_CONTACT_STEP = 2e-3, 5e-4
+
+
+@dataclass(frozen=True)
+class State:
+    """Positions and velocities (B, n) of B simulations, and what their contacts remember, (B, m); None: nothing."""
+
+    q: Array
+    v: Array
+    memory: Array | None = None
+
+
+def step(physics: Physics, state: State, effort: Array, duration: Array) -> State:
+    """One step of `duration` (B,) s under the constant `effort` (B, n).
+
+    The linearly implicit midpoint rule: second order, and stable where a joint's friction is stiff, since the slopes
+    of the joint laws in v are taken implicitly (Hairer, Wanner, Solving Ordinary Differential Equations II, 1996,
+    IV.7).
+    """
+    h = duration[:, None]
+    q_middle = state.q + 0.5 * h * state.v
+    moving = motion(physics.tree, q_middle, state.v)
+    M, bias = equations_of_motion(moving, physics.gravity)
+    M = M + np.diag(physics.rotor_inertias)
+    joints = [JointSamples(q_middle[:, j], state.v[:, j], effort[:, j]) for j in range(state.q.shape[1])]
+    law, _, slope = physics.applied_at_joints(joints)
+    force = effort + law - bias
+    memory = state.memory
+    if memory is not None and memory.shape[1]:
+        halfway = physics.remembered(memory, moving, 0.5 * duration, 0.0 * duration)
+        force = force + moving.project(physics.contact_wrenches(moving, halfway))
+        memory = physics.remembered(memory, moving, duration, 0.5 * duration)
+    elif physics.contacts:
+        force = force + moving.project(physics.contact_wrenches(moving))
+    if physics.body_forces:
+        force = force + moving.project(physics.body_wrenches(moving))
+    diagonal = np.arange(M.shape[1])
+    implicit = M.copy()
+    implicit[:, diagonal, diagonal] -= 0.5 * h * slope
+    change = np.linalg.solve(implicit, (h * force)[..., None])[..., 0]
+    return State(state.q + h * (state.v + 0.5 * change), state.v + change, memory)
+
+
+def advance(physics: Physics, state: State, effort: Array, duration: Array) -> State:
+    """As many steps as the model needs for `duration` (B,) s under a constant `effort` (B, n)."""
+    touching = physics.contacts or any(one.stiff for one in physics.body_forces)
+    longest = LONGEST_CONTACT_STEP if touching else LONGEST_STEP
+    count = max(1, int(np.ceil(float(np.max(duration)) / longest - 1e-6)))
+    quickly = physics.spheres is not None and not physics.body_forces
+    if quickly and not physics.joint_forces:
+        return _stepped(physics, state, effort, np.zeros_like(effort), duration / count, count)
+    one = _step_by_laws if quickly else step
+    for _ in range(count):
+        state = one(physics, state, effort, duration / count)
+    return state
+
+
+def _step_by_laws(physics: Physics, state: State, effort: Array, duration: Array) -> State:
+    """`step` where nothing but the joints' laws is beyond the nominal physics."""
+    q_middle = state.q + 0.5 * duration[:, None] * state.v
+    joints = [JointSamples(q_middle[:, j], state.v[:, j], effort[:, j]) for j in range(state.q.shape[1])]
+    law, slope = effort.copy(), np.zeros_like(effort)
+    for effect in physics.joint_forces:
+        j, found = physics.tree.joint_index(effect.at), physics.joint_force(effect, joints)
+        law[:, j] += found.value
+        slope[:, j] += found.d_v
+    return _stepped(physics, state, law, slope, duration, 1)
+
+
+def _stepped(physics: Physics, state: State, force: Array, slope: Array, duration: Array, count: int) -> State:
+    """`count` steps of `duration` (B,) s under a `force` (B, n) that stays, with its `slope` (B, n) in v."""
+    tree = physics.tree
+    numbers = (*tree.lumps, physics.rotor_inertias, physics.dampings, physics.gravity)
+    samples = (*numbers, *(physics.spheres or ()), state.q, state.v, force, slope, duration)
+    q, v = stepped(*tree.frames, *(np.ascontiguousarray(one) for one in samples), count)
+    return State(q, v, state.memory)
+
+
+def driven(physics: Physics, time: Array, u: Array, ramped: Sequence[bool]) -> tuple[Array, Array]:
+    """The efforts that act, (K, n), on knots (K,) s that hold every joint's steps, from samples `u` (N, n).
+
+    Those of joints that are `ramped` go straight from sample to sample; each piece between knots then has their mean,
+    and no piece is longer than a step of the simulation.
+    """
+    efforts = []
+    for j, name in enumerate(physics.tree.joint_names):
+        effort = Effort(time, u[:, j], ramped[j])
+        for effect in physics.actuators:
+            if effect.at == name:
+                effort = effect.drive(effort)
+        efforts.append(effort)
+    together = all(len(effort.times) == len(time) and np.array_equal(effort.times, time) for effort in efforts)
+    if together and not any(ramped):
+        return time, np.stack([effort.values for effort in efforts], axis=1)
+    knots = np.unique(np.concatenate([time, *(effort.times for effort in efforts)]))
+    knots = knots[(knots >= time[0]) & (knots <= time[-1])]
+    if any(ramped):
+        parts = max(1, int(np.ceil(float(np.median(np.diff(time))) / LONGEST_STEP - 1e-6)))
+        within = [knots[:-1] + k / parts * np.diff(knots) for k in range(parts)]
+        knots = np.unique(np.concatenate([*within, knots[-1:]]))
+    columns = []
+    for effort in efforts:
+        if effort.ramped:
+            columns.append(effort.means(knots))
+            continue
+        index = np.clip(np.searchsorted(effort.times, knots, side="right") - 1, 0, None)
+        columns.append(effort.values[index])
+    return knots, np.stack(columns, axis=1)

@@ -1,0 +1,97 @@
+"""The rows' terms of the efforts that act under actuator effects, cached for the last few parameter values."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_cafim.diagnosis.rows.measured_rows import MeasuredRows
+from drake_cafim.effects.actuator import ActuatorEffect, Effort
+from drake_cafim.numerics.cache import make_room
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+KEPT = 16
+"""Most cached terms of each kind."""
+
+
+@dataclass(frozen=True)
+class ActingEffort:
+    """The terms of one joint's acting effort u: `integral` ∫ w u dt (M,), and the correction `steps` (M, n or 0).
+
+    `steps` is the correction of the kinematic rows for steps of v̇, less that of the commanded effort.
+    """
+
+    integral: Array
+    steps: Array
+
+
+@dataclass(frozen=True)
+class EffortRows:
+    """The rows' terms of efforts; `inverse_mass` M⁻¹ (N, n, n) where velocities are measured, else empty."""
+
+    rows: MeasuredRows
+    inverse_mass: Array
+    _acting: dict[tuple[object, ...], ActingEffort] = field(default_factory=dict, repr=False, compare=False)
+    _behind: dict[tuple[object, ...], float] = field(default_factory=dict, repr=False, compare=False)
+
+    def integral(self, physics: Physics) -> Array:
+        """∫ w u dt (M, n) of the efforts that act under `physics`, M windows."""
+        integral = self.rows.asked.copy()
+        for j in _changed(physics):
+            integral[:, j] = self._of(physics, j).integral
+        return integral
+
+    def steps(self, physics: Physics) -> Array:
+        """(M, n or 0): how the kinematic rows' correction for steps of v̇ changes by the actuator effects."""
+        steps = np.zeros((len(self.rows.windows), self.rows.u.shape[1] if len(self.inverse_mass) else 0))
+        for j in _changed(physics) if steps.size else ():
+            steps += self._of(physics, j).steps
+        return steps
+
+    def std_behind(self, physics: Physics, lag: ActuatorEffect) -> float:
+        """Standard deviation over time of the commanded effort less the effort that acts under `lag`, N m or N."""
+        key = (lag.at, lag.settling or 0.0)
+        if key not in self._behind:
+            time, asked = self.rows.windows.time, self.rows.effort(physics.tree.joint_index(lag.at))
+            make_room(self._behind, KEPT)
+            self._behind[key] = float(np.std(_means(asked, time) - lag.drive(asked).means(time)))
+        return self._behind[key]
+
+    def _of(self, physics: Physics, joint: int) -> ActingEffort:
+        """The terms of one joint, cached by its actuator effects."""
+        name = physics.tree.joints[joint].name
+        key = (joint, *((effect.name, *effect.values.values()) for effect in physics.actuators if effect.at == name))
+        if key not in self._acting:
+            windows = self.rows.windows
+            effort = effort_at(physics, joint, self.rows.effort(joint))
+            integral = np.asarray(windows.held(effort.times, effort.ramped) @ effort.values)
+            make_room(self._acting, KEPT)
+            self._acting[key] = ActingEffort(integral, self._step(joint, effort))
+        return self._acting[key]
+
+    def _step(self, joint: int, effort: Effort) -> Array:
+        windows, asked = self.rows.windows, self.rows.u[:, joint : joint + 1]
+        if not len(self.inverse_mass):
+            return np.zeros((len(windows), 0))
+        by_effort = self.inverse_mass[:, :, joint]
+        at = np.clip(np.searchsorted(windows.time, effort.times, side="right") - 1, 0, None)
+        acting = windows.steps(effort.times, effort.ramped) @ (by_effort[at] * effort.values[:, None])
+        return np.asarray(acting - windows.steps(windows.time, self.rows.ramped[joint]) @ (by_effort * asked))
+
+
+def effort_at(physics: Physics, joint: int, asked: Effort) -> Effort:
+    """The effort that acts at `joint` when the effort `asked` is commanded: all its actuator effects in order."""
+    for effect in physics.actuators:
+        if effect.at == physics.tree.joints[joint].name:
+            asked = effect.drive(asked)
+    return asked
+
+
+def _means(effort: Effort, time: Array) -> Array:
+    """(N,) mean effort from each of `time` (N,) s to the next; for a held effort that is its value."""
+    return effort.means(time) if effort.ramped else effort.values
+
+
+def _changed(physics: Physics) -> set[int]:
+    """Indices of the joints that have an actuator effect."""
+    return {physics.tree.joint_index(effect.at) for effect in physics.actuators}

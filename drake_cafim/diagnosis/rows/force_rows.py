@@ -1,0 +1,73 @@
+"""The rows' terms of joint effects and of forces on bodies, cached for the last few parameter values."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_cafim.diagnosis.rows.test_functions import Windows
+from drake_cafim.dynamics.motion import Motion
+from drake_cafim.effects.body import BodyForce
+from drake_cafim.effects.effect import Effect, JointSamples
+from drake_cafim.effects.joint import JointForce
+from drake_cafim.numerics.cache import make_room
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+KEPT = 64
+"""Most cached terms."""
+
+
+@dataclass(frozen=True)
+class ForceRows:
+    """Integrals over the `windows` of forces evaluated along one motion `moving` of the recording named `recording`."""
+
+    windows: Windows
+    recording: str
+    joints: tuple[JointSamples, ...]
+    moving: Motion
+    _known: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False, compare=False)
+
+    def at_joint(self, effect: JointForce, joint: int) -> Array:
+        """∫ w force dt (M,) of the force law `effect` at `joint`."""
+        return self._cached(
+            (*_numbers(effect), joint),
+            lambda: np.asarray(self.windows.value @ effect.force(self.joints[joint]).value),
+        )
+
+    def on_bodies(self, physics: Physics) -> Array:
+        """∫ w Jᵀ F dt (M, n): generalised forces of all forces F on bodies."""
+        total = np.zeros((len(self.windows), len(self.joints)))
+        for effect in physics.body_forces:
+            body = physics.tree.body(effect.at)
+            p_JP = np.asarray(body.p_JB + body.R_JB @ effect.point(body), dtype=float)
+            for share, part in effect.parts():
+                if share != 0.0:
+                    total += share * self._on_body(part, body.joint, p_JP)
+        return total
+
+    def _on_body(self, effect: BodyForce, joint: int, p_JP: Array) -> Array:
+        """∫ w Jᵀ F dt (M, n) of one force at the point `p_JP` (3,) m, fixed in the link's frame J; cached."""
+        key = (*_numbers(effect), joint, p_JP.tobytes())
+        return self._cached(key, lambda: self._integrate(effect, joint, p_JP))
+
+    def _integrate(self, effect: BodyForce, joint: int, p_JP: Array) -> Array:
+        """`_on_body` without the cache."""
+        p_WP, v_WP = self.moving.point(joint, p_JP)
+        force = effect.force(p_WP, v_WP, self.windows.time, self.recording, self.moving.lasting)
+        if not np.any(force):
+            return np.zeros((len(self.windows), len(self.joints)))
+        generalised = np.einsum("nja,na->nj", self.moving.force_at(joint, p_JP), force)
+        return np.asarray(self.windows.value @ generalised)
+
+    def _cached(self, key: tuple[object, ...], compute: Callable[[], Array]) -> Array:
+        if key not in self._known:
+            make_room(self._known, KEPT)
+            self._known[key] = compute()
+        return self._known[key]
+
+
+def _numbers(effect: Effect) -> tuple[object, ...]:
+    """The cache key of a law: all its attributes but its place."""
+    others = tuple(value for name, value in vars(effect).items() if name not in ("at", "values"))
+    return (*effect.key, *effect.values.items(), *others)

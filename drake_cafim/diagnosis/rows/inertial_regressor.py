@@ -1,0 +1,158 @@
+"""The weak form's inertial and gravity terms as a regressor: linear in each joint's ten inertial parameters.
+
+With φ = (m, m c, I_Jo) in the joint's moving frame J, momentum and its rate are linear in φ, and weight in φ and
+gravity (Atkeson, An, Hollerbach, Int. J. Robotics Research 5(3), 1986). A change of a mass, of a centre of mass, a
+payload or a tilt is then a matrix product.
+"""
+
+from dataclasses import dataclass, field
+from hashlib import blake2b
+
+import numpy as np
+
+from drake_cafim.diagnosis.rows.test_functions import Windows
+from drake_cafim.dynamics.motion import Motion
+from drake_cafim.numerics.cache import make_room
+from drake_cafim.numerics.compiled import compiled
+from drake_cafim.typing import Array, Indices
+
+INERTIAL = 10
+"""Inertial parameters of a link: m, m c (3), I_Jo (6)."""
+LINKS_KEPT = 4
+"""Most cached regressors of each link."""
+
+
+@dataclass(frozen=True)
+class InertialRegressor:
+    """The regressor Y of the dynamic rows, Y φ, for inertial parameters φ (n, 10).
+
+    `inertia` (M, n, n, 10) and `weight` (M, n, n, 4, 3), with the axes: window, row, joint, parameter, gravity axis.
+    """
+
+    inertia: Array
+    weight: Array
+    _under: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
+
+    def rows(self, parameters: Array, gravity: Array) -> Array:
+        """−∫ ẇ p dt − ∫ w (∂T/∂q + gravity) dt, (M, n), without rotor inertias.
+
+        `parameters` (n, 10) are the links' inertial parameters, `gravity` (3,) is in m/s².
+        """
+        return np.asarray(self._matrix(gravity) @ parameters.ravel()).reshape(self.inertia.shape[:2])
+
+    def _matrix(self, gravity: Array) -> Array:
+        """Y (M n, n 10) under `gravity` (3,) m/s²; cached for the last two."""
+        key = gravity.tobytes()
+        if key not in self._under:
+            make_room(self._under, 2)
+            together = self.inertia.copy()
+            together[..., :4] += self.weight @ gravity
+            self._under[key] = together.reshape(-1, together.shape[2] * INERTIAL)
+        return self._under[key]
+
+
+@dataclass(frozen=True)
+class LinkRegressors:
+    """One recording's regressors by link, of which the last few of each link are cached.
+
+    A link's part depends on the joints that carry it alone, so that a change of one joint's sensor effects leaves the
+    parts of most links valid.
+    """
+
+    windows: Windows
+    _known: dict[int, dict[tuple[bytes, ...], tuple[Array, Array]]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
+
+    def regressor(self, smooth: Motion, v: Array) -> InertialRegressor:
+        """The regressor along a motion.
+
+        `smooth` is the smoothed motion at which nonlinear factors are evaluated; the momentum is linear in the measured
+        velocities `v` (N, n), so that their noise enters the rows linearly.
+        """
+        n, M = smooth.q.shape[1], len(self.windows)
+        inertia, weight = np.zeros((M, n, n, INERTIAL)), np.zeros((M, n, n, 4, 3))
+        columns = [_digest(smooth.q[:, j], smooth.v[:, j], v[:, j]) for j in range(n)]
+        for j, carried in enumerate(smooth.tree.supports()):
+            carriers = np.flatnonzero(carried)
+            known, key = self._known.setdefault(j, {}), tuple(columns[k] for k in carriers)
+            if key not in known:
+                make_room(known, LINKS_KEPT)
+                known[key] = self._of(smooth, v, j, carriers)
+            inertia[:, carriers, j], weight[:, carriers, j] = known[key]
+        return InertialRegressor(inertia, weight)
+
+    def _of(self, smooth: Motion, v: Array, j: int, carriers: Indices) -> tuple[Array, Array]:
+        """The parts (M, k, 10) and (M, k, 4, 3) of link `j` in the rows of its k `carriers`."""
+        rate, value, N, k = self.windows.rate, self.windows.value, len(v), len(carriers)
+        places = (smooth.R_WJ, smooth.p_WJ, smooth.axes, smooth.axes_rate, v, smooth.velocities)
+        momenta, forces, weights = products(j, carriers, *(np.ascontiguousarray(values) for values in places))
+        inertial = rate @ momenta.reshape(N, -1) + value @ forces.reshape(N, -1)
+        weighed = value @ weights.reshape(N, -1)
+        return -inertial.reshape(-1, k, INERTIAL), -weighed.reshape(-1, k, 4, 3)
+
+
+def _digest(*columns: Array) -> bytes:
+    """A hash of the values of `columns`, as a cache key."""
+    return blake2b(b"".join(column.tobytes() for column in columns), digest_size=24).digest()
+
+
+@compiled
+def products(
+    j: int, carriers: Indices, R: Array, p: Array, axes: Array, rates: Array, v: Array, smooth: Array
+) -> tuple[Array, Array, Array]:
+    """Derivatives with respect to link `j`'s inertial parameters of S · I V for the axes S of its k `carriers`.
+
+    Returns the momenta S · I V with the measured spatial velocity V = Σ S v, (N, k, 10); the forces Ṡ · I V with the
+    velocity `smooth`, (N, k, 10); and the projections of the weight on S under unit gravity along each world axis,
+    (N, k, 4, 3). `R` (N, n, 3, 3) and `p` (N, n, 3) m are the poses of the links' frames in the world; the joints'
+    `axes` S, their `rates` Ṡ and the spatial velocities `smooth`, (N, n, 6) each, are expressed in the world about its
+    origin; `v` is (N, n).
+    """
+    N, K = axes.shape[0], len(carriers)
+    momenta, forces, weights = np.empty((N, K, INERTIAL)), np.empty((N, K, INERTIAL)), np.empty((N, K, 4, 3))
+    S, V, W, measured = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
+    for i in range(N):
+        measured[:] = 0.0
+        for c in carriers:
+            for r in range(6):
+                measured[r] += axes[i, c, r] * v[i, c]
+        _in_frame(R[i, j], p[i, j], measured, V)
+        _in_frame(R[i, j], p[i, j], smooth[i, j], W)
+        for k in range(K):
+            _in_frame(R[i, j], p[i, j], rates[i, carriers[k]], S)
+            _product(S, W, forces[i, k])
+            _in_frame(R[i, j], p[i, j], axes[i, carriers[k]], S)
+            _product(S, V, momenta[i, k])
+            for x in range(3):
+                gx, gy, gz = R[i, j, x, 0], R[i, j, x, 1], R[i, j, x, 2]
+                weights[i, k, 0, x] = S[3] * gx + S[4] * gy + S[5] * gz
+                weights[i, k, 1, x] = gy * S[2] - gz * S[1]
+                weights[i, k, 2, x] = gz * S[0] - gx * S[2]
+                weights[i, k, 3, x] = gx * S[1] - gy * S[0]
+    return momenta, forces, weights
+
+
+@compiled
+def _in_frame(R: Array, p: Array, V_W: Array, V: Array) -> None:
+    """Transforms a spatial vector V_W (6,) about the world's origin into `V` about the origin of the frame (R, p)."""
+    x = V_W[3] + V_W[1] * p[2] - V_W[2] * p[1]
+    y = V_W[4] + V_W[2] * p[0] - V_W[0] * p[2]
+    z = V_W[5] + V_W[0] * p[1] - V_W[1] * p[0]
+    for r in range(3):
+        V[r] = R[0, r] * V_W[0] + R[1, r] * V_W[1] + R[2, r] * V_W[2]
+        V[3 + r] = R[0, r] * x + R[1, r] * y + R[2, r] * z
+
+
+@compiled
+def _product(S: Array, V: Array, result: Array) -> None:
+    """Writes the derivatives of S · I V by the ten parameters of I into `result` (10,); S and V (6,) in one frame."""
+    result[0] = S[3] * V[3] + S[4] * V[4] + S[5] * V[5]
+    result[1] = V[4] * S[2] - V[5] * S[1] + S[4] * V[2] - S[5] * V[1]
+    result[2] = V[5] * S[0] - V[3] * S[2] + S[5] * V[0] - S[3] * V[2]
+    result[3] = V[3] * S[1] - V[4] * S[0] + S[3] * V[1] - S[4] * V[0]
+    for r in range(3):
+        result[4 + r] = S[r] * V[r]
+    result[7] = S[0] * V[1] + S[1] * V[0]
+    result[8] = S[0] * V[2] + S[2] * V[0]
+    result[9] = S[1] * V[2] + S[2] * V[1]

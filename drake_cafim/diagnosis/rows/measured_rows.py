@@ -1,0 +1,51 @@
+"""The rows' terms that depend on the measurement alone, not on the physics: computed once."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from drake_cafim.diagnosis.rows.test_functions import Windows
+from drake_cafim.effects.actuator import Effort
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class MeasuredRows:
+    """Integrals over M windows of the measured `v`, `u` and the smoothed `v_hat`, (N, n) each, and `wrenches` (N, 6).
+
+    `ramped` (n) is True where a joint's effort is linear from sample to sample (first-order hold), False where it is
+    held.
+    """
+
+    windows: Windows
+    v: Array
+    u: Array
+    v_hat: Array
+    wrenches: tuple[Array, ...]
+    ramped: tuple[bool, ...]
+
+    @cached_property
+    def rate_of_velocity(self) -> Array:
+        """∫ ẇ v dt, (M, n)."""
+        return np.asarray(self.windows.rate @ self.v)
+
+    @cached_property
+    def smoothed_velocity(self) -> Array:
+        """∫ w v dt of the smoothed velocity, (M, n)."""
+        return np.asarray(self.windows.value @ self.v_hat)
+
+    @cached_property
+    def asked(self) -> Array:
+        """∫ w u dt, (M, n), of the commanded efforts."""
+        columns = [self.windows.held(self.windows.time, ramp) @ self.u[:, j] for j, ramp in enumerate(self.ramped)]
+        return np.stack(columns, axis=1)
+
+    def effort(self, joint: int) -> Effort:
+        """The commanded effort of `joint` over time."""
+        return Effort(self.windows.time, self.u[:, joint], self.ramped[joint])
+
+    @cached_property
+    def read(self) -> tuple[Array, ...]:
+        """∫ w wrench dt, (M, 6) for each sensor."""
+        return tuple(np.asarray(self.windows.value @ reading) for reading in self.wrenches)

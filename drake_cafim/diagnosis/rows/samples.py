@@ -1,0 +1,259 @@
+"""The samples of one recording for the weak form: measured and smoothed motion, efforts, wrenches, and their noise."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from drake_cafim.diagnosis.noise.coloured import CorrelatedNoise, drawn
+from drake_cafim.diagnosis.noise.feedback import Feedback
+from drake_cafim.diagnosis.noise.slow_channels import Bridges
+from drake_cafim.diagnosis.rows.position_smoothing import Track, track_of
+from drake_cafim.diagnosis.rows.test_functions import Windows, lay_windows
+from drake_cafim.diagnosis.rows.velocity_smoothing import Noise, Velocity, VelocityNoise, resting
+from drake_cafim.diagnosis.thresholds import (
+    END_MARGIN,
+    MOTION_NOISE_STDS,
+    VELOCITY_SMOOTHING_REACH,
+    WINDOW_WIDTH,
+)
+from drake_cafim.errors import InputError
+from drake_cafim.numerics.local_polynomial import local_polynomial
+from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
+from drake_cafim.scene.scene import Scene
+from drake_cafim.typing import Array, Flags
+
+RAMPED = "first_order"
+"""The `hold` of a channel whose values are linear from sample to sample."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The measured channels of one recording, with the linear operators that smooth and integrate them.
+
+    `q`, `u` are (N, n); `v` (N, n) is measured, or is `differentiate @ q` where `differentiate` (N, N) is not None;
+    `wrenches` has (N, 6) for each sensor: force, moment. `smooth_q` is (N, N).
+    """
+
+    recording: Recording
+    time: Array
+    q: Array
+    v: Array
+    u: Array
+    wrenches: tuple[Array, ...]
+    std: dict[str, float]
+    """Standard deviation of one sample by column, SI units."""
+    windows: Windows
+    smooth_q: sp.csr_matrix
+    smooth_v: tuple[Velocity, ...]
+    """Each joint's smoother of v for the nonlinear factors of the equations of motion."""
+    kinked_v: tuple[Velocity, ...]
+    """Each joint's smoother of v for force laws, which may have a kink at rest."""
+    differentiate: sp.csr_matrix | None
+    ramped: tuple[bool, ...]
+    """For each joint True where its effort is linear from sample to sample, False where it is held."""
+    memories: Mapping[str, CorrelatedNoise] = field(default_factory=dict)
+    """Correlation models by column; a column that is not in it has white noise."""
+    bridges: Bridges = field(default_factory=dict)
+    """Interpolation matrices (N, N) of the columns that are sampled more slowly than the others."""
+
+    @cached_property
+    def tracks(self) -> tuple[Track, ...]:
+        """Each joint's smoothed position for contact states that depend on the past."""
+        return tuple(self._track(name.removeprefix("q.")) for name in self.std if name.startswith("q."))
+
+    def _track(self, joint: str) -> Track:
+        q, v = f"q.{joint}", f"v.{joint}"
+        # without measured velocities the position alone is smoothed; interpolated channels have no independent noise
+        # between their samples by which windows could be compared
+        std_v = self.std[v] if self.velocity_measured else 0.0
+        widest = q in self.bridges or v in self.bridges
+        return track_of(self.time, self.std[q], std_v, self.memories.get(q), self.memories.get(v), widest)
+
+    @cached_property
+    def v_std(self) -> Array:
+        """(N, n) standard deviation of the velocities at which force laws are evaluated."""
+        return np.stack([smoother.std for smoother in self.kinked_v], axis=1)
+
+    @property
+    def velocity_measured(self) -> bool:
+        """Whether v was recorded, rather than differentiated from q."""
+        return self.differentiate is None
+
+
+def over_wider_windows(samples: Samples, times: float) -> Samples | None:
+    """The samples with windows `times` as wide, over the samples covered before; None where fewer than three fit."""
+    windows = samples.windows
+    covered = np.zeros(len(samples.time), dtype=bool)
+    for first, stop in zip(windows.first, windows.stop, strict=True):
+        covered[first:stop] = True
+    wide = lay_windows(samples.time, covered, times * windows.width)
+    return replace(samples, windows=wide) if len(wide) >= 3 else None
+
+
+def noisier(samples: Samples, rng: np.random.Generator, fed_back: bool = False) -> Samples:
+    """The samples with another realisation of their noise added.
+
+    With `fed_back`, the efforts also change by the linear feedback that is estimated from the samples.
+    """
+    names = [name.removeprefix("q.") for name in samples.std if name.startswith("q.")]
+
+    def noise(columns: Sequence[str]) -> Array:
+        unit = [drawn(rng, samples.time, samples.memories.get(column)) for column in columns]
+        unit = [samples.bridges[c] @ e if c in samples.bridges else e for c, e in zip(columns, unit, strict=True)]
+        return np.stack([samples.std[c] * e for c, e in zip(columns, unit, strict=True)], axis=1)
+
+    def again(kind: str, values: Array) -> Array:
+        return values + noise([f"{kind}.{name}" for name in names])
+
+    q = again("q", samples.q)
+    v = again("v", samples.v) if samples.differentiate is None else samples.differentiate @ q
+    sensors = list(dict.fromkeys(name.rsplit(".", 1)[0] for name in samples.std if name.startswith("wrench.")))
+    wrenches = tuple(
+        wrench + noise([f"{sensor}.{axis}" for axis in WRENCH_COMPONENTS])
+        for sensor, wrench in zip(sensors, samples.wrenches, strict=True)
+    )
+    u = again("u", samples.u)
+    if fed_back:
+        u = u + Feedback.of(samples.q, samples.v, samples.u).carry_noise(q - samples.q, v - samples.v)
+    columns = dict(samples.recording.columns)
+    for kind, values in (("q", q), ("u", u), *([("v", v)] if samples.velocity_measured else [])):
+        columns |= {f"{kind}.{name}": values[:, j] for j, name in enumerate(names)}
+    for sensor, wrench in zip(sensors, wrenches, strict=True):
+        columns |= {f"{sensor}.{axis}": wrench[:, k] for k, axis in enumerate(WRENCH_COMPONENTS)}
+    recording = replace(samples.recording, columns=columns)
+    return replace(samples, recording=recording, q=q, v=v, u=u, wrenches=wrenches)
+
+
+def retaken(samples: Samples, scene: Scene, recording: Recording) -> Samples:
+    """The samples of another `recording` that has the same times and the same noise; operators are shared."""
+    names, slope = scene.tree.joint_names, samples.differentiate
+    q = _filled(recording.matrix("q", names))
+    v = _filled(recording.matrix("v", names)) if slope is None else np.asarray(slope @ q, dtype=float)
+    noise = _velocity_noise(names, samples.std, samples.memories, slope is None)
+    return replace(
+        samples,
+        recording=recording,
+        q=q,
+        v=v,
+        kinked_v=tuple(resting(samples.time, q[:, j], v[:, j], of_joint) for j, of_joint in enumerate(noise)),
+        u=_filled(recording.matrix("u", names)),
+        wrenches=tuple(_filled(recording.wrench(sensor.name)) for sensor in scene.wrench_sensors),
+    )
+
+
+def samples_of(
+    scene: Scene,
+    recording: Recording,
+    std: dict[str, float],
+    width: float = WINDOW_WIDTH,
+    memories: Mapping[str, CorrelatedNoise] | None = None,
+    bridges: Bridges | None = None,
+) -> Samples:
+    """The samples of `recording` for `scene`, with the noise's `std` and correlation `memories` by column.
+
+    `width` s is that of the windows (at least 12 median sampling times); `bridges` are the interpolation matrices of
+    slow channels, by column.
+
+    Raises `InputError` when a needed column is missing, or fewer than three windows fit between the recording's gaps.
+    """
+    names = scene.tree.joint_names
+    q = recording.matrix("q", names)
+    u = recording.matrix("u", names)
+    time = recording.time
+    measured = all(f"v.{name}" in recording.columns for name in names)
+    width = max(width, 12.0 * float(np.median(np.diff(time))))
+    v = recording.matrix("v", names) if measured else np.zeros_like(q)
+    wrenches = tuple(recording.wrench(sensor.name) for sensor in scene.wrench_sensors)
+    usable = np.all(np.isfinite(np.concatenate([q, v, u, *wrenches], axis=1)), axis=1)
+    q, v, u = _filled(q), _filled(v), _filled(u)
+    wrenches = tuple(_filled(wrench) for wrench in wrenches)
+    smooth_q = local_polynomial(time, VELOCITY_SMOOTHING_REACH, 2, 0, at_least=2)
+    differentiate = None
+    if not measured:
+        differentiate = local_polynomial(time, 0.0, 6, 1, at_least=3)
+        v = differentiate @ q
+    memories = dict(memories or {})
+    noise = _velocity_noise(names, std, memories, measured)
+    usable &= (time >= time[0] + END_MARGIN) & (time <= time[-1] - END_MARGIN)
+    windows = lay_windows(time, _away_from(~usable, smooth_q), width)
+    if len(windows) < 3:
+        _refuse_other_stamps(recording, scene)
+        raise InputError(
+            f"{recording.name}: only {len(windows)} windows of {width:.3g} s fit between its gaps, expected at least 3"
+        )
+    return Samples(
+        recording,
+        time,
+        q,
+        v,
+        u,
+        wrenches,
+        std,
+        windows,
+        smooth_q,
+        tuple(Velocity.over(VELOCITY_SMOOTHING_REACH, time, of_joint) for of_joint in noise),
+        tuple(resting(time, q[:, j], v[:, j], of_joint) for j, of_joint in enumerate(noise)),
+        differentiate,
+        tuple((channel := scene.channel(f"u.{name}")) is not None and channel.hold == RAMPED for name in names),
+        memories,
+        dict(bridges or {}),
+    )
+
+
+def moves(samples: Samples) -> bool:
+    """Whether a joint's position, or its measured velocity, scatters by more than its noise does."""
+    kinds = ("q.", "v.") if samples.velocity_measured else ("q.",)
+    columns = [name for name in samples.std if name.startswith(kinds)]
+    spread = {name: float(np.nanstd(samples.recording[name])) for name in columns}
+    return any(spread[name] > MOTION_NOISE_STDS * samples.std[name] for name in columns)
+
+
+def _refuse_other_stamps(recording: Recording, scene: Scene) -> None:
+    """Raises `InputError` where two columns have values in less than half of the rows together.
+
+    Columns of topics with time stamps of their own are like that.
+    """
+    needed = [f"{kind}.{name}" for kind in "qvu" for name in scene.tree.joint_names]
+    needed += [f"wrench.{sensor.name}.{axis}" for sensor in scene.wrench_sensors for axis in WRENCH_COMPONENTS]
+    written = {column: np.isfinite(recording[column]) for column in needed if column in recording.columns}
+    rows = len(recording.time)
+    pairs = list(itertools.combinations(written, 2))
+    both = [int(np.sum(written[first] & written[second])) for first, second in pairs]
+    fewest = int(np.argmin(both))
+    if both[fewest] < 0.5 * rows:
+        first, second = pairs[fewest]
+        raise InputError(
+            f"{recording.name}: {first} and {second} have values together in only {both[fewest]} of {rows} rows, as "
+            "topics with different time stamps or rates do; give `join:` for one of them in `topics:`, or resample "
+            "with `cafim import --period`"
+        )
+
+
+def _velocity_noise(
+    names: Sequence[str], std: Mapping[str, float], memories: Mapping[str, CorrelatedNoise], measured: bool
+) -> list[VelocityNoise]:
+    """The noise of each joint's positions and velocities."""
+
+    def noise(column: str) -> Noise:
+        return Noise(std[column], memories.get(column))
+
+    return [VelocityNoise(noise(f"q.{name}"), noise(f"v.{name}") if measured else None) for name in names]
+
+
+def _filled(values: Array) -> Array:
+    """`values` (N, k) with missing samples replaced by the last one before; windows never cover them."""
+    if np.all(np.isfinite(values)):
+        return values
+    index = np.where(np.isfinite(values), np.arange(len(values))[:, None], 0)
+    held = np.take_along_axis(values, np.maximum.accumulate(index, axis=0), axis=0)
+    return np.asarray(np.nan_to_num(held), dtype=float)
+
+
+def _away_from(missing: Flags, smooth: sp.csr_matrix) -> Flags:
+    """(N,) True for the samples whose smoother uses no `missing` sample."""
+    touched = abs(smooth) @ missing.astype(float)
+    return np.asarray(touched == 0.0)

@@ -1,0 +1,1 @@
+"""The search from a misfit to the effects that explain it."""

@@ -1,0 +1,246 @@
+"""What may be missing in a toss, and linear looks at it along the arcs as they were simulated."""
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+
+from drake_cafim.contact.change import Touch
+from drake_cafim.diagnosis.fit.evidence import scale_of
+from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.pushes import pushed
+from drake_cafim.diagnosis.fit.search_problem import Look, Looks
+from drake_cafim.diagnosis.thresholds import (
+    MISFIT_REDUCED_CHI_SQUARE,
+    THROWN_LOAD_PLACES,
+    WHOLE_EFFECT_LARGEST_COEFFICIENT,
+    WHOLE_EFFECT_LEAST_COEFFICIENT,
+)
+from drake_cafim.diagnosis.tosses.arc_rows import ArcRows
+from drake_cafim.diagnosis.tosses.jacobian import difference, force_rows, sensor_rows
+from drake_cafim.diagnosis.tosses.pulses import strongest_pushes
+from drake_cafim.diagnosis.tosses.simulated_arcs import Shot
+from drake_cafim.diagnosis.tosses.surface_search import standing
+from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.dynamics.rotations import rotation_matrices
+from drake_cafim.effects.body import ExternalDisturbance
+from drake_cafim.effects.contact import ContactEffect, ContactLook
+from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.kinds import ByKind
+from drake_cafim.effects.link import Payload
+from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.effects.surface import SurfaceEffect
+from drake_cafim.effects.surroundings import Surroundings
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+GRAIN = 1e-3
+"""Of the body's mass: a load small enough for its slopes to be those of none."""
+
+
+def hypotheses(problem: ArcRows) -> tuple[Effect, ...]:
+    """Every effect of the scene's vocabulary that a thrown body and its tracker can show, where it can be.
+
+    A delay of all that is measured changes nothing that can be seen, and is left out; so is a plane in the way, whose
+    look asks for recordings that touch it at rest.
+    """
+    body = problem.body
+    columns = tuple(f"pose.{body}.{axis}" for axis in "xyz")
+    where = Surroundings(problem.scene.tree, problem.scene.physics.contacts, columns, body)
+    return tuple(effect(at) for effect in problem.scene.vocabulary for at in effect.attachments(where))
+
+
+def looks(problem: ArcRows, at: Fit, effect: Effect) -> Looks:
+    """Linear looks at `effect` beyond the fitted model `at`."""
+    return _LooksByKind(problem, at)(effect)
+
+
+@dataclass(frozen=True)
+class _LooksByKind(ByKind[Looks]):
+    """Whitened columns (R, c) along which an effect moves the rows, and the effect that coefficients stand for."""
+
+    problem: ArcRows
+    at: Fit
+
+    @property
+    def _shot(self) -> Shot:
+        return self.problem.shot(self.at.model)
+
+    def push(self, effect: ExternalDisturbance) -> Looks:
+        tried = strongest_pushes(self.problem, self.at)[1]
+        return Looks(_push_looks(self.problem, self._shot, self.at, effect), tried)
+
+    def load(self, effect: Payload) -> Looks:
+        return Looks(iter([_load_look(self.problem, self._shot, self.at, effect)]))
+
+    def sensor(self, effect: SensorEffect) -> Looks:
+        return Looks(iter([(self.problem.innovations(sensor_rows(self._shot, effect)), effect.from_directions)]))
+
+    def contact(self, effect: ContactEffect) -> Looks:
+        return Looks(_contact_looks(self.problem, self._shot, self.at, effect, _typical))
+
+    def surface(self, effect: SurfaceEffect) -> Looks:
+        def from_afar(contact: SphereContact, effect: SurfaceEffect) -> Effect:
+            return standing(self.problem.arcs.tracks, contact, effect)
+
+        return Looks(_contact_looks(self.problem, self._shot, self.at, effect, from_afar))
+
+    def other(self, effect: Effect) -> Looks:
+        """By differences along its directions, for each shape that its law may have."""
+        return Looks(_difference_looks(self.problem, self._shot, effect))
+
+
+def _difference_looks(problem: ArcRows, shot: Shot, effect: Effect) -> Iterator[Look]:
+    for shaped in _of_each_shape(effect):
+        steps = [(step.ahead, step.behind, step.size) for step in shaped.directions()]
+        yield _columns(problem, shot, shaped, steps), shaped.from_directions
+
+
+OnContact = TypeVar("OnContact", ContactEffect, SurfaceEffect)
+
+
+def _contact_looks(
+    problem: ArcRows, shot: Shot, at: Fit, effect: OnContact, from_afar: Callable[[SphereContact, OnContact], Effect]
+) -> Iterator[Look]:
+    """`from_afar` says what the effect may be, by no simulation."""
+    contact = next((one for one in shot.physics.contacts if effect.meets(one)), None)
+    if contact is None:
+        return
+    found = list(effect.looks(contact, pressed(shot)))
+    steps = [(step.ahead, step.behind, step.size) for look in found for step in look.steps]
+    columns = _columns(problem, shot, effect, steps)
+    first = 0
+    for look in found:
+        stop = first + len(look.steps)
+        yield columns[:, first:stop], look.build
+        first = stop
+    if scale_of(at) > MISFIT_REDUCED_CHI_SQUARE:
+        yield from _simulated_looks(problem, at, effect, found)
+    if effect.decides_bounces and np.any(problem.base.far) and not at.model.effects:
+        yield from _look_anew(problem, at, from_afar(contact, effect))
+
+
+def _of_each_shape(effect: Effect) -> Iterator[Effect]:
+    """The hypothesis with every combination of values that its law's shapes may take; itself where it has none."""
+    grids = [shape.grid or (shape.nominal,) for shape in effect.shapes]
+    for values in itertools.product(*grids):
+        named = {shape.name: value for shape, value in zip(effect.shapes, values, strict=True)}
+        yield replace(effect, values={**effect.values, **named})
+
+
+def _simulated_looks(problem: ArcRows, at: Fit, effect: Effect, found: Sequence[ContactLook]) -> Iterator[Look]:
+    """Looks at effects that are there or not, by their own simulation.
+
+    Where a model is far off, what a law would change along its motion is not even in the direction in which the motion
+    would change: a contact that winds up like a spring throws back what a sliding one only slows.
+    """
+    for look in found:
+        whole = look.build(np.ones(len(look.steps)))
+        if len(look.steps) == 1 and whole is not None and whole.values == dict(look.steps[0].ahead):
+            rows = problem.residual(at.model.with_effects([whole]))[: problem.rows]
+            yield (rows - at.residual[: problem.rows])[:, None], look.build
+
+
+def _typical(contact: SphereContact, effect: ContactEffect) -> Effect:
+    """The effect at the size at which engineers meet it."""
+    return effect.with_values({strength.name: strength.typical for strength in effect.strengths})
+
+
+def _look_anew(problem: ArcRows, at: Fit, start: Effect) -> Iterator[Look]:
+    """All of an effect that is fitted from `start`, with arcs thrown anew and unknowns as the priors mean them.
+
+    Under physics that is far off, arcs bounce where none was, unknowns go where they fit that, and slopes along either
+    say nothing of what is missing. Later fits of this effect begin where this one ends.
+    """
+    model = Model(problem.scene.priors.mean, (start,))
+    if not problem.plausible(model):
+        return
+    anew = problem.settled(problem.scene, problem.arcs, problem.noise, model)
+    thrown = anew.residual(model)
+    if float(thrown @ thrown) > at.chi_square:
+        return
+    found = fit(anew, model).model
+    problem.lead(found, anew.shot(found))
+    rows = problem.residual(at.model.with_effects(found.effects))[: problem.rows]
+    yield (
+        (rows - at.residual[: problem.rows])[:, None],
+        lambda c: (
+            found.effects[0] if WHOLE_EFFECT_LEAST_COEFFICIENT < c[0] < WHOLE_EFFECT_LARGEST_COEFFICIENT else None
+        ),
+    )
+
+
+Step = tuple[Mapping[str, float], Mapping[str, float] | None, float]
+
+
+def _columns(problem: ArcRows, shot: Shot, effect: Effect, steps: Sequence[Step]) -> Array:
+    """Whitened columns (R, c) of finite steps of an effect's strengths."""
+    if not steps:
+        return np.zeros((problem.rows, 0))
+    changes, deeper = [], []
+    for ahead, behind, size in steps:
+        down: Physics = shot.physics
+        if behind is not None:
+            down = down.with_effects([effect.with_values(behind)])
+        change, landed = difference(shot, shot.physics.with_effects([effect.with_values(ahead)]), down)
+        changes.append(change / size)
+        deeper.append(landed / size)
+    return problem.innovations(force_rows(shot, changes, deeper))
+
+
+def _load_look(problem: ArcRows, shot: Shot, at: Fit, effect: Payload) -> Look:
+    """By a small mass and its first moments: a free body's motion is linear in no more than that."""
+    mass, arm = GRAIN * shot.body.inertial[0], 0.5 * _size(shot)
+    origin = {"mass": mass, "x": 0.0, "y": 0.0, "z": 0.0}
+    steps: list[Step] = [(origin, None, mass)]
+    steps += [(origin | {axis: arm}, origin | {axis: -arm}, 2.0 * mass * arm) for axis in "xyz"]
+
+    def build(coefficients: Array) -> Effect | None:
+        moment = coefficients[1:]
+        size = float(np.linalg.norm(moment))
+        if size == 0.0:
+            return None
+        masses = [size / (part * _size(shot)) for part in THROWN_LOAD_PLACES]
+        masses += [float(coefficients[0])] if coefficients[0] > size / (2.0 * _size(shot)) else []
+        loads = [effect.with_values(np.array([one, *(moment / one)])) for one in masses]
+        rows = [problem.residual(at.model.with_effects([load])) for load in loads]
+        # a load beside which the body itself is lost in rounding moves in no computable way
+        known = [(float(r @ r), k) for k, r in enumerate(rows) if np.all(np.isfinite(r))]
+        return loads[min(known)[1]] if known else None
+
+    return _columns(problem, shot, effect, steps), build
+
+
+def _size(shot: Shot) -> float:
+    """m from the body's origin to what may touch; of a body that nothing touches, by its inertia."""
+    contact = shot.body.contact
+    if contact is None:
+        mass, _, inertia, _ = shot.body.inertial
+        return float(np.sqrt(np.trace(inertia) / mass))
+    return float(np.max(np.linalg.norm(contact.points, axis=1)) + contact.radius)
+
+
+def pressed(shot: Shot) -> Touch:
+    """All touches of the arcs as they were simulated."""
+    f, body = shot.flights.fine, shot.body
+    rows, points = np.nonzero(f.mode)
+    state = f.state[rows]
+    lever = body.levers(rotation_matrices(state.quaternion))[np.arange(len(rows)), :, points]
+    return body.touch(state, lever, np.ones(len(rows), dtype=bool))
+
+
+def _push_looks(problem: ArcRows, shot: Shot, at: Fit, effect: ExternalDisturbance) -> Iterator[Look]:
+    """A pulse along each axis, at the strongest pushes and a little beside them."""
+    for push in strongest_pushes(problem, at)[0][:2]:
+        name, intervals = problem.runs[push.run].name, list(push.intervals())
+        steps: list[Step] = []
+        for start, stop in intervals:
+            still = {**dict.fromkeys("xyz", 0.0), "start": start, "stop": stop}
+            steps += [(still | {axis: 1.0}, None, 1.0) for axis in "xyz"]
+        columns = _columns(problem, shot, effect.during(0.0, 0.0, name), steps)
+        for k, interval in enumerate(intervals):
+            yield columns[:, 3 * k : 3 * k + 3], partial(pushed, effect, interval, name)

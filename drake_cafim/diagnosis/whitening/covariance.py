@@ -1,0 +1,108 @@
+"""The covariance of the weak form's rows, and the whitening: rows times the inverse of its Cholesky factor."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from scipy.linalg import lapack
+
+from drake_cafim.diagnosis.noise.coloured import covariance
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.whitening.impact_noise import impact_covariance
+from drake_cafim.diagnosis.whitening.kinked_law_noise import kinked_law_covariance
+from drake_cafim.diagnosis.whitening.noise_jacobian import noise_jacobian
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+NONE = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """The rows' `covariance` C (R, R) and its Cholesky `factor` L, C = L Lᵀ, in lower band storage (b + 1, R)."""
+
+    factor: Array
+    covariance: sp.csr_matrix
+
+    @classmethod
+    def of(cls, covariance: sp.csr_matrix) -> "Whitening":
+        """The whitening by a banded `covariance`.
+
+        Raises `numpy.linalg.LinAlgError` where it is not positive definite.
+        """
+        covariance = sp.csr_matrix(covariance)
+        entries = sp.coo_matrix(covariance)
+        lower = entries.row >= entries.col
+        row, column, value = entries.row[lower], entries.col[lower], entries.data[lower]
+        band = np.zeros((int((row - column).max()) + 1, covariance.shape[0]))
+        band[row - column, column] = value
+        # so that rounding does not make the factorisation fail where rows are nearly dependent
+        band[0] *= 1.0 + 1e-10
+        return cls(scipy.linalg.cholesky_banded(band, lower=True), covariance)
+
+    def __call__(self, rows: Array) -> Array:
+        """L⁻¹ `rows`, for (R,) or (R, k); raises `ArithmeticError` where L is singular."""
+        flat = rows.reshape(len(rows), -1)
+        solved, info = lapack.dtbtrs(self.factor, flat, uplo="L")
+        if info != 0:
+            raise ArithmeticError(f"the covariance of the residual is singular at row {info}")
+        return np.asarray(solved.reshape(rows.shape), dtype=float)
+
+    @property
+    def log_determinant(self) -> float:
+        """ln det C."""
+        return float(2.0 * np.sum(np.log(self.factor[0])))
+
+
+def whitening(
+    weak: WeakForm, physics: Physics, unknown_force: Array = NONE
+) -> tuple[Whitening, sp.csr_matrix, list[tuple[str, slice]]]:
+    """The whitening of one recording's rows under `physics`, and the noise Jacobian with its labels.
+
+    `unknown_force` (n,) is the spectral density of unmodelled white forces at the joints, (N m)² s or N² s.
+    """
+    jacobian, labels = noise_jacobian(weak, physics)
+    # what the first-order Jacobian leaves out: kinks and jumps within the noise
+    beyond = kinked_law_covariance(weak, physics) + impact_covariance(weak, physics)
+    for density, part in (
+        zip(unknown_force, unknown_force_factors(weak, physics), strict=True) if np.any(unknown_force) else ()
+    ):
+        beyond = beyond + density * (part @ part.T)
+    return Whitening.of(_sampled(weak, jacobian, labels) + beyond), jacobian, labels
+
+
+def unknown_force_factors(weak: WeakForm, physics: Physics) -> list[sp.csr_matrix]:
+    """For each joint a factor F (R, M): F Fᵀ is the rows' covariance by a white force of unit spectral density."""
+    windows, r = weak.samples.windows, weak.rows_per_window
+    weighed = windows.value @ sp.diags_array(1.0 / np.sqrt(np.gradient(weak.samples.time)))
+    factor = sp.coo_matrix(np.linalg.cholesky((weighed @ weighed.T).toarray()))
+    rows = range(weak.dynamic.start, weak.dynamic.stop)
+    return [
+        sp.csr_matrix((factor.data / gain, (r * factor.row + row, factor.col)), shape=(r * len(windows), len(windows)))
+        for row, gain in zip(rows, physics.effort_gains, strict=True)
+    ]
+
+
+def _sampled(weak: WeakForm, jacobian: sp.csr_matrix, labels: Sequence[tuple[str, slice]]) -> sp.csr_matrix:
+    """J Σ Jᵀ (R, R) for the noise `jacobian` J (R, columns) and the samples' covariance Σ."""
+    samples = weak.samples
+    std = np.concatenate([np.full(part.stop - part.start, samples.std[name]) for name, part in labels])
+    scaled = sp.csr_matrix((jacobian.data * std[jacobian.indices], jacobian.indices, jacobian.indptr), jacobian.shape)
+    if not samples.memories:
+        return sp.csr_matrix(scaled @ scaled.T)
+    alike = {memory: covariance(samples.time, memory) for memory in set(samples.memories.values())}
+    white = sp.csr_matrix(sp.eye_array(len(samples.time)))
+    memories = [samples.memories.get(name) for name, _ in labels]
+    together = _block_diagonal([white if memory is None else alike[memory] for memory in memories])
+    return sp.csr_matrix(scaled @ together @ scaled.T)
+
+
+def _block_diagonal(blocks: Sequence[sp.csr_matrix]) -> sp.csr_matrix:
+    """Square blocks of one size along a diagonal; SciPy's own function, by triplets, takes ten times as long."""
+    size, entries = blocks[0].shape[0], np.cumsum([0, *(block.nnz for block in blocks)])
+    indices = [block.indices + k * size for k, block in enumerate(blocks)]
+    starts = [block.indptr[:-1] + first for block, first in zip(blocks, entries, strict=False)]
+    parts = [np.concatenate([block.data for block in blocks]), np.concatenate(indices)]
+    return sp.csr_matrix((*parts, np.append(np.concatenate(starts), entries[-1])), shape=(size * len(blocks),) * 2)

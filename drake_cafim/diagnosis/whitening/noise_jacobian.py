@@ -1,0 +1,157 @@
+"""The Jacobian of the weak form's rows with respect to every recorded sample, which propagates the noise."""
+
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+import scipy.sparse as sp
+
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.whitening.momentum_derivatives import balance_slopes
+from drake_cafim.dynamics.contact import WrenchSensor
+from drake_cafim.dynamics.motion import motion
+from drake_cafim.recordings.recording import WRENCH_COMPONENTS
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+Parts: TypeAlias = dict[int, tuple[sp.csr_matrix, Array]]
+"""By row of a window: a matrix (M, N) over the windows, and factors (N,) of its columns."""
+POSITION_STEP, VELOCITY_STEP = 1e-6, 1e-5
+"""Steps of central differences, rad and rad/s (m and m/s)."""
+
+
+def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, list[tuple[str, slice]]]:
+    """∂rows/∂samples, sparse (M r, columns), and the slice of its columns that belongs to each recorded column.
+
+    Slices are N wide; rows are ordered window after window.
+    """
+    s, n = weak.samples, weak.joints
+    measured = weak.measurement(physics)
+    q, v = measured.q_hat, measured.v_hat
+    joints = weak.joint_samples(physics)
+    memory = weak.contact_memory(physics)
+    _, d_q_law, d_v_law = physics.applied_at_joints(joints)
+    rigid = balance_slopes(replace(weak.motion(physics), tree=physics.tree), physics)
+    first = np.arange(weak.rows_per_window) < weak.kinematic_rows
+    kinematic, dynamic = (sp.diags_array(np.tile(kind, len(s.windows)).astype(float)) for kind in (first, ~first))
+    blocks: list[sp.csr_matrix] = []
+    labels: list[tuple[str, slice]] = []
+
+    def add(name: str, block: sp.csr_matrix) -> None:
+        # chain rule: the last correction applied to the samples comes first in the product
+        for effect in reversed(physics.sensors):
+            if name.startswith("wrench.") or not effect.channels((name,)):
+                continue
+            correction, facing = effect.correction(s.time), effect.facing(s.time)
+            if correction is not None and facing is not None:
+                block = sp.csr_matrix(kinematic @ block @ facing + dynamic @ block @ correction)
+            elif correction is not None:
+                block = sp.csr_matrix(block @ correction)
+        if name in s.bridges:
+            block = sp.csr_matrix(block @ s.bridges[name])
+        start = sum(b.shape[1] for b in blocks)
+        blocks.append(block)
+        labels.append((name, slice(start, start + block.shape[1])))
+
+    readings = [reading_windows(weak, physics, sensor, axis) for sensor in weak.sensors for axis in WRENCH_COMPONENTS]
+    for j, name in enumerate(physics.tree.joint_names):
+        step = np.eye(n)[j]
+        force_by_q = _force_slope(weak, physics, memory, (q, v), (POSITION_STEP * step, 0.0 * step))
+        force_by_v = _force_slope(weak, physics, memory, (q, v), (0.0 * step, VELOCITY_STEP * step))
+        force_by_q[:, j] += d_q_law[:, j]
+        law_by_v = np.zeros_like(force_by_v)
+        law_by_v[:, j] = d_v_law[:, j]
+        from_q = _block(weak, rigid.momentum_by_q[:, :, j], rigid.force_by_q[:, :, j], kinematic=j, rate=True)
+        from_v = _block(weak, rigid.momentum_by_v[:, :, j], rigid.force_by_v[:, :, j], kinematic=j, rate=False)
+        # friction is steep where it changes its sign: the noise that smoothing leaves counts, from q and v separately
+        from_q = from_q + _force_rows(weak, readings, force_by_q, s.smooth_q)
+        for slopes, velocity in ((force_by_v, s.smooth_v[j]), (law_by_v, s.kinked_v[j])):
+            from_q = from_q + _force_rows(weak, readings, slopes, velocity.from_q)
+            if s.differentiate is None:
+                from_v = from_v + _force_rows(weak, readings, slopes, velocity.from_v)
+        if s.differentiate is None:
+            add(f"q.{name}", sp.csr_matrix(from_q))
+            add(f"v.{name}", sp.csr_matrix(from_v))
+        else:
+            add(f"q.{name}", sp.csr_matrix(from_q + from_v @ s.differentiate))
+        if s.std[f"u.{name}"] > 0.0:
+            add(f"u.{name}", place(weak, -s.windows.held(s.time, s.ramped[j]), weak.kinematic_rows + j))
+    for i, sensor in enumerate(weak.sensors):
+        for k, axis in enumerate(WRENCH_COMPONENTS):
+            row = weak.kinematic_rows + n + 6 * i + k
+            add(f"wrench.{sensor.name}.{axis}", place(weak, s.windows.value, row))
+    scale = np.ones(weak.rows_per_window)
+    scale[weak.dynamic] = 1.0 / physics.effort_gains
+    whole = sp.csr_matrix(sp.hstack(blocks, format="csr"))
+    whole.data *= np.repeat(np.tile(scale, len(s.windows)), np.diff(whole.indptr))
+    return whole, labels
+
+
+def _force_slope(
+    weak: WeakForm, physics: Physics, memory: Array, at: tuple[Array, Array], step: tuple[Array, Array]
+) -> Array:
+    """(N, n + 6 s) derivative of `touched_and_pushed` along the `step` in (q, v), by central differences."""
+    if not physics.contacts and not physics.body_forces:
+        return np.zeros((len(at[0]), weak.joints + 6 * len(weak.sensors)))
+    ahead, behind = (motion(physics.tree, at[0] + sign * step[0], at[1] + sign * step[1]) for sign in (1.0, -1.0))
+    lasting = weak.motion(physics).lasting
+    ahead, behind = replace(ahead, lasting=lasting), replace(behind, lasting=lasting)
+    change = weak.touched_and_pushed(physics, ahead, memory) - weak.touched_and_pushed(physics, behind, memory)
+    return np.asarray(change / (2.0 * np.sum(step)))
+
+
+def reading_windows(weak: WeakForm, physics: Physics, sensor: WrenchSensor, axis: str) -> sp.csr_matrix:
+    """(M, N) windows applied to the exact reading of one axis: the test functions times the sensor effects' filters."""
+    windows = weak.samples.windows.value
+    for effect in reversed(physics.sensors):
+        if effect.channels((f"wrench.{sensor.name}.{axis}",)):
+            writing = effect.writing(weak.samples.time)
+            windows = windows if writing is None else sp.csr_matrix(windows @ writing)
+    return windows
+
+
+def _block(weak: WeakForm, momentum: Array, force: Array, kinematic: int, rate: bool) -> sp.csr_matrix:
+    """(M r, N) the rows' derivative by one column of samples, from those (N, n) of `momentum` and `force`.
+
+    `kinematic` is the joint whose kinematic row contains the column, as a position if `rate`, else as a velocity.
+    """
+    windows, first = weak.samples.windows, weak.dynamic.start
+    rates: Parts = {first + k: (windows.rate, -momentum[:, k]) for k in range(weak.joints)}
+    values: Parts = {first + k: (windows.value, -force[:, k]) for k in range(weak.joints)}
+    if weak.kinematic_rows:
+        (rates if rate else values)[kinematic] = windows.rate if rate else windows.value, np.ones(len(momentum))
+    return sp.csr_matrix(_interleave(weak, rates) + _interleave(weak, values))
+
+
+def _force_rows(weak: WeakForm, readings: list[sp.csr_matrix], slopes: Array, smooth: sp.csr_matrix) -> sp.csr_matrix:
+    """(M r, N) the rows' derivative by one column of samples through forces and readings.
+
+    `slopes` (N, n + 6 s) are the derivatives of forces and readings by the smoothed column, `smooth` (N, N) @ samples.
+    """
+    every = [*[weak.samples.windows.value] * weak.joints, *readings]
+    nonzero = [k for k in range(len(every)) if np.any(slopes[:, k])]
+    parts = {weak.dynamic.start + k: (every[k], -slopes[:, k]) for k in nonzero}
+    return sp.csr_matrix(_interleave(weak, parts) @ smooth)
+
+
+def place(weak: WeakForm, matrix: sp.csr_matrix, row: int) -> sp.csr_matrix:
+    """Rows (M r, c) in which the `row`-th of each window is that of `matrix` (M, c), and all others are 0."""
+    coo = sp.coo_matrix(matrix)
+    shape = (len(weak.samples.windows) * weak.rows_per_window, matrix.shape[1])
+    return sp.csr_matrix((coo.data, (coo.row * weak.rows_per_window + row, coo.col)), shape=shape)
+
+
+def _interleave(weak: WeakForm, parts: Parts) -> sp.csr_matrix:
+    """Rows (M r, N) in which the k-th of each window is that of `parts[k]`; assembled at once, which is faster."""
+    counts = np.zeros((len(weak.samples.windows), weak.rows_per_window), dtype=np.int64)
+    begins, total = counts.copy(), 0
+    indices, data = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+    for k, (matrix, weights) in parts.items():
+        counts[:, k], begins[:, k] = np.diff(matrix.indptr), total + matrix.indptr[:-1]
+        total += matrix.nnz
+        indices.append(matrix.indices)
+        data.append(matrix.data * weights[matrix.indices])
+    starts = np.append(0, np.cumsum(counts))
+    taken = np.arange(total) + np.repeat(begins.ravel() - starts[:-1], counts.ravel())
+    rows = (np.concatenate(data)[taken], np.concatenate(indices)[taken], starts)
+    return sp.csr_matrix(rows, shape=(counts.size, len(weak.samples.time)))

@@ -1,0 +1,104 @@
+"""The whitened rows of one recording."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from drake_cafim.diagnosis.rows.initial_uncertainty import StartMarginal, has_unknown_start, start_rows
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.whitening.covariance import Whitening
+from drake_cafim.numerics.cache import make_room
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+IMPOSSIBLE = 1e9
+"""Standard deviations of noise beyond which a row counts as diverged."""
+DOUBTS_KEPT = 6
+"""Most cached whitened rows of initial values."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recording's weak form, whitened under one model's covariance."""
+
+    weak: WeakForm
+    whiten: Whitening
+    jacobian: sp.csr_matrix
+    labels: tuple[tuple[str, slice], ...]
+    _doubts: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def name(self) -> str:
+        """The recording's name."""
+        return self.weak.samples.recording.name
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """The numbers of windows M and of rows in each, r."""
+        return (len(self.weak.samples.windows), self.weak.rows_per_window)
+
+    @property
+    def rows(self) -> int:
+        """The number R = M r of rows."""
+        return len(self.weak.samples.windows) * self.weak.rows_per_window
+
+    @property
+    def time(self) -> Array:
+        """(M,) s, the windows' middles."""
+        return self.weak.samples.windows.centers
+
+    def whitened(self, rows: Array) -> Array:
+        """`rows` (M, r) or (M, r, k), flattened window after window and whitened: (R,) or (R, k)."""
+        return self.whiten(rows.reshape(self.rows, *rows.shape[2:]))
+
+    def residual(self, physics: Physics) -> Array:
+        """Whitened residual (R,), with the unknown initial state marginalised."""
+        return self.marginalise_start(physics).rows
+
+    def marginalise_start(self, physics: Physics, widths: Array | None = None) -> StartMarginal:
+        """The residual under `physics` with the initial state marginalised, with the most likely widths unless given.
+
+        Rows are infinite where the simulation of a coupling diverges.
+        """
+        if not has_unknown_start(physics):
+            return StartMarginal(self.whitened(self.weak.residual(physics)))
+        # the simulated twist diverges where a link is lighter than its rotor
+        with np.errstate(over="ignore", invalid="ignore"):
+            rows, U = self.whitened(self.weak.residual(physics)), self._doubted(start_rows(self.weak, physics))
+            if not np.all(np.abs(rows) < IMPOSSIBLE) or not np.all(np.abs(U) < IMPOSSIBLE):
+                return StartMarginal(np.full(len(rows), np.inf))
+        return StartMarginal.of(rows, U, widths)
+
+    def _doubted(self, rows: Array) -> Array:
+        """`whitened` rows of initial values; cached, since most parameter values leave them unchanged."""
+        key = rows.tobytes()
+        if key not in self._doubts:
+            make_room(self._doubts, DOUBTS_KEPT)
+            self._doubts[key] = self.whitened(rows)
+        return self._doubts[key]
+
+    def pushed(self, force: Array, gains: Array) -> Array:
+        """Rows (M, r, k) of generalised forces `force` (N, n, k), at joints whose efforts have the `gains` (n,)."""
+        windows = self.weak.samples.windows
+        rows = np.zeros((len(windows), self.weak.rows_per_window, force.shape[2]))
+        weighed = (windows.value @ force.reshape(len(force), -1)).reshape(len(windows), *force.shape[1:])
+        rows[:, self.weak.dynamic] = -weighed / gains[:, None]
+        return rows
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(M, r, r) covariance of each window's rows."""
+        r = self.weak.rows_per_window
+        starts = r * np.arange(len(self.weak.samples.windows))
+        return np.stack([self.whiten.covariance[at : at + r, at : at + r].toarray() for at in starts])
+
+    def sensed(self, column: str, change: Array) -> Array:
+        """Change (R, k) of the whitened rows when the recorded `column` changes by `change` (N, k)."""
+        return self.whiten(np.asarray(self._by_column[column] @ change))
+
+    @cached_property
+    def _by_column(self) -> dict[str, sp.csr_matrix]:
+        columns = sp.csc_matrix(self.jacobian)
+        return {name: sp.csr_matrix(columns[:, part]) for name, part in self.labels}

@@ -1,0 +1,1 @@
+"""The closed loop of planning, touching and estimating, and the worlds that it runs in."""

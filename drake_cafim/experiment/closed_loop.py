@@ -1,0 +1,307 @@
+"""Algorithm 1 of the paper, closed: plan a motion that touches, execute it, estimate, and again."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
+from pydrake.systems.primitives import LogVectorOutput
+
+from drake_cafim.belief import Belief
+from drake_cafim.design.guard_system import ForceGuard
+from drake_cafim.design.planner import PlannerConfig, PlannerName
+from drake_cafim.design.policies import PolicyName, make_policy
+from drake_cafim.design.system import CaOed
+from drake_cafim.errors import InputError
+from drake_cafim.estimation.problem import make_problem
+from drake_cafim.estimation.shooting import SolverReport
+from drake_cafim.estimation.system import CaMap
+from drake_cafim.experiment.kinematic_world import kinematic_world
+from drake_cafim.experiment.world import World
+from drake_cafim.information import Criterion
+from drake_cafim.sensitivity.evaluator import Fisher, make_evaluator
+from drake_cafim.sensitivity.model import PlanningModel
+from drake_cafim.sensitivity.tangent import TangentEvaluator
+from drake_cafim.tasks.point import PointModel
+from drake_cafim.tasks.task import Task
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a run may choose; every field has the default of `cafim run`."""
+
+    policy: PolicyName = "contact-aware"
+    planner: PlannerName = "predictive-sampling"
+    criterion: Criterion = "logdet"
+    fisher: Fisher = "tangent"
+    planner_config: PlannerConfig = field(default_factory=PlannerConfig)
+    belief_samples: int = 1  # points of the belief over which a plan's score is averaged; 1: its mode
+    # commands are cut so that the true force keeps within the task's limit; None: those of contact-aware, where a robot
+    # executes them and there is a limit
+    force_guard: bool | None = None
+    experiments: int | None = None  # None: the task's own number
+    until_std: float | None = None  # stop when every std is below this fraction of its estimate
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class ExperimentResult:
+    """One executed experiment: what was known after it, and what happened. Times in s, forces in N.
+
+    time (T+1,), commands (T, nu), robot states (T+1, 2 nu), measured and true forces (T, ny) after each command.
+    `history` is the belief after each renewal within the experiment: (time, mean, std). `solver` says how the
+    estimate was found, and `on_bound` which parameters it left at an end of their range. `recorded` holds the
+    world's recorded outputs, (N, size) each, and their `time` (N,), from 0 on.
+    """
+
+    belief: Belief
+    fisher: Array
+    scaled_trace: float
+    error_percent: Mapping[str, float]
+    behaviour: Mapping[str, Any]
+    tracking_error: float
+    planning_ms: Array
+    time: Array
+    commands: Array
+    robot_states: Array
+    measured_force: Array
+    true_force: Array
+    plans: Array
+    candidates: Array
+    history: tuple[tuple[float, Array, Array], ...]
+    solver: SolverReport = field(default_factory=lambda: SolverReport(True, 0))
+    on_bound: tuple[str, ...] = ()
+    recorded: Mapping[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """All experiments of one run."""
+
+    task: Task
+    options: Options
+    world: str
+    prior: Belief
+    experiments: tuple[ExperimentResult, ...]
+
+    @property
+    def belief(self) -> Belief:
+        """What is known in the end."""
+        return self.experiments[-1].belief if self.experiments else self.prior
+
+
+def run(
+    task: Task,
+    options: Options | None = None,
+    world: World | None = None,
+    progress: Callable[[int, ExperimentResult], None] | None = None,
+) -> RunResult:
+    """Algorithm 1 on `task` in `world` (the kinematic one if none is given).
+
+    `progress` is called after each experiment with its number, from 0.
+    """
+    options = Options() if options is None else options
+    world = kinematic_world(task, seed=options.seed) if world is None else world
+    options = replace(options, force_guard=_guarded(task, options, world))
+    loop = _Loop(task, options, world)
+    prior = Belief.prior(task.model.parameters)
+    results: list[ExperimentResult] = []
+    total = task.experiments if options.experiments is None else options.experiments
+    for number in range(total):
+        results.append(loop.execute(number))
+        if progress is not None:
+            progress(number, results[-1])
+        if options.until_std is not None and _confident(results[-1].belief, options.until_std):
+            break
+    return RunResult(task, options, world.name, prior, tuple(results))
+
+
+def _confident(belief: Belief, fraction: float) -> bool:
+    return bool((belief.std <= fraction * np.abs(belief.mean)).all())
+
+
+def force_limit(task: Task) -> float:
+    """The force limit N of the task's model; `InputError` for a model without one."""
+    limit = getattr(task.model, "force_limit", None)
+    if limit is None:
+        raise InputError(f"--force-guard: {task.name} has no force_limit, expected a scenario whose task has")
+    return float(limit)
+
+
+def behind_guard(task: Task) -> PlanningModel:
+    """The task's model as plans behind a force guard know it: slow, or they would only be cut."""
+    model: Any = task.model
+    if not isinstance(model, PointModel):
+        return task.model
+    return cast(PlanningModel, replace(model, speed_limit=min(model.speed_limit, model.careful_speed)))
+
+
+def _guarded(task: Task, options: Options, world: World) -> bool:
+    if options.force_guard is not None:
+        return options.force_guard
+    executed = options.policy == "contact-aware" and isinstance(world.system, Diagram)
+    # of another model it is not known that what is touched stays, and that forces and commands have the same axes
+    return executed and isinstance(task.model, PointModel) and getattr(task.model, "force_limit", None) is not None
+
+
+def _add_guard(builder: DiagramBuilder, task: Task, options: Options) -> ForceGuard | None:
+    if not options.force_guard:
+        return None
+    guard = ForceGuard(behind_guard(task), force_limit(task))
+    builder.AddNamedSystem("guard", guard)
+    return guard
+
+
+class _Loop:
+    """World, CA-OED and CA-MAP in one Diagram, run one experiment at a time."""
+
+    def __init__(self, task: Task, options: Options, world: World) -> None:
+        self.task, self.world = task, world
+        model = task.model
+        self.evaluator = TangentEvaluator(model)  # of estimates; the planner's is the policy's
+        planned = behind_guard(task) if options.force_guard else model
+        policy = make_policy(
+            options.policy,
+            planned,
+            planner=options.planner,
+            criterion=options.criterion,
+            fisher=options.fisher,
+            config=options.planner_config,
+            belief_samples=options.belief_samples,
+            force_limit=force_limit(task) if options.force_guard else None,
+        )
+        builder = DiagramBuilder()
+        self.plant: System = builder.AddNamedSystem("world", world.system)
+        self.guard = _add_guard(builder, task, options)
+        self.design = CaOed(
+            model,
+            policy,
+            seed=options.seed,
+            evaluator=make_evaluator(options.fisher, model),
+            force_hypotheses=0 if self.guard is None else self.guard.hypotheses,
+        )
+        builder.AddNamedSystem("design", self.design)
+        total = task.experiments if options.experiments is None else options.experiments
+        self.estimator = CaMap(
+            model,
+            periods=task.periods,
+            experiments=total,
+            estimate_every=task.estimate_every,
+        )
+        builder.AddNamedSystem("estimator", self.estimator)
+        state, force = (self.plant.GetOutputPort(name) for name in ("measured_state", "measured_force"))
+        builder.Connect(state, self.design.GetInputPort("measured_state"))
+        builder.Connect(state, self.estimator.GetInputPort("measured_state"))
+        builder.Connect(force, self.estimator.GetInputPort("measured_force"))
+        builder.Connect(self.estimator.GetOutputPort("belief"), self.design.GetInputPort("belief"))
+        command = self.design.GetOutputPort("command")
+        if self.guard is not None:
+            builder.Connect(command, self.guard.GetInputPort("command"))
+            builder.Connect(state, self.guard.GetInputPort("measured_state"))
+            builder.Connect(force, self.guard.GetInputPort("measured_force"))
+            builder.Connect(self.guard.GetOutputPort("force_belief"), self.design.GetInputPort("force_belief"))
+            command = self.guard.GetOutputPort("command")
+        builder.Connect(command, self.plant.GetInputPort("command"))
+        sources = {
+            "state": state,
+            "measured": force,
+            "true": self.plant.GetOutputPort("true_force"),
+            "belief": self.estimator.GetOutputPort("belief"),
+            "command": command,
+            **{name: self.design.GetOutputPort(name) for name in ("plan", "candidates", "planning_ms")},
+        }
+        self.recorders = {
+            name: LogVectorOutput(self.plant.GetOutputPort(name), builder, world.recording_period)
+            for name in world.recorded
+        }
+        self.sinks = {name: LogVectorOutput(port, builder, model.period) for name, port in sources.items()}
+        self.diagram = builder.Build()
+        self.simulator = Simulator(self.diagram)
+
+    def execute(self, number: int) -> ExperimentResult:
+        """Run experiment `number` from the start state, keeping what the estimator has."""
+        root = self.simulator.get_mutable_context()
+        root.SetTime(0.0)
+        start: Context = self.world.start_context(number)
+        self.plant.GetMyMutableContextFromRoot(root).SetStateAndParametersFrom(start)
+        self.design.begin_experiment(self.design.GetMyMutableContextFromRoot(root), number)
+        estimating = self.estimator.GetMyMutableContextFromRoot(root)
+        self.estimator.begin_experiment(estimating, number)
+        if self.guard is not None and number == 0:  # what it has felt, it knows in the experiments that follow
+            belief = self.estimator.belief(estimating)
+            self.guard.begin(self.guard.GetMyMutableContextFromRoot(root), belief)
+        logs: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.sinks.items()}
+        recorders: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.recorders.items()}
+        for log in (*logs.values(), *recorders.values()):
+            log.Clear()
+        self.simulator.Initialize()
+        # a little past the end, so that the last measurement is taken and the belief renewed
+        self.simulator.AdvanceTo((self.task.periods + 0.25) * self.task.model.period)
+        rows = {name: self._rows(log) for name, log in logs.items()}
+        recorded = {name: np.array(log.data().T) for name, log in recorders.items()}
+        if recorders:
+            recorded["time"] = np.array(next(iter(recorders.values())).sample_times())
+        return self._result(root, rows, recorded)
+
+    def _rows(self, log: Any) -> Array:
+        """The log's samples at the ends of the periods, (T+1, size), each taken before that moment's updates.
+
+        So what the controller decided for a period is in the row of the period's end.
+        """
+        data = np.array(log.data().T)
+        expected = self.task.periods + 1
+        assert len(data) == expected, f"{len(data)} samples logged, expected {expected}"
+        return data
+
+    def _result(self, root: Context, rows: Mapping[str, Array], recorded: Mapping[str, Array]) -> ExperimentResult:
+        task, model = self.task, self.task.model
+        context = self.estimator.GetMyContextFromRoot(root)
+        belief = self.estimator.belief(context)
+        solver, on_bound = self.estimator.solver(context)
+        problem = make_problem(model, self.evaluator, self.estimator.data(context)[-1:])
+        fisher = problem.fisher(belief.mean)[0]
+        states, commands = rows["state"], rows["command"][1:]
+        motion = model.measured_motion(states[np.newaxis])[0, :: model.substeps]
+        axes = commands.shape[1]
+        truth = task.theta
+        return ExperimentResult(
+            belief=belief,
+            fisher=fisher,
+            scaled_trace=float(np.trace(np.diag(model.parameters.std**2) @ fisher)),
+            error_percent=dict(zip(belief.names, (100.0 * (belief.mean - truth) / truth).tolist(), strict=True)),
+            behaviour={**model.behaviour(motion, rows["true"][1:]), **_largest(recorded)},
+            tracking_error=float(np.abs(states[1:, axes : 2 * axes] - commands).max()),
+            planning_ms=rows["planning_ms"][1:, 0],
+            time=np.asarray(np.arange(task.periods + 1) * model.period, dtype=float),
+            commands=commands,
+            robot_states=states,
+            measured_force=rows["measured"][1:],
+            true_force=rows["true"][1:],
+            plans=rows["plan"][1:],
+            candidates=rows["candidates"][1:],
+            history=self._history(np.concatenate([rows["belief"][1:], [belief.vector()]])),
+            solver=solver,
+            on_bound=on_bound,
+            recorded=recorded,
+        )
+
+    def _history(self, beliefs: Array) -> tuple[tuple[float, Array, Array], ...]:
+        """The belief after each renewal within the experiment; row k of `beliefs` is that after step k."""
+        task = self.task
+        if task.estimate_every == 0:
+            return ()
+        names, result = task.model.parameters.names, []
+        for step in range(1, len(beliefs)):
+            if step % task.estimate_every == 0 or step == task.periods:
+                belief = Belief.from_vector(names, beliefs[step])
+                result.append((step * task.model.period, belief.mean, belief.std))
+        return tuple(result)
+
+
+def _largest(recorded: Mapping[str, Array]) -> dict[str, float]:
+    """The largest force N of all steps of the world, where it records them: it may fall between two samples."""
+    forces = recorded.get("true_force")
+    return {} if forces is None else {"max_force": float(np.sqrt((forces**2).sum(axis=1)).max())}

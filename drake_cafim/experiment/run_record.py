@@ -1,0 +1,90 @@
+"""A finished run as the contents of run.json."""
+
+from typing import Any
+
+import numpy as np
+
+from drake_cafim.belief import Belief
+from drake_cafim.experiment.closed_loop import ExperimentResult, RunResult
+from drake_cafim.information import identifiable_combinations
+
+SCHEMA = "drake_cafim.run/1"
+
+
+def run_record(result: RunResult, recordings: list[str], files: dict[str, Any]) -> dict[str, Any]:
+    """The JSON object of run.json; `recordings` names each experiment's recording, `files` what else was written."""
+    task = result.task
+    return {
+        "schema": SCHEMA,
+        "scenario": task.name,
+        "world": result.world,
+        "policy": result.options.policy,
+        "planner": result.options.planner,
+        "criterion": result.options.criterion,
+        "fisher": result.options.fisher,
+        "force_guard": result.options.force_guard,
+        "belief_samples": result.options.belief_samples,
+        "seed": result.options.seed,
+        "truth": {name: float(value) for name, value in task.truth.items()},
+        "prior": {
+            name: {"mean": float(mean), "std": float(std)}
+            for name, mean, std in zip(result.prior.names, result.prior.mean, result.prior.std, strict=True)
+        },
+        "experiments": [
+            _experiment(experiment, result.prior, recording)
+            for experiment, recording in zip(result.experiments, recordings, strict=True)
+        ],
+        "files": files,
+    }
+
+
+def _experiment(experiment: ExperimentResult, prior: Belief, recording: str) -> dict[str, Any]:
+    belief = experiment.belief
+    return {
+        "estimate": _named(belief, belief.mean),
+        "std": _named(belief, belief.std),
+        "error_percent": dict(experiment.error_percent),
+        "fisher": experiment.fisher.tolist(),
+        "scaled_trace": experiment.scaled_trace,
+        **identified(prior, belief),
+        **experiment.behaviour,
+        "solver": {
+            "solved": experiment.solver.solved,
+            "message": experiment.solver.message,
+            "on_bound": list(experiment.on_bound),
+        },
+        "tracking_error": experiment.tracking_error,
+        "history": [
+            {"time": time, "estimate": _named(belief, mean), "std": _named(belief, std)}
+            for time, mean, std in experiment.history
+        ],
+        "planning_ms": {
+            "median": float(np.median(experiment.planning_ms)),
+            "p95": float(np.percentile(experiment.planning_ms, 95)),
+        },
+        "recording": recording,
+    }
+
+
+def identified(prior: Belief, belief: Belief) -> dict[str, Any]:
+    """Of several unknowns: how many combinations all data so far determine, and which; nothing of a single one."""
+    if len(belief.names) == 1 or not np.isfinite(prior.std).all():
+        return {}
+    combinations = identifiable_combinations(belief.information - prior.information, prior.information, belief.mean)
+    return {
+        "rank": sum(one.identified for one in combinations),
+        "combinations": [
+            {
+                "text": one.text(belief.names),
+                "exponents": _named(belief, one.exponents),
+                "std_percent": 100.0 * one.std,
+                "prior_std_percent": 100.0 * one.prior_std,
+                "identified": one.identified,
+            }
+            for one in combinations
+        ],
+    }
+
+
+def _named(belief: Belief, values: Any) -> dict[str, float]:
+    return dict(zip(belief.names, np.asarray(values, dtype=float).tolist(), strict=True))

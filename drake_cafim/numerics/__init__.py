@@ -1,0 +1,1 @@
+"""Numerical tools that do not depend on robot models."""

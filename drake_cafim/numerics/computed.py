@@ -1,0 +1,39 @@
+"""Figures that arithmetic may fail: a value, or the reason why there is none."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+Figure = TypeVar("Figure")
+
+
+@dataclass(frozen=True)
+class NotComputable:
+    """A figure that has no value; `reason` in words, as "singular matrix"."""
+
+    reason: str
+
+
+def computed(figure: Callable[[], Figure]) -> Figure | NotComputable:
+    """What `figure` returns, or why its arithmetic has no result.
+
+    A singular matrix, eigenvalues that do not converge, an overflow and a division by zero are results here. Any other
+    exception is a defect of the code and is passed on.
+    """
+    try:
+        # what overflows in arrays is infinite, and is seen as such by whoever reads the figure
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            return figure()
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        return NotComputable(_in_words(error))
+
+
+def _in_words(error: Exception) -> str:
+    if isinstance(error, ZeroDivisionError):
+        return "division by zero"
+    if isinstance(error, OverflowError):
+        return "a number is beyond what floating point holds"
+    words = str(error) or type(error).__name__
+    return f"{words[0].lower()}{words[1:]}".removesuffix(".")

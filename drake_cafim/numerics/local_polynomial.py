@@ -1,0 +1,95 @@
+"""Local polynomial fits as sparse matrices: smoothing and differentiation on an uneven grid."""
+
+from functools import lru_cache
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.polynomial.chebyshev import chebder, chebvander
+
+from drake_cafim.typing import Array, Indices
+
+
+def local_polynomial(time: Array, reach: float, degree: int, derivative: int, at_least: int = 0) -> sp.csr_matrix:
+    """(N, N) matrix whose product with samples is the `derivative`-th derivative of a local least-squares polynomial.
+
+    A sample's fit uses the neighbours within `reach` s on both sides, but at least `at_least` (and enough for the
+    degree) on each; near an end the same number, from the inside (Savitzky, Golay, Anal. Chem. 36(8), 1964). Cached
+    for the next recording at the same `time` (N,) s.
+    """
+    return _local_polynomial(time.tobytes(), reach, degree, derivative, at_least)
+
+
+@lru_cache(maxsize=64)
+def _local_polynomial(at: bytes, reach: float, degree: int, derivative: int, at_least: int) -> sp.csr_matrix:
+    time = np.frombuffer(at)
+    half = max(int(np.floor(reach / np.median(np.diff(time)) + 1e-9)), at_least, (degree + 1) // 2)
+    columns, x, width = _neighbours(time, half)
+    weights = _weights(_basis(x, degree), _basis(_at_zero(x, columns), degree, derivative) / width**derivative)
+    return _sparse(weights, columns)
+
+
+def track_polynomial(time: Array, reach: float, degree: int, ratio: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """(N, N) each: `from_q @ q + from_v @ v` is a local least-squares polynomial through positions and velocities.
+
+    `ratio` s is the standard deviation of a position divided by that of a velocity; 0 leaves the velocities out.
+    Cached for the next joint.
+    """
+    return _track_polynomial(time.tobytes(), reach, degree, ratio)
+
+
+@lru_cache(maxsize=8)
+def _track_polynomial(at: bytes, reach: float, degree: int, ratio: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    time = np.frombuffer(at)
+    half = max(int(np.floor(reach / np.median(np.diff(time)) + 1e-9)), degree // 2 + 1)
+    columns, x, width = _neighbours(time, half)
+    slopes = ratio * _basis(x, degree, 1) / width[..., None]
+    weights = _weights(np.concatenate([_basis(x, degree), slopes], axis=1), _basis(_at_zero(x, columns), degree))
+    count = columns.shape[1]
+    return _sparse(weights[:, :count], columns), _sparse(ratio * weights[:, count:], columns)
+
+
+def _neighbours(time: Array, half: int) -> tuple[Indices, Array, Array]:
+    """Each sample's window: its samples' indices (N, c), their places in it, −1 … 1, and its half width (N, 1) s."""
+    samples = len(time)
+    count = min(2 * half + 1, samples)
+    first = np.clip(np.arange(samples) - half, 0, samples - count)
+    columns = first[:, None] + np.arange(count)
+    begin, end = time[columns[:, :1]], time[columns[:, -1:]]
+    width = 0.5 * (end - begin)
+    return columns, (time[columns] - 0.5 * (begin + end)) / width, width
+
+
+def _at_zero(x: Array, columns: Indices) -> Array:
+    """The place (N,) of each sample in its window, whose samples are at `x` (N, c)."""
+    rows = np.arange(len(x))
+    return np.asarray(x[rows, rows - columns[:, 0]], dtype=float)
+
+
+def _basis(x: Array, degree: int, derivative: int = 0) -> Array:
+    """Chebyshev polynomials up to `degree` at `x` (...,), or their derivatives, (..., degree + 1).
+
+    Their normal equations are well conditioned; those of monomials would lose digits.
+    """
+    return np.asarray(chebvander(x, degree - derivative) @ chebder(np.eye(degree + 1), derivative), dtype=float)
+
+
+def _weights(basis: Array, wanted: Array) -> Array:
+    """Weights (N, c) of the samples in the least-squares value `wanted` (N, k) · the coefficients of `basis`
+    (N, c, k).
+    """
+    if basis.shape[1] < basis.shape[2]:
+        return np.asarray((wanted[:, None] @ np.linalg.pinv(basis))[:, 0], dtype=float)
+    normal = np.swapaxes(basis, 1, 2) @ basis
+    try:
+        solved = np.linalg.solve(normal, wanted[..., None])
+    except np.linalg.LinAlgError:
+        # samples on both sides of a long gap are as good as two, too few for a polynomial: the smallest one is taken
+        return np.asarray((wanted[:, None] @ np.linalg.pinv(basis))[:, 0], dtype=float)
+    return np.asarray((basis @ solved)[..., 0], dtype=float)
+
+
+def _sparse(weights: Array, columns: Indices) -> sp.csr_matrix:
+    """The sparse matrix (N, N) with `weights` (N, c) in the columns `columns` (N, c) of each row."""
+    samples, count = columns.shape
+    starts = np.arange(samples + 1) * count
+    return sp.csr_matrix((weights.ravel(), columns.ravel(), starts), shape=(samples, samples))

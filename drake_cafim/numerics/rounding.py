@@ -1,0 +1,32 @@
+"""Formatting of numbers in sentences and on pages of reports."""
+
+import numpy as np
+
+THIN_SPACE = "\u202f"
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def rounded(value: float, digits: int = 3) -> str:
+    """The value with `digits` significant digits, as 0.0123, 101 000 or, outside 10⁻⁴ … 10⁶, 1.10 × 10⁶; or ∞."""
+    if np.isinf(value):
+        return "∞" if value > 0.0 else "−∞"
+    if value == 0.0 or np.isnan(value):
+        return "0" if value == 0.0 else "nan"
+    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+    magnitude = int(exponent)  # of the rounded value: 99.96 is 100
+    if -4 <= magnitude < 6:
+        text = f"{float(f'{mantissa}e{exponent}'):.{max(digits - 1 - magnitude, 0)}f}"
+        return grouped(text).replace("-", "−")
+    return f"{mantissa} × 10{str(magnitude).translate(SUPERSCRIPT)}".replace("-", "−")
+
+
+def short(value: float, digits: int = 4) -> str:
+    """`rounded` without trailing zeros after the decimal point."""
+    number, cross, power = rounded(value, digits).partition(" × ")
+    return (number.rstrip("0").rstrip(".") if "." in number else number) + cross + power
+
+
+def grouped(text: str) -> str:
+    """A decimal number, the digits before the point in groups of three where there are more than four."""
+    whole, point, rest = text.partition(".")
+    return (f"{int(whole):,}".replace(",", THIN_SPACE) if len(whole.lstrip("-")) > 4 else whole) + point + rest

@@ -1,0 +1,104 @@
+"""The effects that a scenario states, from its entries to effects with their values."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.effect import Effect, Place
+from drake_cafim.effects.stated import stated_values
+from drake_cafim.errors import InputError
+from drake_cafim.numerics.ranges import ANY
+from drake_cafim.scenario import not_built
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.scenario.schema import CHANNELS, EffectEntry
+
+WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
+POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+
+
+def known_effects(
+    entries: Sequence[EffectEntry],
+    physics: Physics,
+    vocabulary: Sequence[type[Effect]],
+    channels: Iterable[str],
+    source: str,
+) -> list[Effect]:
+    """The effects of `entries`, in their order.
+
+    `channels` are the sensors that the scenario names (`wrench.wrist`, `pose.ball`). Raises `InputError` that names
+    `source` (the file) and the key for an effect, a place, a parameter or a value that cannot be, and for an effect
+    that is stated twice.
+    """
+    effects: list[Effect] = []
+    for i, entry in enumerate(entries):
+        key = f"{source}: effects[{i}]"
+        effect = _effect(entry, vocabulary, key)
+        _check_place(effect, physics, tuple(channels), f"{key}.at")
+        twice = [k for k, other in enumerate(effects) if other == effect or _same(other, effect)]
+        if twice:
+            raise InputError(f"{key} states {effect.name} at {effect.at} a second time, after effects[{twice[0]}]")
+        effects.append(effect)
+    return effects
+
+
+def _effect(entry: EffectEntry, vocabulary: Sequence[type[Effect]], key: str) -> Effect:
+    for name in ("effect", "at"):
+        if not getattr(entry, name):
+            raise InputError(f"{key} has no {name}, expected a name")
+    kind = _kind(entry.effect, vocabulary, f"{key}.effect")
+    given = dict(entry.parameters)
+    for name in given:
+        if (kind.name, name) in not_built.PARAMETERS:
+            raise InputError(f"{key}.{name} is given, which is not supported by this version: leave the key out")
+    if not kind.brief:
+        if entry.interval or entry.recording is not None:
+            raise InputError(f"{key} has interval or recording, which only an effect that comes once has")
+        effect = kind(entry.at, stated_values(kind, given, key))
+    else:
+        if len(entry.interval) != 2:
+            raise InputError(f"{key} has no interval, expected `interval: [start, stop]` in s")
+        for number in entry.interval:
+            ANY.check(number, f"{key}.interval")
+        start, stop = entry.interval
+        names = [strength.name for strength in kind.strengths]
+        given |= {name: value for name, value in (("start", start), ("stop", stop)) if name in names}
+        effect = kind(entry.at, stated_values(kind, given, key)).during(start, stop, entry.recording)
+    contradiction = effect.contradiction()
+    if contradiction:
+        raise InputError(f"{key}: {contradiction}")
+    return effect
+
+
+def _kind(name: str, vocabulary: Sequence[type[Effect]], key: str) -> type[Effect]:
+    not_built.refuse_value(name, not_built.EFFECTS, key)
+    try:
+        return effect_named(name, vocabulary)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
+
+
+def _same(first: Effect, second: Effect) -> bool:
+    """Whether the two are one effect with two sets of values; pushes may be many."""
+    return first.key == second.key and not first.brief
+
+
+def _check_place(effect: Effect, physics: Physics, channels: Sequence[str], key: str) -> None:
+    """Raises `InputError` where the model and its contacts and channels have no such place."""
+    if effect.of_contact:
+        try:
+            physics.with_effects([effect])
+        except InputError as error:
+            raise InputError(f"{key}: {error}") from None
+        return
+    tree = physics.tree
+    columns = [f"{kind}.{name}" for kind in CHANNELS[:3] for name in tree.joint_names]
+    parts = [f"{name}.{part}" for name in channels for part in (WRENCH if name.startswith("wrench.") else POSE)]
+    valid: Mapping[Place, Sequence[str]] = {
+        Place.JOINT: tree.joint_names,
+        Place.ACTUATOR: tree.joint_names,
+        Place.BODY: [body.name for body in tree.bodies],
+        Place.WORLD: ["world"],
+        Place.CHANNEL: [*columns, *channels, *parts],
+    }
+    if effect.at not in valid[effect.place]:
+        known = ", ".join(valid[effect.place]) or "none, the model has no such place"
+        raise InputError(f"{key} is {effect.at}, expected one of {known}")

@@ -1,0 +1,138 @@
+"""YAML against the schema's dataclasses: each key, its kind and its numbers, with the key's path in every message.
+
+`channels.q.std` and `effects[1].delay` are such paths; entries of lists count from 0.
+"""
+
+import dataclasses as dc
+import difflib
+import re
+import types
+import typing
+from collections.abc import Mapping
+from typing import Any
+
+from drake_cafim.errors import InputError
+from drake_cafim.numerics.ranges import ANY, Range
+from drake_cafim.scenario.not_built import refuse_key
+
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_WORDS = {str: "a text", float: "a number", bool: "true or false", int: "a whole number"}
+
+
+def shaped(value: Any, kind: Any, key: str, name: str = "", metadata: Mapping[str, Any] | None = None) -> Any:
+    """`value` as the schema types it: keys that hold nothing left out, numbers as floats.
+
+    `kind` is a dataclass, a list or mapping of one thing, `str`, `float`, `Any`, or one of these or None. `key` names
+    the file and the path to `name` in it. A field's metadata may hold the `range` of its numbers, the `length` of its
+    list, under which key of a mapping a `plain` number goes, and whether a mapping's keys stand `flat` beside others.
+    Raises `InputError` for what does not fit.
+    """
+    metadata = metadata or {}
+    where = f"{key}{name}"
+    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType):
+        # of several kinds, the one that the value looks like; what looks like none is left to who knows them all
+        fitting = [one for one in arguments if isinstance(value, typing.get_origin(one) or one)]
+        chosen = fitting or [one for one in arguments if one is not type(None)][:1]
+        return None if value is None else shaped(value, chosen[0], key, name, metadata)
+    if kind is Any:
+        return value
+    if dc.is_dataclass(kind):
+        return _dataclass(value, kind, key, name)
+    if origin is list:
+        return _list(value, arguments[0], key, name, metadata)
+    if origin is dict:
+        if "plain" in metadata and not isinstance(value, dict):
+            return {metadata["plain"]: shaped(value, arguments[1], key, name, metadata)}
+        within = {} if "flat" in metadata else metadata
+        items = _mapping(value, where).items()
+        whole = dc.is_dataclass(arguments[1])  # `q:` alone names the channel, with the defaults of all its keys
+        return {
+            k: shaped({} if v is None else v, arguments[1], key, _joined(name, k), within)
+            for k, v in items
+            if whole or v is not None
+        }
+    if kind is float:
+        return _number(value, where, metadata.get("range", ANY))
+    if not isinstance(value, kind):
+        hint = ", in quotes" if kind is str and isinstance(value, int | float) else ""
+        raise InputError(f"{where} is {brief(value)}, expected {_WORDS[kind]}{hint}")
+    return value
+
+
+def brief(value: Any) -> str:
+    """What was found, as a message shows it: some tens of characters."""
+    if value is None:
+        return "empty"
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= 10**30:
+        return "a whole number of more than 30 digits"
+    try:
+        text = str(value) if isinstance(value, int | float) else repr(value)
+    except RecursionError:
+        return f"a {type(value).__name__} that nests too deeply"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _joined(name: str, key: str) -> str:
+    return f"{name}.{key}" if name else key
+
+
+def _mapping(value: Any, where: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InputError(f"{where} is {brief(value)}, expected a mapping")
+    for key in value:
+        if not isinstance(key, str):
+            raise InputError(f"{where} has the key {brief(key)}, expected a text{'' if key is None else ', in quotes'}")
+    return value
+
+
+def _dataclass(value: Any, kind: Any, key: str, name: str) -> dict[str, Any]:
+    fields = {field.name: field for field in dc.fields(kind)}
+    hints = typing.get_type_hints(kind)
+    flat = next((field.name for field in fields.values() if "flat" in field.metadata), None)
+    found: dict[str, Any] = {}
+    # the scenario itself has no name
+    for own, item in _mapping(value, f"{key}{name}" if name else key.removesuffix(": ")).items():
+        path = _joined(name, own)
+        refuse_key(kind.__name__, own, f"{key}{path}")
+        if own == flat and item is not None:
+            found.setdefault(flat, {}).update(shaped(item, hints[own], key, path, fields[own].metadata))
+        elif own in fields:
+            if item is not None:
+                found[own] = shaped(item, hints[own], key, path, fields[own].metadata)
+        elif flat is not None:
+            if item is not None:
+                found.setdefault(flat, {})[own] = _number(item, f"{key}{path}", ANY, finite=False)
+        else:
+            _refuse_unknown(own, tuple(fields), key, name)
+    return found
+
+
+def _refuse_unknown(own: str, valid: tuple[str, ...], key: str, name: str) -> None:
+    near = difflib.get_close_matches(own, valid, n=1)
+    hint = f" (did you mean {near[0]}?)" if near else ""
+    inside = name or "the scenario"
+    raise InputError(f"{key}unknown key {brief(own)} in {inside}{hint}; valid keys: {', '.join(valid)}")
+
+
+def _list(value: Any, kind: Any, key: str, name: str, metadata: Mapping[str, Any]) -> list[Any]:
+    if not isinstance(value, list):
+        raise InputError(f"{key}{name} is {brief(value)}, expected a list")
+    length = metadata.get("length")
+    if length is not None and len(value) != length:
+        raise InputError(f"{key}{name} is {brief(value)}, expected a list of {length}")
+    return [shaped(item, kind, key, f"{name}[{i}]", metadata) for i, item in enumerate(value)]
+
+
+def _number(value: Any, where: str, allowed: Range, finite: bool = True) -> float:
+    """The number; YAML 1.1 reads 1e-3 as a text, which it is not meant to be."""
+    written = isinstance(value, str) and _NUMBER.fullmatch(value.strip())
+    if isinstance(value, bool) or not (isinstance(value, int | float) or written):
+        raise InputError(f"{where} is {brief(value)}, expected {allowed}")
+    try:
+        found = float(value)
+    except OverflowError:
+        raise InputError(f"{where} is {brief(value)}, expected {allowed}") from None
+    if finite:
+        allowed.check(found, where)
+    return found

@@ -1,0 +1,48 @@
+"""A YAML file as plain mappings, lists, texts and numbers."""
+
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from drake_cafim.errors import InputError
+
+
+def read_mapping(path: Path, expected: str) -> dict[str, Any]:
+    """The mapping in the file at `path`; `expected` says in messages what the file should have been.
+
+    Raises `InputError` for a file that cannot be read, is no YAML or no mapping, gives a key twice, nests too deeply
+    or holds a number with more digits than can be read.
+    """
+    try:
+        raw = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file, expected {expected}") from None
+    except OSError as error:
+        raise InputError(f"{path}: it cannot be read ({error.strerror}), expected {expected}") from None
+    except RecursionError:
+        raise InputError(f"{path}: it nests too deeply, expected {expected}") from None
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError) as error:
+        raise InputError(f"{path}: not readable as YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(raw, dict):
+        raise InputError(f"{path}: found {type(raw).__name__}, expected {expected}")
+    return raw
+
+
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]
+    """PyYAML's own loader keeps the last of two equal keys without a word."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[Hashable] = set()
+        for key_node, _ in node.value:
+            if key_node.tag == "tag:yaml.org,2002:merge":
+                continue
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, Hashable) and key in seen:
+                where = f"line {key_node.start_mark.line + 1}"
+                raise yaml.YAMLError(f"{where}: the key {key!r} is given twice")
+            if isinstance(key, Hashable):
+                seen.add(key)
+        mapping: dict[Hashable, Any] = super().construct_mapping(node, deep)
+        return mapping

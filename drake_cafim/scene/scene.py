@@ -1,0 +1,317 @@
+"""A Scene: a scenario's Drake plant, the same physics as arrays, its channels and its unknowns."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from drake_cafim.corrected.corrected_plant import CorrectedPlant
+from drake_cafim.corrected.scene import add_scene
+from drake_cafim.description.description import Stated, listed
+from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
+from drake_cafim.dynamics.tree import Tree, tree_of
+from drake_cafim.effects.catalogue import EFFECTS, vocabulary_with
+from drake_cafim.effects.effect import Effect
+from drake_cafim.errors import InputError
+from drake_cafim.parameters import Parameters
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.scenario.holding import check_coupled, held, hint, positions
+from drake_cafim.scenario.known_effects import known_effects
+from drake_cafim.scenario.model_file import MODEL_SUFFIXES, add_plant
+from drake_cafim.scenario.model_physics import (
+    beyond_limits,
+    check_inertias,
+    limited_efforts,
+    model_effects,
+    with_limits,
+)
+from drake_cafim.scenario.names import check_names, naming
+from drake_cafim.scenario.packaged import packaged_folder
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.scenario.schema import UNRECORDED, Channel, EffectEntry, Scenario, Weld, load
+from drake_cafim.scenario.surfaces import contact_of
+from drake_cafim.scenario.unknown import UnknownParameter, applied, priors, unknown_parameters, with_unknowns
+from drake_cafim.typing import Array
+
+DIAGRAMS = packaged_folder("diagrams")
+PHYSICS_KEPT = 128
+_FORCE = ("fx", "fy", "fz")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a diagnosis knows before it sees a recording: a robot as its model has it, its sensors and its unknowns.
+
+    `Scene.load("scenario.yaml")` reads a scenario, a model file or a packaged name; `Scene.from_model("arm.urdf",
+    channels={"q": 2e-4})` needs no scenario. A scene is never changed: what seems to, gives another.
+
+    - `name` stands in messages; `scenario` is what the file says, its relative paths starting at `folder`.
+    - `diagram`, `plant` and `scene_graph` are Drake's own, built and finalized, of the model without any effect.
+    - `tree` is the same robot as arrays; `physics` all that acts in it: unknowns at their prior means, and `effects:`
+      of the scenario.
+    - `unknown`: the parameters that may simply be wrong, and their `priors`.
+    - `wrench_sensors`: where wrenches are measured.
+    - `vocabulary`: the effects that are looked for and that `effects:` may name.
+    - `nominal_contacts`: the scenario's contacts before any effect.
+    - `stated`: what the model's files say beyond what Drake's parser takes.
+    - `limited`: the joints whose commanded efforts the recordings have beyond the model's limits.
+    - `bare`: the physics before any effect; `of_model` the effects that its files state, and `known` those of the
+      scenario, unknowns as they are stated.
+    """
+
+    name: str
+    scenario: Scenario
+    diagram: Diagram
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    tree: Tree
+    physics: Physics
+    unknown: tuple[UnknownParameter, ...]
+    wrench_sensors: tuple[WrenchSensor, ...]
+    folder: Path = field(default_factory=Path)
+    vocabulary: tuple[type[Effect], ...] = EFFECTS
+    nominal_contacts: tuple[SphereContact, ...] = ()
+    stated: Stated = field(default_factory=Stated)
+    limited: tuple[str, ...] = ()
+    bare: Physics | None = None
+    of_model: tuple[Effect, ...] = ()
+    known: tuple[Effect, ...] = ()
+
+    @classmethod
+    def load(
+        cls, address: str | Path, *, effects: Sequence[type[Effect]] = (), packages: Mapping[str, str] | None = None
+    ) -> "Scene":
+        """The scene of a packaged scenario's name, a scenario file or a model file.
+
+        `effects` are effect classes of one's own, beside the catalogue's: `effects:` in the file may name them.
+        `packages` are folders of packages by name, beside those under `packages:`. Raises `InputError` for anything in
+        it that cannot be used.
+        """
+        path = resolve(str(address))
+        scenario = Scenario(model=path.name) if str(path).endswith(MODEL_SUFFIXES) else load(path)
+        given = {name: str(Path(place).resolve()) for name, place in (packages or {}).items()}
+        scenario = replace(scenario, packages={**scenario.packages, **given})
+        return cls.build(scenario, path.parent, str(address), effects=effects)
+
+    @classmethod
+    def from_model(
+        cls, model: str | Path, *, channels: Mapping[str, float] | None = None, weld: Sequence[str] = ()
+    ) -> "Scene":
+        """The scene of a model file (.urdf, .sdf, .xml, .dmd.yaml).
+
+        `channels` are stds of one sample, SI, by kind ("q") or column ("q.elbow"); `weld` names bodies fixed to the
+        world. Raises `InputError` for a model that cannot be read.
+        """
+        path = Path(model)
+        scenario = Scenario(
+            model=path.name,
+            channels={name: Channel(std={"all": std}) for name, std in (channels or {}).items()},
+            weld=[Weld(body) for body in weld],
+        )
+        return cls.build(scenario, path.parent, str(model))
+
+    @classmethod
+    def build(cls, scenario: Scenario, folder: Path, name: str, *, effects: Sequence[type[Effect]] = ()) -> "Scene":
+        """The scene of a scenario whose relative paths start at `folder`; `name` stands in messages."""
+        builder = DiagramBuilder()
+        with naming(name):
+            plant, scene_graph, said = add_plant(scenario, folder, builder, time_step=0.0)
+            diagram = builder.Build()
+            _check_standing(plant, name)
+            scenario = replace(scenario, lock=held(scenario.lock, plant, said))
+            tree = with_limits(tree_of(plant, positions(scenario.lock)), said)
+            if scenario.lock != UNRECORDED:
+                check_coupled(tree, said)
+                check_inertias(tree, said, scenario.model or name)
+            check_names(scenario, plant, tree)
+        physics = Physics(tree, np.array(scenario.gravity, dtype=float))
+        vocabulary = vocabulary_with(effects)
+        scene = cls(name, scenario, diagram, plant, scene_graph, tree, physics, (), (), folder, vocabulary, stated=said)
+        return scene.facing(np.zeros(len(tree.joints)))
+
+    def facing(self, q: Array) -> "Scene":
+        """The scene whose contact planes are the faces that stand before the robot at positions `q` (n,)."""
+        contacts = tuple(
+            contact_of(pair, self.plant, self.scene_graph, self.tree, q, self.name) for pair in self.scenario.contact
+        )
+        bare = Physics(self.tree, np.array(self.scenario.gravity, dtype=float), contacts)
+        sensors = [name for name in self.scenario.channels if name.startswith(("wrench.", "pose."))]
+        of_model = tuple(model_effects(self.stated, self.tree, self.vocabulary))
+        known = tuple(known_effects(self.scenario.effects, bare, self.vocabulary, sensors, self.name))
+        unknown = unknown_parameters(self.scenario.unknown, bare, known, self.name)
+        scene = replace(self, bare=bare, of_model=of_model, known=known, unknown=unknown, nominal_contacts=contacts)
+        return replace(scene, physics=scene.physics_at(priors(unknown).mean), wrench_sensors=self._sensors())
+
+    def recorded_by(self, recordings: Sequence[Recording]) -> "Scene":
+        """The scene whose joints all are in the recordings: `lock: unrecorded` holds the others.
+
+        Commands (`u` of std 0) that go beyond a joint's effort limit act as far as that. Raises `InputError` for joints
+        without a column that the scenario does not hold.
+        """
+        names = self.tree.joint_names
+        if self.tree.floating or not names:
+            return self
+        lacking = {name: one for one in recordings for name in names if f"q.{name}" not in one.columns}
+        if not lacking:
+            return self._limited_by(recordings)
+        if self.scenario.lock == UNRECORDED and len(lacking) < len(names):
+            scenario = replace(self.scenario, lock=list(lacking))
+            held = Scene.build(scenario, self.folder, self.name, effects=self.vocabulary)
+            return held._limited_by(recordings)
+        raise InputError(hint(next(iter(lacking.values())), tuple(lacking)))
+
+    def _limited_by(self, recordings: Sequence[Recording]) -> "Scene":
+        """The scene in which limits that recorded commands go beyond act; of measured efforts a note is made."""
+        beyond = beyond_limits(self.tree, recordings)
+        limited = tuple(name for name in beyond if self.std(f"u.{name}") == 0.0)
+        measured = [name for name in beyond if name not in limited]
+        notes = [f"commands beyond the model's effort limit act as far as that ({listed(limited)})"] if limited else []
+        if measured:
+            notes.append(f"recorded efforts go beyond the model's limit, which is left aside ({listed(measured)})")
+        if not notes:
+            return self
+        stated = replace(self.stated, notes=(*self.stated.notes, *notes))
+        return replace(self, limited=limited, stated=stated).facing(np.zeros(len(self.tree.joints)))
+
+    def knowing(self, effects: Sequence[type[Effect]]) -> "Scene":
+        """The scene whose vocabulary has these effect classes too. Raises `InputError` for a name that is taken."""
+        return replace(self, vocabulary=vocabulary_with(effects, self.vocabulary))
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """All joints of the model, those that are held too."""
+        return tuple(self.plant.get_joint(i).name() for i in self.plant.GetJointIndices())
+
+    @property
+    def priors(self) -> Parameters:
+        """Priors of the unknowns."""
+        return priors(self.unknown)
+
+    def physics_at(self, vector: Array) -> Physics:
+        """The physics with the unknowns at `vector` (n,); the last ones are kept, since searches come back to them."""
+        known, key = self._physics_known, vector.tobytes()
+        found = known.get(key)
+        if found is None:
+            if len(known) >= PHYSICS_KEPT:
+                known.clear()
+            effects = (*self.of_model, *with_unknowns(self.unknown, self.known, vector))
+            physics = applied(self.unknown, self.bare or self.physics, vector).with_effects(effects)
+            found = known[key] = limited_efforts(physics, self.limited)
+        return found
+
+    @cached_property
+    def _physics_known(self) -> dict[bytes, Physics]:
+        return {}
+
+    def add_to(
+        self,
+        builder: DiagramBuilder,
+        plant_config: MultibodyPlantConfig | None = None,
+        *,
+        contact: Literal["scenario", "drake"] = "scenario",
+        period: float = 1e-3,
+    ) -> CorrectedPlant:
+        """The scene's plant with its effects around it, added to `builder`, and the ports for a controller.
+
+        `plant_config` is Drake's own and defaults to Drake's own: a discrete plant of 1 ms; `time_step` 0 makes it
+        continuous, and `period` s is then between updates of what delays and contacts remember. `contact` "scenario"
+        has the contacts under `contact:`, by their own laws, and no other; "drake" has all of Drake's, point and
+        hydroelastic, and of the scenario's only what effects add to them. The plant is finalized. Raises `InputError`
+        for what the plant's solver or time step cannot simulate.
+        """
+        return add_scene(self, builder, plant_config, contact, period)
+
+    def corrected(self, unknown: Array, effects: Sequence[Effect]) -> "Scene":
+        """The scene with its unknowns at `unknown` (n,) and `effects` added to the scenario's own."""
+        physics = self.physics_at(unknown).with_effects(effects)
+        known = with_unknowns(self.unknown, self.known, unknown)
+        entries = [
+            _entry(effect) if effect != before else entry
+            for entry, before, effect in zip(self.scenario.effects, self.known, known, strict=True)
+        ]
+        scenario = replace(
+            self.scenario,
+            unknown=[
+                replace(entry, mean=float(value)) for entry, value in zip(self.scenario.unknown, unknown, strict=True)
+            ],
+            effects=[*entries, *(_entry(effect) for effect in effects)],
+        )
+        return replace(self, scenario=scenario, physics=physics, known=(*known, *effects))
+
+    def std(self, column: str) -> float | None:
+        """The noise of one sample of a recording's column, SI; None where the scenario does not say."""
+        channel = self.channel(column)
+        if channel is None or not channel.std:
+            return None
+        kind, last = column.split(".")[0], column.rsplit(".", 1)[-1]
+        if kind == "wrench":
+            return channel.std.get("force" if last in _FORCE else "torque")
+        if kind == "pose":
+            return channel.std.get("position" if last in "xyz" else "rotation")
+        return channel.std.get("all")
+
+    def channel(self, column: str) -> Channel | None:
+        """The scenario's entry for a recording's column: its own before that of its kind."""
+        kind = column.split(".")[0]
+        own = column.rsplit(".", 1)[0] if kind in ("wrench", "pose") else column
+        return self.scenario.channels.get(own) or self.scenario.channels.get(kind)
+
+    def _sensors(self) -> tuple[WrenchSensor, ...]:
+        sensors = []
+        for key, channel in self.scenario.channels.items():
+            if not key.startswith("wrench."):
+                continue
+            body = self.tree.body(channel.body)
+            X_BF = np.eye(4)
+            if channel.frame and channel.frame != channel.body:
+                if not self.plant.HasFrameNamed(channel.frame):
+                    raise InputError(
+                        f"{self.name}: channels.{key} names the frame {channel.frame!r}, which the model lacks"
+                    )
+                frame = self.plant.GetFrameByName(channel.frame)
+                X_BF = np.array(frame.GetFixedPoseInBodyFrame().GetAsMatrix4())
+            R_JS, p_JS = body.R_JB @ X_BF[:3, :3], body.p_JB + body.R_JB @ X_BF[:3, 3]
+            sensors.append(WrenchSensor(key.removeprefix("wrench."), body.joint, R_JS, p_JS))
+        return tuple(sensors)
+
+
+def _entry(effect: Effect) -> EffectEntry:
+    """The effect as an entry of `effects:`."""
+    values = {name: float(value) for name, value in effect.values.items()}
+    if (episode := effect.episode) is not None:
+        interval = [values.pop("start"), values.pop("stop")]
+        return EffectEntry(effect.name, effect.at, values, interval, episode.recording)
+    return EffectEntry(effect.name, effect.at, values)
+
+
+def _check_standing(plant: MultibodyPlant, name: str) -> None:
+    """Raises `InputError` for a robot, a body with joints, that nothing holds."""
+    free = plant.GetFloatingBaseBodies()
+    for body in [plant.get_body(index) for index in free]:
+        joints = [plant.get_joint(index) for index in plant.GetJointIndices(body.model_instance())]
+        if any(joint.num_velocities() > 0 and joint.child_body().index() not in free for joint in joints):
+            raise InputError(
+                f"{name}: nothing holds {body.name()}, on which the joints stand; expected it under "
+                f"`weld: [{{body: {body.name()}}}]` of a scenario"
+            )
+
+
+def resolve(address: str) -> Path:
+    """The file behind a packaged scenario's name or a path.
+
+    Raises `InputError` that lists the packaged names when there is neither.
+    """
+    packaged = sorted(path.stem for path in DIAGRAMS.glob("*.yaml"))
+    if address in packaged:
+        return DIAGRAMS / f"{address}.yaml"
+    path = Path(address)
+    if not path.is_file():
+        names = ", ".join(packaged) or "none"
+        raise InputError(f"{address}: there is no such file and no packaged scenario of that name (there are: {names})")
+    return path

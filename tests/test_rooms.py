@@ -1,0 +1,73 @@
+"""The rooms of the package: what the figure in the README shows, and how large a room, a file and a class may be."""
+
+import ast
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+import drake_cafim
+from tests.rooms import floors, imports, svg, upward
+
+PACKAGE = Path(drake_cafim.__file__).parent
+DIAGNOSIS = sorted((PACKAGE / "diagnosis").rglob("*.py"))
+PICTURES = PACKAGE.parent / "diagrams" / "pictures"
+MOST_FILES, MOST_LINES, MOST_METHODS = 25, 400, 20
+LARGER = {"WeakForm": 37, "FreeBody": 25}
+"""Classes that are still larger, and may only shrink."""
+
+
+def test_no_arrow_leads_back_up() -> None:
+    edges = imports(PACKAGE)
+    assert ("diagnosis.search", "diagnosis.fit") in edges and ("corrected", "scenario") in edges
+    assert upward(edges) == []
+
+
+def test_a_circle_is_seen() -> None:
+    edges = {("a", "b"): 3, ("b", "a"): 1, ("b", "c"): 1}
+    assert upward(edges) == [("b", "a")]
+    assert floors(edges) == {"a": 2, "b": 1, "c": 0}
+    assert 'stroke="#c2281c"' in svg(edges, "two that import each other")
+
+
+def test_the_figures_show_before_and_after() -> None:
+    before, after = ((PICTURES / name).read_text() for name in ("rooms_before.svg", "rooms.svg"))
+    assert "#c2281c" in before and "#c2281c" not in after
+    assert all(f">{name.replace('diagnosis.', '')}</text>" in after for name in floors(imports(PACKAGE)))
+
+
+@pytest.mark.parametrize("path", DIAGNOSIS, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_no_file_and_no_class_of_the_diagnosis_grows_too_large(path: Path) -> None:
+    text = path.read_text()
+    assert len(text.splitlines()) <= MOST_LINES
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ClassDef):
+            methods = [one.name for one in node.body if isinstance(one, ast.FunctionDef)]
+            assert len(methods) <= LARGER.get(node.name, MOST_METHODS), f"{node.name}: {len(methods)}"
+
+
+def test_no_room_of_the_diagnosis_grows_too_large() -> None:
+    rooms = Counter(path.parent for path in DIAGNOSIS if path.name != "__init__.py")
+    assert max(rooms.values()) <= MOST_FILES, rooms.most_common(1)
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_nobody_asks_what_class_an_effect_or_a_problem_is_of(path: Path) -> None:
+    """Outside their rooms: rooms that treat kinds differently have an answer a kind, `effects.kinds.ByKind`."""
+    if path.relative_to(PACKAGE).parts[0] in ("effects", "diagrams"):
+        return
+    tree = ast.parse(path.read_text())
+    effects = {
+        one.asname or one.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("drake_cafim.effects.")
+        for one in node.names
+    } | {"WeakProblem", "TossProblem", "Prepared", "PreparedTosses"}
+    for node in ast.walk(tree):
+        if (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Name)
+            and node.func.id in ("isinstance", "issubclass")
+        ):
+            asked = {one.id for one in ast.walk(node.args[1]) if isinstance(one, ast.Name)}
+            assert not asked & effects, f"line {node.lineno}: {', '.join(asked & effects)}"

@@ -1,0 +1,220 @@
+"""Numbers that steer a verdict stand in one file, with meaning, unit and source; what moving one changes is told."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import drake_cafim.diagnosis
+from drake_cafim.diagnosis import thresholds
+from tests.concealed import move_thresholds
+from tests.concealed.moved_diagnosis import moved
+from tests.test_concealed_again import NONE, NULL, ODD, UNEXPLAINED, keep, report
+
+FOLDER = Path(drake_cafim.diagnosis.__file__).parent
+
+ITERATIONS = {
+    # at most so many steps of an iteration, and what ends it
+    "fit/fitting.py": "ROUNDS CORRECTED STRIDE",
+    "fit/intervals.py": "DOUBLINGS FOLLOWED",
+    "joints/linearised_contact_effects.py": "IMPROVEMENTS",
+    "joints/plane_candidates.py": "IMPROVEMENTS",
+    "joints/unknown_force.py": "TURNS SETTLED",
+    "rows/initial_uncertainty.py": "TURNS SETTLED",
+    "search/law_shapes.py": "FINER",
+    "search/search.py": "ROUNDS",
+    "search/search_under_unknown_force.py": "ROUNDS",
+    "tosses/arc_rows.py": "CORRECTIONS",
+    "tosses/initial_states.py": "ROUNDS SETTLED NEAR SECOND_LOOKS FIRST_DAMPING HARDER EASIER LEAST_DAMPING",
+}
+ROUNDING = {
+    # what stands for zero or infinity, or is lost in rounding
+    "fit/fitting.py": "NOTHING_KNOWN LEAST_KNOWN",
+    "fit/robust_covariance.py": "KNOWN ROUNDING LEAST",
+    "noise/stated.py": "LEAST_STD",
+    "search/screening.py": "RAN_AWAY LEAST_APART",
+    "tosses/innovation.py": "VAGUE",
+    "whitening/covariance.py": "NONE",
+    "whitening/whitened_run.py": "IMPOSSIBLE",
+}
+APPROXIMATION = {
+    # steps of differences, nodes, coefficients, and where a series, a memory or a mean of draws is cut off
+    "joints/pulses.py": "TAIL",
+    "joints/more_noise.py": "DOSES DRAWN",
+    "noise/coloured.py": "MEMORY",
+    "noise/quantised.py": "DECAY TURN",
+    "noise/differences.py": "DIFFERENCES",
+    "predict/innovations.py": "DIFFERENCE RENEWED",
+    "predict/stepper.py": "LONGEST_STEP LONGEST_CONTACT_STEP",
+    "predict/wrench_innovations.py": "DIFFERENCE",
+    "rows/initial_uncertainty.py": "UNSETTLED FORGOTTEN",
+    "rows/quadrature.py": "NODES _POINTS _WEIGHTS",
+    "tosses/contact_memory_derivatives.py": "SIZES FINE_SIZES SOONER PART",
+    "tosses/linearised_effects.py": "GRAIN",
+    "tosses/tangent.py": "INSIDE",
+    "whitening/impact_noise.py": "BARELY RARE",
+    "whitening/interpolation_noise.py": "WIDE",
+    "whitening/kinked_law_noise.py": "NODES SHARES WORTH",
+    "whitening/momentum_derivatives.py": "STEP",
+    "whitening/noise_jacobian.py": "POSITION_STEP VELOCITY_STEP",
+}
+MEMORY = {
+    # how much is kept from one call to the next, or reckoned at once
+    "joints/linearised_effects.py": "KEPT",
+    "joints/pulses.py": "KEPT",
+    "noise/coloured.py": "KEPT",
+    "rows/effort_rows.py": "KEPT",
+    "rows/force_rows.py": "KEPT",
+    "rows/inertial_regressor.py": "LINKS_KEPT",
+    "rows/initial_uncertainty.py": "LAGS_KEPT",
+    "tosses/pulses.py": "TOGETHER",
+    "whitening/interpolation_noise.py": "KEPT",
+    "whitening/whitened_run.py": "DOUBTS_KEPT",
+}
+FIGURES = {
+    # what figures and words of the report are defined by; the verdict does not read them
+    "predict/forecast.py": "HORIZON SHORT_HORIZON BOUNDLESS",
+    "predict/initial_state.py": "LOOK_BACK",
+    "predict/inverse_dynamics.py": "CUTOFF LARGEST_SHARE NYQUIST_SHARE ORDER SHORTEST TRANSIENT WIDER",
+    "predict/innovations.py": "SEGMENT",
+    "search/decisions.py": "REFUSED NOISE_ALLOWED",
+    "tosses/pictures.py": "TOGETHER",
+    "tosses/quality.py": "HORIZON LOOK_BACK LOST",
+}
+STRUCTURE = {
+    # sizes of things, how many there are, and numbers that stand for names
+    "fit/adequacy.py": "KINDS",
+    "rows/inertial_regressor.py": "INERTIAL",
+    "tosses/arc_rows.py": "FIRST",
+    "tosses/compiled_contact.py": "FRICTIONLESS SLIPPING RESISTING CUBIC DISSIPATION RELAXING TIME ROLLING STATIC "
+    "VELOCITY DISTANCE OF_LAW STRIBECK ANISOTROPIC PRESLIDING",
+}
+MAY_STAY = (ITERATIONS, ROUNDING, APPROXIMATION, MEMORY, FIGURES, STRUCTURE)
+"""Numbers at module level that no verdict turns on: by file, and why they are none of the thresholds."""
+
+
+def numbers_of(text: str) -> Iterator[str]:
+    """Names that a module assigns a number to, or something made of numbers, at its top level."""
+    for node in ast.parse(text).body:
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
+            continue
+        if any(isinstance(part, ast.Constant) and type(part.value) in (int, float) for part in ast.walk(node.value)):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            yield from (part.id for target in targets for part in ast.walk(target) if isinstance(part, ast.Name))
+
+
+def test_no_number_that_steers_a_verdict_stands_outside_the_file_of_thresholds() -> None:
+    found = {
+        f"{path.relative_to(FOLDER).as_posix()} {name}"
+        for path in FOLDER.rglob("*.py")
+        if path.name != "thresholds.py"
+        for name in numbers_of(path.read_text())
+    }
+    listed = [f"{file} {name}" for group in MAY_STAY for file, names in group.items() for name in names.split()]
+    assert len(set(listed)) == len(listed)
+    assert found - set(listed) == set(), "belongs into diagnosis/thresholds.py, or with a reason into a list here"
+    assert set(listed) - found == set(), "is listed here, and no longer there"
+
+
+def test_numbers_are_found_wherever_they_hide() -> None:
+    text = "A = 1.0\nB, C = 2, (3.0, 'x')\nD: float = -4\nE = A\nF = np.array([1])\nG = True\ndef f():\n    H = 2\n"
+    assert list(numbers_of(text)) == ["A", "B", "C", "D", "F"]
+
+
+def documented() -> dict[str, str]:
+    """Each threshold's docstring, the string below it."""
+    body = ast.parse((FOLDER / "thresholds.py").read_text()).body
+    found = {}
+    for node, below in zip(body, [*body[1:], None], strict=True):
+        if isinstance(node, ast.Assign):
+            assert isinstance(node.targets[0], ast.Name), "one threshold an assignment"
+            text = below.value if isinstance(below, ast.Expr) else None
+            found[node.targets[0].id] = str(text.value) if isinstance(text, ast.Constant) else ""
+    return found
+
+
+def test_every_threshold_says_its_meaning_its_unit_and_what_calibrated_it() -> None:
+    found = documented()
+    assert set(found) == {name for name in vars(thresholds) if name.isupper()}
+    found.pop("REPLACED_LATER")
+    form = re.compile(r"\S[^.]{20,}.*Unit: [^.]+\. (Not calibrated: chosen|Calibrated by: .+|Source: .+)\.", re.DOTALL)
+    formless = [
+        name
+        for name, text in found.items()
+        if not form.fullmatch(" ".join(text.split()).replace("Not calibrated: chosen,", "Source:"))
+    ]
+    assert formless == []
+    assert [name for name in found if "_" not in name] == []
+
+
+def test_every_threshold_is_read_somewhere_and_those_to_be_replaced_exist() -> None:
+    texts = [path.read_text() for path in FOLDER.parent.rglob("*.py") if path.name != "thresholds.py"]
+    names = set(documented()) - {"REPLACED_LATER"}
+    unread = [name for name in names if not any(re.search(rf"\b{name}\b", text) for text in texts)]
+    assert unread == []
+    assert names >= thresholds.REPLACED_LATER
+    assert set(move_thresholds.movable()) == names - thresholds.REPLACED_LATER
+
+
+def test_a_threshold_is_moved_by_a_third() -> None:
+    assert moved(3.0, 4.0 / 3.0) == 4.0 and moved((3.0, 6.0), 2.0 / 3.0) == (2.0, 4.0)
+    assert (moved(12, 4.0 / 3.0), moved(1, 4.0 / 3.0), moved(2, 2.0 / 3.0), moved(8, 2.0 / 3.0)) == (16, 2, 1, 5)
+
+
+def test_a_child_reads_the_moved_threshold() -> None:
+    code = """
+import sys
+from tests.concealed.moved_diagnosis import move
+assert "drake_cafim.diagnosis.fit.evidence" not in sys.modules
+move("MISFIT_REDUCED_CHI_SQUARE", 2.0)
+from drake_cafim.diagnosis.fit import evidence
+print(evidence.MISFIT_REDUCED_CHI_SQUARE)
+"""
+    root = Path(__file__).resolve().parents[1]
+    told = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True).stdout
+    assert float(told) == 2.0 * thresholds.MISFIT_REDUCED_CHI_SQUARE
+
+
+def test_moves_are_run_resumed_and_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    proof, out = tmp_path / "proof", tmp_path / "moves"
+    for slot, truth in enumerate((NULL, NULL, ODD)):
+        keep(proof, slot, truth, report("none"), (NONE, NONE, UNEXPLAINED)[slot])
+    steering, other, *_ = move_thresholds.movable()
+    monkeypatch.setattr(move_thresholds, "movable", lambda: [steering, other])
+    started: list[list[str]] = []
+
+    def diagnose(line: list[str], **_: Any) -> subprocess.CompletedProcess[str]:
+        started.append(line)
+        case, target = Path(line[line.index("diagnose") + 1]).parent.name, Path(line[line.index("--out") + 1])
+        found = report("unexplained" if case == "case2" else "none")
+        if line[3:5] == [steering, str(4.0 / 3.0)] and case == "case2":
+            found = report("unexplained", "payload")
+        found["mismatch"] = {"locations": [], "p_value": 0.2 if line[3:5] == [other, str(2.0 / 3.0)] else 0.1}
+        target.mkdir(parents=True)
+        (target / "report.json").write_text(json.dumps(found))
+        return subprocess.CompletedProcess(line, 0, "", "")
+
+    monkeypatch.setattr(move_thresholds.subprocess, "run", diagnose)
+    arguments = [str(proof), "--out", str(out), "--cases", "2"]
+    move_thresholds.main(arguments)
+    told = capsys.readouterr().out
+    assert "2 thresholds, 2 cases, 10 diagnoses: about 0.0 hours" in told and len(started) == 10
+    assert {Path(line[line.index("diagnose") + 1]).parent.name for line in started} == {"case0", "case2"}
+    assert f"{steering} = {getattr(thresholds, steering)}, up: 1 of 2 with another outcome" in told
+    assert "worse: odd:odd_gusts on arm2: unexplained → unexplained payload@link3" in told
+    assert f"{other} = {getattr(thresholds, other)}, down: 0 of 2 with another outcome, 2 with other numbers" in told
+    with pytest.raises(SystemExit, match="not empty"):
+        move_thresholds.main(arguments)
+    next((out / "runs").iterdir()).unlink()
+    move_thresholds.main([*arguments, "--resume"])
+    assert len(started) == 11

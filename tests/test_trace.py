@@ -1,0 +1,124 @@
+"""Every decision that shaped a verdict is on record, with what would have turned it."""
+
+import json
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drake_cafim import Scene, Verdict
+from drake_cafim.diagnosis.diagnose import diagnose
+from drake_cafim.diagnosis.fit.adequacy import adequacy, misfits
+from drake_cafim.diagnosis.trace import NOMINAL, OTHERS, Record, Trace, names_of, spoken
+from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record, stiff_grease
+from drake_cafim.report.report_json import as_text, report_of
+
+RUNS: Any = SimpleNamespace(runs=[SimpleNamespace(name=name, shape=(200, 2)) for name in "ab"], rows=800)
+"""Two recordings of 200 windows and two rows each."""
+NAMED = "joint_viscous_friction@elbow"
+ADMIT = Record("admit", NAMED, 41.2, 17.9, True, "admitted", "gain")
+
+
+@pytest.fixture(scope="module")
+def verdict() -> Verdict:
+    """Of an arm of two joints with stiff grease in its elbow."""
+    scene = Scene.from_model(ARM, channels=NOISE, weld=["base"])
+    return diagnose(scene, [record(stiff_grease, 1)])
+
+
+def of_step(verdict: Verdict, step: str) -> list[Record]:
+    return [one for one in verdict.trace if one.step == step]
+
+
+def test_records_stay_in_order_and_say_which_search_they_are_of() -> None:
+    trace = Trace()
+    trace.add(ADMIT)
+    trace.of_search("windows of 0.24 s").add(replace(ADMIT, passed=False), ADMIT)
+    assert [one.search for one in trace.records] == ["", "windows of 0.24 s", "windows of 0.24 s"]
+    assert [one.passed for one in trace.records] == [True, False, True]
+
+
+def test_a_record_comes_back_from_json_and_what_is_empty_is_left_out() -> None:
+    told = ADMIT.as_json()
+    assert list(told) == ["step", "asked", "statistic", "threshold", "passed", "words", "test"]
+    full = replace(ADMIT, beside="payload@link3", search="windows of 0.24 s", others=("payload@link2",))
+    for one in (ADMIT, full):
+        assert Record.from_json(json.loads(json.dumps(one.as_json()))) == one
+    assert replace(ADMIT, statistic=math.inf).as_json()["statistic"] is None
+    with pytest.raises(KeyError, match="passed"):
+        Record.from_json({"step": "admit", "asked": NAMED, "statistic": 1.0, "threshold": 2.0})
+
+
+def test_explanations_are_named_in_alphabetical_order() -> None:
+    assert names_of([("payload", "link3"), ("joint_spring", "elbow")]) == "joint_spring@elbow + payload@link3"
+    assert names_of([]) == NOMINAL
+    assert spoken("joint_spring@left_elbow + payload@link3") == "joint spring at left_elbow and payload at link3"
+    assert replace(ADMIT, asked="joint_spring@elbow + payload@link3").effects == ("joint_spring@elbow", "payload@link3")
+
+
+def test_what_was_named_was_admitted_by_every_test(verdict: Verdict) -> None:
+    assert verdict.kind == "explained"
+    tests = [one for one in of_step(verdict, "test") if one.asked == NAMED]
+    (admit,) = (one for one in of_step(verdict, "admit") if one.asked == NAMED)
+    assert {one.test for one in tests} >= {"gain", "gain for its numbers", "distance from absent"}
+    for one in (*tests, admit):
+        assert one.passed and one.statistic is not None and one.threshold is not None
+        assert one.statistic > one.threshold
+    assert admit.test in {one.test for one in tests}
+
+
+def test_rivals_that_were_fitted_are_refused_by_the_criterion(verdict: Verdict) -> None:
+    refused = [one for one in of_step(verdict, "choose") if not one.passed]
+    assert {one.asked for one in refused} & {"joint_coulomb_friction@elbow", "joint_asymmetric_coulomb_friction@elbow"}
+    for one in refused:
+        assert one.statistic is not None and one.threshold is not None and one.statistic < one.threshold
+    (chosen,) = (one for one in of_step(verdict, "choose") if one.passed)
+    assert chosen.asked == NAMED and chosen.beside == refused[0].asked
+
+
+def test_what_is_left_is_on_record(verdict: Verdict) -> None:
+    adequate = of_step(verdict, "adequacy")[-1]
+    assert adequate.asked == NAMED and adequate.passed
+    assert adequate.statistic is not None and adequate.statistic > 0.01 == adequate.threshold
+    assert {one.test for one in of_step(verdict, "remains")} == {"stretch", "neighbours", "row"}
+    for one in of_step(verdict, "remains"):
+        assert one.statistic is not None and one.threshold is not None and one.statistic < one.threshold
+    assert verdict.trace[-1].step == "verdict" and verdict.trace[-1].asked == "explained"
+
+
+def test_every_hypothesis_is_on_record_once_a_look_and_few_at_length(verdict: Verdict) -> None:
+    first = [one for one in of_step(verdict, "screen") if not one.beside]
+    asked = [name for one in first for name in (one.others if one.asked == OTHERS else one.effects)]
+    assert len(asked) == len(set(asked)) > 30
+    assert "actuator_delay@shoulder" in asked and "sensor_bias@q.elbow" in asked
+    assert len(first) < 12 and len(verdict.trace) < 120
+
+
+def test_the_search_ends_where_nothing_more_is_beyond_luck(verdict: Verdict) -> None:
+    *_, last = of_step(verdict, "another")
+    assert (last.asked, last.beside, last.passed) == ("effect number 2", NAMED, False)
+    assert last.statistic is not None and last.threshold is not None and last.statistic < last.threshold
+
+
+def test_the_report_holds_it_and_the_same_bytes_again(verdict: Verdict) -> None:
+    scene = Scene.from_model(ARM, channels=NOISE, weld=["base"])
+    again = diagnose(scene, [record(stiff_grease, 1)])
+    texts = [as_text(report_of(one, (), None, {})) for one in (verdict, again)]
+    assert texts[0] == texts[1]
+    told = json.loads(texts[0])["trace"]
+    assert tuple(Record.from_json(one) for one in told) == verdict.trace
+
+
+@pytest.mark.parametrize("louder", [1.0, 4.0])
+def test_the_worst_of_what_is_left_decides_as_the_p_value_does(louder: float) -> None:
+    rows = np.random.default_rng(5).standard_normal(800)
+    rows[160:176] *= louder  # eight windows of two rows in the first recording
+    passes = adequacy(RUNS, rows, 0).p_value > 0.01
+    parts = misfits(RUNS, rows, 0, 0.01)
+    assert passes == (louder == 1.0) == all(one.statistic < one.threshold for one in parts)
+    if not passes:
+        (stretch,) = (one for one in parts if one.kind == "stretch")
+        assert (stretch.run, stretch.windows) == (0, (80, 87)) and stretch.failing >= 1
