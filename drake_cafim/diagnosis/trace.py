@@ -1,4 +1,4 @@
-"""The decisions that shaped a verdict, in the order in which they were taken."""
+"""The trace of a diagnosis: every decision that shaped the verdict, in the order in which it was taken."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -6,36 +6,38 @@ from math import isfinite
 from typing import Any
 
 NOMINAL = "the model without effects"
+"""What `Record.asked` says where the decision is about no effect."""
 OTHERS = "the others"
-"""What a record of a first look calls the effects that it holds together."""
+"""What `Record.asked` says in a `screen` record that stands for several effects, listed in `Record.others`."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """One decision: `passed` is what came of comparing the `statistic` with the `threshold`, both in one unit.
+    """One decision: `passed` is the outcome of comparing `statistic` with `threshold`, both in the same unit.
 
-    The outcome would have been the other one with the statistic on the other side of the threshold. Where nothing was
-    compared both are None. `step` is the kind of decision:
+    With the statistic on the other side of the threshold the outcome would have been the opposite. Both are None where
+    nothing was compared. `step` is the kind of decision:
 
-    - `data_mistake`: a mistake of the data, because of which nothing is named;
-    - `whiten`: the noise was whitened anew; passed where the unknowns had moved less than asks for another round;
-    - `detect`: whether the model without effects differs from the recordings by more than noise (p-value);
-    - `screen`: the first look at an effect, to first order; passed where it was then fitted exactly;
-    - `another`: whether what is left is worth one more effect; passed where the search went on;
-    - `fit`: an explanation that was fitted exactly, against the best one with as many effects;
-    - `test`: one of the tests of an admission; `admit`: its outcome, with the test that decided, or was the closest;
-    - `choose`: an explanation against the chosen one, by the information criterion;
+    - `data_mistake`: a mistake of the data, because of which no effect is looked for;
+    - `whiten`: the rows were whitened again; passed where the unknowns had moved too little for another round;
+    - `detect`: whether the recordings differ from the model without effects by more than noise (p-value);
+    - `screen`: the gain of an effect to first order; passed where it was then fitted exactly;
+    - `another`: whether the residual justifies one more effect; passed where the search went on;
+    - `fit`: an explanation that was fitted exactly, compared with the best one of as many effects;
+    - `test`: one of the tests before an effect is admitted; `admit`: their outcome, with the test that decided it or
+      came closest to its threshold;
+    - `choose`: an explanation compared with the chosen one by the information criterion;
     - `prune`: whether an effect stays in the chosen explanation;
-    - `rival`: an explanation with an effect that the data cannot tell from an accepted one;
-    - `adequacy`: whether what is left is as the noise predicts (p-value); `remains`: what of it is the farthest off;
-    - `support`: whether an explanation that leaves more than noise takes away more than it leaves;
-    - `unknown_forces`, `wider_windows`: further searches, begun, accepted or refused;
+    - `rival`: an explanation with an effect that the data cannot distinguish from an accepted one;
+    - `adequacy`: whether the residual is as the noise predicts (p-value); `remains`: its row that is farthest off;
+    - `support`: whether an explanation that leaves more than noise removes more of the misfit than it leaves;
+    - `unknown_forces`, `wider_windows`: whether a further search is started, and whether its result is accepted;
     - `verdict`: the kind of the verdict.
     """
 
     step: str
     asked: str
-    """`effect@place`; of several effects joined by " + "; for `remains` the row; for `verdict` its kind."""
+    """`effect@place`, several effects joined by " + "; for `remains` the row; for `verdict` its kind."""
     statistic: float | None
     threshold: float | None
     passed: bool
@@ -43,20 +45,20 @@ class Record:
     test: str = ""
     """What the statistic is."""
     beside: str = ""
-    """The effects that were in the model already, named as in `asked`."""
+    """The effects that were already in the model, written as in `asked`."""
     search: str = ""
-    """Empty for the first search, else what the further one reckoned with."""
+    """Empty for the first search; for a further one, what it allowed for (as unknown forces)."""
     others: tuple[str, ...] = ()
-    """Effects that were asked alike, and fared no better than the statistic says."""
+    """Further effects of a `screen` record, whose statistics were no better than this one."""
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """What was asked about, one `effect@place` each."""
+        """The effects of `asked`, as `effect@place` each."""
         return tuple(part for part in self.asked.split(" + ") if "@" in part)
 
     def as_json(self) -> dict[str, Any]:
-        """The record as report.json holds it; what is empty is left out, and a number without end is null."""
-        told: dict[str, Any] = {
+        """The record as in report.json: empty optional fields are left out, an infinite or NaN number is null."""
+        fields: dict[str, Any] = {
             "step": self.step,
             "asked": self.asked,
             "statistic": _finite(self.statistic),
@@ -65,48 +67,48 @@ class Record:
             "words": self.words,
         }
         more = {"test": self.test, "beside": self.beside, "search": self.search, "others": list(self.others)}
-        return told | {name: value for name, value in more.items() if value}
+        return fields | {name: value for name, value in more.items() if value}
 
     @classmethod
-    def from_json(cls, told: Mapping[str, Any]) -> "Record":
-        """The record that `as_json` told. Raises `KeyError` where one of its six numbers and words is not there."""
+    def from_json(cls, fields: Mapping[str, Any]) -> "Record":
+        """The record that `as_json` wrote. Raises `KeyError` where one of the six required fields is missing."""
         return cls(
-            str(told["step"]),
-            str(told["asked"]),
-            told["statistic"],
-            told["threshold"],
-            bool(told["passed"]),
-            str(told["words"]),
-            str(told.get("test", "")),
-            str(told.get("beside", "")),
-            str(told.get("search", "")),
-            tuple(told.get("others", ())),
+            str(fields["step"]),
+            str(fields["asked"]),
+            fields["statistic"],
+            fields["threshold"],
+            bool(fields["passed"]),
+            str(fields["words"]),
+            str(fields.get("test", "")),
+            str(fields.get("beside", "")),
+            str(fields.get("search", "")),
+            tuple(fields.get("others", ())),
         )
 
 
 class Trace:
-    """The records of a diagnosis, as they are added; handed from stage to stage."""
+    """A list of records to which each stage of a diagnosis appends its own."""
 
     def __init__(self, search: str = "", records: list[Record] | None = None) -> None:
         self.search = search
         self._records: list[Record] = [] if records is None else records
 
     def add(self, *records: Record) -> None:
-        """Append `records`, said to be of this search."""
+        """Appends `records`, marked with this search."""
         self._records.extend(replace(record, search=self.search) for record in records)
 
     def of_search(self, search: str) -> "Trace":
-        """The same trace, for the records of a further search."""
+        """A view of the same list, which marks the records appended through it with another `search`."""
         return Trace(search, self._records)
 
     @property
     def records(self) -> tuple[Record, ...]:
-        """All of them, of every search."""
+        """The records of all searches, in order."""
         return tuple(self._records)
 
 
 def name_of(key: tuple[str, str]) -> str:
-    """`effect@place` of an effect's key."""
+    """`effect@place` of an effect's key (name, place)."""
     return f"{key[0]}@{key[1]}"
 
 
@@ -116,7 +118,7 @@ def names_of(keys: Iterable[tuple[str, str]]) -> str:
 
 
 def spoken(asked: str) -> str:
-    """What was asked about in words: "joint spring at elbow and payload at link3"."""
+    """`asked` in words, as "joint spring at elbow and payload at link3"."""
     effects = [
         part.replace("@", " at ").replace("_", " ", part.partition("@")[0].count("_")) for part in asked.split(" + ")
     ]

@@ -1,4 +1,4 @@
-"""The verdict as plain data: what a report says, and nothing of how it was found."""
+"""The result of a diagnosis as plain data, from which a report is written."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,38 +14,38 @@ Kind = Literal["none", "explained", "unexplained"]
 
 @dataclass(frozen=True)
 class Location:
-    """Where recordings and model differ: a joint, body, contact, sensor or the environment, and when."""
+    """A place where recordings and model differ: a joint, body, contact, sensor or the environment, and when."""
 
     kind: str
     name: str
     share: float
-    """Of all the excess over noise; shares sum to at most 1."""
+    """Share of the whole excess of χ² over noise; shares sum to at most 1."""
     intervals: tuple[tuple[float, float], ...] = ()
     """s, in the recording's own time."""
     recording: str | None = None
     where: str = ""
-    """The condition in words, as "near v.elbow = 0"."""
+    """The condition under which it shows, in words, as "near v.elbow = 0"."""
 
 
 @dataclass(frozen=True)
 class Mismatch:
-    """Whether anything differs, how sure that is, and where; under `unexplained`, what remains unexplained."""
+    """Whether recordings and model differ, the p-value, and where; under `unexplained`, what remains."""
 
     detected: bool
     p_value: float
-    """Accounts for the number of hypotheses that were looked at."""
+    """Corrected for the number of hypotheses that were tested."""
     locations: tuple[Location, ...] = ()
-    """A push that is named has its own, without a share where `unexplained` is spoken of."""
+    """A push that is named adds its own, with share 0 where the verdict is `unexplained`."""
 
     @property
     def standing(self) -> tuple[Location, ...]:
-        """The locations that have a share."""
-        return tuple(one for one in self.locations if one.share > 0.0)
+        """The locations with a share above 0: those of what is not explained."""
+        return tuple(location for location in self.locations if location.share > 0.0)
 
 
 @dataclass(frozen=True)
 class Value:
-    """A number with its standard deviation; None of a choice, such as a side."""
+    """A value with its standard deviation; `std` is None for a choice, such as a side."""
 
     value: float
     std: float | None
@@ -54,7 +54,7 @@ class Value:
 
 @dataclass(frozen=True)
 class Explanation:
-    """An effect that the data support."""
+    """An accepted effect, with the probability that it is among what is missing."""
 
     effect: Effect
     probability: float
@@ -64,7 +64,7 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Rival:
-    """An effect that the data cannot tell from an accepted one."""
+    """An effect that the data cannot distinguish from an accepted one, and why the two look alike."""
 
     effect: str
     at: str
@@ -74,7 +74,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class NominalParameter:
-    """An unknown of the scenario as it was fitted, beside the accepted effects."""
+    """An unknown parameter of the scenario as fitted together with the accepted effects, and its prior."""
 
     parameter: str
     at: str
@@ -84,11 +84,11 @@ class NominalParameter:
     prior_mean: float
     prior_std: float
     effect: str | None = None
-    """Of a parameter of an effect that the scenario states: the effect's name."""
+    """For a parameter of an effect that the scenario states: the effect's name."""
 
     @property
     def key(self) -> tuple[str, str, str | None]:
-        """What tells it from the scenario's other unknowns."""
+        """Identifies it among the scenario's unknowns."""
         return self.parameter, self.at, self.effect
 
 
@@ -96,7 +96,7 @@ class NominalParameter:
 class EffortResidual:
     """A joint's residual of inverse dynamics, both sides low-passed without phase lag at `cutoff` Hz.
 
-    `rms` N m (N), and `relative` over the rms of its effort, None where that is zero throughout.
+    `rms` is in N m (N); `relative` is rms over the rms of the joint's effort, None where that effort is zero.
     """
 
     rms: float
@@ -106,13 +106,14 @@ class EffortResidual:
 
 @dataclass(frozen=True)
 class Quality:
-    """How a model does on some recordings.
+    """A model's figures of fit on some recordings.
 
-    `nll` is the negative log likelihood per sample of one-step innovations, what is not known of the unknowns reckoned
-    in; `rmse` and `rmse_short` the root mean square of simulations over 1 s and 0.1 s by column; `effort` the residual
-    of inverse dynamics by joint; `diverges` the seconds after which simulations over 1 s leave a joint's range.
+    `nll` is the negative log likelihood per sample of one-step innovations, with the uncertainty of the fitted unknowns
+    included; `rmse` and `rmse_short` are the root mean square errors of simulations over 1 s and 0.1 s by column;
+    `effort` is the residual of inverse dynamics by joint; `diverges` the seconds after which simulations over 1 s leave
+    a joint's range.
 
-    What cannot be computed is NaN, or empty; `missing` says which of them and why, as "nll cannot be computed: ...".
+    A figure that cannot be computed is NaN or empty; `missing` says which and why, as "nll cannot be computed: ...".
     """
 
     nll: float
@@ -125,42 +126,42 @@ class Quality:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A set of recordings under three models: as given, unknowns fitted, and effects added."""
+    """The quality of three models on the same recordings: as given, with unknowns fitted, and with effects added."""
 
     nominal_as_given: Quality
     nominal: Quality
     corrected: Quality
 
     def missing(self, group: str) -> tuple[str, ...]:
-        """What of it cannot be computed, and why, for a report's notes; `group` is "train" or "held_out"."""
+        """Notes on each figure that cannot be computed, and why; `group` is "train" or "held_out"."""
         models = {"nominal_as_given": self.nominal_as_given, "nominal": self.nominal, "corrected": self.corrected}
-        return tuple(f"fit.{group}.{name}.{why}" for name, one in models.items() for why in one.missing)
+        return tuple(f"fit.{group}.{name}.{why}" for name, model in models.items() for why in model.missing)
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a diagnosis found. `str(verdict)` is the sentence.
+    """The result of a diagnosis; `str(verdict)` is its summary sentence.
 
-    - `kind`: "none", the recordings are as model and noise predict; "explained", what the accepted effects leave is
-      as the noise predicts; "unexplained", something remains that is not in the vocabulary.
+    - `kind`: "none", the recordings are as model and noise predict; "explained", the residual under the accepted
+      effects is as the noise predicts; "unexplained", something remains that is not in the vocabulary.
     - `mismatch`: whether anything differs (`detected`, `p_value`), and its `locations`, strongest first: `kind`,
       `name`, `share` of the excess over noise, `intervals` in s of `recording`, and `where` in words. A push that is
-      named has its body's, over its own interval.
-    - `explanation`: the accepted effects, surest first: `effect.name`, `effect.at`, `probability`, `sentence`, and
+      named adds a location: its body, over its interval.
+    - `explanation`: the accepted effects, by probability: `effect.name`, `effect.at`, `probability`, `sentence`, and
       `values`, by parameter its `value`, `std` and `unit` (SI).
-    - `rivals`: what the data cannot tell from these: `effect`, `at`, `probability`, `why_alike`.
+    - `rivals`: effects that the data cannot distinguish from these: `effect`, `at`, `probability`, `why_alike`.
     - `parameters`: the scenario's unknowns as fitted: `parameter`, `at`, `value`, `std`, `unit`, and their priors.
     - `train` and `held_out` (None where nothing was held out): three models compared, `nominal_as_given`, `nominal`
       with the unknowns fitted and `corrected` with the effects too. Each has `nll`, of one-step innovations a sample,
       and `rmse`, of simulations over 1 s, by column and in its unit.
-    - `corrected`: the scene with its unknowns as fitted and the accepted effects in it; where none is accepted though
-      something is missing, and the unknowns as given predict the recordings better, with those.
-    - `data_mistakes`: what is wrong with the recordings themselves, before any physics; `noise_remarks`: where the
-      noise is not as stated; `notes`: what was read, what was left out, and which figure cannot be computed (it is
-      NaN here, null in a report) and why.
+    - `corrected`: the scene with its unknowns as fitted and the accepted effects added. If none is accepted although
+      something is missing, and the unknowns as given predict the recordings better, it keeps the given unknowns.
+    - `data_mistakes`: mistakes of the recordings themselves; `noise_remarks`: where the noise is not as stated;
+      `notes`: what was read, what was left out, which figure cannot be computed (NaN here, null in a report) and why.
     - `reduced_chi_square`: χ² per whitened row before and after the explanation; noise alone gives 1.
-    - `trace`: the decisions that led here, in order, see `drake_cafim.diagnosis.trace`; `cafim why` reads them.
-    - `next_experiment`: the motion that tells the rivals apart, None until one was designed.
+    - `trace`: the decisions that led to this verdict, in order, as `drake_cafim.diagnosis.trace.Record`; `cafim why`
+      prints them.
+    - `next_experiment`: the motion that would best tell the rivals apart, None until one has been designed.
     """
 
     kind: Kind
@@ -183,17 +184,18 @@ class Verdict:
 
 
 def sentence(verdict: Verdict) -> str:
-    """The verdict in words."""
+    """The verdict in words, followed by the remarks on noise."""
     remarks = [f"{remark[0].upper()}{remark[1:]}." for remark in verdict.noise_remarks]
     return " ".join([_finding(verdict), *remarks])
 
 
 def mistaken(mistakes: Sequence[str]) -> str:
-    """The sentence that stands before all others where the data themselves have `mistakes`."""
+    """The sentence on `mistakes` of the data, which replaces every other finding."""
     return f"The recordings themselves look wrong: {'; '.join(mistakes)}."
 
 
 def _finding(verdict: Verdict) -> str:
+    """What is missing in the model, or which mistake of the data makes that question void."""
     if verdict.data_mistakes:
         return mistaken(verdict.data_mistakes)
     if verdict.kind == "none":

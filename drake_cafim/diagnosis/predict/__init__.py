@@ -1,1 +1,1 @@
-"""Predictions of a recording under a model: one-step innovations and simulations over short horizons."""
+"""Predictions of a recording under a model: one-step innovations, open-loop simulations, inverse dynamics."""

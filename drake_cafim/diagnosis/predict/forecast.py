@@ -1,7 +1,7 @@
-"""Forward simulation over windows of a second: what the model predicts, against what was recorded.
+"""Open-loop simulation of a recording over windows of 1 s or 0.1 s, compared with the recorded samples.
 
-A simulation counts as long as every joint stays in its range. Where one leaves it, the simulation has diverged: its
-state is held from there on, and no later sample counts.
+A simulation counts as long as every joint stays in its range. When a joint leaves its range the simulation has
+diverged: its state is held from then on, and no later sample of that window counts.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,14 +18,18 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Flags
 
 HORIZON, SHORT_HORIZON = 1.0, 0.1
-"""s"""
+"""Lengths of a window for `rmse` and for `rmse_short`, s."""
 BOUNDLESS = 1e3
-"""rad (m): a position limit of a model file at least as large is none."""
+"""rad (m): a position limit of a model file that is at least this large is treated as no limit."""
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """One recording simulated window after window: `time` (K,), `window` (K,), and by column predicted and measured."""
+    """One recording simulated window after window.
+
+    `time` (K,) s and `window` (K,), the index of the window of each sample; `predicted` and `measured` hold the values
+    (K,) of each column in that column's unit.
+    """
 
     recording: str
     time: Array
@@ -33,9 +37,9 @@ class Forecast:
     predicted: dict[str, Array]
     measured: dict[str, Array]
     lost: Flags | None = None
-    """(K,) samples after a joint left its range, which do not count; None: there are none."""
+    """(K,) samples after a joint left its range, which do not count; None where there are none."""
     diverges: Mapping[str, float] = field(default_factory=dict)
-    """By joint, s from a window's start until the first of them leaves its range."""
+    """By joint, the shortest time, s, from a window's start until that joint left its range."""
 
     @property
     def counted(self) -> Flags:
@@ -44,21 +48,21 @@ class Forecast:
 
 
 def forecast(weak: WeakForm, physics: Physics, horizon: float = HORIZON) -> Forecast:
-    """The recording's windows of `horizon` s under `physics`, open loop in u; each starts from its 50 ms before."""
+    """The recording simulated in windows of `horizon` s, open loop in u, each from the state of the 50 ms before it."""
     return forecasts([weak], physics, horizon)[0]
 
 
 def forecasts(forms: Sequence[WeakForm], physics: Physics, horizon: float = HORIZON) -> list[Forecast]:
-    """The forecast of each recording; the windows of all are simulated side by side."""
+    """The `forecast` of each recording; the windows of all recordings are simulated as one batch."""
     courses, states = [], []
     for weak in forms:
         own = _courses(weak, physics, horizon)
         measured, memory = weak.measurement(physics), weak.contact_memory(physics)
         courses.append(own)
-        states += [(*state_at(weak.samples, measured, one.start)[:2], memory[one.start]) for one in own]
-    state = State(*(np.stack([one[k] for one in states]) for k in range(3)))
-    together = [one for own in courses for one in own]
-    trail = _simulated(physics, state, together, joint_ranges(forms, physics))
+        states += [(*state_at(weak.samples, measured, course.start)[:2], memory[course.start]) for course in own]
+    state = State(*(np.stack([parts[k] for parts in states]) for k in range(3)))
+    together = [course for own in courses for course in own]
+    trail = _simulate(physics, state, together, joint_ranges(forms, physics))
     result, first = [], 0
     for weak, own in zip(forms, courses, strict=True):
         result.append(_gather(weak, physics, own, trail[first : first + len(own)]))
@@ -67,10 +71,10 @@ def forecasts(forms: Sequence[WeakForm], physics: Physics, horizon: float = HORI
 
 
 def joint_ranges(forms: Sequence[WeakForm], physics: Physics) -> Array:
-    """(2, n) the least and the largest position of each joint, rad or m, that a simulation may reach.
+    """The smallest and the largest position (2, n) of each joint, rad or m, that a simulation may reach.
 
-    The model's limits, widened to what was recorded; of a joint without limits, what was recorded and a turn (of a
-    prismatic joint, its stroke) more on either side.
+    These are the model's position limits, widened to the recorded range. A joint without a limit gets its recorded
+    range and 2π rad more (a prismatic joint: the recorded stroke more) on that side.
     """
     recorded = np.concatenate([weak.measurement(physics).q for weak in forms])
     lower, upper = recorded.min(axis=0), recorded.max(axis=0)
@@ -85,9 +89,10 @@ def joint_ranges(forms: Sequence[WeakForm], physics: Physics) -> Array:
 
 @dataclass(frozen=True)
 class _Course:
-    """One window: samples `start` to `stop`, and what drives it, `duration` (K,) s and `effort` (K, n) held over them.
+    """The inputs of one window, from sample `start` to sample `stop`.
 
-    `marks` (stop − start + 1,) are how many of them lie before each sample.
+    `effort` (K, n) is held over each of K intervals of `duration` (K,) s; `marks` (stop − start + 1,) is the number of
+    intervals that lie before each sample.
     """
 
     start: int
@@ -98,6 +103,7 @@ class _Course:
 
 
 def _courses(weak: WeakForm, physics: Physics, horizon: float) -> list[_Course]:
+    """The inputs of each window of `horizon` s; an interval ends at each sample and at each knot of the efforts."""
     time = weak.samples.time
     knots, efforts = driven(physics, time, weak.measurement(physics).u, weak.samples.ramped)
     taken = rotor_efforts(weak, physics)
@@ -115,15 +121,15 @@ def _courses(weak: WeakForm, physics: Physics, horizon: float) -> list[_Course]:
 
 @dataclass(frozen=True)
 class _Simulated:
-    """One window: its states at its samples (K, n), and the sample and joint at which it diverged."""
+    """One simulated window: states (K, n) at its samples; the sample and the joint at which it diverged, if it did."""
 
     state: State
     first_lost: int | None
     joint: int
 
 
-def _simulated(physics: Physics, state: State, courses: Sequence[_Course], ranges: Array) -> list[_Simulated]:
-    """The states of each course at its samples, held from where a joint leaves its range, `ranges` (2, n)."""
+def _simulate(physics: Physics, state: State, courses: Sequence[_Course], ranges: Array) -> list[_Simulated]:
+    """The states of each course at its samples, held from the step at which a joint leaves `ranges` (2, n)."""
     steps = max(len(course.duration) for course in courses)
     duration = np.zeros((steps, len(courses)))
     effort = np.zeros((steps, *state.q.shape))
@@ -138,7 +144,7 @@ def _simulated(physics: Physics, state: State, courses: Sequence[_Course], range
         outside = ~np.isfinite(after.q) | ~np.isfinite(after.v) | (after.q < ranges[0]) | (after.q > ranges[1])
         diverging = np.any(outside, axis=1) & (left > steps)
         left[diverging], joint[diverging] = k + 1, np.argmax(outside[diverging], axis=1)
-        state = _held(state, after, left <= steps)
+        state = _hold(state, after, left <= steps)
         trail.append(state)
     q, v = np.stack([moment.q for moment in trail]), np.stack([moment.v for moment in trail])
     memory = None if state.memory is None else np.stack([m.memory for m in trail if m.memory is not None])
@@ -151,8 +157,8 @@ def _simulated(physics: Physics, state: State, courses: Sequence[_Course], range
     return result
 
 
-def _held(before: State, after: State, lost: Flags) -> State:
-    """The state after a step; of simulations that are `lost` (B,), the positions before it, at rest."""
+def _hold(before: State, after: State, lost: Flags) -> State:
+    """The state `after` a step; for simulations that are `lost` (B,), the position `before` it and zero velocity."""
     if not np.any(lost):
         return after
     rows = lost[:, None]
@@ -163,7 +169,7 @@ def _held(before: State, after: State, lost: Flags) -> State:
 
 
 def root_mean_square(forecasts: Sequence[Forecast]) -> dict[str, float]:
-    """By column, over all windows of all recordings, of the samples before a simulation diverges; NaN where none is."""
+    """√mean((predicted − measured)²) by column over all windows, up to where they diverge; NaN without any sample."""
     result = {}
     for column in forecasts[0].predicted:
         errors = np.concatenate([(f.predicted[column] - f.measured[column])[f.counted] for f in forecasts])
@@ -172,7 +178,7 @@ def root_mean_square(forecasts: Sequence[Forecast]) -> dict[str, float]:
 
 
 def divergence(forecasts: Sequence[Forecast]) -> dict[str, float]:
-    """By joint, s after which a simulation first leaves its range, over all windows of all recordings."""
+    """By joint, the shortest time, s, after which a window of any recording leaves its range."""
     earliest: dict[str, float] = {}
     for simulated in forecasts:
         for joint, seconds in simulated.diverges.items():
@@ -181,28 +187,31 @@ def divergence(forecasts: Sequence[Forecast]) -> dict[str, float]:
 
 
 def window_starts(time: Array, horizon: float) -> list[int]:
-    """Indices at which windows begin, one horizon apart, after the first look back; one window if it is short."""
+    """Sample indices at which windows begin, one `horizon` apart; a recording shorter than that has one window.
+
+    The first begins `LOOK_BACK` s after the first sample, since its initial state is estimated from those samples.
+    """
     first = time[0] + LOOK_BACK
     count = max(1, int((time[-1] - first + 1e-9) / horizon))
-    # in a gap many windows would begin with the sample after it: one is enough
+    # all windows that would begin within a gap share the first sample after it: only one of them is kept
     own = np.flatnonzero(time >= first - 1e-9)
     window = np.minimum(np.floor((time[own] - first + 1e-9) / horizon), count - 1)
     return [int(start) for start in own[np.flatnonzero(np.diff(window, prepend=-1.0) > 0.0)]]
 
 
 def _gather(weak: WeakForm, physics: Physics, courses: Sequence[_Course], windows: Sequence[_Simulated]) -> Forecast:
-    """Predicted and measured columns of all windows, end to end; sensor effects are put back into the prediction."""
+    """The windows' predicted and measured columns, concatenated; sensor effects are applied to the prediction."""
     samples, names = weak.samples, physics.tree.joint_names
     states = [simulated.state for simulated in windows]
-    index = np.concatenate([np.arange(one.start, one.stop + 1) for one in courses])
-    window = np.concatenate([np.full(one.stop - one.start + 1, w) for w, one in enumerate(courses)])
-    q_flat, v_flat = np.concatenate([one.q for one in states]), np.concatenate([one.v for one in states])
+    index = np.concatenate([np.arange(course.start, course.stop + 1) for course in courses])
+    window = np.concatenate([np.full(course.stop - course.start + 1, w) for w, course in enumerate(courses)])
+    q_flat, v_flat = np.concatenate([state.q for state in states]), np.concatenate([state.v for state in states])
     predicted = {f"q.{name}": q_flat[:, j].copy() for j, name in enumerate(names)}
     if samples.velocity_measured:
         predicted |= {f"v.{name}": v_flat[:, j].copy() for j, name in enumerate(names)}
     if weak.sensors:
         moving = motion(physics.tree, q_flat, v_flat)
-        memory = [one.memory for one in states if one.memory is not None]
+        memory = [state.memory for state in states if state.memory is not None]
         wrenches = physics.contact_wrenches(moving, np.concatenate(memory))
         for sensor in weak.sensors:
             reading = sensor.reading(moving, wrenches[:, sensor.joint])
@@ -215,9 +224,9 @@ def _gather(weak: WeakForm, physics: Physics, courses: Sequence[_Course], window
         on = [name for name in effect.channels(list(predicted)) if name in predicted]
         for w in range(len(courses) if on else 0):
             rows = window == w
-            written = effect.measured(time[rows], np.stack([predicted[name][rows] for name in on], axis=1))
+            distorted = effect.measured(time[rows], np.stack([predicted[name][rows] for name in on], axis=1))
             for k, name in enumerate(on):
-                predicted[name][rows] = written[:, k]
+                predicted[name][rows] = distorted[:, k]
     columns = samples.recording.columns
     measured = {name: columns[name][index] for name in predicted}
     lost, diverges = _divergence(samples.time, names, courses, windows)
@@ -227,7 +236,7 @@ def _gather(weak: WeakForm, physics: Physics, courses: Sequence[_Course], window
 def _divergence(
     time: Array, names: Sequence[str], courses: Sequence[_Course], windows: Sequence[_Simulated]
 ) -> tuple[Flags | None, dict[str, float]]:
-    """`Forecast.lost` and `Forecast.diverges`."""
+    """The fields `lost` and `diverges` of a `Forecast`."""
     lost: list[Flags] = []
     diverges: dict[str, float] = {}
     for course, simulated in zip(courses, windows, strict=True):

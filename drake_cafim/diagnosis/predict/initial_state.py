@@ -1,4 +1,4 @@
-"""The state at an instant from the samples just before it."""
+"""Estimation of a joint state and its covariance from the samples just before an instant."""
 
 import numpy as np
 
@@ -7,13 +7,14 @@ from drake_cafim.diagnosis.rows.weak_form import Measurement
 from drake_cafim.typing import Array
 
 LOOK_BACK = 0.05
-"""s of samples that a state is taken from."""
+"""Length of the interval of samples from which a state is estimated, s."""
 
 
 def state_at(samples: Samples, measured: Measurement, index: int) -> tuple[Array, Array, Array]:
-    """q, v (n,) and their covariance (n, 2, 2) at sample `index`, from the `LOOK_BACK` s up to it.
+    """q, v (n,) and the covariance (n, 2, 2) of both for each joint at sample `index`, from the `LOOK_BACK` s before.
 
-    A cubic in time for each joint, fitted to its q and v (where measured) by their noise.
+    A cubic in time is fitted to each joint's q, and to its v where measured, by least squares weighted by 1/std; at
+    least five samples are used, if there are as many.
     """
     time = samples.time
     first = min(int(np.searchsorted(time, time[index] - LOOK_BACK - 1e-9)), max(index - 4, 0))

@@ -1,9 +1,14 @@
-"""The likelihood of a recording as one-step innovations of a Kalman filter that knows the model.
+"""The likelihood of a recording as one-step innovations of an extended Kalman filter of the model.
 
-The state is filtered from what the joints show; what wrench sensors then write is judged by that state.
-The filter is started anew every half second from the 50 ms before, so that a wrong model cannot hide in what the
-filter has learned; the model has no process noise but that of a measured effort. What is known of the model's unknown
-parameters only so far is part of the state, anew each time: a better model must not lose by their luck.
+The state (q, v) is filtered from the joints' samples; the likelihood of wrench sensors is taken given that state. With
+the innovation e of a sample and its covariance S, a sample adds
+
+    −ln p = ½ (eᵀ S⁻¹ e + ln det(2π S)).
+
+The filter restarts every half second from the state of the 50 ms before, so that a wrong model cannot hide behind what
+the filter has adapted to. The only process noise is that of a measured effort. The remaining uncertainty of the model's
+unknown parameters is appended to the state at each restart: otherwise a model with better physics could score worse
+only because its parameters are uncertain.
 """
 
 import itertools
@@ -22,18 +27,19 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 SEGMENT = 0.5
-"""s from one start of the filter to the next."""
+"""Time from one start of the filter to the next, s."""
 DIFFERENCE = 1e-6
+"""Step of finite differences of q, rad (m), and v, rad/s (m/s)."""
 RENEWED = 8
-"""Samples for which a derivative of the motion serves where nothing is touched: their noise moves it little."""
+"""Number of samples for which the transition matrix is reused where the model has no contact: it changes little."""
 
 
 @dataclass(frozen=True)
 class Innovations:
-    """Negative log likelihood per sample, (K,) at `time` (K,) s.
+    """Negative log likelihood of each sample, (K,) at `time` (K,) s.
 
-    `lost` is the first time, s, at which the filter's covariance was no longer one, None where it always was: a model
-    whose simulation runs away within half a second says nothing of the samples after that.
+    `lost` is the first time, s, at which an innovation was not finite or its covariance not positive definite, None
+    where that never happened. The simulation has then run away, and the rest of that half second is left out.
     """
 
     time: Array
@@ -42,28 +48,30 @@ class Innovations:
 
     @property
     def mean(self) -> float:
+        """The mean over samples."""
         return float(np.mean(self.negative_log_likelihood))
 
 
 def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Physics] = ()) -> list[Innovations]:
-    """The innovations of each recording's q (v and wrenches, where measured), ln(2πσ²) included; side by side.
+    """The likelihood of each recording's q, and of v and wrenches where measured, ln(2πσ²) included.
 
-    `doubts` are the physics a standard deviation off along each axis of what is not known of the parameters.
+    `doubts` is the uncertainty of the fitted parameters: the physics with the parameters moved by one standard
+    deviation along each principal axis of their covariance. All segments of all recordings are filtered as one batch.
     """
     tracks = [_track(weak, physics) for weak in forms]
     time, y, effort, memory = (np.concatenate([track[k] for track in tracks]) for k in range(4))
     firsts = np.cumsum([0, *(len(track[0]) for track in tracks)])
     samples, n = forms[0].samples, forms[0].joints
-    begun, index, stops = [], [], []
+    initial, index, stops = [], [], []
     for weak, first in zip(forms, firsts, strict=False):
         starts = _starts(weak.samples.time)
-        begun += [state_at(weak.samples, weak.measurement(physics), start) for start in starts]
+        initial += [state_at(weak.samples, weak.measurement(physics), start) for start in starts]
         index += [first + start for start in starts]
         ends = itertools.pairwise([*starts, len(weak.samples.time) - 1])
         stops += [first + _before_gap(weak.samples.time, start, stop) for start, stop in ends]
-    mean = np.concatenate([np.stack([b[0] for b in begun]), np.stack([b[1] for b in begun])], axis=1)
+    mean = np.concatenate([np.stack([q for q, _, _ in initial]), np.stack([v for _, v, _ in initial])], axis=1)
     mean = np.concatenate([mean, np.zeros((len(mean), len(doubts)))], axis=1)
-    covariance = np.stack([block_diag(_joint_covariance(b[2]), np.eye(len(doubts))) for b in begun])
+    covariance = np.stack([block_diag(_joint_covariance(blocks), np.eye(len(doubts))) for _, _, blocks in initial])
     names = physics.tree.joint_names
     kinds = ("q", "v") if samples.velocity_measured else ("q",)
     R = np.array([samples.std[f"{kind}.{name}"] ** 2 for kind in kinds for name in names])
@@ -87,10 +95,10 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
                 physics, start, effort[now], duration, with_effort
             )
         else:
-            moved = _advanced(physics, start, effort[now], duration)
+            moved = _advance(physics, start, effort[now], duration)
         if k % RENEWED == 0:
             for column, doubt in enumerate(doubts):
-                change = _advanced(doubt, start, effort[now], duration) - moved
+                change = _advance(doubt, start, effort[now], duration) - moved
                 transitions[alive, : 2 * n, 2 * n + column] = change
         predicted = mean[alive]
         predicted[:, : 2 * n] = moved + np.einsum(
@@ -115,9 +123,10 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
 
 
 def _absorbed(predicted: Array, P: Array, y: Array, R: Array) -> tuple[Array, Array, Array]:
-    """Mean and covariance once `y` (B, H) was seen with noise of variance `R` (H,), and −ln of how likely it was.
+    """The measurement update of a Kalman filter: mean, covariance P, and −ln p of `y` (B, H) with variances `R` (H,).
 
-    Of an innovation whose covariance S is not positive, which rounding makes of what ran away, that is NaN.
+    −ln p is NaN where the innovation is not finite or rounding has made its covariance S indefinite, which happens
+    when a simulation runs away.
     """
     H = len(R)
     S = P[:, :H, :H] + np.diag(R)
@@ -126,39 +135,40 @@ def _absorbed(predicted: Array, P: Array, y: Array, R: Array) -> tuple[Array, Ar
     known = (sign > 0.0) & np.isfinite(log_volume) & np.all(np.isfinite(error), axis=1)
     S = np.where(known[:, None, None], S, np.eye(H))
     solved = np.linalg.solve(S, error[..., None])[..., 0]
-    unlikely = np.where(known, 0.5 * (np.sum(error * solved, axis=1) + log_volume), np.nan)
+    surprisal = np.where(known, 0.5 * (np.sum(error * solved, axis=1) + log_volume), np.nan)
     gain = np.swapaxes(np.linalg.solve(S, P[:, :H, :]), 1, 2)
     updated = P - gain @ P[:, :H, :]
-    return predicted + np.einsum("bij,bj->bi", gain, error), 0.5 * (updated + np.swapaxes(updated, 1, 2)), unlikely
+    return predicted + np.einsum("bij,bj->bi", gain, error), 0.5 * (updated + np.swapaxes(updated, 1, 2)), surprisal
 
 
 def _track(weak: WeakForm, physics: Physics) -> tuple[Array, Array, Array, Array]:
-    """Of one recording: time (N,), what is measured (N, H), the effort from each sample on, the contacts' memory."""
+    """Time (N,) s, measurements (N, H), mean efforts (N, n) to the next sample and contact memory (N, m)."""
     samples = weak.samples
     measured = weak.measurement(physics)
     effort = weak.mean_effort(physics) + rotor_efforts(weak, physics)
     y = np.concatenate([measured.q, measured.v], axis=1) if samples.velocity_measured else measured.q
-    # the contacts remember the recorded motion, not the filtered one: what it forgets is the same
+    # the contacts' memory follows the recorded motion, not the filtered one: the two differ by noise alone
     return samples.time, y, effort, weak.contact_memory(physics)
 
 
 def _starts(time: Array) -> list[int]:
+    """Sample indices at which the filter starts, `SEGMENT` s apart and `LOOK_BACK` s after the first sample."""
     first = time[0] + LOOK_BACK
     count = max(1, int((time[-1] - first) / SEGMENT))
-    # in a gap many segments would begin with the sample after it: one is enough
+    # all segments that would begin within a gap share the first sample after it: only one of them is kept
     own = np.flatnonzero(time >= first - 1e-9)
     segment = np.minimum(np.floor((time[own] - first + 1e-9) / SEGMENT), count - 1)
     return [int(start) for start in own[np.flatnonzero(np.diff(segment, prepend=-1.0) > 0.0)]]
 
 
 def _before_gap(time: Array, start: int, stop: int) -> int:
-    """The last sample from `start` to `stop` that no gap of a whole segment lies before."""
+    """The last sample from `start` to `stop` before a gap longer than `SEGMENT`; `stop` where there is none."""
     gaps = np.flatnonzero(np.diff(time[start : stop + 1]) > SEGMENT)
     return start + int(gaps[0]) if len(gaps) else stop
 
 
 def _joint_covariance(blocks: Array) -> Array:
-    """(2n, 2n) from each joint's (2, 2) of position and velocity."""
+    """The covariance (2n, 2n) of (q, v) from each joint's covariance (2, 2) of position and velocity."""
     n = len(blocks)
     result = np.zeros((2 * n, 2 * n))
     for j, block in enumerate(blocks):
@@ -166,8 +176,8 @@ def _joint_covariance(blocks: Array) -> Array:
     return result
 
 
-def _advanced(physics: Physics, start: State, effort: Array, duration: Array) -> Array:
-    """The state one sample on, (B, 2n)."""
+def _advance(physics: Physics, start: State, effort: Array, duration: Array) -> Array:
+    """The state (B, 2n) one sample later."""
     end = advance(physics, start, effort, duration)
     return np.concatenate([end.q, end.v], axis=1)
 
@@ -175,7 +185,10 @@ def _advanced(physics: Physics, start: State, effort: Array, duration: Array) ->
 def _predict(
     physics: Physics, start: State, effort: Array, duration: Array, with_effort: bool
 ) -> tuple[Array, Array, Array]:
-    """The state one sample on, (B, 2n), its derivative by the state (B, 2n, 2n) and by the effort (B, 2n, n)."""
+    """The state x₊ (B, 2n) one sample later, ∂x₊/∂x (B, 2n, 2n) and ∂x₊/∂u (B, 2n, n), by forward differences.
+
+    ∂x₊/∂u is zero unless `with_effort`.
+    """
     n = start.q.shape[1]
     mean = np.concatenate([start.q, start.v], axis=1)
     shifts = np.concatenate([np.zeros((1, 2 * n)), DIFFERENCE * np.eye(2 * n), np.zeros((n * with_effort, 2 * n))])
@@ -184,7 +197,7 @@ def _predict(
     x = (mean[None] + shifts[:, None]).reshape(-1, 2 * n)
     u = (effort[None] + pushes[:, None]).reshape(-1, n)
     memory = None if start.memory is None else np.tile(start.memory, (copies, 1))
-    end = _advanced(physics, State(x[:, :n], x[:, n:], memory), u, np.tile(duration, copies))
+    end = _advance(physics, State(x[:, :n], x[:, n:], memory), u, np.tile(duration, copies))
     moved = end.reshape(copies, len(mean), 2 * n)
     transition = np.moveaxis(moved[1 : 1 + 2 * n] - moved[0], 0, -1) / DIFFERENCE
     by_effort = np.zeros((len(mean), 2 * n, n))

@@ -1,11 +1,12 @@
-"""Residuals of inverse dynamics: the efforts that a recorded motion asks for, against those that acted.
+"""Residuals of inverse dynamics: the efforts that a recorded motion requires, minus those that acted.
 
 Both sides pass through one low-pass filter F without phase lag, as is usual in robot identification (Gautier, Janot,
 Vandanjon, IEEE Trans. Control Systems Technology 21(2), 2013),
 
     r = F[M(q̂) q̂̈ + h(q̂, q̂̇) − joint forces − Jᵀ contact and body forces] − F[u],
 
-with the positions q̂ filtered at a higher cutoff, which only keeps their differences finite and leaves F's band alone.
+with the positions q̂ low-passed at a higher cutoff, which limits the noise of their finite differences and does not
+attenuate the pass band of F.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,30 +24,30 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Indices
 
 ORDER = 4
-"""Of the Butterworth filter, applied forwards and backwards."""
+"""Order of the Butterworth filter, which is applied forwards and backwards."""
 CUTOFF, LARGEST_SHARE = 12.0, 0.2
-"""Hz, and the share of the sampling rate that it is lowered to where a recording is sampled more slowly."""
+"""Cutoff of F, Hz, and the largest share of the sampling rate that it may be."""
 WIDER, NYQUIST_SHARE = 5.0, 0.8
-"""Times the cutoff that positions are filtered at, and the share of half the sampling rate that this stays below."""
+"""Cutoff of the positions' filter over that of F, and the largest share of the Nyquist frequency that it may be."""
 SHORTEST, TRANSIENT = 12.0, 3.0
-"""Periods of the cutoff that a stretch without gaps must last, and those of them that the filter needs to settle: they
-are left out at either end, where two differentiations make much of what was assumed beyond it."""
+"""In periods of the cutoff: the shortest stretch without gaps that is used, and the part left out at each of its ends,
+where the filter's assumption about the signal beyond the end is amplified by differentiating twice."""
 
 
 def effort_residuals(
     forms: Sequence[WeakForm], physics: Physics, cutoff: float | None = None
 ) -> dict[str, EffortResidual]:
-    """By joint, over all `forms`; empty where no stretch without gaps is long enough.
+    """The residual r of each joint over all recordings; empty where no stretch without gaps is long enough.
 
-    `cutoff` (Hz) is `default_cutoff` unless given.
+    `cutoff` (Hz) of F is `default_cutoff` unless given.
     """
     cutoff = default_cutoff(forms) if cutoff is None else cutoff
     residual, effort = [], []
     for weak in forms:
         acting = weak.mean_effort(physics) + rotor_efforts(weak, physics)
         for stretch in _stretches(weak, cutoff):
-            asked, acted = _both_sides(weak, physics, acting, stretch, cutoff)
-            residual.append(asked - acted)
+            required, acted = _filtered_efforts(weak, physics, acting, stretch, cutoff)
+            residual.append(required - acted)
             effort.append(acted)
     if not residual:
         return {}
@@ -59,13 +60,13 @@ def effort_residuals(
 
 
 def default_cutoff(forms: Sequence[WeakForm]) -> float:
-    """Hz: `CUTOFF`, or less where the slowest of the recordings is sampled too slowly for it."""
+    """min(`CUTOFF`, `LARGEST_SHARE` × the lowest sampling rate of the recordings), Hz."""
     rate = min(1.0 / float(np.median(np.diff(weak.samples.time))) for weak in forms)
     return min(CUTOFF, LARGEST_SHARE * rate)
 
 
 def _stretches(weak: WeakForm, cutoff: float) -> Iterator[Indices]:
-    """Sample indices of each stretch that windows cover without a gap, if it is long enough to be filtered."""
+    """Sample indices of each stretch without a gap that test functions cover and that is long enough to be filtered."""
     windows, time = weak.samples.windows, weak.samples.time
     covered = np.zeros(len(time), dtype=bool)
     for first, stop in zip(windows.first, windows.stop, strict=True):
@@ -76,43 +77,45 @@ def _stretches(weak: WeakForm, cutoff: float) -> Iterator[Indices]:
             yield stretch
 
 
-def _both_sides(
+def _filtered_efforts(
     weak: WeakForm, physics: Physics, acting: Array, stretch: Indices, cutoff: float
 ) -> tuple[Array, Array]:
-    """Filtered efforts (K, n) that the motion asks for and that acted, on an even clock, without the filter's ends.
+    """Filtered efforts (K, n) that the motion requires, and those that acted, evenly sampled, without the ends.
 
-    `acting` (N, n) are means from each sample to the next.
+    `acting` (N, n) are the mean efforts from each sample to the next.
     """
     time = weak.samples.time[stretch]
     count = round((time[-1] - time[0]) / float(np.median(np.diff(time)))) + 1
     even = np.linspace(time[0], time[-1], count)
     rate = (count - 1) / (time[-1] - time[0])
 
-    def filtered(values: Array, frequency: float) -> Array:
+    def low_pass(values: Array, frequency: float) -> Array:
         sections = butter(ORDER, frequency, fs=rate, output="sos")
         return np.asarray(sosfiltfilt(sections, values, axis=0), dtype=float)
 
     measured = make_interp_spline(time, weak.measurement(physics).q[stretch], k=3)(even)
-    q = filtered(measured, min(WIDER * cutoff, 0.5 * NYQUIST_SHARE * rate))
+    q = low_pass(measured, min(WIDER * cutoff, 0.5 * NYQUIST_SHARE * rate))
     v = np.gradient(q, 1.0 / rate, axis=0)
     a = np.gradient(v, 1.0 / rate, axis=0)
+    # a mean over an interval is the effort at its middle
     middle = 0.5 * (time[1:] + time[:-1])
     acted = np.stack([np.interp(even, middle, column[stretch[:-1]]) for column in acting.T], axis=1)
-    remembered = weak.contact_memory(physics)[stretch].T
-    memory = np.stack([np.interp(even, time, column) for column in remembered], axis=1) if len(remembered) else None
-    asked = _inverse_dynamics(physics, (q, v, a), acted, (even, weak.samples.recording.name), memory)
+    states = weak.contact_memory(physics)[stretch].T
+    memory = np.stack([np.interp(even, time, column) for column in states], axis=1) if len(states) else None
+    required = _inverse_dynamics(physics, (q, v, a), acted, (even, weak.samples.recording.name), memory)
     inside = (even >= even[0] + TRANSIENT / cutoff) & (even <= even[-1] - TRANSIENT / cutoff)
-    return filtered(asked, cutoff)[inside], filtered(acted, cutoff)[inside]
+    return low_pass(required, cutoff)[inside], low_pass(acted, cutoff)[inside]
 
 
 def _inverse_dynamics(
-    physics: Physics, moved: tuple[Array, Array, Array], acted: Array, when: tuple[Array, str], memory: Array | None
+    physics: Physics, path: tuple[Array, Array, Array], acted: Array, when: tuple[Array, str], memory: Array | None
 ) -> Array:
-    """Efforts (K, n) under which the joints move as `moved` (q, v, v̇), each (K, n).
+    """The efforts (K, n) M v̇ + h − f − Jᵀ F that produce the `path` q, v, v̇, each (K, n).
 
-    `acted` is what laws of the load depend on, `when` the times (K,) s and the recording, which a push depends on.
+    The joint laws f may depend on the efforts that `acted` (K, n), the body forces F on `when`: the times (K,) s and
+    the recording's name.
     """
-    q, v, a = moved
+    q, v, a = path
     moving = motion(physics.tree, q, v)
     M, bias = equations_of_motion(moving, physics.gravity)
     M = M + np.diag(physics.rotor_inertias)

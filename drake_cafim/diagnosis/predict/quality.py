@@ -1,4 +1,4 @@
-"""How well a model does on a group of recordings, figure by figure: what cannot be computed costs no other figure."""
+"""A model's figures of fit on a group of recordings (nll, rmse, effort), each reported even if another one fails."""
 
 from collections.abc import Mapping, Sequence
 
@@ -22,8 +22,8 @@ def quality_of(
 ) -> Quality:
     """The quality of a model on some recordings.
 
-    By −ln of the likelihood of each recording's samples (K,), each recording simulated over 1 s and over 0.1 s, and
-    the residual of inverse dynamics by joint.
+    `likelihoods` are −ln p of each recording's samples (K,), `simulated` and `shortly` its simulations over 1 s and
+    0.1 s, and `effort` the residual of inverse dynamics by joint.
     """
     missing: list[str] = []
     nll = _mean(likelihoods)
@@ -39,6 +39,7 @@ def quality_of(
 
 
 def _mean(likelihoods: Sequence[Array] | NotComputable) -> float | NotComputable:
+    """The mean over all samples of all recordings, or why there is none."""
     if isinstance(likelihoods, NotComputable):
         return likelihoods
     values = np.concatenate(likelihoods)
@@ -49,7 +50,7 @@ def _mean(likelihoods: Sequence[Array] | NotComputable) -> float | NotComputable
 
 
 def _errors(name: str, simulated: Sequence[Forecast] | NotComputable, missing: list[str]) -> dict[str, float]:
-    """By column; what it lacks is said in `missing`."""
+    """The root mean square error by column; appends to `missing` each figure that cannot be computed, and why."""
     if isinstance(simulated, NotComputable):
         missing.append(f"{name} cannot be computed: {simulated.reason}")
         return {}

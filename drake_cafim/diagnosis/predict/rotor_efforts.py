@@ -1,4 +1,4 @@
-"""What rotors that are not one with their links keep for themselves of the efforts."""
+"""The share of the efforts that accelerates rotors coupled elastically or with backlash to their links."""
 
 import numpy as np
 
@@ -10,17 +10,18 @@ from drake_cafim.typing import Array
 
 
 def rotor_efforts(weak: WeakForm, physics: Physics) -> Array:
-    """−J ψ̈ (N, n), the mean from each sample to the next.
+    """−J ψ̈ (N, n) N m (N), the mean from each sample to the next; zero at joints without a coupling.
 
-    The twist is that of the recorded motion: it answers to the efforts, and to the motion hardly. How it began is what
-    the recording's rows say of it.
+    ψ is the twist of the rotor against its link and J the rotor's reflected inertia. ψ is integrated along the recorded
+    motion, since it depends on the efforts far more than on the motion; its initial value is the one estimated from
+    the recording's rows.
     """
     taken = np.zeros((len(weak.samples.time), weak.joints))
     if not physics.couplings:
         return taken
     whiten, jacobian, labels = whitening(weak, physics)
-    begun = Run(weak, whiten, jacobian, tuple(labels)).marginalise_start(physics)
-    start = begun.start if begun.paid > 0.0 else np.zeros(2 * len(physics.couplings))
+    marginal = Run(weak, whiten, jacobian, tuple(labels)).marginalise_start(physics)
+    start = marginal.start if marginal.paid > 0.0 else np.zeros(2 * len(physics.couplings))
     for coupling in physics.couplings:
         joint = physics.tree.joint_index(coupling.at)
         drive = weak.rotor_drives(physics)[joint]

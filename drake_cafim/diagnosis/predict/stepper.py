@@ -1,4 +1,4 @@
-"""Many short simulations of a model at once, open loop in the efforts."""
+"""Time stepping of many simulations of a model at once, open loop in the efforts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,11 +13,12 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 LONGEST_STEP, LONGEST_CONTACT_STEP = 2e-3, 5e-4
+"""s, without and with contact: contact springs are explicit in the steps, so that stiff ones bound the step."""
 
 
 @dataclass(frozen=True)
 class State:
-    """Positions and velocities (B, n) of B simulations, and what their contacts remember, (B, m); None: nothing."""
+    """Positions and velocities (B, n) of B simulations, and their contacts' internal states `memory` (B, m), if any."""
 
     q: Array
     v: Array
@@ -25,10 +26,14 @@ class State:
 
 
 def step(physics: Physics, state: State, effort: Array, duration: Array) -> State:
-    """One step of `duration` (B,) s under the constant `effort` (B, n).
+    """The state after one step of `duration` h (B,) s under the constant `effort` u (B, n).
 
-    The linearly implicit midpoint rule: second order, and stable where a joint's friction is stiff, since the slopes
-    of the joint laws in v are taken implicitly (Hairer, Wanner, Solving Ordinary Differential Equations II, 1996,
+    The linearly implicit midpoint rule, of second order,
+
+        (M − ½ h ∂f/∂v) Δv = h (u + f + Jᵀ F − c),   q₊ = q + h (v + ½ Δv),   v₊ = v + Δv,
+
+    with M, c, the joint laws f and the contact and body forces F at q + ½ h v and v. The slopes of the joint laws in v
+    are implicit, so that stiff friction is stable (Hairer, Wanner, Solving Ordinary Differential Equations II, 1996,
     IV.7).
     """
     h = duration[:, None]
@@ -56,21 +61,21 @@ def step(physics: Physics, state: State, effort: Array, duration: Array) -> Stat
 
 
 def advance(physics: Physics, state: State, effort: Array, duration: Array) -> State:
-    """As many steps as the model needs for `duration` (B,) s under a constant `effort` (B, n)."""
-    touching = physics.contacts or any(one.stiff for one in physics.body_forces)
+    """The state after `duration` (B,) s under a constant `effort` (B, n), in as many equal steps as the model needs."""
+    touching = physics.contacts or any(force.stiff for force in physics.body_forces)
     longest = LONGEST_CONTACT_STEP if touching else LONGEST_STEP
     count = max(1, int(np.ceil(float(np.max(duration)) / longest - 1e-6)))
     quickly = physics.spheres is not None and not physics.body_forces
     if quickly and not physics.joint_forces:
-        return _stepped(physics, state, effort, np.zeros_like(effort), duration / count, count)
-    one = _step_by_laws if quickly else step
+        return _step_compiled(physics, state, effort, np.zeros_like(effort), duration / count, count)
+    take_step = _step_by_laws if quickly else step
     for _ in range(count):
-        state = one(physics, state, effort, duration / count)
+        state = take_step(physics, state, effort, duration / count)
     return state
 
 
 def _step_by_laws(physics: Physics, state: State, effort: Array, duration: Array) -> State:
-    """`step` where nothing but the joints' laws is beyond the nominal physics."""
+    """`step` by compiled code, for physics whose only additions to the nominal model are joint laws."""
     q_middle = state.q + 0.5 * duration[:, None] * state.v
     joints = [JointSamples(q_middle[:, j], state.v[:, j], effort[:, j]) for j in range(state.q.shape[1])]
     law, slope = effort.copy(), np.zeros_like(effort)
@@ -78,23 +83,24 @@ def _step_by_laws(physics: Physics, state: State, effort: Array, duration: Array
         j, found = physics.tree.joint_index(effect.at), physics.joint_force(effect, joints)
         law[:, j] += found.value
         slope[:, j] += found.d_v
-    return _stepped(physics, state, law, slope, duration, 1)
+    return _step_compiled(physics, state, law, slope, duration, 1)
 
 
-def _stepped(physics: Physics, state: State, force: Array, slope: Array, duration: Array, count: int) -> State:
-    """`count` steps of `duration` (B,) s under a `force` (B, n) that stays, with its `slope` (B, n) in v."""
+def _step_compiled(physics: Physics, state: State, force: Array, slope: Array, duration: Array, count: int) -> State:
+    """`count` compiled steps of `duration` (B,) s under a constant `force` (B, n) with its `slope` (B, n) in v."""
     tree = physics.tree
     numbers = (*tree.lumps, physics.rotor_inertias, physics.dampings, physics.gravity)
     samples = (*numbers, *(physics.spheres or ()), state.q, state.v, force, slope, duration)
-    q, v = stepped(*tree.frames, *(np.ascontiguousarray(one) for one in samples), count)
+    q, v = stepped(*tree.frames, *(np.ascontiguousarray(values) for values in samples), count)
     return State(q, v, state.memory)
 
 
 def driven(physics: Physics, time: Array, u: Array, ramped: Sequence[bool]) -> tuple[Array, Array]:
-    """The efforts that act, (K, n), on knots (K,) s that hold every joint's steps, from samples `u` (N, n).
+    """Knots (K,) s and the acting efforts (K, n) held from each knot to the next, from samples `u` (N, n) at `time`.
 
-    Those of joints that are `ramped` go straight from sample to sample; each piece between knots then has their mean,
-    and no piece is longer than a step of the simulation.
+    The knots hold the steps of every joint's effort after its actuator effects. The efforts of `ramped` joints are
+    linear between samples: each piece between knots then has their mean, and no piece is longer than a step of the
+    simulation.
     """
     efforts = []
     for j, name in enumerate(physics.tree.joint_names):
