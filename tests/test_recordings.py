@@ -155,7 +155,7 @@ def test_truncated_parquet_is_refused(tmp_path: Path, kept: float) -> None:
 
 def test_paths_that_are_no_recording(tmp_path: Path) -> None:
     assert "no such file" in refusal(tmp_path / "absent.parquet")
-    assert "no ROS 2 bag" in refusal(tmp_path)
+    assert "not a ROS 2 bag" in refusal(tmp_path)
     (tmp_path / "a.xlsx").write_text("x")
     assert "unknown suffix .xlsx, expected .parquet, .csv" in refusal(tmp_path / "a.xlsx")
     with pytest.raises(InputError, match=r"cannot write suffix \.xlsx"):
@@ -183,7 +183,7 @@ def test_a_repeated_stamp_is_left_out_and_noted(tmp_path: Path, suffix: str) -> 
 
 def test_a_gap_in_time_is_noted() -> None:
     time = np.concatenate([np.arange(0.0, 1.0, 0.01), np.arange(2.0, 3.0, 0.01)])
-    read = recordings.cleaned("a", {"time": time, "q.elbow": time})
+    read = recordings.clean("a", {"time": time, "q.elbow": time})
     assert read.notes == ("time: no samples in 0.99 to 2 s, where the median step is 0.01 s",)
 
 
@@ -202,9 +202,9 @@ def test_csv_of_other_hands(tmp_path: Path) -> None:
         ("time,q.elbow\n0,1\n1,oops\n", "column q.elbow holds 'oops' in sample 2, expected a number"),
         ("time,q.elbow\n0,1\n1\n2,3\n", "line 3 has 1 cells, expected 2"),
         ("time,q.elbow\n0,1\n1,2,3\n", "line 3 has 3 cells, expected 2"),
-        ("time,q.elbow,q.elbow\n0,1,2\n", "column q.elbow stands in the header twice"),
+        ("time,q.elbow,q.elbow\n0,1,2\n", "column q.elbow occurs twice in the header"),
         ("\n\n", "the first line is no header"),
-        ("time q.elbow\n0 1\n", "the header is 'time q.elbow', expected names parted by comma"),
+        ("time q.elbow\n0 1\n", "the header is 'time q.elbow', expected names separated by comma"),
         ("time,q.elbow", "not one sample"),
         ("0,1\n1,2\n", "no column time; it has 0, 1"),
     ],

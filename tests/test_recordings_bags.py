@@ -41,8 +41,8 @@ def test_convert_writes_the_twin_s_bytes(tmp_path: Path, writer: str, monkeypatc
     timing = [str(topic) for topic in found.topics]
     assert found.notes == tuple(note for note in whole.notes if note not in timing) and found.samples == len(whole)
     assert set(timing) <= set(whole.notes)
-    monkeypatch.setattr("drake_cafim.recordings.joined.BLOCK_ROWS", 7)
-    monkeypatch.setattr("drake_cafim.recordings.joined.Joined.blocks.__defaults__", (7,))
+    monkeypatch.setattr("drake_cafim.recordings.joining.BLOCK_ROWS", 7)
+    monkeypatch.setattr("drake_cafim.recordings.joining.JoinedTable.blocks.__defaults__", (7,))
     recordings.convert(path, tmp_path / "small_pieces.parquet", TOPICS)
     assert_equal_to_the_bit(recordings.read(tmp_path / "small_pieces.parquet"), whole)
 
@@ -73,7 +73,7 @@ def test_join_moves_stamps_only_as_far_as_asked(tmp_path: Path) -> None:
     path = WRITERS["mcap"](tmp_path, messages(twin()))
     near = recordings.read(path, TOPICS | {"/command": Topic(columns=["cmd.a", "", "cmd.b"], join=4e-4)})
     assert len(near) == 300 and not np.isnan(near.columns["cmd.a"]).any()
-    assert any("/command: 300 of 300 samples stand at a stamp" in note for note in near.notes)
+    assert any("/command: 300 of 300 samples are at a stamp" in note for note in near.notes)
     far = recordings.read(path, TOPICS | {"/command": Topic(columns=["cmd.a", "", "cmd.b"], join=3e-4)})
     assert len(far) == 600
 
@@ -183,7 +183,7 @@ def test_import_maps_names_and_resamples_where_asked(tmp_path: Path) -> None:
     (found,) = import_command([str(path)], tmp_path / "out", period=0.002)
     even = recordings.read(tmp_path / "out" / "a.parquet")
     assert np.ptp(np.diff(even.time)) < 1e-12 and found["median_step"] == pytest.approx(0.002)
-    assert any("resampled to a period of 0.002 s, as was asked" in note for note in found["notes"])
+    assert any("resampled to a period of 0.002 s on request" in note for note in found["notes"])
     with pytest.raises(InputError, match=r"another file would be written as a\.parquet too"):
         import_command([str(path), "elsewhere/a.csv"], tmp_path / "out")
 

@@ -90,14 +90,14 @@ def test_vector_log_sink() -> None:
 def test_resampling_holds_efforts_and_bridges_no_gap() -> None:
     time = np.concatenate([np.arange(0.0, 1.0, 0.1), np.arange(3.0, 4.05, 0.1)])
     given = Recording(name="a", time=time, columns={"q.a": 2.0 * time, "u.a": np.floor(10 * time + 1e-6)})
-    even = recordings.resampled(given, 0.05)
+    even = recordings.resample(given, 0.05)
     assert np.allclose(np.diff(even.time), 0.05) and "resampled" in even.notes[-1]
     gap = (even.time > 0.9 + 1e-9) & (even.time < 3.0 - 1e-9)
     assert np.isnan(even.columns["q.a"][gap]).all() and not np.isnan(even.columns["q.a"][~gap]).any()
     assert np.allclose(even.columns["q.a"][~gap], 2.0 * even.time[~gap])
     assert even.columns["u.a"][:4].tolist() == [0.0, 0.0, 1.0, 1.0]
     with pytest.raises(InputError, match="expected it to be positive"):
-        recordings.resampled(given, 0.0)
+        recordings.resample(given, 0.0)
 
 
 def test_resampled_quaternions_take_the_shorter_arc() -> None:
@@ -105,7 +105,7 @@ def test_resampled_quaternions_take_the_shorter_arc() -> None:
     q = np.array([[1.0, 0.0, 0.0, 0.0], [-np.cos(0.1), -np.sin(0.1), 0.0, 0.0]])
     names = [f"pose.b.{component}" for component in ("qw", "qx", "qy", "qz")]
     given = Recording(name="a", time=time, columns=dict(zip(names, q.T, strict=True)))
-    middle = recordings.resampled(given, 0.5).matrix("pose.b", ["qw", "qx"])[1]
+    middle = recordings.resample(given, 0.5).matrix("pose.b", ["qw", "qx"])[1]
     assert np.allclose(middle, [np.cos(0.05), np.sin(0.05)], atol=1e-12)
 
 

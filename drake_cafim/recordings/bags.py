@@ -1,4 +1,4 @@
-"""Messages out of bags: ROS 2 folders and files (MCAP, SQLite) and ROS 1 files."""
+"""Messages of bags: ROS 2 folders and files (MCAP, SQLite) and ROS 1 files."""
 
 import sqlite3
 from collections.abc import Iterator
@@ -16,15 +16,15 @@ STORAGE = (".mcap", ".db3")
 
 
 def is_bag_folder(path: Path) -> bool:
-    """Whether the folder is a ROS 2 bag, with its metadata.yaml or, where the recorder was killed, without."""
+    """Whether the path is a ROS 2 bag's folder: with a metadata.yaml, or with storage files where that is missing."""
     return path.is_dir() and ((path / "metadata.yaml").is_file() or bool(_storage(path)))
 
 
 def folder_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
-    """The messages of a ROS 2 bag's folder, file after file; see `mcap_messages` for one that was cut."""
+    """The messages of a ROS 2 bag's folder, file after file; missing or truncated files get a note."""
     metadata = _metadata(path)
     if metadata is None:
-        notes.append("the bag has no readable metadata.yaml, as after a recorder was killed; its files are read")
+        notes.append("the bag has no readable metadata.yaml, as when the recorder was killed; its files are read")
     elif metadata.get("compression_mode", "").lower() in ("file", "message"):
         yield from rosbags_messages(path, notes)
         return
@@ -40,9 +40,9 @@ def folder_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
 
 
 def sqlite_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
-    """The messages of a .db3 file in the order of their writing; one that was cut gives what it has.
+    """The messages of a .db3 file in the order in which they were written; of a truncated file, those that it holds.
 
-    Raises `InputError` when it is no SQLite file or has not the tables of a ROS 2 bag.
+    Raises `InputError` when it is not an SQLite file or lacks the tables of a ROS 2 bag.
     """
     database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
     try:
@@ -65,8 +65,8 @@ def sqlite_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
 def rosbags_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
     """The messages of a ROS 1 .bag file or of a compressed ROS 2 bag.
 
-    One that is damaged on the way gives what came before, and `notes` says so. Raises `InputError` when it gives
-    nothing, as a ROS 1 bag that was cut and lost its index.
+    Of a damaged file those before the damage, with a note. Raises `InputError` when there are none, as in a truncated
+    ROS 1 bag, which has lost its index.
     """
     count = 0
     try:
@@ -75,7 +75,7 @@ def rosbags_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
             for connection, log, data in reader.messages():
                 yield Raw(connection.topic, full_name(connection.msgtype), encoding, int(log), bytes(data))
                 count += 1
-    except Exception as error:  # the library's own, and whatever its decompressors and parsers raise
+    except Exception as error:  # the library's own exceptions, and those of its decompressors and parsers
         why = " ".join(str(error).split()) or type(error).__name__
         if count:
             notes.append(f"{path.name} is damaged ({why}), the {count} messages before are read")
@@ -84,6 +84,7 @@ def rosbags_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
 
 
 def _metadata(path: Path) -> dict[str, Any] | None:
+    """The bag's metadata; None where the file is missing or damaged."""
     try:
         loaded = yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))
         return dict(loaded["rosbag2_bagfile_information"])
@@ -92,6 +93,6 @@ def _metadata(path: Path) -> dict[str, Any] | None:
 
 
 def _storage(path: Path) -> list[Path]:
-    """The folder's storage files; a recorder numbers them, so that 10 comes after 9."""
+    """The folder's storage files in the recorder's order: by length first, so that number 10 comes after 9."""
     files = [file for file in path.iterdir() if file.suffix in STORAGE]
     return sorted(files, key=lambda file: (len(file.name), file.name))

@@ -1,4 +1,4 @@
-"""What is wrong with a file, said once: what makes it unusable raises, what can be left out is noted."""
+"""Checks of a file's columns: what makes the file unusable raises an error, what can be left out gets a note."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,14 +8,14 @@ from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.typing import Array
 
-INTERVALS_TOLD = 3  # a note tells this many intervals and counts the rest
-GAP = 10.0  # steps longer than this many median steps are noted
+INTERVALS_LISTED = 3  # a note lists this many intervals and counts the rest
+GAP = 10.0  # a step longer than this many median steps is a gap: jitter and a few lost samples are not
 
 
-def cleaned(name: str, table: Mapping[str, Array], notes: Sequence[str] = ()) -> Recording:
-    """A `Recording` of the raw columns of a file, `time` among them, with what was left out in its notes.
+def clean(name: str, table: Mapping[str, Array], notes: Sequence[str] = ()) -> Recording:
+    """The `Recording` of a file's raw columns, `time` among them; `notes` and what was left out are its notes.
 
-    Left out and noted: infinite values, runs of NaN (they stay NaN), rows that repeat the stamp before them.
+    Infinite values become NaN; NaN stays; rows that repeat the stamp of the row before are removed; each has a note.
     Raises `InputError` for no samples, no `time`, NaN or infinity in `time`, and decreasing time.
     """
     if "time" not in table:
@@ -26,7 +26,7 @@ def cleaned(name: str, table: Mapping[str, Array], notes: Sequence[str] = ()) ->
         raise InputError(f"{name}: the file is empty, it has columns but not one sample")
     _check_time(name, time)
     fresh = np.concatenate([[True], np.diff(time) > 0.0])
-    said = [*notes, *_repeats(time, fresh)]
+    said = [*notes, *_describe_repeats(time, fresh)]
     time = time[fresh]
     columns: dict[str, Array] = {}
     for column, raw in table.items():
@@ -34,12 +34,12 @@ def cleaned(name: str, table: Mapping[str, Array], notes: Sequence[str] = ()) ->
             values = np.asarray(raw, dtype=np.float64)[fresh]
             gone = ~np.isfinite(values)
             columns[column] = np.where(gone, np.nan, values)
-            said += missing(column, time, gone)
-    return Recording(name=name, time=time, columns=columns, notes=(*said, *gaps(time)))
+            said += describe_missing(column, time, gone)
+    return Recording(name=name, time=time, columns=columns, notes=(*said, *describe_gaps(time)))
 
 
 def require(recording: Recording, columns: Sequence[str]) -> None:
-    """Raises `InputError` for the first of `columns` that is not there or holds nothing but NaN."""
+    """Raises `InputError` for the first of `columns` that is missing or whose values are all NaN."""
     for column in columns:
         recording.measured(column)
 
@@ -60,7 +60,7 @@ def _check_time(name: str, time: Array) -> None:
         )
 
 
-def _repeats(time: Array, fresh: np.ndarray) -> list[str]:
+def _describe_repeats(time: Array, fresh: np.ndarray) -> list[str]:
     rows = np.flatnonzero(~fresh)
     if rows.size == 0:
         return []
@@ -68,25 +68,25 @@ def _repeats(time: Array, fresh: np.ndarray) -> list[str]:
     return [f"time: {count} the stamp of the row before, left out at {_times(time[rows])}"]
 
 
-def missing(column: str, time: Array, gone: np.ndarray) -> list[str]:
-    """One sentence with the column and the intervals where it holds no measurement; `gone` (N,) is bool."""
+def describe_missing(column: str, time: Array, gone: np.ndarray) -> list[str]:
+    """One sentence with the intervals where `column` has no measurement (`gone` (N,) bool), or none."""
     if not gone.any():
         return []
     if gone.all():
         return [f"{column}: nothing but NaN, left out"]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(np.int8)))
     first, last = edges[0::2], edges[1::2] - 1
-    # In a table joined from topics with stamps of their own, holes are the rule: they need no list.
-    if first.size > max(INTERVALS_TOLD, 0.05 * time.size):
+    # In a table of topics with different stamps most rows lack a measurement: a list of intervals would say nothing.
+    if first.size > max(INTERVALS_LISTED, 0.05 * time.size):
         return [f"{column}: no measurement in {gone.sum()} of {time.size} samples, left out"]
     intervals = [f"{_span(time[i], time[j])} ({j - i + 1})" for i, j in zip(first, last, strict=True)]
     return [f"{column}: no measurement in {gone.sum()} samples, left out in {_listed(intervals)}"]
 
 
-def gaps(time: Array) -> list[str]:
-    """One sentence with the intervals in which no sample was taken."""
+def describe_gaps(time: Array) -> list[str]:
+    """One sentence with the intervals longer than `GAP` median steps between two samples, or none."""
     steps = np.diff(time)
-    if steps.size < 3:
+    if steps.size < 3:  # of two steps neither is the rule
         return []
     median = float(np.median(steps))
     wide = np.flatnonzero(steps > GAP * median)
@@ -105,6 +105,6 @@ def _times(stamps: Array) -> str:
 
 
 def _listed(items: Sequence[str]) -> str:
-    told = ", ".join(items[:INTERVALS_TOLD])
-    more = len(items) - INTERVALS_TOLD
-    return told if more <= 0 else f"{told} and {more} more"
+    listed = ", ".join(items[:INTERVALS_LISTED])
+    more = len(items) - INTERVALS_LISTED
+    return listed if more <= 0 else f"{listed} and {more} more"

@@ -1,4 +1,4 @@
-"""Arrow columns of any type to float64 columns; what is no number is refused or left alone."""
+"""Conversion of Arrow columns to float64 columns; columns without numbers are refused or left out."""
 
 import numpy as np
 import pyarrow
@@ -18,10 +18,10 @@ INDEX_PREFIX = "__index_level_"  # the row index that pandas writes beside the c
 
 
 def as_numbers(name: str, table: pyarrow.Table) -> tuple[dict[str, Array], list[str]]:
-    """Column name -> (N,) float64 with null as NaN, and one note for each column that is left alone.
+    """The numeric columns by name, (N,) float64 with null as NaN, and a note for each column that is left out.
 
     Dates and durations in `time` become seconds since the first stamp, subtracted as integers.
-    Raises `InputError` when `time` or a signal's column is not numeric, or a name stands twice.
+    Raises `InputError` when `time` or a signal's column is not numeric, or a name occurs twice.
     """
     numbers: dict[str, Array] = {}
     notes: list[str] = []
@@ -29,7 +29,7 @@ def as_numbers(name: str, table: pyarrow.Table) -> tuple[dict[str, Array], list[
         if column.startswith(INDEX_PREFIX):
             continue
         if column in numbers:
-            raise InputError(f"{name}: column {column} stands there twice, expected once")
+            raise InputError(f"{name}: column {column} occurs twice, expected once")
         kind = values.type
         if any(is_kind(kind) for is_kind in NUMERIC):
             numbers[column] = _floats(values)

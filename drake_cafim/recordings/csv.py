@@ -1,4 +1,4 @@
-"""Comma-separated tables, in and out; semicolons and tabs are understood on the way in."""
+"""Reading and writing of comma-separated tables; semicolons and tabs are accepted when reading."""
 
 from pathlib import Path
 
@@ -11,27 +11,27 @@ from drake_cafim.recordings.columns import as_numbers
 from drake_cafim.recordings.recording import Recording, is_signal
 from drake_cafim.typing import Array
 
-ENCODING = "latin-1"  # any bytes are text in it, so that a foreign label does not hide the numbers
-NAMELESS = "nameless column "  # as after a comma that ends every line
+ENCODING = "latin-1"  # decodes any bytes, so that a label in an unknown encoding does not prevent reading the numbers
+NAMELESS = "nameless column "  # as after a trailing comma in every line
 MISSING = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "null", "NULL", "None"]
 
 
 def read_csv(path: Path) -> tuple[dict[str, Array], list[str]]:
-    """The numeric columns of the file, and notes on those that are left alone.
+    """The numeric columns of the file by name, and a note for each column that is left out.
 
-    The first line names the columns. A last line that was cut short is left out and noted; any other line of
-    a wrong length, and text in a signal's column, raise `InputError`.
+    The first line names the columns. A truncated last line is left out, with a note; any other line of a wrong
+    length, and text in a signal's column, raise `InputError`.
     """
     names, delimiter = _header(path)
     cut: list[str] = []
-    table = _parsed(path, names, delimiter, cut)
+    table = _parse(path, names, delimiter, cut)
     numbers, notes = as_numbers(str(path), table)
     empty = [name for name in numbers if name.startswith(NAMELESS) and np.isnan(numbers[name]).all()]
     return {name: values for name, values in numbers.items() if name not in empty}, [*notes, *cut]
 
 
 def write_csv(recording: Recording, path: Path) -> None:
-    """Write the shortest digits that read back to the same bits; a missing measurement is an empty cell."""
+    """Write the shortest decimals that read back as the same float64; a missing measurement is an empty cell."""
     arrays = {"time": recording.time, **recording.columns}
     cells = {name: pyarrow.array(np.ascontiguousarray(a), from_pandas=True) for name, a in arrays.items()}
     options = pyarrow.csv.WriteOptions(quoting_style="needed")
@@ -39,7 +39,7 @@ def write_csv(recording: Recording, path: Path) -> None:
 
 
 def _header(path: Path) -> tuple[list[str], str]:
-    """The column names and the delimiter, by the first line; a leading comment sign belongs to no name."""
+    """The column names and the delimiter, from the first line, without a leading # or %."""
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         line = file.readline().strip("\r\n")
     if not line.strip() or "\x00" in line:
@@ -47,27 +47,33 @@ def _header(path: Path) -> tuple[list[str], str]:
     delimiter = next((sign for sign in (",", ";", "\t") if sign in line), ",")
     names = [name.strip().strip('"') for name in line.lstrip("#% ").split(delimiter)]
     if len(names) == 1 and names[0] != "time":
-        raise InputError(f"{path}: the header is {names[0][:60]!r}, expected names parted by comma, semicolon or tab")
+        raise InputError(
+            f"{path}: the header is {names[0][:60]!r}, expected names separated by comma, semicolon or tab"
+        )
     names = [name or f"{NAMELESS}{j}" for j, name in enumerate(names)]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise InputError(f"{path}: column {twice[0]} stands in the header twice, expected once")
+        raise InputError(f"{path}: column {twice[0]} occurs twice in the header, expected once")
     return names, delimiter
 
 
-def _parsed(path: Path, names: list[str], delimiter: str, cut: list[str]) -> pyarrow.Table:
+def _parse(path: Path, names: list[str], delimiter: str, cut: list[str]) -> pyarrow.Table:
+    """The table; a truncated last line is left out and described in `cut`.
+
+    All columns are first read as numbers, which is fast; only a file where that fails is read as text, cell by cell.
+    """
     wrong: list[pyarrow.csv.InvalidRow] = []
 
-    def keep_in_mind(row: pyarrow.csv.InvalidRow) -> str:
+    def collect(row: pyarrow.csv.InvalidRow) -> str:
         wrong.append(row)
         return "skip"
 
     try:
         return _read(path, names, pyarrow.csv.ParseOptions(delimiter=delimiter), text=False)
     except pyarrow.ArrowInvalid:
-        parse = pyarrow.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=keep_in_mind)
+        parse = pyarrow.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=collect)
         table = _numbers_where_possible(path, _read(path, names, parse, text=True))
-    _judge(path, names, wrong, cut)
+    _check_row_lengths(path, names, wrong, cut)
     return table
 
 
@@ -76,7 +82,7 @@ def _read(path: Path, names: list[str], parse: pyarrow.csv.ParseOptions, *, text
     convert = pyarrow.csv.ConvertOptions(
         column_types=dict.fromkeys(names, kind), null_values=MISSING, strings_can_be_null=True
     )
-    # One thread: rows that are skipped then come with their line numbers.
+    # With one thread, the rows that are skipped have their line numbers.
     encoding = ENCODING if text else "utf8"
     read = pyarrow.csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False, encoding=encoding)
     try:
@@ -91,7 +97,7 @@ def _read(path: Path, names: list[str], parse: pyarrow.csv.ParseOptions, *, text
 
 
 def _numbers_where_possible(path: Path, table: pyarrow.Table) -> pyarrow.Table:
-    """Each text column as numbers where all of it is, else as it stands; a signal with text is refused."""
+    """The table with each text column as numbers where all its cells are numbers; refuses a signal with other text."""
     for j, name in enumerate(table.column_names):
         cells = table.column(j).to_pylist()
         bad = next((i for i, cell in enumerate(cells) if cell is not None and not _is_number(cell)), None)
@@ -103,8 +109,8 @@ def _numbers_where_possible(path: Path, table: pyarrow.Table) -> pyarrow.Table:
     return table
 
 
-def _judge(path: Path, names: list[str], wrong: list[pyarrow.csv.InvalidRow], cut: list[str]) -> None:
-    """Refuse rows of a wrong length, unless it is the last line alone, which a killed writer leaves."""
+def _check_row_lengths(path: Path, names: list[str], wrong: list[pyarrow.csv.InvalidRow], cut: list[str]) -> None:
+    """Refuse rows of a wrong length, except a last line that is too short, as a killed writer leaves it."""
     if not wrong:
         return
     row = wrong[0]

@@ -1,11 +1,11 @@
-"""Reading and writing by suffix; what a path itself can have wrong."""
+"""Reading and writing of recordings, by the file's suffix, and checks of the path."""
 
 from collections.abc import Iterable
 from pathlib import Path
 
 from drake_cafim.errors import InputError
 from drake_cafim.output import replacing
-from drake_cafim.recordings.checks import cleaned
+from drake_cafim.recordings.checks import clean
 from drake_cafim.recordings.csv import read_csv, write_csv
 from drake_cafim.recordings.gathering import MESSAGES, gather, reader_of
 from drake_cafim.recordings.mcap_out import write_mcap
@@ -13,7 +13,7 @@ from drake_cafim.recordings.npz import read_npz
 from drake_cafim.recordings.parquet import read_parquet, write_parquet
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.timing import timings
-from drake_cafim.recordings.topics import Topics, check_topics, renamed
+from drake_cafim.recordings.topics import Topics, check_topics, rename_columns
 
 TABLES = (".parquet", ".csv", ".npz")
 WRITERS = {".parquet": write_parquet, ".csv": write_csv, ".mcap": write_mcap}
@@ -24,36 +24,37 @@ def read(path: str | Path, topics: Topics | None = None) -> Recording:
 
     Tables: .parquet, .csv, .npz. Bags and logs: .mcap, a ROS 2 bag's folder or .db3, a ROS 1 .bag, an LCM log
     .lcm or .lcmlog. `topics` maps foreign names, as the scenario's section of that name (see
-    `drake_cafim.recordings.topics`). How the stamps of several topics lie to each other stands in the notes. The
-    whole table is held in memory: 8 bytes a number.
+    `drake_cafim.recordings.topics`). Of several topics, the notes tell the rates and the offsets between their stamps.
+    The whole table is in memory: 8 bytes for each number.
 
         recording = drake_cafim.read("run_3.mcap")
         recording["q.elbow"]          # (N,) rad, NaN where nothing was measured
-        recording.notes               # what was found, what was wrong and left out
+        recording.notes               # defects of the file, and what was left out
 
-    Raises `InputError`, one sentence naming file, column, what was found and what was expected.
+    Raises `InputError`, one sentence that names the file and the column, what was found and what was expected.
     """
     file, topics = Path(path), topics or {}
     check_path(file)
     if reader_of(file) is not None:
         gathered = gather(file, topics)
         table = gathered.table
-        stamps = [str(one) for one in timings(table)] if len(table.series) > 1 else []
-        return cleaned(str(path), table.table(), [*gathered.notes, *stamps])
+        stamps = [str(timing) for timing in timings(table)] if len(table.series) > 1 else []
+        return clean(str(path), table.table(), [*gathered.notes, *stamps])
     check_topics(topics, str(path))
     suffix = file.suffix.lower()
     if suffix == ".npz":
         columns, notes = read_npz(file, topics)
     else:
         columns, notes = read_parquet(file) if suffix == ".parquet" else read_csv(file)
-        columns = renamed(str(path), columns, topics)
-    return cleaned(str(path), columns, notes)
+        columns = rename_columns(str(path), columns, topics)
+    return clean(str(path), columns, notes)
 
 
 def write(recording: Recording, path: str | Path) -> Path:
-    """Write the recording whole or not at all, by suffix: .parquet, .csv or .mcap; the path comes back.
+    """Write the recording as .parquet, .csv or .mcap, by the suffix of `path`, and return the path.
 
-    The same recording gives the same bytes. Raises `InputError` for a suffix that cannot be written.
+    The file is replaced at the end, so that it is never incomplete. The same recording gives the same bytes. Raises
+    `InputError` for a suffix that cannot be written.
     """
     file = Path(path)
     check_writable(file)
@@ -75,7 +76,7 @@ def check_path(path: Path) -> None:
     if path.is_dir():
         if reader_of(path) is None:
             raise InputError(
-                f"{path}: a folder that is no ROS 2 bag, it has neither a metadata.yaml nor .mcap or .db3 files"
+                f"{path}: the folder is not a ROS 2 bag, it has neither a metadata.yaml nor .mcap or .db3 files"
             )
         return
     if path.suffix.lower() not in (*TABLES, *MESSAGES):

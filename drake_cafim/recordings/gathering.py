@@ -1,4 +1,4 @@
-"""From the messages of a bag or log to one table, and what was found on the way."""
+"""Reading of a bag or log: its messages as one table, with the topics that were not read and notes on defects."""
 
 import functools
 import struct
@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.bags import folder_messages, is_bag_folder, rosbags_messages, sqlite_messages
-from drake_cafim.recordings.joined import Joined, joined
+from drake_cafim.recordings.joining import JoinedTable, join
 from drake_cafim.recordings.lcm import lcm_messages, lcm_type
 from drake_cafim.recordings.mcap import mcap_messages
 from drake_cafim.recordings.messages import DECODERS, NEED_COLUMNS, MalformedError, Raw, Sample
@@ -31,13 +31,13 @@ MESSAGES: dict[str, Reader] = {
 }
 LATEST = 2**62  # ns, the year 2116; sums and differences of stamps then stay within 64 bits
 ENCODINGS = ("cdr", "ros1", "lcm")
-# What damaged bytes raise in the decoders, none of which promises one exception of its own.
+# What the decoders raise on damaged bytes; none of them documents an exception of its own.
 UNDECODABLE = (SerdeError, MalformedError, ValueError, IndexError, KeyError, AssertionError, struct.error, MemoryError)
 
 
 @dataclass(frozen=True)
-class LeftAlone:
-    """A topic that was not read."""
+class SkippedTopic:
+    """A topic that was not read: its message type, the number of its messages, and why."""
 
     topic: str
     kind: str
@@ -46,23 +46,23 @@ class LeftAlone:
 
 
 @dataclass(frozen=True)
-class Gathered:
-    """The table of a bag or log, with what was found in it."""
+class LogContents:
+    """The table of a bag or log, the topics that were not read, and notes on what was left out."""
 
-    table: Joined
-    left_alone: tuple[LeftAlone, ...]
+    table: JoinedTable
+    left_alone: tuple[SkippedTopic, ...]
     notes: tuple[str, ...]
 
 
 def reader_of(path: Path) -> Reader | None:
-    """The function that takes the messages out of the file or folder; None when it is no bag and no log."""
+    """The function that reads the messages of the file or folder; None when it is neither a bag nor a log."""
     if is_bag_folder(path):
         return folder_messages
     return MESSAGES.get(path.suffix.lower()) if path.is_file() else None
 
 
-def gather(path: Path, topics: Topics) -> Gathered:
-    """Read the bag or log once, front to back; its numbers wait on disk, not in memory.
+def gather(path: Path, topics: Topics) -> LogContents:
+    """Read the bag or log once, front to back, with the samples on disk instead of in memory.
 
     Raises `InputError` when it cannot be read at all, holds nothing of a known type, or lacks a topic of
     `topics`.
@@ -73,13 +73,15 @@ def gather(path: Path, topics: Topics) -> Gathered:
         raise InputError(f"{path}: neither a bag nor a log")
     tracks: dict[tuple[str, tuple[str, ...]], Track] = {}
     try:
-        return _gathered(path, topics, reader, tracks)
+        return _gather(path, topics, reader, tracks)
     finally:
         for track in tracks.values():
             track.close()
 
 
-def _gathered(path: Path, topics: Topics, reader: Reader, tracks: dict[tuple[str, tuple[str, ...]], Track]) -> Gathered:
+def _gather(
+    path: Path, topics: Topics, reader: Reader, tracks: dict[tuple[str, tuple[str, ...]], Track]
+) -> LogContents:
     notes: list[str] = []
     alone: Counter[tuple[str, str, str]] = Counter()
     malformed: dict[str, list[str]] = {}
@@ -98,16 +100,16 @@ def _gathered(path: Path, topics: Topics, reader: Reader, tracks: dict[tuple[str
             tracks[key] = Track(raw.topic, raw.kind, sample.columns, topics.get(raw.topic, Topic()))
         tracks[key].add(sample, raw.log)
     notes += [f"{topic}: {len(bad)} messages left out ({bad[0]})" for topic, bad in malformed.items()]
-    left = tuple(LeftAlone(topic, kind, count, why) for (topic, kind, why), count in sorted(alone.items()))
+    left = tuple(SkippedTopic(topic, kind, count, why) for (topic, kind, why), count in sorted(alone.items()))
     full = [track for track in tracks.values() if track.columns]
     _check_found(path, topics, full, left, notes)
-    table = joined(str(path), [track.series(str(path), notes) for track in full], topics, notes)
-    said = [f"{one.topic}: {one.kind}, {one.count} messages left alone ({one.why})" for one in left]
-    return Gathered(table=table, left_alone=left, notes=(*notes, *said))
+    table = join(str(path), [track.series(str(path), notes) for track in full], topics, notes)
+    said = [f"{topic.topic}: {topic.kind}, {topic.count} messages left alone ({topic.why})" for topic in left]
+    return LogContents(table=table, left_alone=left, notes=(*notes, *said))
 
 
 def _why_not(raw: Raw, topics: Topics) -> str:
-    """Why the message is left alone; empty when it is read."""
+    """Why the message is not read; empty when it is."""
     if topics and raw.topic not in topics:
         return "topics: does not name it"
     if raw.kind not in DECODERS or raw.encoding not in ENCODINGS:
@@ -136,14 +138,14 @@ def _store(store: Stores) -> Any:
 
 
 def _check_found(
-    path: Path, topics: Topics, tracks: list[Track], left: tuple[LeftAlone, ...], notes: list[str]
+    path: Path, topics: Topics, tracks: list[Track], left: tuple[SkippedTopic, ...], notes: list[str]
 ) -> None:
-    found = {track.topic: track.kind for track in tracks} | {one.topic: one.kind for one in left}
+    found = {track.topic: track.kind for track in tracks} | {skipped.topic: skipped.kind for skipped in left}
     listed = ", ".join(f"{topic} ({kind})" for topic, kind in found.items()) or "no message at all"
     for topic in topics:
         if topic not in found:
             raise InputError(f"{path}: topics: {topic} has no usable message; the file has {listed}")
-        why = next((one.why for one in left if one.topic == topic), "")
+        why = next((skipped.why for skipped in left if skipped.topic == topic), "")
         if why:
             raise InputError(f"{path}: topics: {topic} of type {found[topic]} cannot be read: {why}")
     if not tracks:

@@ -1,4 +1,4 @@
-"""What a file holds, and the file as Parquet: the work of `cafim import`."""
+"""Description of a file's contents and conversion of the file: the work of `cafim import`."""
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from drake_cafim.output import replacing
-from drake_cafim.recordings.checks import gaps, missing
+from drake_cafim.recordings.checks import describe_gaps, describe_missing
 from drake_cafim.recordings.files import check_path, check_writable, read, write
-from drake_cafim.recordings.gathering import Gathered, LeftAlone, gather, reader_of
+from drake_cafim.recordings.gathering import LogContents, SkippedTopic, gather, reader_of
 from drake_cafim.recordings.parquet import write_blocks
 from drake_cafim.recordings.recording import is_signal
-from drake_cafim.recordings.resampling import resampled
+from drake_cafim.recordings.resampling import resample
 from drake_cafim.recordings.timing import TopicTiming, timings
 from drake_cafim.recordings.topics import Topics
 from drake_cafim.typing import Array
@@ -21,21 +21,21 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class Description:
-    """What was found in a file."""
+    """The contents of a file: samples, columns, topics, and what was left out."""
 
     path: str
     samples: int  # rows of the table
     start: float  # s
     end: float  # s
     median_step: float  # s
-    columns: tuple[str, ...]  # those that mean something, in the table's order
-    other_columns: tuple[str, ...]  # the others, left alone
-    topics: tuple[TopicTiming, ...]  # of a bag or log: what was read
-    left_alone: tuple[LeftAlone, ...]  # of a bag or log: what was not
-    notes: tuple[str, ...]  # what was wrong and left out
+    columns: tuple[str, ...]  # signals, in the table's order
+    other_columns: tuple[str, ...]  # the others, which nothing uses
+    topics: tuple[TopicTiming, ...]  # of a bag or log: those that were read
+    left_alone: tuple[SkippedTopic, ...]  # of a bag or log: those that were not
+    notes: tuple[str, ...]  # defects, and what was left out because of them
 
     def as_dict(self) -> dict[str, Any]:
-        """The same as plain lists and numbers, for JSON."""
+        """The fields as a dictionary of lists, strings and numbers, for JSON."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -49,11 +49,11 @@ class Description:
 
 
 def describe(path: str | Path, topics: Topics | None = None) -> Description:
-    """What the file holds: columns, topics with their rates and time offsets, and what is wrong with it.
+    """The file's columns, its topics with their rates and clock offsets, and its defects.
 
     A bag or log is read once in bounded memory. Raises `InputError` as `read` does.
     """
-    return _imported(path, None, topics or {})
+    return _import(path, None, topics or {})
 
 
 def convert(
@@ -61,32 +61,32 @@ def convert(
 ) -> Description:
     """Write the recording in `path` to `out` (.parquet, .csv, .mcap), whole or not at all.
 
-    A bag or log to Parquet is written row group by row group: memory holds its stamps and one row group,
-    whatever its length. The bytes are those of `write(read(path, topics), out)`. With a `period` (s) it is
-    `resampled` first, in memory. Raises `InputError`.
+    A bag or log is written to Parquet row group by row group: memory holds its stamps and one row group,
+    whatever its length. The bytes are those of `write(read(path, topics), out)`. With a `period` (s) the recording is
+    first resampled, in memory. Raises `InputError` as `read` does, and for a suffix that cannot be written.
     """
     check_writable(Path(out))
-    return _imported(path, Path(out), topics or {}, period)
+    return _import(path, Path(out), topics or {}, period)
 
 
-def _imported(path: str | Path, out: Path | None, topics: Topics, period: float | None = None) -> Description:
+def _import(path: str | Path, out: Path | None, topics: Topics, period: float | None = None) -> Description:
     file = Path(path)
     check_path(file)
     if period is not None or reader_of(file) is None or (out is not None and out.suffix.lower() != ".parquet"):
         recording = read(path, topics)
         if period is not None:
-            recording = resampled(recording, period)
+            recording = resample(recording, period)
         if out is not None:
             write(recording, out)
-        return _described(str(path), recording.time, tuple(recording.columns), recording.notes)
+        return _make_description(str(path), recording.time, tuple(recording.columns), recording.notes)
     gathered = gather(file, topics)
-    notes = _streamed(gathered, out)
+    notes = _write_streamed(gathered, out)
     table = gathered.table
-    found = _described(str(path), table.time, table.columns, (*gathered.notes, *notes))
+    found = _make_description(str(path), table.time, table.columns, (*gathered.notes, *notes))
     return Description(**(found.__dict__ | {"topics": timings(table), "left_alone": gathered.left_alone}))
 
 
-def _described(path: str, time: Array, columns: tuple[str, ...], notes: tuple[str, ...]) -> Description:
+def _make_description(path: str, time: Array, columns: tuple[str, ...], notes: tuple[str, ...]) -> Description:
     return Description(
         path=path,
         samples=int(time.size),
@@ -101,13 +101,13 @@ def _described(path: str, time: Array, columns: tuple[str, ...], notes: tuple[st
     )
 
 
-def _streamed(gathered: Gathered, out: Path | None) -> tuple[str, ...]:
-    """Write the table piece by piece, and return the notes that `read` would make of its columns."""
+def _write_streamed(gathered: LogContents, out: Path | None) -> tuple[str, ...]:
+    """Write the table block by block, and return the notes that `read` would make about its columns."""
     table = gathered.table
     time = table.time
     gone = {column: np.zeros(time.size, dtype=bool) for column in table.columns}
 
-    def pieces() -> Iterator[dict[str, Array]]:
+    def checked_blocks() -> Iterator[dict[str, Array]]:
         first = 0
         for block in table.blocks():
             last = first + block["time"].size
@@ -118,10 +118,10 @@ def _streamed(gathered: Gathered, out: Path | None) -> tuple[str, ...]:
             yield block
 
     if out is None:
-        for _ in pieces():
+        for _ in checked_blocks():  # only for the notes
             pass
     else:
         with replacing(out) as temporary:
-            write_blocks(pieces(), temporary)
-    said = [note for column, mask in gone.items() for note in missing(column, time, mask)]
-    return (*said, *gaps(time))
+            write_blocks(checked_blocks(), temporary)
+    said = [note for column, mask in gone.items() for note in describe_missing(column, time, mask)]
+    return (*said, *describe_gaps(time))

@@ -1,4 +1,4 @@
-"""Messages out of an LCM log that hold one of Drake's own LCM types."""
+"""Messages of an LCM log that have one of Drake's own LCM types."""
 
 import functools
 import importlib
@@ -15,9 +15,9 @@ EVENT = struct.Struct(">IqqII")  # sync word, number, microseconds, lengths of t
 
 
 def lcm_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
-    """The log's events in its own order; a type is known by the fingerprint that each message begins with.
+    """The log's events in its own order; a message's type is found by the fingerprint at its beginning.
 
-    A log that was cut is said in `notes`. Raises `InputError` when the file does not begin as a log does.
+    A truncated log gets a note. Raises `InputError` when the file does not begin as a log does.
     """
     types = {fingerprint: kind for kind, fingerprint in _fingerprints()}
     with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""Messages out of an MCAP file, read once from front to back so that a cut file gives what it has."""
+"""Messages of an MCAP file, read once from front to back, so that a truncated file gives what it holds."""
 
 import struct
 from collections.abc import Iterator
@@ -11,16 +11,16 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.messages import Raw
 
-LARGEST_RECORD = 256 * 2**20  # bytes; writers use chunks of about a MiB
+LARGEST_RECORD = 256 * 2**20  # bytes; chunks have about 1 MiB, so that a greater length is damage and not allocated
 CUT = (EndOfFile, EOFError, struct.error)
 BROKEN = (*CUT, McapError, ValueError, RuntimeError)
 
 
 def mcap_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
-    """The file's messages in its own order; memory holds one chunk at a time.
+    """The file's messages in its own order, with one chunk in memory at a time.
 
-    A file that was cut, or a chunk that cannot be unpacked, is said in `notes` once the reading has passed it.
-    Raises `InputError` when the file does not begin as an MCAP file does.
+    A truncated file and chunks that cannot be unpacked get a note once reading has passed them. Raises `InputError`
+    when the file does not begin as an MCAP file does.
     """
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
@@ -37,19 +37,19 @@ def mcap_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
 
 
 def full_name(kind: str) -> str:
-    """The ROS 2 spelling of a message type; ROS 1 leaves `msg` out."""
+    """The ROS 2 name of a message type, package/msg/Type; in ROS 1 it is package/Type."""
     package, _, name = kind.partition("/")
     return f"{package}/msg/{name}" if name and "/" not in name else kind
 
 
 def _records(path: Path, notes: list[str]) -> Iterator[McapRecord]:
-    begun = False
+    any_record = False
     bad_chunks = 0
     with path.open("rb") as file:
         stream = StreamReader(file, emit_chunks=True, record_size_limit=LARGEST_RECORD)
         try:
             for record in stream.records:
-                begun = True
+                any_record = True
                 if not isinstance(record, Chunk):
                     yield record
                     continue
@@ -60,7 +60,7 @@ def _records(path: Path, notes: list[str]) -> Iterator[McapRecord]:
                     continue
                 yield from inside
         except BROKEN as error:
-            if not begun:
+            if not any_record:
                 raise InputError(f"{path}: not an MCAP file, or cut before its first record") from error
             if isinstance(error, CUT):
                 notes.append(f"{path.name} is cut at byte {file.tell()}, what stands before is read")

@@ -1,8 +1,8 @@
-"""A recording as MCAP with ROS 2 messages, which Foxglove and PlotJuggler open as it is.
+"""Writing of a recording as MCAP with ROS 2 messages, which Foxglove and PlotJuggler open.
 
 Joints go to /joint_states and /joint_commands (JointState), each wrench sensor and body to a topic of its name
 (WrenchStamped, PoseStamped), every other column and every residual to a Float64 topic of its name. Stamps are
-whole nanoseconds, and the recorder's clock says the same. Read back, the recording's own columns are the same.
+whole nanoseconds, the recorder's the same as the messages'. Reading the file gives the same columns again.
 """
 
 from collections.abc import Iterator, Mapping
@@ -28,11 +28,11 @@ Message = tuple[str, str, Any]  # topic, type, message
 def write_mcap(recording: Recording, path: Path, residuals: Mapping[str, Array] | None = None) -> None:
     """Write the recording, and each of `residuals` ((N,) at the recording's stamps) as /residual/<channel>.
 
-    Missing measurements are left out, or stand as NaN in a message that has others. The same data gives the
-    same bytes. Raises `InputError` for negative time, which a ROS clock does not have.
+    A message without any measurement is not written; a missing one beside others is NaN. The same data gives the
+    same bytes. Raises `InputError` for negative time, which a ROS stamp cannot hold, and residuals of another length.
     """
     if len(recording) and recording.time[0] < 0.0:
-        raise InputError(f"{recording.name}: time begins at {recording.time[0]} s, MCAP needs it not negative")
+        raise InputError(f"{recording.name}: time begins at {recording.time[0]} s, MCAP cannot hold negative stamps")
     for channel, values in (residuals or {}).items():
         if np.shape(values) != recording.time.shape:
             raise InputError(

@@ -1,4 +1,4 @@
-"""What one message holds, as columns and numbers: ROS types and Drake's LCM types."""
+"""Decoding of a message into column names and numbers: ROS types and Drake's LCM types."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -11,7 +11,7 @@ from drake_cafim.typing import Array
 
 
 class Raw(NamedTuple):
-    """One message as it stands in the file."""
+    """One encoded message of a file."""
 
     topic: str
     kind: str  # the message's type, as sensor_msgs/msg/JointState or lcmt_force_torque
@@ -21,7 +21,7 @@ class Raw(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """One message's numbers under the recording's own column names."""
+    """One decoded message: its numbers and their column names in a recording."""
 
     stamp: int | None  # ns, the message's own stamp; None where its type has none
     columns: tuple[str, ...]
@@ -29,7 +29,7 @@ class Sample(NamedTuple):
 
 
 class MalformedError(ValueError):
-    """A message that contradicts itself, as names and positions of different length."""
+    """An inconsistent message, as with names and positions of different lengths."""
 
 
 Decode = Callable[[Any, str, Topic], Sample]
@@ -42,20 +42,20 @@ PANDA = {"joint_position": "q", "joint_velocity": "v", "joint_torque": "u"}
 
 
 def joint_state(message: Any, topic: str, how: Topic) -> Sample:
-    """sensor_msgs/JointState: q, v, u of each joint that the message names, or cmd on a topic of that name."""
+    """sensor_msgs/JointState: q, v, u of each joint that the message names; cmd where the topic's name says so."""
     commands = topic.rpartition("/")[2] in COMMANDS
     return _joints(message, message.name, JOINT_COMMAND if commands else JOINT_STATE, how, _stamp(message))
 
 
 def wrench_stamped(message: Any, topic: str, how: Topic) -> Sample:
-    """geometry_msgs/WrenchStamped: force and torque, taken as they are about and in the sensor frame."""
+    """geometry_msgs/WrenchStamped: force and torque, assumed to be about the sensor frame's origin and in its axes."""
     force, torque = message.wrench.force, message.wrench.torque
     values = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
     return _sample(_stamp(message), "wrench", how.sensor or own_name(topic), WRENCH_COMPONENTS, values, how)
 
 
 def pose_stamped(message: Any, topic: str, how: Topic) -> Sample:
-    """geometry_msgs/PoseStamped: X_WB, its frame taken as the world; ROS puts a quaternion's w last."""
+    """geometry_msgs/PoseStamped: X_WB; its frame is assumed to be the world. ROS stores a quaternion's w last."""
     p, q = message.pose.position, message.pose.orientation
     values = [p.x, p.y, p.z, q.w, q.x, q.y, q.z]
     sample = _sample(_stamp(message), "pose", how.body or own_name(topic), POSE_COMPONENTS, values, Topic())
@@ -64,48 +64,48 @@ def pose_stamped(message: Any, topic: str, how: Topic) -> Sample:
 
 
 def float64_multi_array(message: Any, topic: str, how: Topic) -> Sample:
-    """std_msgs/Float64MultiArray and Float32MultiArray: columns as `columns:` says, stamped by the recorder."""
+    """std_msgs/Float64MultiArray and Float32MultiArray: one element for each of `columns:`; the recorder's stamp."""
     return _elements(message.data, None, how)
 
 
 def float64(message: Any, topic: str, how: Topic) -> Sample:
-    """std_msgs/Float64 and Float32: one column, by default under the topic's own name."""
+    """std_msgs/Float64 and Float32: one column, by default of the topic's name; the recorder's stamp."""
     column = how.columns[0] if how.columns else own_name(topic)
     return Sample(None, (column,), np.array([message.data]) * how.scale)
 
 
 def iiwa_status(message: Any, topic: str, how: Topic) -> Sample:
-    """lcmt_iiwa_status: the joints bear the names of Drake's own iiwa model."""
+    """lcmt_iiwa_status: q, v, u of joints with the names of Drake's iiwa model."""
     names = [f"iiwa_joint_{i + 1}" for i in range(message.num_joints)]
     return _joints(message, names, IIWA, how, message.utime * 1000)
 
 
 def panda_status(message: Any, topic: str, how: Topic) -> Sample:
-    """lcmt_panda_status: the joints bear the names of Drake's own Panda model."""
+    """lcmt_panda_status: q, v, u of joints with the names of Drake's Panda model."""
     names = [f"panda_joint{i + 1}" for i in range(message.num_joints)]
     return _joints(message, names, PANDA, how, message.utime * 1000)
 
 
 def robot_state(message: Any, topic: str, how: Topic) -> Sample:
-    """lcmt_robot_state: positions (float32) of the joints it names."""
+    """lcmt_robot_state: positions (float32) of the joints that it names."""
     return _joints(message, message.joint_name, {"joint_position": "q"}, how, message.utime * 1000)
 
 
 def force_torque(message: Any, topic: str, how: Topic) -> Sample:
-    """lcmt_force_torque: stamped in milliseconds."""
+    """lcmt_force_torque: the wrench of a sensor; its stamp is in milliseconds."""
     values = [getattr(message, component) for component in WRENCH_COMPONENTS]
     sensor = how.sensor or own_name(topic)
     return _sample(message.timestamp * 1_000_000, "wrench", sensor, WRENCH_COMPONENTS, values, how)
 
 
 def drake_signal(message: Any, topic: str, how: Topic) -> Sample:
-    """lcmt_drake_signal: a vector whose coordinates' names are the columns unless `columns:` says otherwise."""
+    """lcmt_drake_signal: a vector; its columns are the names of its coordinates unless `columns:` gives others."""
     named = how if how.columns else Topic(columns=list(message.coord), scale=how.scale)
     return _elements(message.val, message.timestamp * 1_000_000, named)
 
 
 def scope(message: Any, topic: str, how: Topic) -> Sample:
-    """lcmt_scope: a vector, element by element, as `columns:` says."""
+    """lcmt_scope: a vector with one element for each of `columns:`."""
     return _elements(message.value, message.utime * 1000, how)
 
 
@@ -128,7 +128,7 @@ NEED_COLUMNS = (
     "std_msgs/msg/Float64MultiArray",
     "std_msgs/msg/Float32MultiArray",
     "lcmt_scope",
-)  # they say nothing of what they hold
+)  # they do not say what their elements are
 
 
 def _stamp(message: Any) -> int:
@@ -137,7 +137,7 @@ def _stamp(message: Any) -> int:
 
 
 def _joints(message: Any, names: Sequence[str], default: dict[str, str], how: Topic, stamp: int) -> Sample:
-    """The arrays of the message side by side; an array that is empty was not measured and has no column."""
+    """The message's arrays as columns of the joints `names`; an empty array was not measured and has no columns."""
     columns: list[str] = []
     parts: list[Array] = []
     for array, kind in (default | how.fields).items():

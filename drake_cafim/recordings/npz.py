@@ -1,4 +1,4 @@
-"""NumPy .npz archives: one-dimensional arrays are columns, two-dimensional ones as `topics:` says."""
+"""Reading of NumPy .npz archives: one-dimensional arrays are columns, two-dimensional ones need `topics:`."""
 
 import zipfile
 import zlib
@@ -10,19 +10,19 @@ from drake_cafim.errors import InputError
 from drake_cafim.recordings.topics import Topic, Topics
 from drake_cafim.typing import Array
 
-# What NumPy and the zip library raise on archives that were cut, damaged, or hold Python objects.
+# What NumPy and the zip library raise on archives that are truncated or damaged, or hold Python objects.
 UNREADABLE = (
     *(zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, AttributeError),
     *(KeyError, NotImplementedError, RuntimeError),
 )
-TIMES = ("time", "t", "times", "sample_times")  # names under which people save VectorLog.sample_times()
+TIMES = ("time", "t", "times", "sample_times")  # usual names of VectorLog.sample_times()
 
 
 def read_npz(path: Path, topics: Topics) -> tuple[dict[str, Array], list[str]]:
-    """The columns of the archive, and notes on arrays that are left alone.
+    """The columns of the archive by name, and a note for each array that is left out.
 
-    A two-dimensional array is (n, N) as `VectorLog.data()` or (N, n); it is left alone unless `topics` gives
-    its n columns. Raises `InputError` for an archive that is cut, and for shapes that do not fit.
+    A two-dimensional array is (n, N) as `VectorLog.data()`, or (N, n); it is left out unless `topics` names its n
+    columns. Raises `InputError` for a truncated archive, and for shapes that do not fit.
     """
     arrays = _arrays(path)
     missing = [key for key in topics if key not in arrays]
@@ -58,13 +58,13 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _rows(path: Path, key: str, values: np.ndarray, columns: int, samples: int) -> np.ndarray:
-    """The array as (columns, samples), whichever way round it was saved."""
+    """The array as (columns, samples); where both are equal, it is taken to be so already."""
     if values.shape == (columns, samples):
         return values
     if values.shape == (samples, columns):
         return values.T
     raise InputError(
-        f"{path}: array {key} has shape {values.shape}, expected ({columns}, {samples}) or the other way round"
+        f"{path}: array {key} has shape {values.shape}, expected ({columns}, {samples}) or ({samples}, {columns})"
     )
 
 

@@ -1,4 +1,4 @@
-"""Parquet tables, in and out."""
+"""Reading and writing of Parquet tables."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -16,7 +16,7 @@ GROUP_ROWS = 131072  # rows of a row group, so that long recordings are written 
 
 
 def read_parquet(path: Path) -> tuple[dict[str, Array], list[str]]:
-    """The numeric columns of the file, and notes on those that are left alone.
+    """The numeric columns of the file by name, and a note for each column that is left out.
 
     Raises `InputError` when the file is not a whole Parquet file or a signal's column is not numeric.
     """
@@ -37,7 +37,7 @@ def write_parquet(recording: Recording, path: Path) -> None:
 
 
 def write_blocks(blocks: Iterable[Mapping[str, Array]], path: Path) -> None:
-    """Write pieces of one table, each as a row group; all have the first one's columns."""
+    """Write the blocks of one table, each as a row group; all have the columns of the first."""
     writer: pyarrow.parquet.ParquetWriter | None = None
     try:
         for block in blocks:

@@ -1,4 +1,4 @@
-"""The table that a robot leaves behind: one row a sample, one named column a signal."""
+"""The class `Recording`: a table with one row for each sample and one named column for each signal."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,8 +20,8 @@ class Recording:
     `name` is what messages call it, as given on the command line. `time` is (N,) s, strictly increasing, and need not
     be uniform. `columns` map names to (N,): `q.<joint>` (rad, m), `v.<joint>` (rad/s, m/s), `u.<joint>` (N m, N),
     `cmd.<joint>` (rad, m), `wrench.<sensor>.fx..tz` (N, N m), `pose.<body>.x..qz` (X_WB: m and a unit quaternion);
-    any other is kept and left alone. Arrays are read-only. NaN marks a measurement that is missing; no sample is ever
-    made up. `notes` say what was wrong with the file and left out, one sentence each.
+    any other is kept unchanged and not used. Arrays are read-only. NaN marks a missing measurement; samples are never
+    interpolated. `notes` are sentences, one for each defect of the file and what was left out because of it.
 
         drake_cafim.Recording("sweep", time, {"q.elbow": q, "u.elbow": u})
 
@@ -56,23 +56,23 @@ class Recording:
         return float(self.time[-1] - self.time[0]) if len(self) > 1 else 0.0
 
     def __getitem__(self, column: str) -> Array:
-        """One column (N,); `InputError` when it is not there, naming those that are."""
+        """One column (N,); raises `InputError` with the names of all columns when there is none of this name."""
         if column not in self.columns:
             raise InputError(f"{self.name}: there is no column {column}; it has {_listed(self.columns)}")
         return self.columns[column]
 
     def measured(self, column: str) -> Array:
-        """One column (N,); `InputError` when it is not there or holds nothing but NaN."""
+        """One column (N,); raises `InputError` when there is none of this name or all its values are NaN."""
         values = self[column]
         if np.all(np.isnan(values)):
             raise InputError(f"{self.name}: column {column} holds nothing but NaN, expected measurements")
         return values
 
     def matrix(self, kind: str, names: Sequence[str]) -> Array:
-        """The columns `<kind>.<name>` side by side, (N, len(names)).
+        """The columns `<kind>.<name>` as a matrix (N, len(names)).
 
         `kind` is "q", "v", "u", "cmd", or a sensor's or body's whole prefix such as "wrench.wrist".
-        Raises `InputError` when a column is missing or holds nothing but NaN.
+        Raises `InputError` when a column is missing or all its values are NaN.
         """
         matrix = np.empty((len(self), len(names)))
         for j, name in enumerate(names):
@@ -80,7 +80,7 @@ class Recording:
         return matrix
 
     def wrench(self, sensor: str) -> Array:
-        """Force and torque (N, 6): fx fy fz in N, tx ty tz in N m, about and in the sensor frame."""
+        """Force and torque (N, 6): fx fy fz in N, tx ty tz in N m about the sensor frame's origin, in its axes."""
         return self.matrix(f"wrench.{sensor}", WRENCH_COMPONENTS)
 
     def pose(self, body: str) -> Array:
@@ -104,11 +104,11 @@ class Recording:
 
     @property
     def other_columns(self) -> tuple[str, ...]:
-        """The columns that mean nothing here; they are listed in the report and left alone."""
+        """The columns whose names have no meaning in this package; the report lists them, nothing uses them."""
         return tuple(column for column in self.columns if not is_signal(column))
 
     def window(self, start: float, end: float) -> "Recording":
-        """The samples with start <= time <= end (s); the notes are kept."""
+        """A recording of the samples with start <= time <= end (s), with the same notes."""
         keep = (self.time >= start) & (self.time <= end)
         columns = {column: values[keep] for column, values in self.columns.items()}
         return Recording(name=self.name, time=self.time[keep], columns=columns, notes=self.notes)
@@ -123,7 +123,7 @@ class Recording:
 
 
 def is_signal(column: str) -> bool:
-    """Whether the name is one of those that a recording gives a meaning to (`time` apart)."""
+    """Whether `column` is the name of a signal of a joint, wrench sensor or body; `time` is not one."""
     kind, _, rest = column.partition(".")
     if kind in JOINT_KINDS:
         return bool(rest)
@@ -133,7 +133,7 @@ def is_signal(column: str) -> bool:
 
 
 def _frozen(values: Array) -> Array:
-    """The same numbers as float64 that nobody can write to; the caller's own array stays writable."""
+    """A read-only float64 view of `values`; the caller's own array stays writable."""
     array = np.asarray(values, dtype=np.float64)
     view = array.view()
     view.flags.writeable = False

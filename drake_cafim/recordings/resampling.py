@@ -1,4 +1,4 @@
-"""A recording on a uniform grid, for those who ask for it; nothing in the package does so by itself."""
+"""Resampling of a recording to a uniform period, only on request: fits use the samples as they were measured."""
 
 import numpy as np
 
@@ -9,30 +9,32 @@ from drake_cafim.typing import Array
 HELD = ("u", "cmd")
 
 
-def resampled(recording: Recording, period: float, longest_gap: float | None = None) -> Recording:
+def resample(recording: Recording, period: float, longest_gap: float | None = None) -> Recording:
     """The recording at multiples of `period` (s) from its first sample.
 
-    `u` and `cmd` are held from their last sample; other columns are interpolated linearly between two samples
-    at most `longest_gap` apart (by default 5 median steps of that column), quaternions along the shorter arc
-    and normalised; elsewhere NaN stands. The result says in its notes that it was resampled.
-    Raises `InputError` for a period that is not positive.
+    `u` and `cmd` keep the value of the sample before; other columns are interpolated linearly, quaternions with
+    continuous signs and then normalised. Across gaps longer than `longest_gap` s (by default 5 median steps of the
+    column) the values are NaN. A note says that the recording was resampled. Raises `InputError` for a period that is
+    not positive.
     """
     if not period > 0.0:
         raise InputError(f"{recording.name}: the period is {period} s, expected it to be positive")
+    # 1 + 1e-12: a duration of whole periods must not lose its last sample to rounding
     count = int(np.floor(recording.duration / period * (1.0 + 1e-12))) + 1
     time = recording.time[0] + period * np.arange(count)
     source = _with_continuous_quaternions(recording)
     columns: dict[str, Array] = {}
     for column, values in source.items():
         held = column.partition(".")[0] in HELD
-        columns[column] = _at(time, recording.time, values, held, longest_gap)
+        columns[column] = _interpolate(time, recording.time, values, held, longest_gap)
     for body in recording.bodies:
         _normalise(columns, body)
-    note = f"resampled to a period of {period:.6g} s, as was asked; its samples were not measured at these times"
+    note = f"resampled to a period of {period:.6g} s on request; its samples were not measured at these times"
     return Recording(name=recording.name, time=time, columns=columns, notes=(*recording.notes, note))
 
 
-def _at(new: Array, time: Array, values: Array, held: bool, longest: float | None) -> Array:
+def _interpolate(new: Array, time: Array, values: Array, held: bool, longest: float | None) -> Array:
+    """`values` (N,) at `time`, interpolated or held to the times `new` (M,); NaN across gaps and outside."""
     there = np.isfinite(values)
     t, y = time[there], values[there]
     if t.size < 2:
@@ -44,12 +46,12 @@ def _at(new: Array, time: Array, values: Array, held: bool, longest: float | Non
     step = t[i + 1] - t[i]
     share = np.clip((new - t[i]) / step, 0.0, 1.0)
     result = np.where(share < 1.0, y[i], y[i + 1]) if held else y[i] + share * (y[i + 1] - y[i])
-    exact = (share == 0.0) | (share == 1.0)
+    exact = (share == 0.0) | (share == 1.0)  # at a sample's own time the gap beside it does not matter
     return np.where(inside & (exact | (step <= longest)), result, np.nan)
 
 
 def _with_continuous_quaternions(recording: Recording) -> dict[str, Array]:
-    """The columns, each quaternion with the sign that is nearer to the one before."""
+    """The columns with each quaternion's sign chosen so that it is nearer to the quaternion of the sample before."""
     columns = dict(recording.columns)
     for body in recording.bodies:
         names = _quaternion(body)

@@ -1,16 +1,16 @@
-"""How the stamps of a bag's topics lie to each other and to the recorder's clock."""
+"""Timing of a bag's topics: their rates, and their stamps against each other and against the recorder's clock."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.recordings.joined import Joined
+from drake_cafim.recordings.joining import JoinedTable
 from drake_cafim.recordings.tracks import Series
 
 
 @dataclass(frozen=True)
 class TopicTiming:
-    """One topic's stamps; `reference` is the topic with joint positions, or the first."""
+    """Timing of one topic; `reference` is the first topic with joint positions, or else the first of all."""
 
     topic: str
     kind: str
@@ -37,33 +37,34 @@ class TopicTiming:
         text += f"; {self.shared} at a stamp of {self.reference}"
         text += f", the others {self.apart:.6g} s from the nearest" if self.shared < self.count else ""
         if not self.overlaps:
-            text += "; it does not overlap with it, `stamp: log` or `offset:` in topics: may set this right"
+            text += "; the two do not overlap in time, `stamp: log` or `offset:` in topics: may correct this"
         return text
 
 
-def timings(table: Joined) -> tuple[TopicTiming, ...]:
-    """One entry for each series of the table."""
+def timings(table: JoinedTable) -> tuple[TopicTiming, ...]:
+    """The timing of each series of the table."""
     reference = next(
-        (one for one in table.series if any(column.startswith("q.") for column in one.columns)), table.series[0]
+        (series for series in table.series if any(column.startswith("q.") for column in series.columns)),
+        table.series[0],
     )
-    return tuple(_timing(one, reference, table.start) for one in table.series)
+    return tuple(_timing(series, reference, table.start) for series in table.series)
 
 
-def _timing(one: Series, reference: Series, start: int) -> TopicTiming:
-    stamps, others = one.stamps, reference.stamps
+def _timing(series: Series, reference: Series, start: int) -> TopicTiming:
+    stamps, others = series.stamps, reference.stamps
     after = np.clip(np.searchsorted(others, stamps), 1, max(others.size - 1, 1))
     right = others[np.minimum(after, others.size - 1)]
     distance = np.minimum(np.abs(stamps - others[after - 1]), np.abs(right - stamps))
     apart = distance[distance > 0]
     return TopicTiming(
-        topic=one.topic,
-        kind=one.kind,
-        columns=one.columns,
+        topic=series.topic,
+        kind=series.kind,
+        columns=series.columns,
         count=int(stamps.size),
         first=float((stamps[0] - start) / 1e9),
         last=float((stamps[-1] - start) / 1e9),
         median_step=float(np.median(np.diff(stamps)) / 1e9) if stamps.size > 1 else 0.0,
-        clock_offset=one.clock_offset,
+        clock_offset=series.clock_offset,
         reference=reference.topic,
         shared=int(np.sum(distance == 0)),
         apart=float(np.median(apart) / 1e9) if apart.size else 0.0,

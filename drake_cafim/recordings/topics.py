@@ -1,4 +1,4 @@
-"""How the names in somebody else's file become columns: the `topics:` section of a scenario.
+"""Mapping of the names in a foreign file to columns of a recording: the `topics:` section of a scenario.
 
 A key is a topic of a bag, a channel of an LCM log, an array of an .npz file or a column of a .csv file::
 
@@ -12,7 +12,7 @@ A key is a topic of a bag, a channel of an LCM log, an array of an .npz file or 
       stamp_ns: {columns: [time], scale: 1.0e-9}
       x: {columns: [q.elbow, v.elbow]}                      # an .npz array (n, N) or (N, n)
 
-With the section, a bag's or a log's other topics are left alone; of a table, the other columns keep their
+With the section, a bag's or a log's other topics are not read; of a table, the other columns keep their
 names. Without it every topic of a known type is read: a JointState's joints by their names (as `cmd` on a topic
 `.../joint_command` or `.../joint_commands`), a WrenchStamped's sensor, a PoseStamped's body and a Float64's
 column by the topic's own name (`/ft/wrist` is `ft_wrist`).
@@ -30,7 +30,7 @@ STAMPS = ("header", "log")
 
 @dataclass
 class Topic:
-    """What one topic, array or foreign column becomes; the defaults keep the file's own names."""
+    """The columns and units of one topic, array or foreign column; the defaults keep the file's own names."""
 
     joints: dict[str, str] = field(default_factory=dict)  # the file's joint name to the model's; "": left out
     fields: dict[str, str] = field(default_factory=dict)  # array of the message to q, v, u, cmd; "": left out
@@ -39,8 +39,8 @@ class Topic:
     columns: list[str] = field(default_factory=list)  # of an array's elements, in their order; "": left out
     scale: float = 1.0  # the file's unit in SI, as 0.017453292519943295 for degrees
     offset: float = 0.0  # s, added to this topic's stamps
-    join: float = 0.0  # s; a sample this near to a stamp of the other topics takes over that stamp
-    stamp: str = "header"  # the clock that is believed: header, or log (the recorder's)
+    join: float = 0.0  # s; a sample at most this far from a stamp of the other topics takes over that stamp
+    stamp: str = "header"  # the clock that is used: header (the message's own), or log (the recorder's)
 
 
 Topics = Mapping[str, Topic]
@@ -62,14 +62,14 @@ def check_topics(topics: Topics, source: str) -> None:
 
 
 def own_name(topic: str) -> str:
-    """The topic's name without slashes at its ends and with _ between its parts."""
+    """The topic's name without slashes at its ends and with _ for those between its parts: /ft/wrist is ft_wrist."""
     return topic.strip("/").replace("/", "_")
 
 
-def renamed(name: str, table: Mapping[str, Array], topics: Topics) -> dict[str, Array]:
+def rename_columns(name: str, table: Mapping[str, Array], topics: Topics) -> dict[str, Array]:
     """The table's columns under the names that `topics` gives them, in SI units.
 
-    Raises `InputError` when a mapped column is not there or two become one.
+    Raises `InputError` when `topics` names a column that the table lacks, or gives two columns the same name.
     """
     missing = [column for column in topics if column not in table]
     if missing:

@@ -1,4 +1,4 @@
-"""Samples of a topic as they come in, put aside on disk so that a long bag needs little memory."""
+"""Buffers for the samples of a topic while a bag is read, with the values on disk: a long bag needs little memory."""
 
 import mmap
 import tempfile
@@ -48,23 +48,24 @@ class Track:
         return len(self._logs)
 
     def add(self, sample: Sample, log: int) -> None:
-        """Put one sample aside; `log` is the recorder's stamp in ns."""
+        """Store one sample; `log` is the recorder's stamp in ns."""
         self._stamped = self._stamped and sample.stamp is not None
         self._stamps.append(sample.stamp if sample.stamp is not None else 0)
         self._logs.append(log)
         self._file.write(sample.values.tobytes())
 
     def close(self) -> None:
-        """Close the file; values that were mapped from it stay."""
+        """Close the file; arrays that were mapped from it stay valid."""
         self._file.close()
 
     def series(self, name: str, notes: list[str]) -> Series:
-        """All samples in the order of their stamps; a repeated stamp is left out and said in `notes`.
+        """All samples in the order of their stamps; repeated stamps are left out and counted in `notes`.
 
         Raises `InputError` when the stamps decrease.
         """
         logs = np.frombuffer(self._logs, dtype=np.int64)
-        rows = np.argsort(logs, kind="stable")  # messages may stand in the file in another order than they came
+        # The file's order may differ from that of arrival; only what decreases in the order of arrival is an error.
+        rows = np.argsort(logs, kind="stable")
         stamps, offset = self._clock(logs, notes)
         stamps = stamps[rows] + round(self.how.offset * 1e9)
         back = np.flatnonzero(np.diff(stamps) < 0)
@@ -90,6 +91,7 @@ class Track:
         )
 
     def _clock(self, logs: Ticks, notes: list[str]) -> tuple[Ticks, float | None]:
+        """The stamps to use (n,) ns, the messages' own or the recorder's, and the median difference of the two, s."""
         own = np.frombuffer(self._stamps, dtype=np.int64)
         if not self._stamped or self.how.stamp == "log":
             return logs, None

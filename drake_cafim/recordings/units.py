@@ -1,4 +1,4 @@
-"""Degrees where radians are expected: told from the joints' limits and from q against the integral of v."""
+"""Detection of degrees where radians are expected, by the joints' limits and by q against the integral of v."""
 
 from collections.abc import Mapping
 
@@ -9,18 +9,18 @@ from drake_cafim.recordings.recording import Recording
 from drake_cafim.typing import Array
 
 DEGREES = 180.0 / np.pi
-FAR = 1.0  # of the joint's range: an overrun this long is no inaccurate limit
-MARGIN = 0.1  # of the joint's range: in radians the motion lies within the limits and this much beyond
-CORRELATED = 0.95  # q and the integral of v must tell the same story before their ratio is believed
+FAR = 1.0  # of the joint's range: a longer overrun is not explained by an inaccurate limit
+MARGIN = 0.1  # of the joint's range: how far q·π/180 may lie beyond limits that are inaccurate
+CORRELATED = 0.95  # least correlation of q with the integral of v at which the ratio of the two is used
 
 
 def unit_mistakes(recording: Recording, limits: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
-    """One sentence for each revolute joint whose q or v is in degrees; empty when none is.
+    """One sentence for each revolute joint of which q or v, but not both, is in degrees.
 
-    `limits` maps each revolute joint to its (lower, upper) in rad; infinite ones are allowed. Where v was measured, q
-    and the integral of v then differ by the factor 180/π. A small motion in degrees without v, or with v in degrees
-    too, cannot be told. Raises `InputError` where q runs beyond the limits by more than their whole range while
-    q·π/180 stays within them: such a recording is of no use.
+    `limits` maps each revolute joint to its (lower, upper) in rad; infinite ones are allowed. The test: q and the
+    integral of v differ by the factor 180/π or π/180. A small motion in degrees without v, or with v in degrees too,
+    is not detected. Raises `InputError` where q exceeds the limits by more than their range while q·π/180 lies
+    within them: such a recording cannot be used.
     """
     found = []
     for joint in recording.joints("q"):
@@ -54,9 +54,10 @@ def _by_limits(recording: Recording, joint: str, limits: tuple[float, float]) ->
 def _by_velocity(recording: Recording, joint: str) -> str | None:
     if f"v.{joint}" not in recording.columns:
         return None
-    ratio = _slope(recording.time, recording.columns[f"q.{joint}"], recording.columns[f"v.{joint}"])
+    ratio = _motion_ratio(recording.time, recording.columns[f"q.{joint}"], recording.columns[f"v.{joint}"])
     if ratio is None:
         return None
+    # the factor may miss 180/π by a quarter: noise and filters of v change it, and no other unit is near
     if 0.8 * DEGREES < ratio < 1.25 * DEGREES:
         return (
             f"{recording.name}: column q.{joint} moves {ratio:.3g} times as far as the integral of "
@@ -70,14 +71,17 @@ def _by_velocity(recording: Recording, joint: str) -> str | None:
     return None
 
 
-def _slope(time: Array, q: Array, v: Array) -> float | None:
-    """The factor between the motion of q and the integral of v; None where they are not alike."""
+def _motion_ratio(time: Array, q: Array, v: Array) -> float | None:
+    """The motion of q divided by the integral of v, both without their linear trends; None where they differ in shape.
+
+    Negative where they have opposite signs.
+    """
     there = np.isfinite(q) & np.isfinite(v)
-    if there.sum() < 10:
+    if there.sum() < 10:  # with so few samples noise alone can correlate
         return None
     t, q, v = time[there], q[there], v[there]
     travelled = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
-    # A constant offset of v is a ramp in its integral; taking ramps out of both leaves the motion.
+    # A constant offset of v is a ramp in its integral: without the linear trends only the motion is left.
     basis = np.column_stack([np.ones_like(t), t - t[0]])
     a, b = (y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0] for y in (travelled, q))
     scale = float(np.linalg.norm(a) * np.linalg.norm(b))

@@ -1,4 +1,4 @@
-"""What makes a recording of no use to any fit: too few samples, a clock that jumps, numbers that no robot has."""
+"""Checks that a recording can be fitted at all: enough samples, no jump of the clock, values of plausible size."""
 
 from collections.abc import Sequence
 
@@ -8,16 +8,18 @@ from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 
 FEWEST = 8
-"""Samples, below which not even noise can be told from motion."""
+"""Smallest number of samples; with fewer, noise cannot be separated from motion."""
 LONGEST_GAP = 600.0
-"""s: whatever stands after a longer pause is another recording."""
+"""s, longest step of time; samples after a longer pause belong to another recording."""
 LARGEST = 1e9
-"""In SI units: no joint, effort, force or place of a robot is as large, and the square of it still is a number."""
+"""Largest absolute value in SI units: above any position, effort or force of a robot; its square does not overflow."""
 
 
 def check_usable(recording: Recording, columns: Sequence[str]) -> None:
-    """Raises `InputError` for fewer than `FEWEST` samples, a longer gap than `LONGEST_GAP` s, or a value of one of
-    `columns` (those that are there) beyond `LARGEST`."""
+    """Raises `InputError` for fewer than `FEWEST` samples, a gap longer than `LONGEST_GAP`, or a value above `LARGEST`.
+
+    Only the `columns` that the recording has are checked.
+    """
     count = len(recording)
     if count < FEWEST:
         raise InputError(f"{recording.name}: only {count} sample{'s' * (count != 1)}, expected at least {FEWEST}")

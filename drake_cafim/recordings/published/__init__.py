@@ -6,6 +6,6 @@ from drake_cafim.recordings.published.emps_drive import EMPS_DRIVE
 from drake_cafim.recordings.published.published_set import PublishedSet, Run, content_hash
 from drake_cafim.recordings.published.simple_pendulum import SIMPLE_PENDULUM
 
-SETS = {one.name: one for one in (EMPS_DRIVE, DOUBLE_PENDULUM_A0, SIMPLE_PENDULUM, CUBE_TOSS)}
+SETS = {data_set.name: data_set for data_set in (EMPS_DRIVE, DOUBLE_PENDULUM_A0, SIMPLE_PENDULUM, CUBE_TOSS)}
 
 __all__ = ["SETS", "PublishedSet", "Run", "content_hash"]

@@ -20,7 +20,7 @@ PERIOD = 1 / 148  # s
 
 
 def table(path: Path, run: Run) -> dict[str, Array]:
-    """X_WB of the cube in metres, the quaternion normalised and its sign continuous."""
+    """Time and X_WB of the cube: position in m, quaternion normalised and with continuous sign."""
     tensor = read_tensor(path)
     if tensor.ndim != 3 or tensor.shape[0] != 1 or tensor.shape[2] != 19:
         raise InputError(f"{path}: the tensor has shape {tensor.shape}, expected (1, N, 19)")

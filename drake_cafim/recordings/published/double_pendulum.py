@@ -21,7 +21,7 @@ FOLDER = "data/experiment_records/design_A.0/20220815/sys_id"
 
 
 def table(path: Path, run: Run) -> dict[str, Array]:
-    """The measured columns; tau_fric is zero in every file and left out, as are the filtered ones."""
+    """The measured columns; the filtered ones and tau_fric, which is zero in every file, are left out."""
     return columns_of_csv(path, run, NAMES)
 
 

@@ -18,7 +18,7 @@ NAMES = ("t", "qm", "qg", "vir", "gtau")
 
 
 def table(path: Path, run: Run) -> dict[str, Array]:
-    """One third of the file; time starts at zero, nothing is filtered."""
+    """The columns of the run's rows of the file; time starts at zero, nothing is filtered."""
     try:
         held = loadmat(path)
     except (ValueError, OSError, NotImplementedError, EOFError) as error:

@@ -1,4 +1,4 @@
-"""A published data set: where its files come from, how they become recordings, and the hash of the result."""
+"""The class `PublishedSet`: the source of a data set, its conversion to recordings, and the hashes of the result."""
 
 import hashlib
 from collections.abc import Callable, Mapping
@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from drake_cafim.errors import InputError
-from drake_cafim.recordings.checks import cleaned
+from drake_cafim.recordings.checks import clean
 from drake_cafim.recordings.csv import read_csv
 from drake_cafim.recordings.files import write
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.typing import Array
 
-DECIMALS = 9  # of a column that are hashed: a nanometre, so that the last bits of a product do not matter
+DECIMALS = 9  # of each number that are hashed: the last bits of a product differ between machines
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,12 @@ class Run:
 
     source: str  # path of its file in the set's repository
     sha256: str  # of the columns, see `content_hash`
-    rows: tuple[int, int | None] = (0, None)  # of the file that are kept: from the first to before the second
+    rows: tuple[int, int | None] = (0, None)  # of the file that are used: first, and one past the last
 
 
 @dataclass(frozen=True)
 class PublishedSet:
-    """A set whose files the user fetches from their own source."""
+    """A published data set, whose files the user fetches from its repository."""
 
     name: str
     url: str
@@ -38,16 +38,16 @@ class PublishedSet:
     table: Callable[[Path, Run], dict[str, Array]]  # the columns of one run, `time` first
 
     def recording(self, folder: Path, run: str) -> Recording:
-        """The run out of a checkout of the set's repository in `folder`, its hash checked.
+        """The recording of `run` from a checkout of the set's repository in `folder`.
 
-        Raises `InputError` when the run or the file is not there, is not as published, or gives other columns.
+        Raises `InputError` for an unknown run, a missing file, or columns whose hash is not that of the published ones.
         """
         if run not in self.runs:
             raise InputError(f"{self.name}: there is no run {run}; it has {', '.join(self.runs)}")
         path = folder / self.runs[run].source
         if not path.is_file():
             raise InputError(f"{path}: there is no such file, expected a checkout of {self.url} at {self.commit}")
-        recording = cleaned(str(path), self.table(path, self.runs[run]))
+        recording = clean(str(path), self.table(path, self.runs[run]))
         found, expected = content_hash(recording), self.runs[run].sha256
         if found != expected:
             raise InputError(
@@ -57,25 +57,25 @@ class PublishedSet:
         return recording
 
     def convert(self, folder: Path, out: Path) -> list[Path]:
-        """Write every run as `out/<run>.parquet`; the paths come back. Raises `InputError` as `recording`."""
+        """Write every run as `out/<run>.parquet` and return the paths. Raises `InputError` as `recording` does."""
         return [write(self.recording(folder, run), out / f"{run}.parquet") for run in self.runs]
 
 
 def content_hash(recording: Recording) -> str:
-    """sha256 of names and numbers, rounded to nine decimals, of `time` and then the columns by name."""
+    """sha256 of `time` and then the columns in the order of their names: each name, and its numbers to 9 decimals."""
     digest = hashlib.sha256()
     columns = {"time": recording.time, **dict(sorted(recording.columns.items()))}
     for name, values in columns.items():
-        rounded = np.round(values, DECIMALS) + 0.0  # + 0.0: one zero, not two
+        rounded = np.round(values, DECIMALS) + 0.0  # + 0.0 turns −0.0 into 0.0, which has other bytes
         digest.update(name.encode() + b"\0" + rounded.astype("<f8").tobytes())
     return digest.hexdigest()
 
 
 def columns_of_csv(path: Path, run: Run, names: Mapping[str, str]) -> dict[str, Array]:
-    """The columns `names` (the file's name to ours, time first) of a comma-separated file.
+    """Columns of a comma-separated file under new names: `names` maps the file's to the recording's, time first.
 
-    Rows that repeat the time before them are dropped, `run.rows` are kept, time starts at zero; nothing else is
-    changed. Raises `InputError` for a column that is not there.
+    Rows that repeat the time of the row before are dropped, then `run.rows` are selected, and time starts at zero;
+    nothing else is changed. Raises `InputError` for a column that the file lacks.
     """
     table, _ = read_csv(path)
     missing = [name for name in names if name not in table]

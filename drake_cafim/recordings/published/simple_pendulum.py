@@ -1,4 +1,4 @@
-"""The DFKI torque-limited simple pendulum: the undisturbed swing-up of each run, before people push it.
+"""The DFKI torque-limited simple pendulum: of each run the swing-up, before the pendulum is pushed by hand.
 
 F. Wiebe et al., "Torque-limited simple pendulum", JOSS 2022, doi 10.21105/joss.03884. The torque is the measured
 one on the joint's side.
@@ -13,7 +13,7 @@ NAMES = {"time": "time", "position": "q.shoulder", "velocity": "v.shoulder", "to
 
 
 def table(path: Path, run: Run) -> dict[str, Array]:
-    """The first rows of the file, as many as the swing-up takes."""
+    """The measured columns of the run's rows of the file, which are those of the swing-up."""
     return columns_of_csv(path, run, NAMES)
 
 

@@ -1,4 +1,4 @@
-"""Tensors out of PyTorch's .pt files without PyTorch: nothing in the file is executed."""
+"""Reading of the tensor in a PyTorch .pt file without PyTorch: nothing in the file is executed."""
 
 import io
 import pickle
@@ -18,9 +18,9 @@ TYPES = {"DoubleStorage": "<f8", "FloatStorage": "<f4"}
 
 
 def read_tensor(path: Path) -> Array:
-    """The one tensor of floating-point numbers that the file holds, in its own shape.
+    """The tensor of floating-point numbers that the file holds, in its own shape.
 
-    Reads the zip archives of PyTorch 1.6 and later and the files before. Raises `InputError` for any other.
+    Reads the zip archives of PyTorch 1.6 and later, and the format before. Raises `InputError` for any other file.
     """
     try:
         return _from_zip(path) if zipfile.is_zipfile(path) else _from_stream(path)
@@ -30,7 +30,7 @@ def read_tensor(path: Path) -> Array:
 
 
 class _Tensor:
-    """What the file says of the tensor; its numbers come from the storage of this key."""
+    """A tensor's type, shape, strides and offset; its numbers are in the storage of name `key`."""
 
     def __init__(self, storage: tuple[str, str], offset: int, shape: tuple[int, ...], strides: tuple[int, ...]) -> None:
         self.kind, self.key = storage
@@ -48,7 +48,7 @@ class _Tensor:
 
 
 class _Unpickler(pickle.Unpickler):
-    """Knows the names that a tensor needs and refuses every other."""
+    """An unpickler that accepts only the names that a tensor needs, so that no code of the file is executed."""
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) == ("torch._utils", "_rebuild_tensor_v2"):

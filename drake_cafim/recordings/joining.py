@@ -1,9 +1,9 @@
-"""One table of topics that have stamps of their own, with no sample made up.
+"""Joining of topics that have different stamps into one table, without interpolation.
 
-Rows are all stamps that any topic has. Samples stand in one row when their stamps are equal to the nanosecond,
+The rows are all stamps that any topic has. Samples share a row when their stamps are equal to the nanosecond,
 which is what a ROS header resolves; where a topic has no sample at a stamp, its columns hold NaN. With `join: t`
-a topic's samples take over the stamp of the others that is nearest, if it is at most t seconds away, one sample
-a stamp; that is the only way in which a stamp is ever changed, and it is noted.
+each sample of a topic takes over the nearest stamp of the other topics, if that is at most t seconds away, one sample
+for each stamp; stamps are changed in no other way, and a note says so.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,13 +16,13 @@ from drake_cafim.recordings.topics import Topic, Topics
 from drake_cafim.recordings.tracks import Series, Ticks
 from drake_cafim.typing import Array
 
-EXACT = 2**53  # ns; up to here float64 seconds resolve each nanosecond
+EXACT = 2**53  # ns; float64 holds all integers up to here, so that seconds made of them keep each nanosecond
 BLOCK_ROWS = 131072
 
 
 @dataclass(frozen=True)
-class Joined:
-    """The rows of all series; columns are made when asked for, so that few need to be held at once."""
+class JoinedTable:
+    """All series as rows of one table; columns are computed on request, so that few are in memory at once."""
 
     ticks: Ticks  # (N,) ns, strictly increasing
     start: int  # ns that are taken off before ticks become seconds
@@ -56,59 +56,64 @@ class Joined:
         return {"time": self.time, **self.block(0, self.ticks.size)}
 
 
-def joined(name: str, series: Sequence[Series], topics: Topics, notes: list[str]) -> Joined:
-    """The table of all series; what was done to stamps is said in `notes`.
+def join(name: str, all_series: Sequence[Series], topics: Topics, notes: list[str]) -> JoinedTable:
+    """The table of all series; a note for each change of stamps is appended to `notes`.
 
     Raises `InputError` when two topics give the same column.
     """
-    _refuse_conflicts(name, series)
-    series = _snapped(series, topics, notes)
-    ticks = np.unique(np.concatenate([one.stamps for one in series]))
+    _refuse_conflicts(name, all_series)
+    all_series = _snap(all_series, topics, notes)
+    ticks = np.unique(np.concatenate([series.stamps for series in all_series]))
     start = 0
     if ticks[-1] >= EXACT or ticks[0] <= -EXACT:
         start = int(ticks[0])
         notes.append(f"time: seconds since the first stamp, which is {start} ns")
-    columns = dict.fromkeys(column for one in series for column in one.columns)
-    return Joined(ticks=ticks, start=start, series=tuple(series), columns=tuple(columns))
+    columns = dict.fromkeys(column for series in all_series for column in series.columns)
+    return JoinedTable(ticks=ticks, start=start, series=tuple(all_series), columns=tuple(columns))
 
 
-def _refuse_conflicts(name: str, series: Sequence[Series]) -> None:
+def _refuse_conflicts(name: str, all_series: Sequence[Series]) -> None:
     owner: dict[str, str] = {}
-    for one in series:
-        for column in one.columns:
-            other = owner.setdefault(column, one.topic)
-            if other != one.topic:
+    for series in all_series:
+        for column in series.columns:
+            other = owner.setdefault(column, series.topic)
+            if other != series.topic:
                 raise InputError(
-                    f"{name}: column {column} comes from the topics {other} and {one.topic}; say in topics: "
+                    f"{name}: column {column} comes from the topics {other} and {series.topic}; say in topics: "
                     "which of them is read, or give one of them another name"
                 )
 
 
-def _snapped(series: Sequence[Series], topics: Topics, notes: list[str]) -> list[Series]:
-    def tolerance(one: Series) -> int:
-        return round(topics.get(one.topic, Topic()).join * 1e9)
+def _snap(all_series: Sequence[Series], topics: Topics, notes: list[str]) -> list[Series]:
+    """The series, those with `join:` at the stamps of the others where these are near enough."""
 
-    anchors = [one.stamps for one in series if tolerance(one) == 0]
-    if not anchors or len(anchors) == len(series):
-        return list(series)
+    def tolerance(series: Series) -> int:
+        return round(topics.get(series.topic, Topic()).join * 1e9)
+
+    anchors = [series.stamps for series in all_series if tolerance(series) == 0]
+    if not anchors or len(anchors) == len(all_series):
+        return list(all_series)
     anchor = np.unique(np.concatenate(anchors))
     result = []
-    for one in series:
-        limit = tolerance(one)
+    for series in all_series:
+        limit = tolerance(series)
         if limit:
-            stamps = snapped(one.stamps, anchor, limit)
-            moved = np.abs(stamps - one.stamps)
+            stamps = snap_stamps(series.stamps, anchor, limit)
+            moved = np.abs(stamps - series.stamps)
             notes.append(
-                f"{one.topic}: {np.isin(stamps, anchor).sum()} of {stamps.size} samples stand at a stamp of the other "
+                f"{series.topic}: {np.isin(stamps, anchor).sum()} of {stamps.size} samples are at a stamp of the other "
                 f"topics, moved by at most {moved.max() * 1e-9:.6g} s as join: asks"
             )
-            one = replace(one, stamps=stamps)
-        result.append(one)
+            series = replace(series, stamps=stamps)
+        result.append(series)
     return result
 
 
-def snapped(stamps: Ticks, anchor: Ticks, limit: int) -> Ticks:
-    """`stamps` (n,), each replaced by the nearest of `anchor` within `limit`; an anchor takes its nearest only."""
+def snap_stamps(stamps: Ticks, anchor: Ticks, limit: int) -> Ticks:
+    """`stamps` (n,) ns, each replaced by the nearest of `anchor` (m,) if that is at most `limit` ns away.
+
+    Where several are nearest to the same anchor, only the closest of them is replaced, so that no stamp occurs twice.
+    """
     after = np.clip(np.searchsorted(anchor, stamps), 1, max(anchor.size - 1, 1))
     left, right = anchor[after - 1], anchor[np.minimum(after, anchor.size - 1)]
     nearest = np.where(stamps - left <= right - stamps, left, right)
