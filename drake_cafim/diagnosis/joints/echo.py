@@ -61,6 +61,6 @@ def _coupling_column(problem: WeakFormRows, physics: Physics, effect: JointCoupl
     parts = []
     for run in problem.runs:
         rows = np.zeros((len(run.weak.samples.windows), run.weak.rows_per_window))
-        rows[:, run.weak.dynamic.start + joint] = run.weak.coupling_rows(physics, effect) / gain
+        rows[:, run.weak.dynamic.start + joint] = run.weak.couplings.rows(physics, effect) / gain
         parts.append(run.whitened(rows))
     return np.concatenate(parts)

@@ -152,7 +152,7 @@ def _drive_looks(problem: WeakFormRows, physics: Physics, effect: ActuatorEffect
     """The actuator's looks, of which only the joint's own rows know."""
     joint = problem.scene.tree.joint_index(effect.at)
     gain = float(physics.effort_gains[joint])
-    efforts = [run.weak.effort(physics, joint, run.weak.measurement(physics).u) for run in problem.runs]
+    efforts = [run.weak.terms(physics).driven.effort(physics, joint) for run in problem.runs]
     for look in effect.looks(np.concatenate([effort.values for effort in efforts])):
         parts = []
         for run, effort in zip(problem.runs, efforts, strict=True):
@@ -175,7 +175,7 @@ def _coupling_looks(problem: WeakFormRows, physics: Physics, effect: JointCoupli
     """The coupling's trials: the rotor simulated with each, which no coefficient can stand for."""
     joint = problem.scene.tree.joint_index(effect.at)
     gain = float(physics.effort_gains[joint])
-    drives = [run.weak.rotor_drives(physics)[joint] for run in problem.runs]
+    drives = [run.weak.couplings.rotor_drives(physics)[joint] for run in problem.runs]
     time, push, mobility = (
         np.concatenate([getattr(drive, name) for drive in drives]) for name in ("time", "push", "mobility")
     )
@@ -186,7 +186,8 @@ def _coupling_looks(problem: WeakFormRows, physics: Physics, effect: JointCoupli
         weak = run.weak
         rows = np.zeros((len(weak.samples.windows), weak.rows_per_window, len(trials)))
         for k, values in enumerate(trials):
-            rows[:, weak.dynamic.start + joint, k] = weak.trial_rows(physics, effect.with_values(values)) / gain
+            found = weak.couplings.trial_rows(physics, effect.with_values(values))
+            rows[:, weak.dynamic.start + joint, k] = found / gain
         parts.append(run.whitened(rows))
     columns = np.concatenate(parts)
     for k, values in enumerate(trials):

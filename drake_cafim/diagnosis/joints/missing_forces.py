@@ -58,5 +58,5 @@ def window_means(weak: WeakForm, physics: Physics) -> WindowMeans:
         windows.value @ measured.q_hat / area,
         windows.value @ measured.v_hat / area,
         -(windows.rate @ measured.v) / area,
-        weak.asked(physics) / area,
+        weak.terms(physics).rows.asked / area,
     )

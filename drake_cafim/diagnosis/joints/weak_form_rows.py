@@ -177,7 +177,7 @@ class WeakFormRows(Problem):
             result = []
             for run in self.runs:
                 on = effect.channels([name for name, _ in run.labels])
-                change = run.weak.sensor_change(effect, on)
+                change = run.weak.sensor_slopes.of(effect, on)
                 result.append(-sum(run.sensed(name, change[:, k]) for k, name in enumerate(on)))
             self._sensor_columns[effect.key] = np.concatenate(result)
         return self._sensor_columns[effect.key]

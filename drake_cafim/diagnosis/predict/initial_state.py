@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from drake_cafim.diagnosis.rows.measurement import Measurement
 from drake_cafim.diagnosis.rows.samples import Samples
-from drake_cafim.diagnosis.rows.weak_form import Measurement
 from drake_cafim.typing import Array
 
 LOOK_BACK = 0.05

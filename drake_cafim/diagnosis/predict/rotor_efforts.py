@@ -24,7 +24,7 @@ def rotor_efforts(weak: WeakForm, physics: Physics) -> Array:
     start = marginal.start if marginal.paid > 0.0 else np.zeros(2 * len(physics.couplings))
     for coupling in physics.couplings:
         joint = physics.tree.joint_index(coupling.at)
-        drive = weak.rotor_drives(physics)[joint]
+        drive = weak.couplings.rotor_drives(physics)[joint]
         by_start = coupling.twist_rate_by_start(drive)
         own, start = np.split(start, [by_start.shape[1]])
         rate = coupling.twist_rate(drive) + by_start @ own

@@ -24,7 +24,7 @@ def wrench_innovations(weak: WeakForm, physics: Physics, states: Array, covarian
 
     def predict(states: Array) -> Array:
         q, v = np.split(states, 2, axis=1)
-        return weak.written(physics, motion(physics.tree, q, v), memory)[known]
+        return weak.contacts.readings_along(physics, motion(physics.tree, q, v), memory)[known]
 
     predicted = predict(filled)
     ahead = [predict(filled + DIFFERENCE * shift) for shift in np.eye(states.shape[1])]

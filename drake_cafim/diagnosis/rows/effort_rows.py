@@ -48,6 +48,17 @@ class EffortRows:
             steps += self._of(physics, j).steps
         return steps
 
+    def effort(self, physics: Physics, joint: int) -> Effort:
+        """The effort that acts at `joint` over time, its actuator effects included."""
+        return effort_at(physics, joint, self.rows.effort(joint))
+
+    def mean_effort(self, physics: Physics) -> Array:
+        """(N, n) mean effort that acts at each joint from one sample to the next, rotor inertia not subtracted."""
+        acting = self.rows.u.copy()
+        for j in _changed(physics) | set(np.flatnonzero(self.rows.ramped).tolist()):
+            acting[:, j] = self.effort(physics, j).means(self.rows.windows.time)
+        return acting
+
     def std_behind(self, physics: Physics, lag: ActuatorEffect) -> float:
         """Standard deviation over time of the commanded effort less the effort that acts under `lag`, N m or N."""
         key = (lag.at, lag.settling or 0.0)
@@ -63,7 +74,7 @@ class EffortRows:
         key = (joint, *((effect.name, *effect.values.values()) for effect in physics.actuators if effect.at == name))
         if key not in self._acting:
             windows = self.rows.windows
-            effort = effort_at(physics, joint, self.rows.effort(joint))
+            effort = self.effort(physics, joint)
             integral = np.asarray(windows.held(effort.times, effort.ramped) @ effort.values)
             make_room(self._acting, KEPT)
             self._acting[key] = ActingEffort(integral, self._step(joint, effort))

@@ -154,7 +154,7 @@ def start_rows(weak: WeakForm, physics: Physics) -> Array:
 def _coupling_rows(weak: WeakForm, physics: Physics, coupling: JointCoupling) -> Array:
     """(M, r, c) rows by the initial twist and twist rate between a rotor and its link (and its place in a gap)."""
     joint = physics.tree.joint_index(coupling.at)
-    drive, windows = weak.rotor_drives(physics)[joint], weak.samples.windows
+    drive, windows = weak.couplings.rotor_drives(physics)[joint], weak.samples.windows
     slopes = windows.rate @ coupling.twist_rate_by_start(drive)
     if coupling.impacts:
         slopes = np.concatenate([slopes, unsettled(coupling, drive, windows)], axis=1)
@@ -182,7 +182,7 @@ def unsettled(coupling: JointCoupling, drive: RotorDrive, windows: Windows) -> A
 def _effort_lag_rows(weak: WeakForm, physics: Physics, lag: ActuatorEffect) -> Array:
     """(M, r, 1) rows by an effort's initial deviation from the command, of the size that it has on average."""
     joint, samples = physics.tree.joint_index(lag.at), weak.samples
-    left = _decay(samples.time, lag.settling) * weak.std_behind(physics, lag)
+    left = _decay(samples.time, lag.settling) * weak.terms(physics).driven.std_behind(physics, lag)
     rows = np.zeros((len(samples.windows), weak.rows_per_window, 1))
     rows[:, weak.dynamic.start + joint, 0] = -(samples.windows.value @ left) / physics.effort_gains[joint]
     return rows
@@ -190,7 +190,7 @@ def _effort_lag_rows(weak: WeakForm, physics: Physics, lag: ActuatorEffect) -> A
 
 def _sensor_lag_rows(weak: WeakForm, physics: Physics, lag: SensorEffect) -> Array:
     """(M, r, c) rows by the initial deviation of a lagging sensor's channels; cached with the measurement."""
-    known, key = weak.in_doubt(physics), (lag.at, lag.settling or 0.0)
+    known, key = weak.terms(physics).in_doubt, (lag.at, lag.settling or 0.0)
     if key not in known:
         make_room(known, LAGS_KEPT)
         known[key] = _compute_sensor_lag_rows(weak, physics, lag)
@@ -209,7 +209,7 @@ def _compute_sensor_lag_rows(weak: WeakForm, physics: Physics, lag: SensorEffect
             partner, slopes = (measured.v, windows.value) if kind == "q" else (measured.q, windows.rate)
             behind = float(np.std(partner[:, j] - lag.measured(time, partner[:, j : j + 1])[:, 0]))
             facing = cast(sp.csr_matrix, lag.facing(time))  # an effect with a settling time has one
-            rows[:, j, 0] = (slopes @ (facing @ left)) * behind * weak.louder(physics)[:, j]
+            rows[:, j, 0] = (slopes @ (facing @ left)) * behind * weak.terms(physics).louder[:, j]
         return rows
     names = [f"wrench.{sensor.name}.{axis}" for sensor in weak.sensors for axis in WRENCH_COMPONENTS]
     on = [names.index(name) for name in lag.channels(names)]

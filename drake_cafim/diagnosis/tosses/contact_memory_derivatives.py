@@ -33,7 +33,7 @@ def midway_acceleration(body: FreeBody, fine: Fine, moment: Moment, state: State
 
 def landed_sooner(body: FreeBody, state: State, before: Flags, after: Flags) -> Array:
     """How the memory (E, K m) changes with each second by which the points of `after`, not `before`, land sooner."""
-    nothing = np.zeros((len(state), body.points, body.memory))
+    nothing = np.zeros((len(state), body.touch_points.count, body.touch_points.memory))
     none, moment = np.zeros(len(state)), np.full(len(state), SOONER)
     turned = product(exponential(-SOONER * state.w), state.quaternion)
     then = State.of(state.p - SOONER * state.v, turned, state.v, state.w)
@@ -63,8 +63,8 @@ def acceleration_by_memory(body: FreeBody, fine: Fine) -> Array:
     if contact is None or len(rows) == 0:
         return result.reshape(len(fine.time), 6, -1)
     R = rotation_matrices(state.quaternion)
-    lever = body.levers(R)[rows, :, columns]
-    touch = body.touch(state[rows], lever, fine.mode[rows, columns])
+    lever = body.touch_points.levers(R)[rows, :, columns]
+    touch = body.touch_points.touch(state[rows], lever, fine.mode[rows, columns])
     turned = np.zeros((len(rows), 6, 6))
     turned[:, :3, :3] = turned[:, 3:, 3:] = R[rows]
     inverse = turned @ body.inertial[3] @ np.swapaxes(turned, 1, 2)

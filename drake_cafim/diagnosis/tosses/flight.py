@@ -64,11 +64,12 @@ def fly(
     among `names`; `memory` (B, K, m) is what the contact's points remember at first.
     """
     B, S = times.shape
-    memory = np.zeros((B, body.points, body.memory)) if memory is None else memory.copy()
-    allowed = (CAREFUL if body.memory or body.pulls else SHARE) * std
+    points = body.touch_points
+    memory = np.zeros((B, points.count, points.memory)) if memory is None else memory.copy()
+    allowed = (CAREFUL if points.memory or points.pulls else SHARE) * std
     if body.plain:
         return _bounced(body, start, memory, times, counts, recording, names, allowed)
-    depth, sinking = body.depths(start)
+    depth, sinking = points.depths(start)
     mode = depth > 0.0
     now, out = State(start.numbers.copy()), np.zeros((B, S, start.numbers.shape[1]))
     out[:, 0] = now.numbers
@@ -83,7 +84,7 @@ def fly(
         moment = Moment(time[alive], recording[alive], names)
         left = times[alive, following[alive]] - moment.time
         R = rotation_matrices(here.quaternion)
-        felt = body.felt(here, R, touching, remembered)
+        felt = points.forces(here, R, touching, remembered)
         first = body.accelerated(here, R, felt, moment)
         lost = ~np.all(np.isfinite(first), axis=1)
         if np.any(lost):
@@ -92,13 +93,13 @@ def fly(
                 out[row, following[row] :] = np.nan
             alive = alive[~lost]
             continue
-        landing = body.time_to_land(here, R, touching, first)
+        landing = points.time_to_land(here, R, touching, first)
         step = np.minimum(np.minimum(usual[alive], left), np.maximum(landing, SHORTEST))
         # a crumb of a step before a sample is left to the one before
         step = np.where(left - step < 1e-9, left, step)
         damping = None if felt is None else body.damping(R, felt)
         ended, error = _step(body, here, touching, remembered, moment, first, damping, step, allowed)
-        deep, sinking = body.depths(ended)
+        deep, sinking = points.depths(ended)
         past = np.max(np.where(touching, -np.inf, deep), axis=1, initial=-np.inf) > LANDED
         good = (error < 1.0) & ~past | (step <= SHORTEST)
         grown = np.clip(0.9 * np.maximum(error, 1e-8) ** (-1.0 / 3.0), 0.2, 4.0)
@@ -118,7 +119,7 @@ def fly(
         deep, sinking = deep[good], sinking[good]
         held = touching[good]
         fresh = np.where(held, (deep > 0.0) | (sinking > 0.0), (deep > -1e-8) & (sinking > 0.0))
-        if body.memory:
+        if points.memory:
             memory[rows] = remember(body, remembered[good], ended, held, step[good])
         mode[rows] = fresh
         done = np.abs(times[rows, following[rows]] - time[rows]) < 1e-12
@@ -137,7 +138,15 @@ def _bounced(
     numbers, instants = np.ascontiguousarray(start.numbers), np.ascontiguousarray(times)
     moving = (*body.inertial, body.physics.gravity, *body.drag, body.pushes(names))
     at_samples, flight, time, step, state, mode, remembered = bounced(
-        numbers, memory, instants, counts, np.asarray(recording), allowed, moving, body.plane, body.law
+        numbers,
+        memory,
+        instants,
+        counts,
+        np.asarray(recording),
+        allowed,
+        moving,
+        body.touch_points.plane,
+        body.touch_points.law,
     )
     fine = Fine(flight, time, step, State(state), mode, remembered)
     return Flights(State(at_samples.reshape(-1, 13)), times.shape, fine)
@@ -153,8 +162,8 @@ def remember(
     result = np.zeros_like(memory)
     rows, columns = np.nonzero(np.ones_like(mode) if asked is None else asked)
     if len(rows) and body.contact is not None:
-        lever = body.levers(rotation_matrices(ended.quaternion))[rows, :, columns]
-        touch = body.touch(ended[rows], lever, mode[rows, columns])
+        lever = body.touch_points.levers(rotation_matrices(ended.quaternion))[rows, :, columns]
+        touch = body.touch_points.touch(ended[rows], lever, mode[rows, columns])
         zero = np.zeros(len(rows))
         result[rows, columns] = body.contact.ahead(memory[rows, columns], touch, elapsed[rows], zero)
     return result
@@ -175,7 +184,7 @@ def _step(
         if i:
             at = State(rigid.onwards(state.numbers, step, ALPHA[i, :i], slopes))
             past = ALPHA[i].sum() * step
-            kept = remember(body, memory, at, mode, past, mode) if body.memory else memory
+            kept = remember(body, memory, at, mode, past, mode) if body.touch_points.memory else memory
             change = body.acceleration(at, mode, kept, Moment(moment.time + past, moment.recording, moment.names))
         if damping is not None and inverse is not None:
             if i:
@@ -198,7 +207,7 @@ def _fine(trail: list[tuple[Any, ...]], body: FreeBody) -> Fine:
     if not trail:
         empty = np.zeros(0)
         none = State(np.zeros((0, 13)))
-        shape = (0, body.points, body.memory)
+        shape = (0, body.touch_points.count, body.touch_points.memory)
         return Fine(np.zeros(0, dtype=int), empty, empty, none, np.zeros(shape[:2], dtype=bool), np.zeros(shape))
     flight, time, step, mode, memory = (np.concatenate([one[k] for one in trail]) for k in (0, 1, 2, 4, 5))
     state = stacked([one[3] for one in trail])

@@ -167,7 +167,7 @@ def _innovation_of(shot: Shot, before: Shot, known: Innovation) -> Innovation:
     What contacts remember is the exception: its finite steps are those of all arcs together.
     """
     new = np.any(shot.start.numbers != before.start.numbers, axis=1)
-    if shot.body.memory or np.all(new):
+    if shot.body.touch_points.memory or np.all(new):
         return Innovation.of(shot.by_start)
     return known.replaced(new, Innovation.of(shot[new].by_start)) if np.any(new) else known
 

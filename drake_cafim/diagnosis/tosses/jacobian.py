@@ -85,7 +85,7 @@ def difference(shot: Shot, up: Physics, down: Physics) -> tuple[Array, Array]:
     """By how much two physics accelerate the body differently, (F, 6), and land its points deeper, (E,) m."""
     ahead, behind = FreeBody(up), FreeBody(down)
     tangent = shot.tangent
-    remembers = ahead.memory > 0 or behind.memory > 0
+    remembers = ahead.touch_points.memory > 0 or behind.touch_points.memory > 0
     change = tangent.acceleration(ahead, shot.recalled(ahead) if remembers else None)
     change = change - tangent.acceleration(behind, shot.recalled(behind) if remembers else None)
     landed = tangent.landings
@@ -99,7 +99,7 @@ def difference(shot: Shot, up: Physics, down: Physics) -> tuple[Array, Array]:
 def _depth(body: FreeBody, state: State, point: Indices) -> Array:
     contact = body.contact
     assert contact is not None
-    lever = body.levers(rotation_matrices(state.quaternion))[np.arange(len(point)), :, point]
+    lever = body.touch_points.levers(rotation_matrices(state.quaternion))[np.arange(len(point)), :, point]
     return np.asarray((contact.point - state.p - lever) @ contact.normal)
 
 

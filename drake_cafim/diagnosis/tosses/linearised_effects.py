@@ -229,8 +229,8 @@ def pressed(shot: Shot) -> Touch:
     f, body = shot.flights.fine, shot.body
     rows, points = np.nonzero(f.mode)
     state = f.state[rows]
-    lever = body.levers(rotation_matrices(state.quaternion))[np.arange(len(rows)), :, points]
-    return body.touch(state, lever, np.ones(len(rows), dtype=bool))
+    lever = body.touch_points.levers(rotation_matrices(state.quaternion))[np.arange(len(rows)), :, points]
+    return body.touch_points.touch(state, lever, np.ones(len(rows), dtype=bool))
 
 
 def _push_looks(problem: ArcRows, shot: Shot, at: Fit, effect: ExternalDisturbance) -> Iterator[Look]:

@@ -107,21 +107,21 @@ class Shot:
 
     def recalled(self, body: FreeBody) -> Array:
         """(F, K, m) what the contact of `body` would remember at each step, of the motion that was simulated."""
-        f = self.flights.fine
-        memory = np.zeros((len(f.time), body.points, body.memory))
-        if body.memory == 0 or body.contact is None:
+        f, points = self.flights.fine, body.touch_points
+        memory = np.zeros((len(f.time), points.count, points.memory))
+        if points.memory == 0 or body.contact is None:
             return memory
-        levers = body.levers(rotation_matrices(f.state.quaternion))
+        levers = points.levers(rotation_matrices(f.state.quaternion))
         # an arc goes on where the one before it ended; a recording begins with nothing
         opens = np.append(True, self.arcs.recording[f.flight[1:]] != self.arcs.recording[f.flight[:-1]])
-        for k in range(body.points):
-            touch = body.touch(f.state, levers[:, :, k], f.mode[:, k] & ~opens)
+        for k in range(points.count):
+            touch = points.touch(f.state, levers[:, :, k], f.mode[:, k] & ~opens)
             memory[:, k] = body.contact.recall(_onwards(f), touch, touch)
         return memory
 
     def memory_at_start(self, body: FreeBody) -> Array | None:
         """(B, K, m) of `recalled` at the arcs' beginnings."""
-        if body.memory == 0:
+        if body.touch_points.memory == 0:
             return None
         f = self.flights.fine
         first = np.searchsorted(f.flight, np.arange(len(self.start)))

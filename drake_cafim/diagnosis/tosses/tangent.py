@@ -81,7 +81,7 @@ class Tangent:
     @property
     def _size(self) -> int:
         """Numbers of the state and of what the points remember."""
-        return 12 + self.body.points * self.body.memory
+        return 12 + self.body.touch_points.count * self.body.touch_points.memory
 
     @cached_property
     def landings(self) -> Landings:
@@ -93,7 +93,7 @@ class Tangent:
         if len(row) == 0 or self.body.contact is None:
             return Landings(row, point, np.zeros((0, self._size)), np.zeros((0, 12)))
         state, n = f.state[row], self.body.contact.normal
-        lever = self.body.levers(rotation_matrices(state.quaternion))[np.arange(len(row)), :, point]
+        lever = self.body.touch_points.levers(rotation_matrices(state.quaternion))[np.arange(len(row)), :, point]
         sinking = -np.einsum("ei,i->e", state.v + cross(state.w, lever), n)
         before = f.mode[row].copy()
         before[np.arange(len(row)), point] = False
@@ -103,7 +103,7 @@ class Tangent:
         jump = jump - self.body.acceleration(state, before, f.memory[row], self.moment[row])
         gain = np.zeros((len(row), self._size))
         gain[:, 6:12] = jump / np.maximum(sinking, 1e-3)[:, None]
-        if self.body.memory:
+        if self.body.touch_points.memory:
             sooner = landed_sooner(self.body, state, before, after)
             gain[:, 12:] = sooner / np.maximum(sinking, 1e-3)[:, None]
         by_state = np.zeros((len(row), 12))
@@ -115,7 +115,7 @@ class Tangent:
     def slopes(self) -> Array:
         """J (F, 12, 12) in the middle of each step."""
         f = self.fine
-        if self.body.memory:
+        if self.body.touch_points.memory:
             return self._slopes_midway()
         # a point that has just landed is looked at where it presses, so that no step leaves the plane
         state = f.state
@@ -158,7 +158,7 @@ class Tangent:
     def _memory(self) -> tuple[Array, Array, Array]:
         """∂x₊/∂z (F, 12, M), ∂z₊/∂z (F, points, m, m) and ∂z₊/∂x₊ (F, M, 12), M all that the points remember."""
         F = len(self.fine.time)
-        if self.body.memory == 0:
+        if self.body.touch_points.memory == 0:
             return np.zeros((F, 12, 0)), np.zeros((F, 0, 0, 0)), np.zeros((F, 0, 12))
         by_memory = self._steps[1] @ acceleration_by_memory(self.body, self.fine)
         return by_memory, *memory_slopes(self.body, self.fine)

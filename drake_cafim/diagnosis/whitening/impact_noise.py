@@ -63,7 +63,8 @@ def _jump(
     wrench = np.zeros((len(force), weak.joints, 6))
     wrench[:, contact.joint] = np.concatenate([cross(touch.position, force) + moment, force], axis=1)
     # the difference, since a bias is written without a contact, too
-    written = weak.written_at_once(physics, moving, wrench) - weak.written_at_once(physics, moving, None)
+    written = weak.contacts.undelayed_readings(physics, moving, wrench)
+    written = written - weak.contacts.undelayed_readings(physics, moving, None)
     return np.asarray(np.concatenate([moving.project(wrench) / physics.effort_gains, written], axis=1)[near])
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.noise.coloured import covariance
+from drake_cafim.diagnosis.rows.measurement import joint_samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -41,7 +42,7 @@ def scatter(weak: WeakForm, physics: Physics) -> Array:
     std, measured = weak.samples.v_std, weak.measurement(physics)
     if not np.any(physics.applied_at_joints(weak.joint_samples(physics))[2]):
         return np.zeros_like(std)
-    exact = weak.sampled_joints(measured, np.zeros_like(weak.samples.v_std))
+    exact = joint_samples_of(weak.samples, measured, np.zeros_like(weak.samples.v_std))
 
     def force(error: Array) -> Array:
         return physics.applied_at_joints([joint.moved(error[:, j]) for j, joint in enumerate(exact)])[0]

@@ -90,13 +90,14 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
 def _force_slope(
     weak: WeakForm, physics: Physics, memory: Array, at: tuple[Array, Array], step: tuple[Array, Array]
 ) -> Array:
-    """(N, n + 6 s) derivative of `touched_and_pushed` along the `step` in (q, v), by central differences."""
+    """(N, n + 6 s) derivative of `forces_and_readings` along the `step` in (q, v), by central differences."""
     if not physics.contacts and not physics.body_forces:
         return np.zeros((len(at[0]), weak.joints + 6 * len(weak.sensors)))
     ahead, behind = (motion(physics.tree, at[0] + sign * step[0], at[1] + sign * step[1]) for sign in (1.0, -1.0))
     lasting = weak.motion(physics).lasting
     ahead, behind = replace(ahead, lasting=lasting), replace(behind, lasting=lasting)
-    change = weak.touched_and_pushed(physics, ahead, memory) - weak.touched_and_pushed(physics, behind, memory)
+    change = weak.contacts.forces_and_readings(physics, ahead, memory)
+    change = change - weak.contacts.forces_and_readings(physics, behind, memory)
     return np.asarray(change / (2.0 * np.sum(step)))
 
 
