@@ -122,7 +122,7 @@ def test_estimate_gives_the_mass_and_no_verdict(folder: Path) -> None:
 )
 def test_unusable_input_is_one_sentence_and_status_two(folder: Path, arguments: tuple[str, ...], said: str) -> None:
     (folder / "nan.csv").write_text("time,q.pivot,v.pivot,u.pivot\n0,0,0,0\nnan,0,0,0\n")
-    (folder / "short.csv").write_text("time,q.pivot,v.pivot\n0,0,\n0.1,0,\n")
+    (folder / "short.csv").write_text("time,q.pivot,v.pivot\n" + "".join(f"{k / 10},{k},\n" for k in range(10)))
     (folder / "broken.yaml").write_text(SCENARIO.replace("channels", "chanels"))
     done = cafim(*arguments, folder=folder)
     assert done.returncode == 2

@@ -87,7 +87,7 @@ REFUSED = {
         r"bad\.csv: column q\.elbow holds 1e\+300 at 0\.4 s, expected SI units",
     ),
     "an effort of -1e12": (_with("u.shoulder", -1e12), r"bad\.csv: column u\.shoulder holds -1e\+12 at 0\.4 s"),
-    "all NaN but three": (_few(3), r"bad\.csv: q\.shoulder and q\.elbow stand together in 3 of 250 rows"),
+    "all NaN but three": (_few(3), r"bad\.csv: q\.shoulder and q\.elbow have values together in only 3 of 250 rows"),
 }
 
 

@@ -49,7 +49,7 @@ def test_what_noisy_efforts_shake_informs(tmp_path: Path) -> None:
     problem = problem.rewhitened(model)
     [run] = problem.runs
     samples = retaken(run.weak.samples, scene, clean)
-    exact = replace(problem, runs=(replace(run, weak=WeakForm(samples, run.weak.sensors)),), _unknown_columns={})
+    exact = replace(problem, runs=(replace(run, weak=WeakForm(samples, run.weak.sensors)),))
     jacobian, true = problem.jacobian(model), exact.jacobian(model)
     _, excess = problem.shared_noise(model, problem.residual(model), jacobian)
     shared = problem.noisier_in_loop.jacobian(model) - jacobian

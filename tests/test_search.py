@@ -40,7 +40,7 @@ def test_the_noise_is_reckoned_anew_while_the_unknowns_move(
     monkeypatch: pytest.MonkeyPatch, places: list[float], whitened_at: list[float]
 ) -> None:
     def found(problem: Any, model: Model) -> Any:
-        return SimpleNamespace(model=Model(2.0 * np.array([next(problem.places)])), echo=False)
+        return SimpleNamespace(model=Model(2.0 * np.array([next(problem.places)])), echo=False, chi_square=0.0)
 
     monkeypatch.setattr(search, "unbiased_fit", found)
     monkeypatch.setattr(search, "screen", lambda *looked_at: [])

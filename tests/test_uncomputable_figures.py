@@ -13,6 +13,7 @@ from drake_cafim import Recording, Scene
 from drake_cafim.diagnosis import diagnose as stages
 from drake_cafim.diagnosis.diagnose import estimate, examine, prepare
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints import quality as prediction
 from drake_cafim.diagnosis.predict.innovations import Innovations, _absorbed
 from drake_cafim.diagnosis.search import judgement
 from drake_cafim.diagnosis.search.search import Settings
@@ -66,7 +67,7 @@ def test_an_innovation_whose_covariance_is_singular_is_none(
     (quality,) = prepared.qualities(Model(np.zeros(0)), np.zeros((0, 0)))
     assert np.isfinite(quality.nll) and quality.missing == ()
     lost = Innovations(recording.time[:9], np.zeros(9), 0.25)
-    monkeypatch.setattr(stages, "innovations", lambda *_: [lost])
+    monkeypatch.setattr(prediction, "innovations", lambda *_: [lost])
     (quality,) = prepared.qualities(Model(np.zeros(0)), np.zeros((0, 0)))
     assert np.isnan(quality.nll) and quality.rmse
     assert quality.missing == ("nll cannot be computed: the filter's covariance is singular at 0.25 s of greased",)
@@ -76,8 +77,8 @@ def test_places_and_predictions_that_fail_leave_the_verdict(
     scene: Scene, recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(stages, "locate_named", SINGULAR)
-    monkeypatch.setattr(stages, "innovations", SINGULAR)
-    monkeypatch.setattr(stages, "forecasts", _fail(OverflowError("math range error")))
+    monkeypatch.setattr(prediction, "innovations", SINGULAR)
+    monkeypatch.setattr(prediction, "forecasts", _fail(OverflowError("math range error")))
     monkeypatch.setattr(stages, "standard_deviations", _fail(FloatingPointError("invalid value")))
     verdict, outcome = examine(scene, [recording])
     assert verdict.kind == "explained" and verdict.explanation[0].effect.name == "joint_viscous_friction"
@@ -137,6 +138,6 @@ def test_a_number_that_is_none_is_null_and_named(scene: Scene, recording: Record
 
 
 def test_an_estimate_says_what_it_lacks(scene: Scene, recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stages, "innovations", SINGULAR)
+    monkeypatch.setattr(prediction, "innovations", SINGULAR)
     found = estimate(scene, [recording])
     assert "fit.train.nominal.nll cannot be computed: singular matrix" in found.notes

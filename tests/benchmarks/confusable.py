@@ -153,7 +153,8 @@ class Group:
 
 GROUPS = (
     Group("bias, spring", ("actuator_bias@elbow", "joint_spring@elbow")),
-    Group("dead zone, gain", ("actuator_dead_zone@elbow", "actuator_gain_error@elbow")),
+    # a measured effort has been through the dead zone: only a commanded one can lack it
+    Group("dead zone, gain", ("actuator_dead_zone@elbow", "actuator_gain_error@elbow"), ARM, COMMANDED_SCENARIO),
     Group("lag, delay", ("actuator_lag@elbow", "actuator_delay@elbow"), ARM, COMMANDED_SCENARIO, QUICK),
     Group("delay, elasticity", ("actuator_delay@elbow", "joint_elasticity@elbow"), ARM, COMMANDED_SCENARIO),
     Group(

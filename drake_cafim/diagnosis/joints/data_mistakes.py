@@ -69,7 +69,7 @@ class _Looked:
             suspicion, excerpt = better
             supposed.append(suspicion)
             left.append(excerpt.chi_square)
-            agrees = not excerpt.glaring or not any(one.must_agree for one in supposed)
+            agrees = all(excerpt.agrees(suspicion) for suspicion in supposed if suspicion.scales)
             if agrees and left[-1] < MISTAKE_CHI_SQUARE_SHARE_LEFT * left[accepted]:
                 accepted = len(supposed)
             elif left[-1] > MISTAKE_PART_SHARE_LEFT * left[-2]:
@@ -110,6 +110,14 @@ class _Excerpts:
     @property
     def glaring(self) -> bool:
         return self.chi_square >= MISTAKE_CHI_SQUARE_PER_ROW
+
+    def agrees(self, suspicion: Suspicion) -> bool:
+        """Whether the motion is of the right size once `suspicion`, which scales it down, is put right."""
+        if self.glaring:
+            return False
+        smaller = [suspicion.scaled_again(run.weak.samples.recording) for run in self.problem.runs]
+        still = self._over(self.scene, self.std, smaller).chi_square
+        return self.chi_square < MISTAKE_CHI_SQUARE_SHARE_LEFT * still
 
     def better(self) -> "tuple[Suspicion, _Excerpts] | None":
         """The suspicion whose putting right leaves least, and what it leaves; None where each makes it worse."""

@@ -17,14 +17,15 @@ from drake_cafim.typing import Array
 class Suspicion:
     """A mistake that `subject` may hold, as "u.elbow", in words: `predicate`; and its columns put right.
 
-    What `must_agree` is believed only where nothing but noise is left once it is put right: a motion that is 57 times
-    as small suits any model that is too heavy better.
+    A mistake that `scales` the motion down when it is put right is believed only where nothing but noise is left then,
+    and where the motion scaled down once more leaves far more: a motion 57 times as small suits any model that asks for
+    too much effort better, and one that is almost none asks for none.
     """
 
     subject: str
     predicate: str
     columns: Mapping[str, Array]
-    must_agree: bool = False
+    scales: bool = False
 
     @property
     def key(self) -> tuple[str, str]:
@@ -34,6 +35,11 @@ class Suspicion:
     def put_right(self, recording: Recording) -> Recording:
         """`recording` with the suspected columns replaced."""
         return replace(recording, columns={**recording.columns, **self.columns})
+
+    def scaled_again(self, recording: Recording) -> Recording:
+        """`recording`, in which this is put right, with the suspected columns divided by 180/π once more."""
+        again = {name: recording.columns[name] / DEGREES for name in self.columns}
+        return replace(recording, columns={**recording.columns, **again})
 
 
 def suspicions(scene: Scene, recording: Recording, joints: Sequence[int]) -> Iterator[Suspicion]:
@@ -75,7 +81,7 @@ def _in_degrees(scene: Scene, recording: Recording, joints: Sequence[str]) -> It
             units = {"q": "degrees, expected rad", "v": "degrees/s, expected rad/s"}.get(
                 kinds, "degrees and degrees/s, expected rad and rad/s"
             )
-            yield Suspicion(_listed(columns), _plural(columns, "values in " + units), right, must_agree=True)
+            yield Suspicion(_listed(columns), _plural(columns, "values in " + units), right, scales=True)
 
 
 def _swapped(recording: Recording, a: str, b: str) -> Iterator[Suspicion]:
