@@ -15,7 +15,7 @@ from drake_cafim.corrected.contacts import changed_contacts
 from drake_cafim.corrected.corrected_plant import CorrectedPlant
 from drake_cafim.corrected.plant import change_plant, hold_joints
 from drake_cafim.corrected.wiring import Wiring
-from drake_cafim.description.parser_log import kept_log
+from drake_cafim.description.parser_log import capture_log
 from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.errors import InputError
@@ -67,7 +67,7 @@ def add_scene(
     add_model(scene.scenario, scene.folder, plant)
     hold_joints(plant, positions(scene.scenario.lock))
     change_plant(plant, scene.tree, scene.physics)
-    with kept_log():
+    with capture_log():
         plant.Finalize()
     if contact == "scenario":
         _exclude_collisions(plant, scene_graph)

@@ -1,1 +1,1 @@
-"""Robot descriptions as their makers ship them: what Drake's parser takes of them, and what they say beyond that."""
+"""Robot model files (URDF, SDFormat, MJCF): text for Drake's parser, and physics that the parser does not read."""

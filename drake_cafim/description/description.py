@@ -1,4 +1,4 @@
-"""What a model file says, sorted: text that Drake's parser takes, and physics that it does not."""
+"""The contents of a model file: the text for Drake's parser, and the physics that the parser does not read."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -8,12 +8,12 @@ from typing import Literal
 from drake_cafim.typing import Array
 
 SHOWN = (".obj", ".gltf", ".glb", ".stl", ".dae")
-"""Meshes that the replay shows."""
+"""Suffixes of the meshes that the replay can show."""
 
 
 @dataclass(frozen=True)
-class Acting:
-    """An effect of the catalogue that the file says acts, as a friction in `<dynamics>`."""
+class StatedEffect:
+    """An effect of the catalogue that the file states, as a friction in `<dynamics>`; `at` is the joint."""
 
     effect: str
     at: str
@@ -31,7 +31,7 @@ class Mimic:
 
 
 @dataclass(frozen=True)
-class Shown:
+class VisualMesh:
     """A mesh that the replay shows at R (3, 3), p (3,) m in a body's frame; `color` red, green, blue, opacity."""
 
     body: str
@@ -44,59 +44,59 @@ class Shown:
 
 @dataclass(frozen=True)
 class Description:
-    """One model file, without its meshes' collisions.
+    """The contents of one model file, without collision meshes.
 
-    - `text` in Drake's `form`: what is left for its parser.
+    - `text`: what Drake's parser reads, in its format `form`.
     - `acting`, `rotor_inertias` (kg m², by joint), `effort_limits` (N m, by joint), `mimics`: what the parser does not
-      take, or not for every joint.
-    - `notes`: what is not taken at all, or was mended, by name.
-    - `places`: where bodies and joints stand, `file, line n` by name.
-    - `positions` (rad, m) of the joints in the pose that the file draws, where they are not 0.
-    - `shown`: meshes beside those in `text`.
+      read, or not for every joint.
+    - `notes`: sentences on what is ignored or was corrected, with the names of joints and bodies.
+    - `places`: `file, line n` of each body and joint, by name.
+    - `positions` (rad, m): of joints whose position in the file's reference pose is not 0.
+    - `shown`: visual meshes beside those in `text`.
     """
 
     text: str
     form: Literal["urdf", "sdf", "xml"]
-    acting: tuple[Acting, ...] = ()
+    acting: tuple[StatedEffect, ...] = ()
     rotor_inertias: Mapping[str, float] = field(default_factory=dict)
     effort_limits: Mapping[str, float] = field(default_factory=dict)
     mimics: tuple[Mimic, ...] = ()
     notes: tuple[str, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict)
     positions: Mapping[str, float] = field(default_factory=dict)
-    shown: tuple[Shown, ...] = ()
+    shown: tuple[VisualMesh, ...] = ()
 
 
 @dataclass(frozen=True)
-class Stated:
-    """What the files of a scenario's model say beyond the parsed plant; fields as in `Description`."""
+class ModelStatements:
+    """What all files of a scenario's model state beyond the parsed plant; fields as in `Description`."""
 
-    acting: tuple[Acting, ...] = ()
+    acting: tuple[StatedEffect, ...] = ()
     rotor_inertias: Mapping[str, float] = field(default_factory=dict)
     effort_limits: Mapping[str, float] = field(default_factory=dict)
     mimics: tuple[Mimic, ...] = ()
     notes: tuple[str, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict)
     positions: Mapping[str, float] = field(default_factory=dict)
-    shown: tuple[Shown, ...] = ()
+    shown: tuple[VisualMesh, ...] = ()
 
 
-def stated(descriptions: Iterable[Description], notes: Iterable[str] = ()) -> Stated:
-    """All files together; `notes` are of the parser."""
+def combine_descriptions(descriptions: Iterable[Description], notes: Iterable[str] = ()) -> ModelStatements:
+    """The statements of all files together; `notes` are those of the parser."""
     found = list(descriptions)
-    return Stated(
-        acting=tuple(one for description in found for one in description.acting),
-        rotor_inertias={name: value for one in found for name, value in one.rotor_inertias.items()},
-        effort_limits={name: value for one in found for name, value in one.effort_limits.items()},
-        mimics=tuple(one for description in found for one in description.mimics),
-        notes=tuple(dict.fromkeys([*(note for one in found for note in one.notes), *notes])),
-        places={name: place for one in found for name, place in one.places.items()},
-        positions={name: value for one in found for name, value in one.positions.items()},
-        shown=tuple(mesh for one in found for mesh in one.shown),
+    return ModelStatements(
+        acting=tuple(effect for file in found for effect in file.acting),
+        rotor_inertias={name: value for file in found for name, value in file.rotor_inertias.items()},
+        effort_limits={name: value for file in found for name, value in file.effort_limits.items()},
+        mimics=tuple(mimic for file in found for mimic in file.mimics),
+        notes=tuple(dict.fromkeys([*(note for file in found for note in file.notes), *notes])),
+        places={name: place for file in found for name, place in file.places.items()},
+        positions={name: value for file in found for name, value in file.positions.items()},
+        shown=tuple(mesh for file in found for mesh in file.shown),
     )
 
 
-def listed(names: Iterable[str]) -> str:
-    """Names for a sentence: all of a few, of many the first and how many more."""
+def list_names(names: Iterable[str]) -> str:
+    """The names as text for a sentence: up to 8 in full, of more the first 6 and the number of the others."""
     known = list(dict.fromkeys(names))
     return ", ".join(known) if len(known) <= 8 else f"{', '.join(known[:6])} and {len(known) - 6} more"

@@ -1,24 +1,24 @@
-"""Rotational inertias that no body can have, and the nearest that one can."""
+"""Physical consistency of rotational inertias: the test, and the nearest consistent inertia."""
 
 import numpy as np
 
 from drake_cafim.typing import Array
 
 SLACK = 1e-9
-"""Share of the largest moment by which rounding may break the rule."""
+"""Tolerance of the test, as a share of the largest moment: files hold rounded numbers."""
 
 
-def breaks_the_rule(inertia: Array) -> bool:
-    """Whether a principal moment of `inertia` (3, 3) is more than the sum of the others, or negative."""
+def is_unphysical(inertia: Array) -> bool:
+    """Whether a principal moment of `inertia` (3, 3) is negative or exceeds the sum of the others: no body has such."""
     low, middle, high = np.linalg.eigvalsh(inertia)
     return bool(low + middle - high < -SLACK * abs(high) or low < -SLACK * abs(high))
 
 
-def mended(inertia: Array) -> Array:
-    """The inertia (3, 3) with principal moments that a body can have, as near as possible.
+def nearest_physical_inertia(inertia: Array) -> Array:
+    """A physically consistent inertia (3, 3) near `inertia`, with the same principal axes.
 
-    Negative ones become zero; the excess of the largest over the other two is shared by the three, which is the
-    projection on low + middle = high.
+    Negative principal moments become zero; then the excess e = high − low − middle, if positive, is shared,
+    (low + e/3, middle + e/3, high − e/3), which is the orthogonal projection on low + middle = high.
     """
     moments, axes = np.linalg.eigh(inertia)
     moments = np.maximum(moments, 0.0)

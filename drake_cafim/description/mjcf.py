@@ -1,4 +1,4 @@
-"""An MJCF as Drake's parser takes it: bodies, joints and primitive shapes, without classes, includes and meshes."""
+"""Reading of an MJCF: Drake's parser gets bodies, joints and primitive shapes, without classes, includes and meshes."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -7,12 +7,12 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_cafim.description.description import Acting, Description, listed
-from drake_cafim.description.inertia import breaks_the_rule, mended
-from drake_cafim.description.mjcf_actuators import actuators, effort_limits
-from drake_cafim.description.mjcf_couplings import couplings
+from drake_cafim.description.description import Description, StatedEffect, list_names
+from drake_cafim.description.inertia import is_unphysical, nearest_physical_inertia
+from drake_cafim.description.mjcf_actuators import effort_limits, read_actuators
+from drake_cafim.description.mjcf_couplings import read_couplings
 from drake_cafim.description.mjcf_defaults import Defaults, bodies, include_all
-from drake_cafim.description.mjcf_frames import Compiler, limited, set_pose
+from drake_cafim.description.mjcf_frames import Compiler, binding_range, set_pose
 from drake_cafim.description.mjcf_meshes import Meshes
 from drake_cafim.description.packages import Packages
 from drake_cafim.description.xml_document import XmlDocument, numbers
@@ -28,50 +28,51 @@ COMPILER = ("angle", "eulerseq", "autolimits", "inertiafromgeom")
 
 
 @dataclass
-class _Taken:
-    """What was taken out of the file on the way."""
+class _Extracted:
+    """What is taken out of the file before Drake's parser reads it."""
 
-    acting: list[Acting] = field(default_factory=list)
+    acting: list[StatedEffect] = field(default_factory=list)
     rotors: dict[str, float] = field(default_factory=dict)
     references: dict[str, float] = field(default_factory=dict)
-    """q of each joint in the pose that the file draws."""
+    """Position (rad, m) of each joint in the file's reference pose."""
     notes: list[str] = field(default_factory=list)
     meshes: dict[str, list[Element]] = field(default_factory=dict)
-    """Of each body."""
+    """Mesh geometries of each body."""
 
 
 def mjcf_description(document: XmlDocument, packages: Packages) -> Description:
     """The description of an MJCF. Raises `InputError` that names the body or joint and the line."""
+    # The order matters: included files hold classes, and effort limits and joints are found by their names.
     include_all(document)
     root = document.root
-    compiler, defaults, taken = Compiler.of(root), Defaults.of(root), _Taken()
+    compiler, defaults, taken = Compiler.of(root), Defaults.of(root), _Extracted()
     worlds = root.findall("worldbody")
     for world in worlds:
         _write_out(world, defaults, None)
         for body, childclass in bodies(world):
             _write_out(body, defaults, childclass)
-    driving = actuators(root, defaults)
+    driving = read_actuators(root, defaults)
     _name_all(worlds)
     efforts, notes = effort_limits(driving, worlds, compiler)
     for world in worlds:
         _keep_shapes(world, taken)
-        moving = _moving(world)
+        moving = _moving_bodies(world)
         for body, _ in bodies(world):
             _read_body(document, body, compiler, taken, body in moving)
-    mimics, uncoupled = couplings(root, taken.references)
-    taken.notes += [*notes, *uncoupled, *_unread(root)]
+    mimics, uncoupled = read_couplings(root, taken.references)
+    taken.notes += [*notes, *uncoupled, *_describe_unread(root)]
     files = Meshes.of(root, defaults, compiler, document.path)
-    shown = [mesh for body, geoms in taken.meshes.items() for mesh in files.shown(body, geoms)]
+    shown = [mesh for body, geoms in taken.meshes.items() for mesh in files.visual_meshes(body, geoms)]
     lost = [body for body in taken.meshes if body not in {mesh.body for mesh in shown}]
     if taken.meshes:
-        taken.notes.append(f"collision meshes are not read: nothing touches them ({listed(taken.meshes)})")
+        taken.notes.append(f"collision meshes are not read, nothing can touch them ({list_names(taken.meshes)})")
     if lost:
-        taken.notes.append(f"not shown in the replay: {listed(lost)}, since their mesh files are not there")
+        taken.notes.append(f"not shown in the replay: {list_names(lost)}, since their mesh files are not there")
     places = {
         element.get("name", ""): document.place(element)
         for world in worlds for element in world.iter() if element.tag in ("body", "joint")
     }  # fmt: skip
-    document.root = _kept(root, worlds, compiler, document)
+    document.root = _parser_document(root, worlds, compiler, document)
     return Description(
         text=document.text(),
         form="xml",
@@ -93,7 +94,7 @@ def _write_out(parent: Element, defaults: Defaults, childclass: str | None) -> N
 
 
 def _name_all(worlds: list[Element]) -> None:
-    """Names for bodies and joints that have none, by their place in the file."""
+    """Give names to bodies and joints that have none: body_<n> by order in the file, <body>_joint."""
     count = 0
     for world in worlds:
         for body, _ in bodies(world):
@@ -103,19 +104,20 @@ def _name_all(worlds: list[Element]) -> None:
                 joint.attrib.setdefault("name", f"{name}_joint" if k == 0 else f"{name}_joint_{k + 1}")
 
 
-def _moving(world: Element) -> set[Element]:
-    """The bodies that a joint carries."""
+def _moving_bodies(world: Element) -> set[Element]:
+    """The bodies that move: those with a joint, and all below them."""
     jointed = [
         body for body, _ in bodies(world) if body.find("joint") is not None or body.find("freejoint") is not None
     ]
     return {below for body in jointed for below in body.iter("body")}
 
 
-def _read_body(document: XmlDocument, body: Element, compiler: Compiler, taken: _Taken, moves: bool) -> None:
+def _read_body(document: XmlDocument, body: Element, compiler: Compiler, taken: _Extracted, moves: bool) -> None:
+    """Reduce a body to what Drake's parser reads; `moves` says whether its mass matters."""
     name = body.get("name", "")
     place = f"{document.place(body)}: body {name!r}"
     if float(body.get("gravcomp", "0")) != 0.0:
-        taken.notes.append(f"{place}: its compensation of gravity is not taken")
+        taken.notes.append(f"{place}: its compensation of gravity is ignored")
     if moves and body.find("inertial") is None and any(_heavy_mesh(geom) for geom in body.findall("geom")):
         raise InputError(f"{place} weighs what its mesh does, and meshes are not read; expected an <inertial>")
     weighs = _mend_inertia(body, place, compiler, taken)
@@ -133,8 +135,8 @@ def _read_body(document: XmlDocument, body: Element, compiler: Compiler, taken: 
         body.remove(child)
 
 
-def _read_joint(document: XmlDocument, joint: Element, compiler: Compiler, taken: _Taken) -> None:
-    """Takes friction, spring, armature and reference out of a joint."""
+def _read_joint(document: XmlDocument, joint: Element, compiler: Compiler, taken: _Extracted) -> None:
+    """Move friction, spring, armature and reference from a joint to `taken`, and write its range as Drake reads it."""
     name, hinge = joint.get("name", ""), joint.get("type", "hinge") == "hinge"
     place = f"{document.place(joint)}: joint {name!r}"
 
@@ -148,15 +150,15 @@ def _read_joint(document: XmlDocument, joint: Element, compiler: Compiler, taken
         return compiler.angle(first(attribute)) if hinge else first(attribute)
 
     if first("frictionloss") > 0.0:
-        taken.acting.append(Acting("joint_coulomb_friction", name, {"torque": first("frictionloss")}))
+        taken.acting.append(StatedEffect("joint_coulomb_friction", name, {"torque": first("frictionloss")}))
     if first("stiffness") > 0.0:
         spring = {"stiffness": first("stiffness"), "rest": angle("springref")}
-        taken.acting.append(Acting("joint_spring", name, spring))
+        taken.acting.append(StatedEffect("joint_spring", name, spring))
     if first("armature") > 0.0:
         taken.rotors[name] = first("armature")
     if angle("ref") != 0.0:
         taken.references[name] = angle("ref")
-    span = limited(joint, "limited", "range", compiler)
+    span = binding_range(joint, "limited", "range", compiler)
     joint.attrib.pop("range", None)
     joint.set("limited", "true" if span else "false")
     if span:
@@ -167,14 +169,14 @@ def _read_joint(document: XmlDocument, joint: Element, compiler: Compiler, taken
         del joint.attrib[key]
 
 
-def _start_at_zero(body: Element, joints: list[Element], compiler: Compiler, taken: _Taken, place: str) -> None:
-    """Moves a body whose joint is drawn at `ref` to where it is at zero: X_PB J(−ref)."""
+def _start_at_zero(body: Element, joints: list[Element], compiler: Compiler, taken: _Extracted, place: str) -> None:
+    """Set the body's pose to that at joint positions 0: X_PB J(−ref); in MJCF it is the pose at `ref`."""
     R, p = compiler.pose(body)
     for k, joint in enumerate(joints):
         if joint.get("name", "") not in taken.references:
             continue
-        # only what comes first, or slides after slides, moves the joints before it along
-        if k > 0 and any(one.get("type", "hinge") != "slide" for one in joints[: k + 1]):
+        # J(−ref) of a later joint commutes with the earlier ones only if all of them slide
+        if k > 0 and any(earlier.get("type", "hinge") != "slide" for earlier in joints[: k + 1]):
             raise InputError(
                 f"{place} turns at {joint.get('name')!r} by a `ref` after other joints, expected ref 0 there"
             )
@@ -190,8 +192,11 @@ def _start_at_zero(body: Element, joints: list[Element], compiler: Compiler, tak
         set_pose(body, R, p)
 
 
-def _mend_inertia(body: Element, place: str, compiler: Compiler, taken: _Taken) -> bool:
-    """Whether the body weighs something; an inertia that no body can have becomes one that it can."""
+def _mend_inertia(body: Element, place: str, compiler: Compiler, taken: _Extracted) -> bool:
+    """Replace an inertia that is not physically consistent, and remove an `<inertial>` without mass.
+
+    Returns whether the body has a mass.
+    """
     inertial = body.find("inertial")
     if inertial is None or compiler.says("inertiafromgeom", "auto") == "true":
         return True
@@ -199,13 +204,13 @@ def _mend_inertia(body: Element, place: str, compiler: Compiler, taken: _Taken) 
         body.remove(inertial)
         return False
     inertia = _moments(inertial)
-    if breaks_the_rule(inertia):
+    if is_unphysical(inertia):
         balanced = compiler.says("balanceinertia", "false") == "true"
-        fitting = np.trace(inertia) / 3.0 * np.eye(3) if balanced else mended(inertia)
+        fitting = np.trace(inertia) / 3.0 * np.eye(3) if balanced else nearest_physical_inertia(inertia)
         moments = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(inertia))
         taken.notes.append(
             f"{place} has the principal moments {moments} kg m², of which none may exceed the sum of the others "
-            f"or be negative: {'their mean is' if balanced else 'the nearest that a body can have are'} taken"
+            f"or be negative: {'their mean is' if balanced else 'the nearest that a body can have are'} used"
         )
         xx, yy, zz, xy, xz, yz = (float(fitting[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
         inertial.attrib.pop("diaginertia", None)
@@ -214,20 +219,21 @@ def _mend_inertia(body: Element, place: str, compiler: Compiler, taken: _Taken) 
 
 
 def _heavy_mesh(geom: Element) -> bool:
+    """Whether the body's mass would have to be computed from this mesh."""
     massless = "0" in (geom.get("mass"), geom.get("density"))
     return bool(geom.get("mesh")) and geom.get("type") == "mesh" and not massless
 
 
 def _moments(inertial: Element) -> Array:
-    """(3, 3) kg m² in the inertial's own axes."""
+    """The rotational inertia (3, 3) kg m² about the centre of mass, in the inertial frame's axes."""
     if inertial.get("fullinertia"):
         xx, yy, zz, xy, xz, yz = numbers(inertial, "fullinertia")
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     return np.diag(numbers(inertial, "diaginertia", "0 0 0"))
 
 
-def _keep_shapes(parent: Element, taken: _Taken, weighs: bool = True) -> None:
-    """Leaves the primitive shapes of a body, or none where they would give weight to one that has none."""
+def _keep_shapes(parent: Element, taken: _Extracted, weighs: bool = True) -> None:
+    """Remove the geometries that Drake does not read, meshes among them; of a massless body all, as they have mass."""
     for geom in parent.findall("geom"):
         kind = geom.get("type", "sphere") if not geom.get("mesh") else "mesh"
         if kind not in SHAPES or not weighs or (kind == "box" and geom.get("fromto")):
@@ -246,24 +252,24 @@ def _keep_shapes(parent: Element, taken: _Taken, weighs: bool = True) -> None:
             geom.set("friction", slipping[0])
 
 
-def _unread(root: Element) -> Iterator[str]:
-    """What else of the file acts and is not taken."""
+def _describe_unread(root: Element) -> Iterator[str]:
+    """Notes on other physics of the file that is ignored."""
     for option in root.findall("option"):
         for key in ("density", "viscosity", "wind"):
             if any(numbers(option, key, "0")):
-                yield f"the model's <option {key}> is not taken: nothing flows around the robot"
+                yield f"the model's <option {key}> is ignored: no fluid is modelled"
         gravity = numbers(option, "gravity", "0 0 -9.81")
         if not np.allclose(gravity, [0.0, 0.0, -9.81]):
-            yield f"the model's <option gravity> is {gravity}; the scenario's `gravity` is taken"
+            yield f"the model's <option gravity> is {gravity}; the scenario's `gravity` is used"
     if any(flag.get("gravity") == "disable" for flag in root.findall("option/flag")):
-        yield "the model's <flag gravity> is off; the scenario's `gravity` is taken"
+        yield "the model's <flag gravity> is off; the scenario's `gravity` is used"
     total = Compiler.of(root).says("settotalmass", "-1")
     if float(total) > 0.0:
-        yield f"the model's <compiler settotalmass={total}> is not taken: masses are as written"
+        yield f"the model's <compiler settotalmass={total}> is ignored: masses are as written"
 
 
-def _kept(root: Element, worlds: list[Element], compiler: Compiler, document: XmlDocument) -> Element:
-    """The file that is left for Drake's parser."""
+def _parser_document(root: Element, worlds: list[Element], compiler: Compiler, document: XmlDocument) -> Element:
+    """The document for Drake's parser: the compiler's conventions, bodies and geometries."""
     kept = Element("mujoco", {"model": root.get("model") or document.path.stem})
     SubElement(kept, "compiler", {key: compiler.attributes[key] for key in COMPILER if key in compiler.attributes})
     for world in worlds:

@@ -1,20 +1,20 @@
-"""What an MJCF's actuators say of the efforts at joints."""
+"""Reading of an MJCF's actuators: the effort limits of joints."""
 
 from collections.abc import Iterator, Sequence
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from drake_cafim.description.description import listed
+from drake_cafim.description.description import list_names
 from drake_cafim.description.mjcf_defaults import Defaults
-from drake_cafim.description.mjcf_frames import Compiler, limited
+from drake_cafim.description.mjcf_frames import Compiler, binding_range
 from drake_cafim.description.xml_document import numbers
 
 SERVOS = ("position", "velocity", "intvelocity", "damper")
 
 
-def actuators(root: Element, defaults: Defaults) -> list[Element]:
-    """All actuators, their classes written out."""
+def read_actuators(root: Element, defaults: Defaults) -> list[Element]:
+    """All actuators of the file, with the attributes of their default classes."""
     found = [element for section in root.findall("actuator") for element in section]
     for element in found:
         defaults.write_out(element, None, also=("general",))
@@ -24,9 +24,10 @@ def actuators(root: Element, defaults: Defaults) -> list[Element]:
 def effort_limits(
     found: Sequence[Element], worlds: Sequence[Element], compiler: Compiler
 ) -> tuple[dict[str, float], list[str]]:
-    """The largest effort at each joint that is limited, N m or N, and notes on what is not taken.
+    """The largest effort (N m or N) of each joint that has a limit, and notes on what is ignored.
 
-    An actuator's force times its gear acts at the joint; the forces of several add up.
+    At a joint act the forces of all its actuators, each times its gear; their limits add up, and the joint's own
+    `actuatorfrcrange` limits the sum.
     """
     limits: dict[str, float] = {}
     for element in found:
@@ -35,27 +36,28 @@ def effort_limits(
             limits[joint] = limits.get(joint, 0.0) + _largest(element, compiler)
     for name, effort in _of_joints(worlds, compiler):
         limits[name] = min(effort, limits.get(name, np.inf))
-    servos = [str(one.get("name") or one.get("joint")) for one in found if one.tag in SERVOS]
-    others = [one.get("name", one.tag) for one in found if not one.get("joint")]
+    servos = [str(actuator.get("name") or actuator.get("joint")) for actuator in found if actuator.tag in SERVOS]
+    others = [actuator.get("name", actuator.tag) for actuator in found if not actuator.get("joint")]
     notes = []
     if servos:
         notes.append(
-            f"gains of the model's servos are not taken, `servo:` in the scenario gives them ({listed(servos)})"
+            f"gains of the model's servos are ignored, `servo:` in the scenario gives them ({list_names(servos)})"
         )
     if others:
-        notes.append(f"actuators that drive no single joint are not taken ({listed(others)})")
+        notes.append(f"actuators that do not drive a single joint are ignored ({list_names(others)})")
     return {name: value for name, value in limits.items() if 0.0 < value < np.inf}, notes
 
 
 def _largest(element: Element, compiler: Compiler) -> float:
-    """N m or N at the joint."""
+    """The actuator's largest effort at the joint, gear · force, N m or N; infinite where nothing limits it."""
     gear = abs(numbers(element, "gear", "1")[0])
-    force = limited(element, "forcelimited", "forcerange", compiler)
-    control = limited(element, "ctrllimited", "ctrlrange", compiler) if element.tag == "motor" else []
+    force = binding_range(element, "forcelimited", "forcerange", compiler)
+    control = binding_range(element, "ctrllimited", "ctrlrange", compiler) if element.tag == "motor" else []
     return gear * min([float(np.max(np.abs(span))) for span in (force, control) if span], default=np.inf)
 
 
 def _of_joints(worlds: Sequence[Element], compiler: Compiler) -> Iterator[tuple[str, float]]:
+    """Name and limit (N m or N) of each joint with an active `actuatorfrcrange`."""
     for world in worlds:
         for joint in world.iter("joint"):
             span = numbers(joint, "actuatorfrcrange")

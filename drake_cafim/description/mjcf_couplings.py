@@ -1,19 +1,20 @@
-"""An MJCF's constraints between joints."""
+"""Reading of an MJCF's equality constraints between joints, and of its tendons."""
 
 from collections.abc import Mapping
 from xml.etree.ElementTree import Element
 
-from drake_cafim.description.description import Mimic, listed
+from drake_cafim.description.description import Mimic, list_names
 from drake_cafim.description.xml_document import numbers
 
 
-def couplings(root: Element, references: Mapping[str, float]) -> tuple[tuple[Mimic, ...], list[str]]:
-    """Joints that follow another one in proportion, and notes on the constraints that are not taken.
+def read_couplings(root: Element, references: Mapping[str, float]) -> tuple[tuple[Mimic, ...], list[str]]:
+    """The joints that follow another one linearly, and notes on the constraints that are ignored.
 
-    `<equality joint>` says q₁ − ref₁ = a₀ + a₁ (q₂ − ref₂); `references` (rad, m) by joint.
+    `<equality joint>` states q₁ − ref₁ = a₀ + a₁ (q₂ − ref₂), thus q₁ = a₁ q₂ + (ref₁ + a₀ − a₁ ref₂); `references`
+    are ref (rad, m) by joint. Constraints with powers of q₂, and those of bodies or tendons, are ignored.
     """
     mimics, others = [], []
-    for element in [one for section in root.findall("equality") for one in section]:
+    for element in [constraint for section in root.findall("equality") for constraint in section]:
         if element.get("active", "true") == "false":
             continue
         coefficients = (numbers(element, "polycoef") or [0.0, 1.0]) + [0.0, 0.0]
@@ -24,9 +25,9 @@ def couplings(root: Element, references: Mapping[str, float]) -> tuple[tuple[Mim
         offset = references.get(joint, 0.0) + coefficients[0] - coefficients[1] * references.get(leader, 0.0)
         mimics.append(Mimic(joint, leader, coefficients[1], offset))
     notes = (
-        [f"constraints that are not taken, since no joint follows another by them: {listed(others)}"] if others else []
+        [f"constraints are ignored unless one joint follows another linearly: {list_names(others)}"] if others else []
     )
-    tendons = [one.get("name", one.tag) for section in root.findall("tendon") for one in section]
+    tendons = [tendon.get("name", tendon.tag) for section in root.findall("tendon") for tendon in section]
     if tendons:
-        notes.append(f"tendons are not taken ({listed(tendons)})")
+        notes.append(f"tendons are ignored ({list_names(tendons)})")
     return tuple(mimics), notes

@@ -1,4 +1,4 @@
-"""An MJCF's includes and default classes, written out where they apply."""
+"""Expansion of an MJCF's includes and default classes into the elements that they apply to."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -10,13 +10,13 @@ from drake_cafim.errors import InputError
 
 MAIN = "main"
 DEPTH = 20
-"""Of includes within includes."""
+"""Largest depth of nested includes; deeper ones are taken for a file that includes itself."""
 
 
 def include_all(document: XmlDocument) -> None:
-    """Puts what `<include file>` names in its place; files lie beside the main one, or beside the one that includes.
+    """Replace each `<include file>` by that file's elements; it is searched beside the main and the including file.
 
-    Raises `InputError` for a file that is not there.
+    Raises `InputError` for a missing file, and for one that includes itself.
     """
     _include(document, document.root, document.path, 0)
 
@@ -42,13 +42,13 @@ def _include(document: XmlDocument, parent: Element, path: Path, depth: int) -> 
 
 @dataclass
 class Defaults:
-    """Attributes by class and tag, each class with those of the classes that it lies in."""
+    """Default attributes by class and tag; each class inherits those of the class that it is nested in."""
 
     classes: dict[str, dict[str, dict[str, str]]] = field(default_factory=lambda: {MAIN: {}})
 
     @classmethod
     def of(cls, root: Element) -> "Defaults":
-        """Of all `<default>` sections of the file."""
+        """The defaults of all `<default>` sections of the file."""
         found = cls()
         for section in root.findall("default"):
             name = section.get("class") or MAIN
@@ -65,7 +65,10 @@ class Defaults:
             self._take(nested, nested.get("class", ""), own)
 
     def write_out(self, element: Element, childclass: str | None, also: tuple[str, ...] = ()) -> None:
-        """Gives `element` the attributes that its class, or `childclass`, has for its tag and the tags `also`."""
+        """Add to `element` the defaults of its class, or else of `childclass`, for its tag and for the tags `also`.
+
+        Attributes of the element itself take precedence, then the defaults of its own tag.
+        """
         attributes: dict[str, str] = {}
         chosen = self.classes.get(element.attrib.pop("class", "") or childclass or MAIN, self.classes[MAIN])
         for tag in (*also, element.tag):
@@ -76,7 +79,7 @@ class Defaults:
 
 
 def bodies(parent: Element, childclass: str | None = None) -> Iterator[tuple[Element, str | None]]:
-    """The bodies in a body or the worldbody, parents first, with the class of what is in them."""
+    """The bodies within a body or the worldbody, parents first, each with the default class of its elements."""
     for body in parent.findall("body"):
         own = body.get("childclass") or childclass
         yield body, own

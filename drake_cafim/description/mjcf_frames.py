@@ -1,4 +1,4 @@
-"""Angles and poses as MJCF writes them."""
+"""Angles, poses and ranges in the notations of MJCF."""
 
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
@@ -12,26 +12,28 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class Compiler:
-    """How the file's numbers are read: all `<compiler>` elements together."""
+    """The file's conventions for numbers: the attributes of all its `<compiler>` elements."""
 
     attributes: dict[str, str]
 
     @classmethod
     def of(cls, root: Element) -> "Compiler":
+        """The merged attributes; of equal ones the last counts."""
         merged: dict[str, str] = {}
         for element in root.findall("compiler"):
             merged |= dict(element.attrib)
         return cls(merged)
 
     def says(self, name: str, default: str) -> str:
+        """The attribute `name`, or `default` where the file has none."""
         return self.attributes.get(name, default)
 
     def angle(self, value: float) -> float:
-        """rad of an angle of the file."""
+        """An angle of the file in rad; the file's unit is degrees unless it states radians."""
         return value if self.says("angle", "degree") == "radian" else float(np.deg2rad(value))
 
     def pose(self, element: Element) -> tuple[Array, Array]:
-        """R (3, 3) and p (3,) of an element in its parent."""
+        """R_PE (3, 3) and p_PE (3,) m of an element E in its parent P."""
         p = np.array(numbers(element, "pos", "0 0 0"))
         return self._rotation(element).as_matrix(), p
 
@@ -42,9 +44,9 @@ class Compiler:
             *axis, angle = numbers(element, "axisangle")
             return Rotation.from_rotvec(self.angle(angle) * np.array(axis) / np.linalg.norm(axis))
         if element.get("euler"):
-            angles = [self.angle(one) for one in numbers(element, "euler")]
+            angles = [self.angle(value) for value in numbers(element, "euler")]
             sequence = self.says("eulerseq", "xyz")
-            # scipy: capitals turn with the body, as small letters do here
+            # MJCF writes intrinsic rotations in small letters, scipy in capitals
             return Rotation.from_euler(sequence.swapcase(), angles)
         if element.get("xyaxes"):
             x, y = np.array(numbers(element, "xyaxes")).reshape(2, 3)
@@ -58,7 +60,7 @@ class Compiler:
 
 
 def _shortest(z: Array) -> Rotation:
-    """The smallest rotation that takes the z axis to `z` (3,)."""
+    """The rotation by the smallest angle that takes the z axis to the direction `z` (3,)."""
     z = z / np.linalg.norm(z)
     across = np.cross([0.0, 0.0, 1.0], z)
     sine = float(np.linalg.norm(across))
@@ -67,7 +69,7 @@ def _shortest(z: Array) -> Rotation:
 
 
 def set_pose(element: Element, R: Array, p: Array) -> None:
-    """Gives the element this pose, R (3, 3) and p (3,)."""
+    """Write the pose R (3, 3), p (3,) m to the element as `quat` and `pos`, in place of any other notation."""
     for key in ("axisangle", "euler", "xyaxes", "zaxis"):
         element.attrib.pop(key, None)
     element.set("pos", " ".join(map(repr, p.tolist())))
@@ -75,8 +77,11 @@ def set_pose(element: Element, R: Array, p: Array) -> None:
     element.set("quat", " ".join(map(repr, quaternion.tolist())))
 
 
-def limited(element: Element, flag: str, span: str, compiler: Compiler) -> list[float]:
-    """The two numbers of the range `span` where it is one that binds by `flag` (true, false, auto), else none."""
+def binding_range(element: Element, flag: str, span: str, compiler: Compiler) -> list[float]:
+    """The two numbers of the attribute `span` if the limit is active by the attribute `flag`, else an empty list.
+
+    `flag` is true, false or auto; auto means true where a range is given, unless the compiler has autolimits off.
+    """
     given = numbers(element, span)
     says = element.get(flag, "auto")
     if says == "auto":

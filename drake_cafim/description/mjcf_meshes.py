@@ -1,11 +1,11 @@
-"""The meshes of an MJCF that can be shown."""
+"""Visual meshes of an MJCF that the replay can show."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from drake_cafim.description.description import SHOWN, Shown
+from drake_cafim.description.description import SHOWN, VisualMesh
 from drake_cafim.description.mjcf_defaults import Defaults
 from drake_cafim.description.mjcf_frames import Compiler
 from drake_cafim.description.xml_document import numbers
@@ -13,7 +13,7 @@ from drake_cafim.description.xml_document import numbers
 
 @dataclass(frozen=True)
 class Meshes:
-    """Files, with their scales, and colours by name."""
+    """Mesh files with their scales, and colours of materials, each by name."""
 
     files: Mapping[str, tuple[Path, tuple[float, ...]]]
     colors: Mapping[str, tuple[float, ...]]
@@ -21,10 +21,10 @@ class Meshes:
 
     @classmethod
     def of(cls, root: Element, defaults: Defaults, compiler: Compiler, path: Path) -> "Meshes":
-        """Of the assets of the file at `path`."""
+        """The meshes and colours among the assets of the file at `path`."""
         folder = path.parent / compiler.says("meshdir", compiler.says("assetdir", ""))
         files, colors = {}, {}
-        for asset in [one for section in root.findall("asset") for one in section]:
+        for asset in [element for section in root.findall("asset") for element in section]:
             if asset.tag == "mesh" and asset.get("file"):
                 defaults.write_out(asset, None)
                 file = (folder / asset.get("file", "")).resolve()
@@ -35,9 +35,12 @@ class Meshes:
                 colors[asset.get("name", "")] = tuple(numbers(asset, "rgba"))
         return cls(files, colors, compiler)
 
-    def shown(self, body: str, geoms: list[Element]) -> list[Shown]:
-        """What of a body's meshes is drawn: those that touch nothing, or all where there are no such."""
-        silent = [one for one in geoms if one.get("contype") == "0" and one.get("conaffinity") == "0"]
+    def visual_meshes(self, body: str, geoms: list[Element]) -> list[VisualMesh]:
+        """The visual meshes among a body's `geoms`: those without contact, or all where there are none without.
+
+        MJCF does not mark visual geometry; by convention it has contype and conaffinity 0.
+        """
+        silent = [geom for geom in geoms if geom.get("contype") == "0" and geom.get("conaffinity") == "0"]
         found = []
         for geom in silent or geoms:
             if geom.get("mesh") in self.files:
@@ -45,5 +48,5 @@ class Meshes:
                 color = tuple(numbers(geom, "rgba")) or self.colors.get(
                     geom.get("material", ""), (0.6, 0.62, 0.65, 1.0)
                 )
-                found.append(Shown(body, file, *self.compiler.pose(geom), scale, color))
+                found.append(VisualMesh(body, file, *self.compiler.pose(geom), scale, color))
         return found

@@ -1,4 +1,4 @@
-"""Where the packages of `package://` addresses lie."""
+"""Search for the folders of packages in `package://` addresses."""
 
 import os
 import re
@@ -15,12 +15,12 @@ _ADDRESS = re.compile(r"(?:package|model)://([^/]+)/?(.*)")
 
 @dataclass(frozen=True)
 class Packages:
-    """Folders of packages by name, as given, and what is found around a file or in ROS's own variables."""
+    """Finds packages: `given` folders by name first, then folders above a file, then ROS's environment variables."""
 
     given: Mapping[str, Path] = field(default_factory=dict)
 
     def find(self, name: str, near: Path) -> Path | None:
-        """The folder of package `name`: as given, with a package.xml above the file `near`, or where ROS looks."""
+        """The folder of package `name`: as given, or with a package.xml above the file `near`, or installed for ROS."""
         if name in self.given:
             return self.given[name]
         for folder in near.resolve().parents:
@@ -29,7 +29,7 @@ class Packages:
         return next((folder for folder in _installed(name) if folder.is_dir()), None)
 
     def file(self, address: str, near: Path) -> Path | None:
-        """The file that `address` in the file `near` means, None where it is nowhere."""
+        """The file that `address` in the file `near` refers to; None where it does not exist."""
         match = _ADDRESS.fullmatch(address)
         if match is None:
             path = near.parent / address.removeprefix("file://")
@@ -40,24 +40,24 @@ class Packages:
             path = folder / match.group(2)
         return path.resolve() if path.is_file() else None
 
-    def expected(self, address: str, near: Path) -> Path:
-        """The same. Raises `InputError` that says how a package is made known."""
+    def require_file(self, address: str, near: Path) -> Path:
+        """The file that `address` refers to. Raises `InputError` that says how to give the package's folder."""
         found = self.file(address, near)
         if found is None:
-            raise InputError(f"{address}: {self.missing(address, near)}")
+            raise InputError(f"{address}: {self.explain_missing(address, near)}")
         return found
 
-    def missing(self, address: str, near: Path) -> str:
-        """Why the address leads nowhere."""
+    def explain_missing(self, address: str, near: Path) -> str:
+        """Why there is no file at the address, and what to do."""
         match = _ADDRESS.fullmatch(address)
         folder = self.find(match.group(1), near) if match else near.parent
         if match is not None and folder is None:
-            return f"the package {match.group(1)!r} is not known; {ways(match.group(1))}"
+            return f"the package {match.group(1)!r} is not known; {explain_ways(match.group(1))}"
         return f"there is no such file in {folder}"
 
 
-def ways(name: str) -> str:
-    """How a package is made known."""
+def explain_ways(name: str) -> str:
+    """The ways to give the folder of the package `name`, for messages."""
     return (
         f"expected `packages: {{{name}: folder}}` in the scenario, --package {name}=DIR, its place in "
         f"{' or '.join(SEARCHED)}, or a package.xml of that name above the file"
@@ -73,6 +73,7 @@ def package_name(manifest: Path) -> str:
 
 
 def _installed(name: str) -> Iterator[Path]:
+    """The folders where ROS 2 and then ROS 1 would have the package, whether they exist or not."""
     for folder in _folders("AMENT_PREFIX_PATH"):
         yield folder / "share" / name
     for folder in _folders("ROS_PACKAGE_PATH"):
@@ -86,7 +87,7 @@ def _folders(variable: str) -> list[Path]:
 
 
 def package_folders(arguments: tuple[str, ...]) -> dict[str, str]:
-    """`NAME=DIR` of the command line as absolute folders. Raises `InputError` for anything else."""
+    """Absolute folders by package name, from `NAME=DIR` of the command line. Raises `InputError` for anything else."""
     found = {}
     for argument in arguments:
         name, equals, folder = argument.partition("=")

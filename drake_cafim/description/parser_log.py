@@ -1,11 +1,13 @@
-"""What Drake's parser has to say, kept from the terminal."""
+"""Capture of the log of Drake's parser, so that its warnings become notes instead of text on the terminal."""
 
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 
-class _Kept(logging.Handler):
+class _LogCollector(logging.Handler):
+    """A log handler that appends each message as one line to a list."""
+
     def __init__(self, lines: list[str]) -> None:
         super().__init__()
         self._lines = lines
@@ -15,10 +17,10 @@ class _Kept(logging.Handler):
 
 
 @contextmanager
-def kept_log() -> Iterator[list[str]]:
-    """The warnings of Drake's log meanwhile, one line each, instead of on stderr."""
+def capture_log() -> Iterator[list[str]]:
+    """Collect the messages of Drake's log within the block, one line each, instead of writing them to stderr."""
     lines: list[str] = []
-    log, handler = logging.getLogger("drake"), _Kept(lines)
+    log, handler = logging.getLogger("drake"), _LogCollector(lines)
     handlers, propagates = log.handlers[:], log.propagate
     log.handlers, log.propagate = [handler], False
     try:

@@ -1,4 +1,4 @@
-"""A model file of any kind as a description."""
+"""Reading of a model file of any format: URDF, SDFormat or MJCF."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from drake_cafim.errors import InputError
 
 
 def read_description(path: Path, packages: Packages) -> Description:
-    """The description in a URDF, SDFormat or MJCF file, told by its root element. Raises `InputError` for others."""
+    """The description in a URDF, SDFormat or MJCF file, by its root element. Raises `InputError` for other files."""
     document = read_document(path)
     kinds = {"robot": urdf_description, "sdf": sdf_description, "mujoco": mjcf_description}
     read = kinds.get(document.root.tag)

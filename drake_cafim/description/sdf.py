@@ -1,24 +1,24 @@
-"""An SDFormat file as Drake's parser takes it: without collision meshes, frictions and springs."""
+"""Reading of an SDFormat file: collision meshes, frictions and springs are taken out before Drake's parser reads it."""
 
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
-from drake_cafim.description.description import SHOWN, Acting, Description, listed
+from drake_cafim.description.description import SHOWN, Description, StatedEffect, list_names
 from drake_cafim.description.packages import Packages
 from drake_cafim.description.xml_document import XmlDocument
 
 
 def sdf_description(document: XmlDocument, packages: Packages) -> Description:
-    """The description of an SDFormat file; the files that it includes are read by Drake as they are."""
-    acting = [effect for joint in document.root.iter("joint") for effect in _acting(joint)]
-    notes = tuple(_without_meshes(document, packages))
+    """The description of an SDFormat file; files that it includes are read by Drake unchanged."""
+    acting = [effect for joint in document.root.iter("joint") for effect in _take_effects(joint)]
+    notes = tuple(_remove_meshes(document, packages))
     named = [element for element in document.root.iter() if element.tag in ("link", "joint")]
     places = {element.get("name", ""): document.place(element) for element in named}
     return Description(document.text(), "sdf", tuple(acting), {}, {}, (), notes, places)
 
 
-def _acting(joint: Element) -> Iterator[Acting]:
-    """Takes friction and spring out of the joint's axis."""
+def _take_effects(joint: Element) -> Iterator[StatedEffect]:
+    """The joint's friction and spring as effects; they are taken out of its axis, lest they act twice."""
     name, dynamics = joint.get("name", ""), joint.find("axis/dynamics")
     if dynamics is None:
         return
@@ -29,12 +29,13 @@ def _acting(joint: Element) -> Iterator[Acting]:
         for child in dynamics.findall(key):
             dynamics.remove(child)
     if friction > 0.0:
-        yield Acting("joint_coulomb_friction", name, {"torque": friction})
+        yield StatedEffect("joint_coulomb_friction", name, {"torque": friction})
     if stiffness > 0.0:
-        yield Acting("joint_spring", name, {"stiffness": stiffness, "rest": rest})
+        yield StatedEffect("joint_spring", name, {"stiffness": stiffness, "rest": rest})
 
 
-def _without_meshes(document: XmlDocument, packages: Packages) -> Iterator[str]:
+def _remove_meshes(document: XmlDocument, packages: Packages) -> Iterator[str]:
+    """Take out collision meshes, and visual ones that the replay cannot show; a note for each of the two."""
     collisions: list[str] = []
     lost: list[str] = []
     for link in document.root.iter("link"):
@@ -51,6 +52,6 @@ def _without_meshes(document: XmlDocument, packages: Packages) -> Iterator[str]:
                     link.remove(shape)
                     names.append(name)
     if collisions:
-        yield f"collision meshes are not read: nothing touches them ({listed(collisions)})"
+        yield f"collision meshes are not read, nothing can touch them ({list_names(collisions)})"
     if lost:
-        yield f"not shown in the replay: {listed(lost)}, since their meshes are not there or no {', '.join(SHOWN)}"
+        yield f"not shown in the replay: {list_names(lost)}, since their meshes are not there or no {', '.join(SHOWN)}"

@@ -1,12 +1,12 @@
-"""A URDF as Drake's parser takes it: without collision meshes, mimics and what it does not know."""
+"""Reading of a URDF: collision meshes, mimics, frictions and unknown elements are taken out for Drake's parser."""
 
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from drake_cafim.description.description import SHOWN, Acting, Description, Mimic, listed
-from drake_cafim.description.inertia import breaks_the_rule, mended
+from drake_cafim.description.description import SHOWN, Description, Mimic, StatedEffect, list_names
+from drake_cafim.description.inertia import is_unphysical, nearest_physical_inertia
 from drake_cafim.description.packages import Packages
 from drake_cafim.description.xml_document import XmlDocument, numbers
 from drake_cafim.errors import InputError
@@ -14,9 +14,9 @@ from drake_cafim.typing import Array
 
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 UNREAD = ("safety_controller", "calibration")
-"""Of a joint: for a controller on the robot."""
+"""Elements of a joint that are for a controller on the robot and not physics."""
 LEAST_MASS = 1e-9
-"""kg; Drake has no inertia without a mass."""
+"""kg, mass of a body that has an inertia but no mass, which Drake refuses."""
 MOVING = ("revolute", "continuous", "prismatic")
 
 
@@ -26,12 +26,12 @@ def urdf_description(document: XmlDocument, packages: Packages) -> Description:
     _refuse_macros(document)
     if not root.get("name"):
         root.set("name", document.path.stem)
-    notes = [*_without_meshes(document, packages), *_mend_inertias(document)]
-    mimics = tuple(_mimics(document))
-    acting = tuple(_frictions(document))
+    notes = [*_remove_meshes(document, packages), *_mend_inertias(document)]
+    mimics = tuple(_take_mimics(document))
+    acting = tuple(_take_frictions(document))
     limits = dict(_effort_limits(document))
-    notes += _without_transmissions(document)
-    _own_colors(root)
+    notes += _remove_transmissions(document)
+    _inline_colors(root)
     for joint in root.findall("joint"):
         for child in [child for child in joint if child.tag in UNREAD]:
             joint.remove(child)
@@ -49,8 +49,8 @@ def _refuse_macros(document: XmlDocument) -> None:
             )
 
 
-def _without_meshes(document: XmlDocument, packages: Packages) -> Iterator[str]:
-    """Takes out meshes but those that can be shown."""
+def _remove_meshes(document: XmlDocument, packages: Packages) -> Iterator[str]:
+    """Take out collision meshes, and visual ones that the replay cannot show; notes on both."""
     collisions: list[str] = []
     lost: dict[str, list[str]] = {}
     for link in document.root.findall("link"):
@@ -71,13 +71,13 @@ def _without_meshes(document: XmlDocument, packages: Packages) -> Iterator[str]:
                 link.remove(shape)
                 lost.setdefault(_why_lost(address, document, packages), []).append(name)
     if collisions:
-        yield f"collision meshes are not read: nothing touches them ({listed(collisions)})"
+        yield f"collision meshes are not read, nothing can touch them ({list_names(collisions)})"
     for why, names in lost.items():
-        yield f"not shown in the replay: {listed(names)}, since {why}"
+        yield f"not shown in the replay: {list_names(names)}, since {why}"
 
 
-def _own_colors(root: Element) -> None:
-    """Gives each visual its colour itself: in the wild materials are defined twice, or never."""
+def _inline_colors(root: Element) -> None:
+    """Write each visual's colour into the visual, since many files define materials twice or not at all."""
     colors = {
         material.get("name"): color.get("rgba", "")
         for material in root.iter("material")
@@ -97,15 +97,16 @@ def _own_colors(root: Element) -> None:
 
 
 def _why_lost(address: str, document: XmlDocument, packages: Packages) -> str:
+    """Why the replay cannot show the mesh, as the end of a sentence."""
     if packages.file(address, document.path) is not None:
         return f"meshes are shown that end in {', '.join(SHOWN)}"
     if "://" in address:
-        return packages.missing(address, document.path).replace(address, "it")
+        return packages.explain_missing(address, document.path).replace(address, "it")
     return "their mesh files are not there"
 
 
 def _mend_inertias(document: XmlDocument) -> Iterator[str]:
-    """Replaces inertias that no body can have; takes out what weighs nothing."""
+    """Replace inertias that are not physically consistent and remove zero ones; a note for each that is changed."""
     for link in document.root.findall("link"):
         inertial, name = link.find("inertial"), link.get("name", "")
         if inertial is None:
@@ -118,16 +119,16 @@ def _mend_inertias(document: XmlDocument) -> Iterator[str]:
             if not np.any(inertia):
                 link.remove(inertial)
                 continue
-            yield f"{place} has an inertia but no mass: {LEAST_MASS:g} kg are taken"
+            yield f"{place} has an inertia but no mass: {LEAST_MASS:g} kg are used"
             for given in inertial.findall("mass"):
                 inertial.remove(given)
             SubElement(inertial, "mass", {"value": repr(LEAST_MASS)})
-        if breaks_the_rule(inertia):
-            _set_moments(inertial, mended(inertia))
+        if is_unphysical(inertia):
+            _set_moments(inertial, nearest_physical_inertia(inertia))
             moments = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(inertia))
             yield (
                 f"{place} has the principal moments {moments} kg m², of which none may exceed the sum of the others "
-                "or be negative: the nearest that a body can have are taken"
+                "or be negative: the nearest that a body can have are used"
             )
 
 
@@ -137,7 +138,7 @@ def _mass(inertial: Element, place: str) -> float:
 
 
 def _moments(inertial: Element, place: str) -> Array:
-    """(3, 3) kg m²."""
+    """The rotational inertia (3, 3) kg m² about the centre of mass, in the inertial frame's axes."""
     given = inertial.find("inertia")
     xx, xy, xz, yy, yz, zz = (0.0 if given is None else _number(given, key, place) for key in MOMENTS)
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -158,8 +159,8 @@ def _number(element: Element, attribute: str, place: str) -> float:
         raise InputError(f"{place}: {attribute} is {text!r}, expected a number") from None
 
 
-def _mimics(document: XmlDocument) -> Iterator[Mimic]:
-    """Takes the mimics out; those of joints that do not move say nothing."""
+def _take_mimics(document: XmlDocument) -> Iterator[Mimic]:
+    """Take the `<mimic>` elements out; those of joints that move are yielded, those of fixed ones have no meaning."""
     joints = {joint.get("name", ""): joint for joint in document.root.findall("joint")}
     for name, joint in joints.items():
         mimic = joint.find("mimic")
@@ -175,8 +176,8 @@ def _mimics(document: XmlDocument) -> Iterator[Mimic]:
         yield Mimic(name, leader, multiplier, _number(mimic, "offset", place))
 
 
-def _frictions(document: XmlDocument) -> Iterator[Acting]:
-    """Takes `<dynamics friction>` out, which Drake's parser does not take."""
+def _take_frictions(document: XmlDocument) -> Iterator[StatedEffect]:
+    """Take `<dynamics friction>`, which Drake's parser ignores, out as Coulomb friction."""
     for joint in document.root.findall("joint"):
         dynamics, name = joint.find("dynamics"), joint.get("name", "")
         if dynamics is None:
@@ -188,11 +189,11 @@ def _frictions(document: XmlDocument) -> Iterator[Acting]:
                 f"{document.place(joint)}: joint {name!r} has the friction {friction:g}, expected 0 or more"
             )
         if friction > 0.0 and joint.get("type") in MOVING:
-            yield Acting("joint_coulomb_friction", name, {"torque": friction})
+            yield StatedEffect("joint_coulomb_friction", name, {"torque": friction})
 
 
 def _effort_limits(document: XmlDocument) -> Iterator[tuple[str, float]]:
-    """Limits above zero; exporters write 0 where they know none."""
+    """The effort limits of joints that are above zero; exporters write 0 for an unknown limit."""
     for joint in document.root.findall("joint"):
         limit = joint.find("limit")
         effort = numbers(limit, "effort") if limit is not None else []
@@ -200,8 +201,8 @@ def _effort_limits(document: XmlDocument) -> Iterator[tuple[str, float]]:
             yield joint.get("name", ""), effort[0]
 
 
-def _without_transmissions(document: XmlDocument) -> Iterator[str]:
-    """Takes out transmissions that are no simple ones on a joint that moves."""
+def _remove_transmissions(document: XmlDocument) -> Iterator[str]:
+    """Remove gear reductions, and transmissions that are not simple ones of a moving joint; a note on the latter."""
     moving = {joint.get("name") for joint in document.root.findall("joint") if joint.get("type") in MOVING}
     other = []
     for transmission in document.root.findall("transmission"):
@@ -214,6 +215,6 @@ def _without_transmissions(document: XmlDocument) -> Iterator[str]:
             continue
         for element in [transmission, *transmission]:
             for child in element.findall("mechanicalReduction"):
-                element.remove(child)  # of efforts before the gear; a recording has those at the joint
+                element.remove(child)  # it converts motor efforts; a recording has those at the joint
     if other:
-        yield f"transmissions that are not simple are not taken: efforts are those at the joints ({listed(other)})"
+        yield f"transmissions other than simple ones are ignored: efforts are those at the joints ({list_names(other)})"

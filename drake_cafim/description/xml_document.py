@@ -1,4 +1,4 @@
-"""An XML file as elements that know the line they stand on; prefixes as `drake:` are left as they are written."""
+"""Parsing of an XML file into elements with their line numbers; prefixes as `drake:` stay part of the names."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,23 +10,24 @@ from drake_cafim.errors import InputError
 
 @dataclass
 class XmlDocument:
-    """The elements of a file and of those that it includes; `lines` say where each began."""
+    """The elements of a file and of those that it includes; `lines` is the file and line where each begins."""
 
     path: Path
     root: Element
     lines: dict[Element, tuple[Path, int]] = field(default_factory=dict)
 
     def place(self, element: Element) -> str:
-        """`file, line n` of an element."""
+        """`file, line n` of the element, for messages."""
         path, line = self.lines.get(element, (self.path, 0))
         return f"{path}, line {line}" if line else str(path)
 
     def text(self) -> str:
+        """The document as XML text."""
         return tostring(self.root, encoding="unicode")
 
 
 def read_document(path: Path) -> XmlDocument:
-    """The file at `path`. Raises `InputError` for one that is no XML."""
+    """The document in the file at `path`. Raises `InputError` for a file that cannot be read or is not XML."""
     try:
         return parse_document(path.read_bytes(), path)
     except OSError as error:
@@ -34,7 +35,10 @@ def read_document(path: Path) -> XmlDocument:
 
 
 def parse_document(content: bytes, path: Path) -> XmlDocument:
-    """The elements of `content`; without namespaces, since files in the wild use prefixes that they do not declare."""
+    """The document in `content`; namespaces are not resolved, since many files use prefixes that they do not declare.
+
+    `path` is the file's name in messages. Raises `InputError` for content that is not XML.
+    """
     builder, parser = TreeBuilder(), expat.ParserCreate()
     lines: dict[Element, tuple[Path, int]] = {}
 
@@ -52,5 +56,5 @@ def parse_document(content: bytes, path: Path) -> XmlDocument:
 
 
 def numbers(element: Element, attribute: str, default: str = "") -> list[float]:
-    """The numbers in an attribute. Raises `ValueError` for what is none."""
+    """The numbers in an attribute, separated by spaces or commas. Raises `ValueError` for other text."""
     return [float(word) for word in element.get(attribute, default).replace(",", " ").split()]

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from pydrake.multibody.plant import MultibodyPlant
 
-from drake_cafim.description.description import Stated
+from drake_cafim.description.description import ModelStatements
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
@@ -12,7 +12,7 @@ from drake_cafim.scenario.schema import UNRECORDED
 
 
 def held(
-    lock: Mapping[str, float] | Sequence[str] | str, plant: MultibodyPlant, said: Stated
+    lock: Mapping[str, float] | Sequence[str] | str, plant: MultibodyPlant, said: ModelStatements
 ) -> dict[str, float] | str:
     """`lock:` with a position (rad, m) for each joint, those that follow a held joint included.
 
@@ -30,7 +30,7 @@ def held(
     return given
 
 
-def _own(name: str, plant: MultibodyPlant, said: Stated) -> float:
+def _own(name: str, plant: MultibodyPlant, said: ModelStatements) -> float:
     """The joint's position in the pose that the file draws."""
     if not plant.HasJointNamed(name):
         names = ", ".join(plant.get_joint(i).name() for i in plant.GetJointIndices())
@@ -44,7 +44,7 @@ def positions(lock: Mapping[str, float] | Sequence[str] | str) -> dict[str, floa
     return dict(lock) if isinstance(lock, Mapping) else {}
 
 
-def check_coupled(tree: Tree, said: Stated) -> None:
+def check_coupled(tree: Tree, said: ModelStatements) -> None:
     """Raises `InputError` for a joint that follows another one and is not held."""
     for one in said.mimics:
         if one.joint in tree.joint_names and one.leader in tree.joint_names:

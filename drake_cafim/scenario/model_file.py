@@ -17,9 +17,9 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, PrismaticJoint, RevoluteJoint
 from pydrake.systems.framework import DiagramBuilder
 
-from drake_cafim.description.description import Description, Stated, stated
+from drake_cafim.description.description import Description, ModelStatements, combine_descriptions
 from drake_cafim.description.packages import Packages
-from drake_cafim.description.parser_log import kept_log
+from drake_cafim.description.parser_log import capture_log
 from drake_cafim.description.reading import read_description
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.packaged import packaged_folder
@@ -35,7 +35,7 @@ _WHERE = re.compile(r"^\S*:\d+: warning: ")
 
 def add_plant(
     scenario: Scenario, folder: Path, builder: DiagramBuilder, time_step: float
-) -> tuple[MultibodyPlant, SceneGraph, Stated]:
+) -> tuple[MultibodyPlant, SceneGraph, ModelStatements]:
     """Add the scenario's plant and scene graph to `builder`, finalized, with what its files say beyond the plant.
 
     `folder` is where a relative model path starts. Raises `InputError` for what Drake's parser refuses.
@@ -44,14 +44,14 @@ def add_plant(
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
     said = add_model(scenario, folder, plant)
     try:
-        with kept_log():  # of shapes, which nothing here asks for
+        with capture_log():  # of shapes, which nothing here asks for
             plant.Finalize()
     except RuntimeError as error:
         raise InputError(f"the model cannot be finalized: {' '.join(str(error).split())}") from None
     return plant, scene_graph, said
 
 
-def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> Stated:
+def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> ModelStatements:
     """Add the scenario's model, its welds and its gravity to `plant`, which is not finalized.
 
     `folder` is where a relative model path starts. The rotor inertias that its files state are in the plant, what else
@@ -106,7 +106,7 @@ class _Model:
                 raise InputError(f"packages: {name} is {place}, which is no folder")
             self._parser.package_map().Add(name, place)
 
-    def add(self) -> Stated:
+    def add(self) -> ModelStatements:
         """Parse the model."""
         scenario = self._scenario
         if scenario.directives:
@@ -116,19 +116,19 @@ class _Model:
             content = yaml.safe_load(path.read_text(encoding="utf-8"))
             return self._add_directives(content.get("directives", []), str(path), path)
         description = read_description(path, self._packages)
-        with kept_log() as warnings, _refused(str(path)):
+        with capture_log() as warnings, _refused(str(path)):
             self._parser.AddModelsFromString(description.text, description.form)
-        return stated([description], _in_words(warnings, path))
+        return combine_descriptions([description], _in_words(warnings, path))
 
     def _file(self, address: str, near: Path) -> Path:
         if address.startswith(("package://", "model://")):
-            return self._packages.expected(address, near)
+            return self._packages.require_file(address, near)
         path = near.parent / address
         if not path.is_file():
             raise InputError(f"{path}: there is no such model file, expected one of {', '.join(MODEL_SUFFIXES)}")
         return path
 
-    def _add_directives(self, directives: list[dict[str, Any]], source: str, near: Path) -> Stated:
+    def _add_directives(self, directives: list[dict[str, Any]], source: str, near: Path) -> ModelStatements:
         """Parse Drake's model directives, each of whose model files is read as a description first."""
         written, found, warnings = deepcopy(directives), list[Description](), list[str]()
         with TemporaryDirectory() as scratch:
@@ -142,10 +142,10 @@ class _Model:
                 plain.write_text(found[-1].text, encoding="utf-8")
                 entry["file"] = f"file://{plain}"
             text = yaml.safe_dump({"directives": written})
-            with kept_log() as lines, _refused(source):
+            with capture_log() as lines, _refused(source):
                 ProcessModelDirectives(LoadModelDirectivesFromString(text), self._parser)
             warnings += [line.replace(f"{scratch}/", "") for line in lines]
-        return stated(found, _in_words(warnings, Path(source)))
+        return combine_descriptions(found, _in_words(warnings, Path(source)))
 
     def _ours(self, address: str) -> bool:
         """Whether a description can be read here; Drake finds the files of packages that it alone knows."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drake_cafim.description.description import Stated
+from drake_cafim.description.description import ModelStatements
 from drake_cafim.dynamics.motion import equations_of_motion, motion
 from drake_cafim.dynamics.tree import Joint, Tree
 from drake_cafim.effects.actuator import ActuatorSaturation
@@ -20,13 +20,13 @@ LEAST_INERTIA = 1e-15
 """kg m² (kg): below it nothing says how a joint moves."""
 
 
-def model_effects(said: Stated, tree: Tree, vocabulary: Sequence[type[Effect]]) -> list[Effect]:
+def model_effects(said: ModelStatements, tree: Tree, vocabulary: Sequence[type[Effect]]) -> list[Effect]:
     """The frictions and springs that the files state, in the joints that move."""
     acting = [one for one in said.acting if one.at in tree.joint_names]
     return [effect_named(one.effect, vocabulary)(one.at, dict(one.parameters)) for one in acting]
 
 
-def with_limits(tree: Tree, said: Stated) -> Tree:
+def with_limits(tree: Tree, said: ModelStatements) -> Tree:
     """The tree with the effort limits that the files state for joints without an actuator in the plant."""
     return tree.with_joints(
         replace(joint, effort_limit=said.effort_limits[joint.name])
@@ -63,7 +63,7 @@ def beyond_limits(tree: Tree, recordings: Sequence[Recording]) -> list[str]:
     ]
 
 
-def check_inertias(tree: Tree, said: Stated, source: str) -> None:
+def check_inertias(tree: Tree, said: ModelStatements, source: str) -> None:
     """Raises `InputError` for a joint that moves nothing that has mass or inertia."""
     if tree.floating or not tree.joints:
         return

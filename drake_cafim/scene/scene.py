@@ -13,7 +13,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_cafim.corrected.corrected_plant import CorrectedPlant
 from drake_cafim.corrected.scene import add_scene
-from drake_cafim.description.description import Stated, listed
+from drake_cafim.description.description import ModelStatements, list_names
 from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
 from drake_cafim.dynamics.tree import Tree, tree_of
 from drake_cafim.effects.catalogue import EFFECTS, vocabulary_with
@@ -77,7 +77,7 @@ class Scene:
     folder: Path = field(default_factory=Path)
     vocabulary: tuple[type[Effect], ...] = EFFECTS
     nominal_contacts: tuple[SphereContact, ...] = ()
-    stated: Stated = field(default_factory=Stated)
+    stated: ModelStatements = field(default_factory=ModelStatements)
     limited: tuple[str, ...] = ()
     bare: Physics | None = None
     of_model: tuple[Effect, ...] = ()
@@ -171,9 +171,11 @@ class Scene:
         beyond = beyond_limits(self.tree, recordings)
         limited = tuple(name for name in beyond if self.std(f"u.{name}") == 0.0)
         measured = [name for name in beyond if name not in limited]
-        notes = [f"commands beyond the model's effort limit act as far as that ({listed(limited)})"] if limited else []
+        notes = (
+            [f"commands beyond the model's effort limit act as far as that ({list_names(limited)})"] if limited else []
+        )
         if measured:
-            notes.append(f"recorded efforts go beyond the model's limit, which is left aside ({listed(measured)})")
+            notes.append(f"recorded efforts go beyond the model's limit, which is left aside ({list_names(measured)})")
         if not notes:
             return self
         stated = replace(self.stated, notes=(*self.stated.notes, *notes))
