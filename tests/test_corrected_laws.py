@@ -239,7 +239,11 @@ def test_locked_joints_are_held(tmp_path: Path) -> None:
             MultibodyPlantConfig(time_step=1e-3),
             "expected at most 0.00032 s, or 0 for a continuous plant",
         ),
-        (entry("sensor_bias", "q.wrist", {"bias": 1.0}), CONTINUOUS, r"effects\[0\]\.at is q\.wrist, expected one of q\.turn, q\.lift"),
+        (
+            entry("sensor_bias", "q.wrist", {"bias": 1.0}),
+            CONTINUOUS,
+            r"effects\[0\]\.at is q\.wrist, expected one of q\.turn, q\.lift",
+        ),
     ],
 )
 def test_what_cannot_be_simulated(
