@@ -11,6 +11,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from drake_cafim.contact import NORMAL_LAWS, ContactLaw, ContactParameters
 from drake_cafim.contact.system import PARAMETER_NAMES, ContactLawSystem, SphereContact
+from drake_cafim.diagnosis.tosses.compiled_contact import forces, law_of
+from drake_cafim.dynamics import contact as on_tree
+from drake_cafim.dynamics.touching import pressed
 from drake_cafim.errors import InputError
 
 FORMS = {"slip_velocity": 0.05, "resistance": 2.0}
@@ -206,3 +209,29 @@ def test_plant_in_autodiff_gives_the_derivative_of_its_motion_with_respect_to_st
     difference = (height(500.0 + step, diagram) - height(500.0 - step, diagram)) / (2 * step)
     assert abs(difference) > 1e-7
     np.testing.assert_allclose(reference.derivatives()[0], difference, rtol=1e-5)
+
+
+@pytest.mark.parametrize("law", NORMAL_LAWS)
+def test_arms_and_throws_are_pressed_by_the_same_law(law):
+    """Compiled loops over a tree's links and over a thrown body's points, and NumPy: the same bits."""
+    parameters = ContactParameters(stiffness=300.0, damping=4.0, dissipation=0.7)
+    up, origin = np.array([0.0, 0.0, 1.0]), np.zeros(3)
+    contact = on_tree.SphereContact(("ball", "ground"), 0, origin, 0.0, origin, up, ContactLaw(law), parameters)
+    penetration, rate, _ = _samples(3)
+    expected = contact.law.normal_force(penetration, rate, parameters)
+    count = len(penetration)
+    place, velocity = np.zeros((count, 1, 3)), np.zeros((count, 1, 6))
+    place[:, 0, 2], velocity[:, 0, 5] = -penetration, -rate
+    geometry, numbers = contact.numbers
+    linked = pressed(
+        np.tile(np.eye(3), (count, 1, 1, 1)), place, velocity, np.array([0]), geometry[None], numbers[None]
+    )
+    np.testing.assert_array_equal(linked[:, 0, 5], expected)
+    # of a thrown body only the points that touch are asked for
+    on = penetration > 0.0
+    nothing = np.zeros((int(on.sum()), 3))
+    thrown = forces(
+        penetration[on], rate[on], nothing, nothing, origin, np.zeros((len(nothing), 0)), up, law_of(contact)
+    )
+    np.testing.assert_array_equal(thrown[0][:, 2], expected[on])
+    assert np.any(expected == 0.0) and np.any(expected > 0.0)

@@ -8,7 +8,7 @@ With penetration d = −φ (m, positive in contact) and its rate ḋ (m/s, posit
 """
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -54,23 +54,32 @@ def normal_force(
 
     Works on floats and on object arrays of AutoDiffXd. Raises `InputError` on an unknown law.
     """
-    force = _unclipped(law, penetration, rate, stiffness, damping, dissipation) + added
+    unclipped = _force_before_clipping(_index(law), penetration, rate, stiffness, damping, dissipation)
+    force = unclipped + added
     if smoothing > 0:
         return np.asarray(0.5 * (force + np.sqrt(force * force + smoothing**2)))
     return np.asarray(np.where((penetration > 0) & (force > 0), force, 0.0))
 
 
-def _unclipped(
-    law: NormalLaw, penetration: Array, rate: Array, stiffness: Scalars, damping: Scalars, dissipation: Scalars
-) -> Array:
-    """The force (...,) N before it is clipped at zero."""
-    if law == "paper":
-        return np.asarray(stiffness * penetration - damping * np.abs(rate))
-    if law == "kelvin_voigt":
-        return np.asarray(stiffness * penetration + damping * rate)
-    if law == "hunt_crossley":
-        return np.asarray(stiffness * penetration * (1.0 + dissipation * rate))
-    raise InputError(_unknown_law(law))
+def _force_before_clipping(
+    law: int, penetration: Any, rate: Any, stiffness: Any, damping: Any, dissipation: Any
+) -> Any:
+    """The force (...,) N of floats or arrays before it is clipped at zero; `law` is its index in `NORMAL_LAWS`."""
+    if law == 0:
+        return stiffness * penetration - damping * abs(rate)
+    if law == 1:
+        return stiffness * penetration + damping * rate
+    return stiffness * penetration * (1.0 + dissipation * rate)
+
+
+force_before_clipping_at = compiled(_force_before_clipping)
+"""The same from floats, for compiled loops."""
+
+
+def _index(law: str) -> int:
+    if law not in NORMAL_LAWS:
+        raise InputError(f"contact law {law!r}: expected one of {', '.join(NORMAL_LAWS)}")
+    return NORMAL_LAWS.index(law)
 
 
 def normal_force_derivatives(
@@ -84,16 +93,11 @@ def normal_force_derivatives(
     smoothing: float = 0.0,
 ) -> NormalForce:
     """`normal_force` with its analytic derivatives; arguments, shapes and errors are the same."""
-    if law not in NORMAL_LAWS:
-        raise InputError(_unknown_law(law))
+    index = _index(law)
     arguments = np.broadcast_arrays(penetration, rate, stiffness, damping, dissipation)
     flat = [np.asarray(argument, dtype=float).ravel() for argument in arguments]
-    values = _each(NORMAL_LAWS.index(law), *flat, smoothing)
+    values = _each(index, *flat, smoothing)
     return NormalForce(*values.reshape(6, *arguments[0].shape))
-
-
-def _unknown_law(law: str) -> str:
-    return f"contact law {law!r}: expected one of {', '.join(NORMAL_LAWS)}"
 
 
 @compiled
@@ -108,7 +112,7 @@ def normal_force_at(
     if law == 0:
         speed, slope = -abs(rate), -np.sign(rate)
     through = 1.0 + dissipation * rate
-    unclipped = stiffness * penetration * through if law == 2 else stiffness * penetration + damping * speed
+    unclipped = force_before_clipping_at(law, penetration, rate, stiffness, damping, dissipation)
     if smoothing > 0:
         root = np.sqrt(unclipped * unclipped + smoothing**2)
         force, active = 0.5 * (unclipped + root), 0.5 * (1.0 + unclipped / root)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from drake_cafim.contact.normal import normal_force_at
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array, Indices
 
@@ -36,23 +37,6 @@ def met(
 
 
 @compiled
-def _normal_force(depth: float, rate: float, law: Array) -> float:
-    """The normal force N as of `normal_force`, with a contact's `law` (7,) as in `SphereContact.numbers`."""
-    kind, stiffness, loss, smoothing = law[0], law[1], law[2], law[3]
-    force: float = stiffness * depth
-    if kind == 0.0:
-        force = force - loss * abs(rate)
-    elif kind == 1.0:
-        force = force + loss * rate
-    else:
-        force = force * (1.0 + loss * rate)
-    if smoothing > 0.0:
-        force = 0.5 * (force + np.sqrt(force * force + smoothing * smoothing))
-        return force
-    return force if depth > 0.0 and force > 0.0 else 0.0
-
-
-@compiled
 def _friction_ratio(normal: float, speed: float, law: Array) -> float:
     """Friction force divided by `speed`, N s/m, as of `slip_force` or `resistance_force`, for a `normal` force N."""
     friction, kind, width = law[4], law[5], law[6]
@@ -78,7 +62,8 @@ def pressed(R: Array, p: Array, V: Array, joints: Indices, placed: Array, laws: 
         j, at, law = joints[k], placed[k], laws[k]
         depth, rate, slip, place, _ = met(R, p, V, j, at[:3], at[3], at[4:7], at[7:])
         for i in range(len(p)):
-            normal = _normal_force(depth[i], rate[i], law)
+            # a law has damping or dissipation, never both: `law` holds the one that it has
+            normal = normal_force_at(int(law[0]), depth[i], rate[i], law[1], law[2], law[2], law[3])[0]
             if normal == 0.0:
                 continue
             speed = np.sqrt(slip[i, 0] * slip[i, 0] + slip[i, 1] * slip[i, 1] + slip[i, 2] * slip[i, 2])

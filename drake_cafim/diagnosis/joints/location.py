@@ -3,13 +3,13 @@
 import numpy as np
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.fit.intervals_of_time import united
+from drake_cafim.diagnosis.fit.excess import Excess, Interval, Place, count_blocks, standing_blocks
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.contact_consistency import wrong_contact
 from drake_cafim.diagnosis.joints.mismatch_conditions import condition, seen_at
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.rows.test_functions import Windows
-from drake_cafim.diagnosis.thresholds import LOCATION_EXCESS_SHARE, LOCATION_P_VALUE, WINDOWS_PER_BLOCK
+from drake_cafim.diagnosis.thresholds import LOCATION_P_VALUE, WINDOWS_PER_BLOCK
 from drake_cafim.diagnosis.verdict import Location
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.scenario.physics import Physics
@@ -28,46 +28,29 @@ def locate(problem: WeakFormRows, model: Model) -> tuple[Location, ...]:
     if contact is not None:
         felt = problem.runs[0].weak.kinematic_rows
         places = [*places[:felt], *[("contact", contact)] * (len(places) - felt)]
-    excess: dict[tuple[str, str], float] = dict.fromkeys(places, 0.0)
-    found: dict[tuple[str, str, str], list[tuple[float, float]]] = {}
-    standard: dict[tuple[str, str], list[list[Array]]] = {place: [] for place in places}
-    blocks = sum(len(run.weak.samples.windows) // WINDOWS_PER_BLOCK for run in problem.runs) * len(places)
-    for index, run in enumerate(problem.runs):
+    excess = Excess.at(places)
+    standard: dict[Place, list[list[Array]]] = {place: [] for place in places}
+    blocks = sum(count_blocks(len(run.weak.samples.windows)) for run in problem.runs) * len(places)
+    for run in problem.runs:
         z = standardised(run, run.weak.residual(physics))
-        windows = problem.runs[index].weak.samples.windows
-        recording = problem.runs[index].weak.samples.recording.name
         for place in standard:
             standard[place].append([z[:, row] for row, other in enumerate(places) if other == place])
         for row, place in enumerate(places):
-            excess[place] += max(float(np.sum(z[:, row] ** 2) - len(z)), 0.0)
-            standing = _intervals(z[:, row] ** 2, windows, blocks)
-            if standing:
-                found.setdefault((*place, recording), []).extend(standing)
-    total = sum(excess.values())
-    locations = []
-    for place in sorted(excess, key=lambda p: -excess[p]):
-        share = excess[place] / total if total > 0.0 else 0.0
-        words = _condition(problem, physics, place, standard[place]) if share > LOCATION_EXCESS_SHARE else ""
-        for run in problem.runs:
-            name = run.weak.samples.recording.name
-            intervals = found.get((*place, name))
-            if intervals and share > LOCATION_EXCESS_SHARE:
-                kind, label = place
-                # the share of a place is divided over the recordings in which it shows
-                shown = sum((*place, r.weak.samples.recording.name) in found for r in problem.runs)
-                locations.append(Location(kind, label, share / shown, united(intervals), name, words))
-    return tuple(locations)
+            excess.add(place, z[:, row] ** 2)
+            excess.show(place, run.name, _intervals(z[:, row] ** 2, run.weak.samples.windows, blocks))
+    return excess.locations(
+        [run.name for run in problem.runs], lambda place: _condition(problem, physics, place, standard[place])
+    )
 
 
-def _intervals(squares: Array, windows: Windows, blocks: int) -> list[tuple[float, float]]:
+def _intervals(squares: Array, windows: Windows, blocks: int) -> list[Interval]:
     """Stretches of time, s, of blocks whose `squares` (M,) stand out among so many blocks.
 
     Where single windows stand out, from the first to the last of these: a window weighs its middle most.
     """
     standing = np.zeros(len(squares), dtype=bool)
-    for first in range(0, len(squares), WINDOWS_PER_BLOCK):
-        part = slice(max(min(first, len(squares) - WINDOWS_PER_BLOCK), 0), first + WINDOWS_PER_BLOCK)
-        standing[part] |= chi2.sf(float(np.sum(squares[part])), WINDOWS_PER_BLOCK) * blocks < LOCATION_P_VALUE
+    for part in standing_blocks(squares, blocks):
+        standing[part] = True
     ends = np.flatnonzero(np.diff(np.concatenate([[False], standing, [False]]))).reshape(-1, 2)
     hop, middles = float(np.median(np.diff(windows.starts))), windows.centers
     found = []
@@ -80,7 +63,7 @@ def _intervals(squares: Array, windows: Windows, blocks: int) -> list[tuple[floa
     return found
 
 
-def _condition(problem: WeakFormRows, physics: Physics, place: tuple[str, str], rows: list[list[Array]]) -> str:
+def _condition(problem: WeakFormRows, physics: Physics, place: Place, rows: list[list[Array]]) -> str:
     """The condition of one place, by the strongest of its rows in each recording."""
     names = problem.scene.tree.joint_names
     label = place[1].removeprefix("v.").removeprefix("q.")
@@ -106,7 +89,7 @@ def standardised(run: Run, rows: Array) -> Array:
     return np.concatenate([result[:, :k], left / np.sqrt(variance)], axis=1)
 
 
-def places_of(problem: WeakFormRows) -> list[tuple[str, str]]:
+def places_of(problem: WeakFormRows) -> list[Place]:
     """Kind and name of what each row of a window stands for, in the rows' order."""
     weak = problem.runs[0].weak
     names = problem.scene.tree.joint_names

@@ -1,6 +1,7 @@
 """A model's figures of fit on a group of recordings (nll, rmse, effort), each reported even if another one fails."""
 
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -9,43 +10,62 @@ from drake_cafim.diagnosis.verdict import EffortResidual, Quality
 from drake_cafim.numerics.computed import NotComputable
 from drake_cafim.typing import Array
 
+Figure = TypeVar("Figure")
+
 NO_SAMPLE = NotComputable("there is no sample after the 50 ms that a prediction starts from")
 TOO_LARGE = NotComputable("a number is beyond what floating point holds")
 RAN_AWAY = "the simulation runs away at once, or nothing was measured there"
 
 
-def quality_of(
-    likelihoods: Sequence[Array] | NotComputable,
+def qualities_of(
+    sizes: Sequence[int],
+    likelihoods: Sequence[Array | NotComputable] | NotComputable,
     simulated: Sequence[Forecast] | NotComputable,
-    shortly: Sequence[Forecast] | NotComputable = (),
-    effort: Mapping[str, EffortResidual] | NotComputable | None = None,
-) -> Quality:
-    """The quality of a model on some recordings.
+    shortly: Sequence[Forecast] | NotComputable | None = None,
+    efforts: Sequence[Mapping[str, EffortResidual] | NotComputable] | None = None,
+) -> list[Quality]:
+    """The quality of a model on each group of recordings; the groups follow each other and have `sizes` recordings.
 
-    `likelihoods` are −ln p of each recording's samples (K,), `simulated` and `shortly` its simulations over 1 s and
-    0.1 s, and `effort` the residual of inverse dynamics by joint.
+    By recording: `likelihoods` are −ln p of its samples (K,), `simulated` and `shortly` its simulations over 1 s and
+    0.1 s. By group: `efforts` are the residuals of inverse dynamics by joint. A group's nll is the mean over all its
+    samples, which it has not where one of its recordings has no likelihood.
     """
-    missing: list[str] = []
-    nll = _mean(likelihoods)
-    if isinstance(nll, NotComputable):
-        missing.append(f"nll cannot be computed: {nll.reason}")
-        nll = float("nan")
-    rmse, rmse_short = _errors("rmse", simulated, missing), _errors("rmse_short", shortly, missing)
-    if isinstance(effort, NotComputable):
-        missing.append(f"effort cannot be computed: {effort.reason}")
-        effort = None
-    diverges = {} if isinstance(simulated, NotComputable) else divergence(simulated)
-    return Quality(nll, rmse, rmse_short, effort or {}, diverges, tuple(missing))
+    result, first = [], 0
+    for group, size in enumerate(sizes):
+        own = slice(first, first + size)
+        missing: list[str] = []
+        nll = _mean(_part(likelihoods, own))
+        if isinstance(nll, NotComputable):
+            missing.append(f"nll cannot be computed: {nll.reason}")
+            nll = float("nan")
+        long, short = _part(simulated, own), _part(() if shortly is None else shortly, own)
+        rmse, rmse_short = _errors("rmse", long, missing), _errors("rmse_short", short, missing)
+        effort = {} if efforts is None else efforts[group]
+        if isinstance(effort, NotComputable):
+            missing.append(f"effort cannot be computed: {effort.reason}")
+            effort = {}
+        diverges = {} if isinstance(long, NotComputable) else divergence(long)
+        result.append(Quality(nll, rmse, rmse_short, effort, diverges, tuple(missing)))
+        first = own.stop
+    return result
 
 
-def _mean(likelihoods: Sequence[Array] | NotComputable) -> float | NotComputable:
-    """The mean over all samples of all recordings, or why there is none."""
+def _part(figures: Sequence[Figure] | NotComputable, own: slice) -> Sequence[Figure] | NotComputable:
+    return figures if isinstance(figures, NotComputable) else figures[own]
+
+
+def _mean(likelihoods: Sequence[Array | NotComputable] | NotComputable) -> float | NotComputable:
     if isinstance(likelihoods, NotComputable):
         return likelihoods
-    values = np.concatenate(likelihoods)
-    if len(values) == 0:
+    known: list[Array] = []
+    for values in likelihoods:
+        if isinstance(values, NotComputable):
+            return values
+        known.append(values)
+    together = np.concatenate(known)
+    if len(together) == 0:
         return NO_SAMPLE
-    mean = float(np.mean(values))
+    mean = float(np.mean(together))
     return mean if np.isfinite(mean) else TOO_LARGE
 
 

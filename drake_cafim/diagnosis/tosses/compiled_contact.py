@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from drake_cafim.contact.change import surface_axes
-from drake_cafim.contact.normal import NORMAL_LAWS
+from drake_cafim.contact.normal import NORMAL_LAWS, force_before_clipping_at
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.contact_friction import (
@@ -26,7 +26,7 @@ from drake_cafim.effects.normal_contact import (
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array
 
-PAPER, HUNT_CROSSLEY = NORMAL_LAWS.index("paper"), NORMAL_LAWS.index("hunt_crossley")
+PAPER = NORMAL_LAWS.index("paper")
 FRICTIONLESS, SLIPPING, RESISTING = range(3)
 CUBIC, DISSIPATION, RELAXING, TIME, ROLLING, STATIC, VELOCITY, DISTANCE = range(8)
 NUMBERS: dict[type, dict[int, str]] = {
@@ -135,13 +135,8 @@ def _along(vector: Array, normal: Array, into: Array) -> None:
 @compiled
 def _pushing(held: float, rate: float, memory: Array, law: Any) -> float:
     """N along the normal of a point `held` m deep that goes deeper by `rate` m/s."""
-    kind, stiffness, damping, beyond = law[0], law[2][0], law[2][1], law[3]
-    if kind == PAPER:
-        push = stiffness * held - damping * abs(rate)
-    elif kind == HUNT_CROSSLEY:
-        push = stiffness * held * (1.0 + law[2][2] * rate)
-    else:
-        push = stiffness * held + damping * rate
+    stiffness, beyond = law[2][0], law[3]
+    push = force_before_clipping_at(law[0], held, rate, stiffness, law[2][1], law[2][2])
     push += beyond[CUBIC] * held**3 + stiffness * held * beyond[DISSIPATION] * rate
     if beyond[RELAXING] != 0.0:
         push += beyond[RELAXING] * (held - memory[law[7]])

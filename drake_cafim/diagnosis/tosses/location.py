@@ -1,22 +1,14 @@
 """Where the excess over noise lies in tosses: while the body flies or while it touches, and when."""
 
 import numpy as np
-from scipy.stats import chi2
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
-from drake_cafim.diagnosis.fit.intervals_of_time import united
+from drake_cafim.diagnosis.fit.excess import Excess, Place, count_blocks, standing_blocks
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.thresholds import (
-    LOCATION_EXCESS_SHARE,
-    LOCATION_P_VALUE,
-    TOUCH_SHOWN_DURATION,
-    WINDOWS_PER_BLOCK,
-)
+from drake_cafim.diagnosis.thresholds import TOUCH_SHOWN_DURATION
 from drake_cafim.diagnosis.tosses.arc_rows import ArcRows, counted
 from drake_cafim.diagnosis.verdict import Location
 from drake_cafim.typing import Array
-
-Place = tuple[str, str]
 
 
 def locate_tosses(problem: ArcRows, model: Model) -> tuple[Location, ...]:
@@ -26,29 +18,20 @@ def locate_tosses(problem: ArcRows, model: Model) -> tuple[Location, ...]:
     contact: Place = ("contact", contacts[0].name) if contacts else body
     rows = problem.residual(model)[: problem.rows]
     touching = _touching(problem, model)
-    excess: dict[Place, float] = {body: 0.0, contact: 0.0}
-    found: dict[tuple[Place, str], list[tuple[float, float]]] = {}
-    total_blocks = sum(run.windows // WINDOWS_PER_BLOCK for run in problem.runs)
+    excess = Excess.at([body, contact])
+    blocks = sum(count_blocks(run.windows) for run in problem.runs)
     for index, z in by_run(problem, rows):
         run, own = problem.runs[index], touching[index]
         for place, part in ((body, ~own), (contact, own)):
-            excess[place] += max(float(np.sum(z[part] ** 2)) - z[part].size, 0.0)
-        for first in range(0, len(z) - WINDOWS_PER_BLOCK + 1, WINDOWS_PER_BLOCK):
-            block = slice(first, first + WINDOWS_PER_BLOCK)
-            if chi2.sf(float(np.sum(z[block] ** 2)), z[block].size) * total_blocks < LOCATION_P_VALUE:
-                place = contact if np.mean(own[block]) > 0.5 else body
-                interval = (float(run.time[first]), float(run.time[min(first + WINDOWS_PER_BLOCK, len(z) - 1)]))
-                found.setdefault((place, run.name), []).append(interval)
-    total = sum(excess.values())
-    locations = []
-    for place in sorted(excess, key=lambda one: -excess[one]):
-        share = excess[place] / total if total > 0.0 else 0.0
-        shown = [run.name for run in problem.runs if (place, run.name) in found]
-        words = "while it touches" if place[0] == "contact" else "in flight" if contacts else ""
-        for name in shown if share > LOCATION_EXCESS_SHARE else ():
-            intervals = united(found[place, name])
-            locations.append(Location(*place, share / len(shown), intervals, name, words))
-    return tuple(locations)
+            excess.add(place, z[part] ** 2)
+        for block in standing_blocks(z**2, blocks):
+            interval = (float(run.time[block.start]), float(run.time[min(block.stop, len(z) - 1)]))
+            excess.show(contact if np.mean(own[block]) > 0.5 else body, run.name, [interval])
+
+    def condition(place: Place) -> str:
+        return "while it touches" if place[0] == "contact" else "in flight" if contacts else ""
+
+    return excess.locations([run.name for run in problem.runs], condition)
 
 
 def _touching(problem: ArcRows, model: Model) -> list[np.ndarray[tuple[int], np.dtype[np.bool_]]]:

@@ -4,20 +4,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drake_cafim.diagnosis.predict.forecast import Forecast, window_starts
-from drake_cafim.diagnosis.predict.quality import quality_of
+from drake_cafim.diagnosis.predict.forecast import HORIZON, Forecast, window_starts
+from drake_cafim.diagnosis.predict.initial_state import LOOK_BACK
+from drake_cafim.diagnosis.predict.quality import qualities_of
 from drake_cafim.diagnosis.tosses.arc_rows import counted
 from drake_cafim.diagnosis.tosses.arcs import Arcs, arcs_of, joined_arcs
 from drake_cafim.diagnosis.tosses.initial_states import settled_from
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack, unrolled
 from drake_cafim.diagnosis.tosses.simulated_arcs import Shot
 from drake_cafim.diagnosis.verdict import Quality
-from drake_cafim.numerics.computed import NotComputable, computed
+from drake_cafim.numerics.computed import computed
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
-HORIZON, LOOK_BACK = 1.0, 0.05
-"""s"""
 LOST = 1.0
 """m (rad) that an error counts at most: a simulation that ran away says no more than that."""
 
@@ -27,13 +26,7 @@ def qualities(groups: Sequence[Sequence[PoseTrack]], noise: PoseNoise, physics: 
     tracks = [track for group in groups for track in group]
     likelihoods = computed(lambda: _negative_log_likelihoods(tracks, noise, physics))
     simulated = computed(lambda: toss_forecasts(tracks, noise, physics, body))
-    result, first = [], 0
-    for group in groups:
-        own = slice(first, first + len(group))
-        values = likelihoods if isinstance(likelihoods, NotComputable) else likelihoods[own]
-        result.append(quality_of(values, simulated if isinstance(simulated, NotComputable) else simulated[own]))
-        first = own.stop
-    return result
+    return qualities_of([len(group) for group in groups], likelihoods, simulated)
 
 
 def _negative_log_likelihoods(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physics) -> list[Array]:
