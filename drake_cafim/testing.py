@@ -45,7 +45,7 @@ def assert_explained(
     scenario.corrected.yaml and replay.html to the folder `artifacts`, by default the first free
     cafim-out/assert-explained-<n>. Raises `InputError` for unusable input, and for an allowed name of no effect.
     """
-    scene = (scene if isinstance(scene, Scene) else Scene.load(scene, effects=effects)).knowing(effects)
+    scene = (scene if isinstance(scene, Scene) else Scene.load(scene, effects=effects)).with_effect_classes(effects)
     _check_allowed(allowed, scene)
     train, held = _read_all(scene, recordings), _read_all(scene, held_out)
     if not train:

@@ -215,7 +215,7 @@ def test_a_scene_that_is_faced_anew_has_its_effects_once(tmp_path: Path) -> None
         entry("aerodynamic_drag", "l3", {"coefficient": 0.9}),
         entry("joint_backlash", "turn", {"gap": 0.01, "stiffness": 100.0, "damping": 1.0}),
     ]
-    physics = scene_of(tmp_path, ARM, *effects).facing(np.array([0.1, 0.2, 0.3])).physics
+    physics = scene_of(tmp_path, ARM, *effects).with_surfaces_at(np.array([0.1, 0.2, 0.3])).physics
     assert len(physics.body_forces) == 1 and len(physics.couplings) == 1
 
 

@@ -204,15 +204,17 @@ def test_what_a_urdf_says_of_friction_and_efforts_is_nominal(tmp_path: Path) -> 
 
 def test_commands_beyond_the_limit_act_as_far_as_that(tmp_path: Path) -> None:
     recording = recording_of("shoulder", "elbow")
-    commanded = scene_of(tmp_path, arm(effort=0.5), channels="{u: {std: 0.0}}").recorded_by([recording])
-    assert [(one.name, one.at, one.values["limit"]) for one in commanded.facing(np.zeros(2)).physics.actuators] == [
+    commanded = scene_of(tmp_path, arm(effort=0.5), channels="{u: {std: 0.0}}").for_recordings([recording])
+    assert [
+        (one.name, one.at, one.values["limit"]) for one in commanded.with_surfaces_at(np.zeros(2)).physics.actuators
+    ] == [
         ("actuator_saturation", "shoulder", 0.5),
         ("actuator_saturation", "elbow", 0.5),
     ]
-    measured = scene_of(tmp_path, arm(effort=0.5), channels="{u: {std: 0.1}}").recorded_by([recording])
+    measured = scene_of(tmp_path, arm(effort=0.5), channels="{u: {std: 0.1}}").for_recordings([recording])
     assert not measured.physics.actuators
-    assert "left aside (shoulder, elbow)" in measured.stated.notes[-1]
-    assert not scene_of(tmp_path, arm(effort=0.0)).recorded_by([recording]).physics.actuators
+    assert "ignored (shoulder, elbow)" in measured.stated.notes[-1]
+    assert not scene_of(tmp_path, arm(effort=0.0)).for_recordings([recording]).physics.actuators
 
 
 def test_a_simulated_joint_gets_no_more_than_its_limit_and_its_friction(tmp_path: Path) -> None:

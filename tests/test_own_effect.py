@@ -61,8 +61,8 @@ def test_its_scenario_needs_its_class(
 
 def test_without_its_class_it_is_not_named(scene: Scene) -> None:
     assert "joint_catch" not in [effect.name for effect in scene.vocabulary]
-    assert [effect.name for effect in scene.knowing([JointCatch]).vocabulary].count("joint_catch") == 1
-    assert scene.knowing([JointViscousFriction]).vocabulary == scene.vocabulary
+    assert [effect.name for effect in scene.with_effect_classes([JointCatch]).vocabulary].count("joint_catch") == 1
+    assert scene.with_effect_classes([JointViscousFriction]).vocabulary == scene.vocabulary
 
 
 def test_a_name_that_is_taken_is_refused(scene: Scene) -> None:
@@ -70,7 +70,7 @@ def test_a_name_that_is_taken_is_refused(scene: Scene) -> None:
         pass
 
     with pytest.raises(InputError, match="effect class Another: the name 'joint_viscous_friction' is taken"):
-        scene.knowing([Another])
+        scene.with_effect_classes([Another])
 
 
 def test_the_tutorial_s_derivatives_are_right() -> None:

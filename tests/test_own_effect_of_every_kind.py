@@ -248,7 +248,7 @@ class OfNoKind(Effect):
 def test_an_effect_of_no_kind_is_refused(tmp_path: Path) -> None:
     scene = _scene(tmp_path, OWN[0], with_it=False)
     with pytest.raises(InputError, match=r"class OfNoKind: it is of no known kind, expected a subclass of Joint"):
-        scene.knowing([OfNoKind])
+        scene.with_effect_classes([OfNoKind])
     with pytest.raises(TypeError, match="of_no_kind: OfNoKind does not define how it enters the physics"):
         scene.physics.with_effects([OfNoKind("z", {"size": 1.0})])
     with pytest.raises(TypeError, match="of_no_kind: it acts at all times"):

@@ -37,7 +37,7 @@ def replay_command(
         raise InputError(f"--out {out}: expected a page, .html, or a recording with its residuals, .mcap")
     scene = Scene.load(address, packages=packages)
     (read,) = read_all(scene, [recording])
-    scene = _facing(scene.recorded_by([read]), read)
+    scene = _facing(scene.for_recordings([read]), read)
     std, _ = noise_of(scene, [read])
     weak = WeakForm(samples_of(scene, read, std), scene.wrench_sensors)
     found = RecordingReplay(scene, weak, scene.physics)
@@ -85,4 +85,4 @@ def _parameters(scene: Scene, content: dict[str, Any], path: Path) -> Array:
 def _facing(scene: Scene, recording: Recording) -> Scene:
     """The scene with its contact planes on the side on which the recording starts."""
     q = recording.matrix("q", scene.tree.joint_names)
-    return scene.facing(q[np.flatnonzero(np.all(np.isfinite(q), axis=1))[0]])
+    return scene.with_surfaces_at(q[np.flatnonzero(np.all(np.isfinite(q), axis=1))[0]])

@@ -19,7 +19,7 @@ from drake_cafim.description.parser_log import capture_log
 from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.errors import InputError
-from drake_cafim.scenario.holding import positions
+from drake_cafim.scenario.holding import locked_positions
 from drake_cafim.scenario.model_file import add_model
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import Scenario
@@ -65,7 +65,7 @@ def add_scene(
     # step ahead
     plant.SetUseSampledOutputPorts(False)
     add_model(scene.scenario, scene.folder, plant)
-    hold_joints(plant, positions(scene.scenario.lock))
+    hold_joints(plant, locked_positions(scene.scenario.lock))
     change_plant(plant, scene.tree, scene.physics)
     with capture_log():
         plant.Finalize()

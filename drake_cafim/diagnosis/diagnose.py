@@ -97,7 +97,7 @@ def examine(
     """`diagnose`, with the search's own account beside the verdict, for pictures."""
     settings = settings or Settings()
     progress("reading noise and laying windows")
-    prepared = prepare(scene.knowing(effects), recordings, held_out)
+    prepared = prepare(scene.with_effect_classes(effects), recordings, held_out)
     trace = Trace()
     if prepared.mistakes or not prepared.moves:
         # physics that would make up for a mistake of the data is none, nor is what nothing moves by
@@ -175,7 +175,7 @@ def prepare(
 
     Raises `InputError` for recordings that lack what the scene needs.
     """
-    scene = scene.recorded_by([*recordings, *held_out])
+    scene = scene.for_recordings([*recordings, *held_out])
     if scene.tree.floating:
         return prepare_tosses(scene, recordings, held_out, (*scene.stated.notes, *notes_of(recordings)))
     for recording in (*recordings, *held_out):
@@ -274,7 +274,7 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
 def _facing(scene: Scene, recordings: Sequence[Recording]) -> Scene:
     """The scene with its contact planes on the side on which the first recording starts."""
     q = recordings[0].matrix("q", scene.tree.joint_names)
-    return scene.facing(q[np.flatnonzero(np.all(np.isfinite(q), axis=1))[0]])
+    return scene.with_surfaces_at(q[np.flatnonzero(np.all(np.isfinite(q), axis=1))[0]])
 
 
 def _verdict(prepared: Prepared | PreparedTosses, judgement: Judgement, progress: Progress) -> Verdict:

@@ -172,8 +172,8 @@ def _step(physics: Physics, state: _State, effort: Array, h: float) -> _State:
         middle = None
         if memory.shape[1]:
             elapsed, left = np.full(count, 0.5 * h), np.zeros(count)
-            middle = physics.remembered(memory, moving, elapsed, left)
-            memory = physics.remembered(memory, moving, 2.0 * elapsed, elapsed)
+            middle = physics.advance_memory(memory, moving, elapsed, left)
+            memory = physics.advance_memory(memory, moving, 2.0 * elapsed, elapsed)
         force[:, :n] += moving.project(physics.contact_wrenches(moving, middle))
     if physics.body_forces:
         force[:, :n] += moving.project(physics.body_wrenches(moving))

@@ -1,1 +1,1 @@
-"""Scenarios: what a model, its channels, its unknowns and its contacts are, and the Scene that is built from them."""
+"""Scenario files: a robot's model, sensor channels, unknown parameters, contacts and effects, read and checked."""

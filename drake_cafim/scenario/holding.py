@@ -1,4 +1,4 @@
-"""Joints that do not move: where a scenario holds them, and what follows them."""
+"""Locked joints: the positions at which `lock:` holds them, and the joints that follow them."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,27 +11,28 @@ from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.schema import UNRECORDED
 
 
-def held(
+def resolve_lock(
     lock: Mapping[str, float] | Sequence[str] | str, plant: MultibodyPlant, said: ModelStatements
 ) -> dict[str, float] | str:
-    """`lock:` with a position (rad, m) for each joint, those that follow a held joint included.
+    """`lock:` as a position (rad, m) for each locked joint and for each joint that follows one.
 
-    Of a list each joint stands at the file's value, 0 where it has none. `unrecorded` stays, until recordings are
-    known. Raises `InputError` for a joint that the model lacks.
+    Joints that are given without a position are at that of the model file, or 0. The word `unrecorded` is returned
+    as it is: its joints depend on the recordings. Raises `InputError` for a joint that the model lacks.
     """
     if isinstance(lock, str):
         return lock
-    given = dict(lock) if isinstance(lock, Mapping) else {name: _own(name, plant, said) for name in lock}
+    given = dict(lock) if isinstance(lock, Mapping) else {name: _default_position(name, plant, said) for name in lock}
     waiting = list(said.mimics)
-    while found := [one for one in waiting if one.leader in given]:
-        for one in found:
-            given.setdefault(one.joint, one.multiplier * given[one.leader] + one.offset)
-        waiting = [one for one in waiting if one not in found]
+    # repeated, since a joint may follow one that itself follows another
+    while found := [mimic for mimic in waiting if mimic.leader in given]:
+        for mimic in found:
+            given.setdefault(mimic.joint, mimic.multiplier * given[mimic.leader] + mimic.offset)
+        waiting = [mimic for mimic in waiting if mimic not in found]
     return given
 
 
-def _own(name: str, plant: MultibodyPlant, said: ModelStatements) -> float:
-    """The joint's position in the pose that the file draws."""
+def _default_position(name: str, plant: MultibodyPlant, said: ModelStatements) -> float:
+    """The joint's position in the model file's reference pose."""
     if not plant.HasJointNamed(name):
         names = ", ".join(plant.get_joint(i).name() for i in plant.GetJointIndices())
         raise InputError(f"lock names the joint {name!r}, which the model lacks; it has: {names}")
@@ -39,27 +40,27 @@ def _own(name: str, plant: MultibodyPlant, said: ModelStatements) -> float:
     return said.positions.get(name, float(default[0]) if len(default) == 1 else 0.0)
 
 
-def positions(lock: Mapping[str, float] | Sequence[str] | str) -> dict[str, float]:
-    """Where the joints of a `lock:` that `held` has seen are held."""
+def locked_positions(lock: Mapping[str, float] | Sequence[str] | str) -> dict[str, float]:
+    """The positions in a `lock:` that `resolve_lock` returned; empty for `unrecorded`."""
     return dict(lock) if isinstance(lock, Mapping) else {}
 
 
-def check_coupled(tree: Tree, said: ModelStatements) -> None:
-    """Raises `InputError` for a joint that follows another one and is not held."""
-    for one in said.mimics:
-        if one.joint in tree.joint_names and one.leader in tree.joint_names:
-            place = said.places.get(one.joint, "the model")
+def check_mimics(tree: Tree, said: ModelStatements) -> None:
+    """Raises `InputError` for a joint that follows another one while both move."""
+    for mimic in said.mimics:
+        if mimic.joint in tree.joint_names and mimic.leader in tree.joint_names:
+            place = said.places.get(mimic.joint, "the model")
             raise InputError(
-                f"{place}: joint {one.joint!r} follows {one.leader!r}, and what follows a joint that moves is not "
-                f"supported; expected `lock: [{one.leader}]` in the scenario, which holds both"
+                f"{place}: joint {mimic.joint!r} follows {mimic.leader!r}, and what follows a joint that moves is not "
+                f"supported; expected `lock: [{mimic.leader}]` in the scenario, which holds both"
             )
 
 
-def hint(recording: Recording, joints: Sequence[str]) -> str:
-    """What to do about joints that a recording lacks."""
+def explain_missing_joints(recording: Recording, joints: Sequence[str]) -> str:
+    """The message for `joints` that the recording has no column of: what it has, and how to lock them."""
     names = f"{', '.join(joints[:6])}{', ...' if len(joints) > 6 else ''}"
     return (
         f"{recording.name}: there is no column q.{joints[0]}; it has {', '.join(recording.columns)}. A joint that was "
-        f"not recorded is held by `lock: [{names}]` in the scenario (with {{joint: position}} where it does not stand "
-        f"at the file's), and all of them by `lock: {UNRECORDED}`"
+        f"not recorded is held by `lock: [{names}]` in the scenario (or `lock: {{joint: position}}` where it is not at "
+        f"the model file's), and all of them by `lock: {UNRECORDED}`"
     )

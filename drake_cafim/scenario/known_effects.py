@@ -1,4 +1,4 @@
-"""The effects that a scenario states, from its entries to effects with their values."""
+"""Effects that a scenario states: from the entries of `effects:` to effects with their values."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -24,9 +24,9 @@ def known_effects(
 ) -> list[Effect]:
     """The effects of `entries`, in their order.
 
-    `channels` are the sensors that the scenario names (`wrench.wrist`, `pose.ball`). Raises `InputError` that names
-    `source` (the file) and the key for an effect, a place, a parameter or a value that cannot be, and for an effect
-    that is stated twice.
+    `vocabulary` holds the effect classes that may be named, `channels` the scenario's sensors (`wrench.wrist`,
+    `pose.ball`). Raises `InputError` that names `source` (the file) and the key for an unknown effect, place or
+    parameter, for a value out of range, and for an effect that is stated twice.
     """
     effects: list[Effect] = []
     for i, entry in enumerate(entries):
@@ -51,7 +51,7 @@ def _effect(entry: EffectEntry, vocabulary: Sequence[type[Effect]], key: str) ->
             raise InputError(f"{key}.{name} is given, which is not supported by this version: leave the key out")
     if not kind.brief:
         if entry.interval or entry.recording is not None:
-            raise InputError(f"{key} has interval or recording, which only an effect that comes once has")
+            raise InputError(f"{key} has interval or recording, which only an effect of limited duration has")
         effect = kind(entry.at, stated_values(kind, given, key))
     else:
         if len(entry.interval) != 2:
@@ -77,12 +77,12 @@ def _kind(name: str, vocabulary: Sequence[type[Effect]], key: str) -> type[Effec
 
 
 def _same(first: Effect, second: Effect) -> bool:
-    """Whether the two are one effect with two sets of values; pushes may be many."""
+    """Whether the two are the same effect at the same place; brief ones, as pushes, may occur more than once."""
     return first.key == second.key and not first.brief
 
 
 def _check_place(effect: Effect, physics: Physics, channels: Sequence[str], key: str) -> None:
-    """Raises `InputError` where the model and its contacts and channels have no such place."""
+    """Raises `InputError` where the model, its contacts and its channels lack the effect's place."""
     if effect.of_contact:
         try:
             physics.with_effects([effect])

@@ -1,4 +1,4 @@
-"""A finalized Drake plant from a scenario's model file."""
+"""Loading of a scenario's model file into a Drake plant."""
 
 import re
 from collections.abc import Iterator
@@ -30,13 +30,13 @@ MODEL_SUFFIXES = (".urdf", ".sdf", ".xml", ".dmd.yaml", ".dmd.yml", ".mjcf")
 DIRECTIVES = (".dmd.yaml", ".dmd.yml")
 OWN_PACKAGE = "drake_cafim_models"
 _WHERE = re.compile(r"^\S*:\d+: warning: ")
-"""Lines of the text that the parser is given are not the file's."""
+"""File and line at the beginning of the parser's warnings: those of a rewritten text and not of the user's file."""
 
 
 def add_plant(
     scenario: Scenario, folder: Path, builder: DiagramBuilder, time_step: float
 ) -> tuple[MultibodyPlant, SceneGraph, ModelStatements]:
-    """Add the scenario's plant and scene graph to `builder`, finalized, with what its files say beyond the plant.
+    """Add the scenario's finalized plant and its scene graph to `builder`; returned with the files' other statements.
 
     `folder` is where a relative model path starts. Raises `InputError` for what Drake's parser refuses.
     """
@@ -44,7 +44,7 @@ def add_plant(
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
     said = add_model(scenario, folder, plant)
     try:
-        with capture_log():  # of shapes, which nothing here asks for
+        with capture_log():  # warnings about collision shapes, which are not used here
             plant.Finalize()
     except RuntimeError as error:
         raise InputError(f"the model cannot be finalized: {' '.join(str(error).split())}") from None
@@ -52,10 +52,10 @@ def add_plant(
 
 
 def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> ModelStatements:
-    """Add the scenario's model, its welds and its gravity to `plant`, which is not finalized.
+    """Add the scenario's model, its welds and its gravity to `plant`, which stays unfinalized.
 
-    `folder` is where a relative model path starts. The rotor inertias that its files state are in the plant, what else
-    they say beyond it comes back. Raises `InputError` for what Drake's parser refuses.
+    `folder` is where a relative model path starts. The rotor inertias that the files state are added to the plant; all
+    that they state beyond it is returned. Raises `InputError` for what Drake's parser refuses.
     """
     said = _Model(scenario, folder, plant).add()
     for i, weld in enumerate(scenario.weld):
@@ -80,20 +80,20 @@ def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> ModelS
 
 
 def _add_rotor(plant: MultibodyPlant, name: str, inertia: float) -> None:
-    """Reflected rotor inertia, kg m² (kg), of a joint that has no actuator."""
+    """Add an actuator with the reflected rotor `inertia`, kg m² (kg), to a joint."""
     joint = plant.GetJointByName(name)
     if isinstance(joint, RevoluteJoint | PrismaticJoint):
         plant.AddJointActuator(name, joint).set_default_rotor_inertia(inertia)
 
 
 def _body_names(plant: MultibodyPlant) -> list[str]:
-    """All bodies but the world."""
+    """The names of all bodies except the world."""
     instances = [ModelInstanceIndex(i) for i in range(2, plant.num_model_instances())]
     return [plant.get_body(i).name() for instance in instances for i in plant.GetBodyIndices(instance)]
 
 
 class _Model:
-    """A scenario's model on its way into a plant."""
+    """Parses a scenario's model into a plant."""
 
     def __init__(self, scenario: Scenario, folder: Path, plant: MultibodyPlant) -> None:
         self._scenario, self._folder = scenario, folder
@@ -107,7 +107,7 @@ class _Model:
             self._parser.package_map().Add(name, place)
 
     def add(self) -> ModelStatements:
-        """Parse the model."""
+        """Parse the model into the plant and return what its files state beyond it."""
         scenario = self._scenario
         if scenario.directives:
             return self._add_directives(scenario.directives, "directives", self._folder / "directives")
@@ -116,7 +116,7 @@ class _Model:
             content = yaml.safe_load(path.read_text(encoding="utf-8"))
             return self._add_directives(content.get("directives", []), str(path), path)
         description = read_description(path, self._packages)
-        with capture_log() as warnings, _refused(str(path)):
+        with capture_log() as warnings, _as_input_error(str(path)):
             self._parser.AddModelsFromString(description.text, description.form)
         return combine_descriptions([description], _in_words(warnings, path))
 
@@ -129,7 +129,7 @@ class _Model:
         return path
 
     def _add_directives(self, directives: list[dict[str, Any]], source: str, near: Path) -> ModelStatements:
-        """Parse Drake's model directives, each of whose model files is read as a description first."""
+        """Parse Drake's model directives; model files in them are read as descriptions first, as a single one is."""
         written, found, warnings = deepcopy(directives), list[Description](), list[str]()
         with TemporaryDirectory() as scratch:
             for k, directive in enumerate(written):
@@ -142,21 +142,21 @@ class _Model:
                 plain.write_text(found[-1].text, encoding="utf-8")
                 entry["file"] = f"file://{plain}"
             text = yaml.safe_dump({"directives": written})
-            with capture_log() as lines, _refused(source):
+            with capture_log() as lines, _as_input_error(source):
                 ProcessModelDirectives(LoadModelDirectivesFromString(text), self._parser)
             warnings += [line.replace(f"{scratch}/", "") for line in lines]
         return combine_descriptions(found, _in_words(warnings, Path(source)))
 
     def _ours(self, address: str) -> bool:
-        """Whether a description can be read here; Drake finds the files of packages that it alone knows."""
+        """Whether the file is read as a description: not directives, nor a file of a package that only Drake knows."""
         name = re.match(r"(?:package|model)://([^/]+)/", address)
         known = name is None or self._packages.find(name.group(1), self._folder / "scenario") is not None
         return known and not address.endswith(DIRECTIVES)
 
 
 @contextmanager
-def _refused(source: str) -> Iterator[None]:
-    """Turns what Drake's parser raises into an `InputError` of one sentence; it may end as a `SystemExit`."""
+def _as_input_error(source: str) -> Iterator[None]:
+    """Turn exceptions of Drake's parser into an `InputError` of one sentence; a failed assertion is a `SystemExit`."""
     try:
         yield
     except (RuntimeError, ValueError, SystemExit) as error:
@@ -164,6 +164,6 @@ def _refused(source: str) -> Iterator[None]:
 
 
 def _in_words(warnings: list[str], path: Path) -> list[str]:
-    """The parser's warnings as notes."""
+    """The parser's warnings as notes, each once, with the file's name."""
     plain = dict.fromkeys(_WHERE.sub("", line) for line in warnings)
     return [f"{path.name}: {line}" for line in plain]

@@ -1,4 +1,4 @@
-"""What a model's files say acts in its joints, as effects of the nominal physics."""
+"""Frictions, springs and effort limits that a model's files state, as part of the nominal physics."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -17,16 +17,16 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 LEAST_INERTIA = 1e-15
-"""kg m² (kg): below it nothing says how a joint moves."""
+"""kg m² (kg), least inertia of a joint; with less, its acceleration is not determined."""
 
 
 def model_effects(said: ModelStatements, tree: Tree, vocabulary: Sequence[type[Effect]]) -> list[Effect]:
     """The frictions and springs that the files state, in the joints that move."""
-    acting = [one for one in said.acting if one.at in tree.joint_names]
-    return [effect_named(one.effect, vocabulary)(one.at, dict(one.parameters)) for one in acting]
+    acting = [effect for effect in said.acting if effect.at in tree.joint_names]
+    return [effect_named(effect.effect, vocabulary)(effect.at, dict(effect.parameters)) for effect in acting]
 
 
-def with_limits(tree: Tree, said: ModelStatements) -> Tree:
+def with_effort_limits(tree: Tree, said: ModelStatements) -> Tree:
     """The tree with the effort limits that the files state for joints without an actuator in the plant."""
     return tree.with_joints(
         replace(joint, effort_limit=said.effort_limits[joint.name])
@@ -35,8 +35,8 @@ def with_limits(tree: Tree, said: ModelStatements) -> Tree:
     )
 
 
-def limited_efforts(physics: Physics, joints: Iterable[str]) -> Physics:
-    """The physics whose efforts in `joints` stay within the model's limits before anything else changes them."""
+def with_saturation(physics: Physics, joints: Iterable[str]) -> Physics:
+    """The physics in which efforts at `joints` saturate at the model's limits, before any other actuator effect."""
     named = set(joints)
     limits = [
         ActuatorSaturation(joint.name, {"limit": joint.effort_limit})
@@ -47,24 +47,28 @@ def limited_efforts(physics: Physics, joints: Iterable[str]) -> Physics:
 
 
 def _largest(effort: Array) -> float:
+    """The largest absolute effort; missing samples (NaN) do not count."""
     return float(np.max(np.nan_to_num(np.abs(effort)), initial=0.0))
 
 
-def beyond_limits(tree: Tree, recordings: Sequence[Recording]) -> list[str]:
-    """The joints whose recorded efforts go beyond the model's limits."""
+def joints_beyond_limits(tree: Tree, recordings: Sequence[Recording]) -> list[str]:
+    """The joints whose recorded efforts exceed the model's limits in at least one sample."""
     return [
         joint.name
         for joint in tree.joints
         if any(
-            0.0 < joint.effort_limit < _largest(one.columns[f"u.{joint.name}"])
-            for one in recordings
-            if f"u.{joint.name}" in one.columns
+            0.0 < joint.effort_limit < _largest(recording.columns[f"u.{joint.name}"])
+            for recording in recordings
+            if f"u.{joint.name}" in recording.columns
         )
     ]
 
 
 def check_inertias(tree: Tree, said: ModelStatements, source: str) -> None:
-    """Raises `InputError` for a joint that moves nothing that has mass or inertia."""
+    """Raises `InputError` for a joint whose diagonal element of M, rotor included, is at most `LEAST_INERTIA`.
+
+    M is evaluated at q = 0.3 in all joints, since at q = 0 all masses may lie on the axis.
+    """
     if tree.floating or not tree.joints:
         return
     aside = np.full((1, len(tree.joints)), 0.3)
@@ -72,12 +76,12 @@ def check_inertias(tree: Tree, said: ModelStatements, source: str) -> None:
     for joint, inertia in zip(tree.joints, np.diag(M[0]), strict=True):
         if inertia + joint.rotor_inertia <= LEAST_INERTIA:
             raise InputError(
-                f"{said.places.get(joint.name, source)}: joint {joint.name!r} moves {_carried(tree, joint)} without "
-                "mass or inertia, expected some in the model, or the joint under `lock:`"
+                f"{said.places.get(joint.name, source)}: joint {joint.name!r} moves {_carried_bodies(tree, joint)} "
+                "without mass or inertia, expected some in the model, or the joint under `lock:`"
             )
 
 
-def _carried(tree: Tree, joint: Joint) -> str:
-    """The bodies that ride the joint itself."""
+def _carried_bodies(tree: Tree, joint: Joint) -> str:
+    """The names of the bodies that the joint moves directly."""
     index = tree.joint_index(joint.name)
     return ", ".join(repr(body.name) for body in tree.bodies if body.joint == index) or "nothing"

@@ -1,4 +1,4 @@
-"""The names in a scenario against the model that it is for."""
+"""Check of the names in a scenario against its model."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +12,7 @@ from drake_cafim.scenario.schema import UNRECORDED, Scenario
 
 @contextmanager
 def naming(source: str) -> Iterator[None]:
-    """`InputError`s from within begin with the file's name `source`, once."""
+    """Put the file's name `source` before the messages of `InputError`s that are raised within the block."""
     try:
         yield
     except InputError as error:
@@ -21,7 +21,7 @@ def naming(source: str) -> Iterator[None]:
 
 
 def check_names(scenario: Scenario, plant: MultibodyPlant, tree: Tree) -> None:
-    """Raises `InputError` for a channel or a contact of what the model lacks, and for a robot that cannot move."""
+    """Raises `InputError` for a joint, body or contact that the model lacks, and for a robot without a moving joint."""
     if not tree.joints and not tree.floating and scenario.lock != UNRECORDED:
         locked = ", ".join(scenario.lock)
         why = f"all of them are under lock ({locked})" if locked else "it has none"

@@ -1,4 +1,4 @@
-"""What the format of a scenario has, and this version does not act on yet: refused by name, never ignored."""
+"""Keys and values of the scenario format that this version does not support: they are refused, never ignored."""
 
 from collections.abc import Collection, Mapping
 
@@ -10,7 +10,7 @@ KEYS: Mapping[tuple[str, str], str] = {
     ("Channel", "lowpass"): "a published filter",
     ("ContactPair", "modulus"): "the hydroelastic law",
 }
-"""(dataclass of the schema, key) to what it would be."""
+"""(dataclass of the schema, key) to the feature's name in messages."""
 LAWS: Mapping[str, str] = {"hydroelastic": "the hydroelastic law"}
 UNKNOWNS = ("servo_stiffness", "servo_damping", "servo_limit", "modulus", "inertials")
 EFFECTS = (
@@ -29,12 +29,12 @@ PARAMETERS = {("joint_load_dependent_friction", "external")}
 
 
 def refuse_key(kind: str, name: str, key: str) -> None:
-    """Raises `InputError` where the key `name` of the schema's `kind` waits to be built; `key` is its path."""
+    """Raises `InputError` where the key `name` of the schema's dataclass `kind` is not supported; `key` is its path."""
     if (kind, name) in KEYS:
         raise InputError(f"{key} is given, but {KEYS[kind, name]} is not supported by this version: leave the key out")
 
 
 def refuse_value(value: object, waiting: Collection[str], key: str) -> None:
-    """Raises `InputError` where `value` is among those `waiting` to be built; `key` names the file and the key."""
+    """Raises `InputError` where `value` is among the unsupported ones, `waiting`; `key` names the file and the key."""
     if isinstance(value, str) and value in waiting:
         raise InputError(f"{key} is {value}, which is not supported by this version")

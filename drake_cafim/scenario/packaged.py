@@ -1,4 +1,4 @@
-"""Where the packaged scenarios and models lie: in a wheel, or in a checkout, with its symbolic links or without."""
+"""Folders of the packaged scenarios and models, in a wheel and in a checkout alike."""
 
 from importlib import resources
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""All that the model says acts on the robot, with effects beyond it, over many samples at once."""
+"""The forces on the robot along a motion, of the nominal model and of effects, for all samples at once."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +24,10 @@ from drake_cafim.typing import Array, Indices
 
 @dataclass(frozen=True)
 class FreeResponse:
-    """The rigid robot along a motion: mobility M⁻¹ (N, n, n), and the force (N, n) that keeps v̇ = 0."""
+    """The rigid robot along a motion: mobility M⁻¹ (N, n, n), rotors included, and the bias force (N, n).
+
+    M v̇ + bias = u: the bias is the effort at which v̇ = 0.
+    """
 
     moving: Motion
     mobility: Array
@@ -33,7 +36,7 @@ class FreeResponse:
 
 @dataclass(frozen=True)
 class Physics:
-    """A model with numbers: tree, gravity (3,) m/s² world, contacts, and effects with their values."""
+    """The physics of a robot: its tree, gravity (3,) m/s² in world axes, contacts, and effects with their values."""
 
     tree: Tree
     gravity: Array
@@ -46,21 +49,24 @@ class Physics:
 
     @property
     def rotor_inertias(self) -> Array:
-        """Reflected rotor inertia of each joint, (n,)."""
+        """Reflected rotor inertia of each joint (n,), kg m² or kg."""
         return np.array([joint.rotor_inertia for joint in self.tree.joints])
 
     @cached_property
     def spheres(self) -> tuple[Indices, Array, Array] | None:
-        """The contacts as `pressed` takes them: joints (C,), places (C, 10), laws (C, 7); None where one is changed."""
-        numbers = [one for contact in self.contacts if (one := contact.numbers) is not None]
+        """The contacts as arrays for `pressed`: joints (C,), places (C, 10), laws (C, 7).
+
+        None where an effect changes one of the contacts, whose law is then no longer one of numbers alone.
+        """
+        numbers = [found for contact in self.contacts if (found := contact.numbers) is not None]
         if len(numbers) < len(self.contacts):
             return None
-        places, laws = (np.array([one[k] for one in numbers]).reshape(-1, size) for k, size in ((0, 10), (1, 7)))
+        places, laws = (np.array([found[k] for found in numbers]).reshape(-1, size) for k, size in ((0, 10), (1, 7)))
         return np.array([contact.joint for contact in self.contacts], dtype=np.int64), places, laws
 
     @property
     def effort_gains(self) -> Array:
-        """What each joint's effort is multiplied by, (n,)."""
+        """The product of the gains of each joint's actuator effects, (n,)."""
         gains = np.ones(len(self.tree.joints))
         for effect in self.actuators:
             gains[self.tree.joint_index(effect.at)] *= effect.gain
@@ -68,16 +74,16 @@ class Physics:
 
     @property
     def dampings(self) -> Array:
-        """Viscous damping of each joint, (n,)."""
+        """Viscous damping of each joint (n,), N m s/rad or N s/m."""
         return np.array([joint.damping for joint in self.tree.joints])
 
     def momentum_and_force(self, moving: Motion) -> tuple[Array, Array]:
-        """Generalized momentum and the rigid-body force, each (N, n): ∂T/∂q and gravity."""
+        """Generalized momentum p = M v, rotors included, and ∂T/∂q + gravity, a part of ṗ; each (N, n)."""
         balance = momentum_balance(moving, self.gravity)
         return balance.momentum + self.rotor_inertias * moving.v, balance.force
 
     def applied_at_joints(self, joints: Sequence[JointSamples]) -> tuple[Array, Array, Array]:
-        """Forces at the joints (N, n) by damping and joint effects, with slopes in q and v (N, n).
+        """Forces at the joints by damping and joint effects, and their derivatives by q and by v, each (N, n).
 
         `joints` are the samples of each joint in the tree's order.
         """
@@ -93,21 +99,25 @@ class Physics:
         return value, d_q, d_v
 
     def joint_force(self, effect: JointForce, joints: Sequence[JointSamples]) -> Force:
-        """One effect's law on the samples of its joint."""
+        """The force of one effect on the samples of its joint."""
         return effect.force(joints[self.tree.joint_index(effect.at)])
 
     def contact_memory(self, time: Array, smooth: Motion, moving: Motion) -> Array:
-        """(N, m) what the contacts remember at samples at `time` (N,) s of all the samples before each.
+        """The internal states (N, m) of the contacts at samples at `time` (N,) s, integrated over the samples before.
 
-        The past is that of the `smooth` motion; what it is for is the force on `moving`.
+        They are integrated along the motion `smooth`, and belong to the forces on the motion `moving`.
         """
-        parts = [one.recall(time, one.touch(smooth), one.touch(moving)) for one in self.contacts if one.memory]
+        parts = [
+            contact.recall(time, contact.touch(smooth), contact.touch(moving))
+            for contact in self.contacts
+            if contact.memory
+        ]
         return np.concatenate([np.zeros((len(time), 0)), *parts], axis=1)
 
     def contact_wrenches(self, moving: Motion, memory: Array | None = None) -> Array:
-        """(N, n, 6) wrenches that contacts exert on the links, about the world origin, moment first.
+        """Wrenches (N, n, 6) that contacts exert on the links, about the world origin in world axes, moment first.
 
-        `memory` (N, m) as `contact_memory` has it; without it the contacts remember nothing.
+        `memory` (N, m) holds the contacts' internal states as `contact_memory` gives them; None means none.
         """
         if self.spheres is not None:
             return np.asarray(pressed(moving.R_WJ, moving.p_WJ, moving.velocities, *self.spheres), dtype=float)
@@ -119,8 +129,11 @@ class Physics:
             start += contact.memory
         return total
 
-    def remembered(self, memory: Array, moving: Motion, elapsed: Array, left: Array) -> Array:
-        """The contacts' memory (B, m) `elapsed` (B,) s later, of which `left` (B,) s after a motion on the way."""
+    def advance_memory(self, memory: Array, moving: Motion, elapsed: Array, left: Array) -> Array:
+        """The contacts' internal states (B, m) after `elapsed` (B,) s, from `memory` (B, m), along the motion `moving`.
+
+        `left` (B,) s of the time come after the instant of `moving`.
+        """
         parts, start = [np.zeros((len(elapsed), 0))], 0
         for contact in self.contacts:
             if contact.memory:
@@ -130,9 +143,9 @@ class Physics:
         return np.concatenate(parts, axis=1)
 
     def body_wrenches(self, moving: Motion, time: Array | None = None, recording: str | None = None) -> Array:
-        """(N, n, 6) wrenches of body forces on the links, about the world origin, moment first.
+        """Wrenches (N, n, 6) of body forces on the links, about the world origin in world axes, moment first.
 
-        `time` (N,) s and `recording` say when the samples were taken, where they were.
+        `time` (N,) s and the name of the `recording` matter to forces that act in an interval of one recording only.
         """
         total = np.zeros((*moving.q.shape, 6))
         for effect in self.body_forces:
@@ -143,7 +156,7 @@ class Physics:
         return total
 
     def free_response(self, moving: Motion) -> FreeResponse:
-        """How the rigid robot would answer to forces along a motion."""
+        """Mobility and bias force of the rigid robot along a motion."""
         M, bias = equations_of_motion(moving, self.gravity)
         mobility = inverses(M + np.diag(self.rotor_inertias))
         return FreeResponse(moving, mobility, bias)
@@ -151,10 +164,11 @@ class Physics:
     def rotor_drives(
         self, time: Array, response: FreeResponse, effort: Array, joints: Sequence[JointSamples]
     ) -> tuple[RotorDrive, ...]:
-        """What would drive each joint's twist if its rotor were coupled to it by a law; the other joints are rigid.
+        """For each joint, g and m of ψ̈ = g − m f, with ψ the twist of rotor against link and f the law between them.
 
-        `effort` (N, n) acts from each of `time` (N,) s to the next. With A = M⁻¹ of the rigid robot, taking the rotor
-        J of a joint off its link makes its mobility b = a/(1 − J a), a the diagonal of A (Sherman, Morrison).
+        All other joints keep rigid transmissions. `effort` (N, n) acts from each of `time` (N,) s to the next. With
+        A = M⁻¹ of the rigid robot and a its diagonal element, removing the rotor inertia J of a joint from its link
+        gives the mobility b = a/(1 − J a) (Sherman, Morrison), and m = 1/J + b.
         """
         moving, A = response.moving, response.mobility
         force = self.applied_at_joints(joints)[0] - response.bias
@@ -162,8 +176,8 @@ class Physics:
             force = force + moving.project(self.contact_wrenches(moving, self.contact_memory(time, moving, moving)))
         if self.body_forces:
             force = force + moving.project(self.body_wrenches(moving))
-        # held efforts change at the samples, all else is smooth: taken in the middle of each interval
-        A, drift = _in_the_middle(A), _in_the_middle(np.einsum("nij,nj->ni", A, force))
+        # Efforts are constant within an interval, all else is smooth: the mean of both ends is exact to second order.
+        A, drift = _interval_means(A), _interval_means(np.einsum("nij,nj->ni", A, force))
         own = np.diagonal(A, axis1=1, axis2=2)
         drives = []
         for j, inertia in enumerate(self.rotor_inertias):
@@ -177,21 +191,21 @@ class Physics:
         return tuple(drives)
 
     def with_effects(self, effects: Sequence[Effect]) -> "Physics":
-        """The physics with more effects, each of which has its values."""
+        """The physics with `effects`, which have their values, added to it."""
         physics = self
         for effect in effects:
             physics = effect.entered(physics)
         return physics
 
     def joined(self, part: str, effect: Effect) -> "Physics":
-        """With `effect` at the end of one of its parts, as "joint_forces"."""
+        """The physics with `effect` appended to the field `part`, as "joint_forces"."""
         return self.changed(**{part: (*getattr(self, part), effect)})
 
     def changed(self, **parts: Any) -> "Physics":
-        """With other parts."""
+        """The physics with other values of some fields."""
         return replace(self, **parts)
 
 
-def _in_the_middle(values: Array) -> Array:
-    """Means (N, ...) of each sample and the next."""
+def _interval_means(values: Array) -> Array:
+    """The mean (N, ...) of each sample and the next; the last sample's is its own value."""
     return np.asarray(0.5 * (values + np.concatenate([values[1:], values[-1:]])), dtype=float)

@@ -1,4 +1,4 @@
-"""A scenario written back as the file that it could have come from."""
+"""Writing of a scenario as a YAML file."""
 
 import dataclasses as dc
 import os
@@ -11,7 +11,7 @@ from drake_cafim.scenario.schema import Scenario
 
 
 def as_yaml(scenario: Scenario, folder: Path, destination: Path) -> str:
-    """The scenario as YAML for a file in `destination`; its model path was relative to `folder`."""
+    """The scenario as YAML for a file in the folder `destination`; its present paths are relative to `folder`."""
     raw = {key: value for key, value in _plain(scenario).items() if value not in (None, [], {}, "")}
     if scenario.model and not scenario.model.startswith("package://"):
         raw["model"] = os.path.relpath((folder / scenario.model).resolve(), destination.resolve())
@@ -28,7 +28,7 @@ def as_yaml(scenario: Scenario, folder: Path, destination: Path) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Nested dataclasses as mappings, without what is at its default."""
+    """Nested dataclasses as mappings, without the fields that have their default value."""
     if dc.is_dataclass(value) and not isinstance(value, type):
         result = {}
         for field in dc.fields(value):

@@ -13,7 +13,7 @@ from drake_cafim.errors import InputError
 from drake_cafim.numerics.ranges import Range, number
 from drake_cafim.recordings.topics import Topic, check_topics
 from drake_cafim.scenario import not_built
-from drake_cafim.scenario.shape import shaped
+from drake_cafim.scenario.shape import conform
 from drake_cafim.scenario.yaml_file import read_mapping
 
 EXPECTED = "a scenario (.yaml): a mapping with the key model"
@@ -95,7 +95,7 @@ class EffectEntry:
 
 @dc.dataclass
 class Scenario:
-    """A robot, its noise, what is not known of it, its contacts, and the physics that is known beyond its model."""
+    """A robot's model, the noise of its sensors, its unknown parameters, its contacts, and effects known to act."""
 
     model: str = ""  # path relative to the scenario file, or package://...
     directives: list[dict[str, typing.Any]] = dc.field(default_factory=list)  # Drake's model directives instead
@@ -117,7 +117,7 @@ class Scenario:
 
 LAWS = ("kelvin_voigt", "paper", "hunt_crossley")
 UNRECORDED = "unrecorded"
-"""`lock:` of all joints that the recordings have no column of."""
+"""The value of `lock:` that holds all joints without a column in the recordings."""
 HOLDS = ("zero_order", "first_order")
 CHANNELS = ("q", "v", "u", "cmd", "wrench", "pose")
 
@@ -125,7 +125,7 @@ CHANNELS = ("q", "v", "u", "cmd", "wrench", "pose")
 def load(path: Path) -> Scenario:
     """The scenario in the file at `path`.
 
-    Raises `InputError` naming the file, the key, what was found and the valid choices.
+    Raises `InputError` that names the file, the key, what was found and the valid choices.
     """
     return parse(read_mapping(path, EXPECTED), str(path))
 
@@ -133,7 +133,7 @@ def load(path: Path) -> Scenario:
 def parse(raw: dict[str, Any], source: str) -> Scenario:
     """The scenario in the mapping `raw`; `source` names it in messages."""
     _refuse_later_effects(raw, source)
-    plain = shaped(raw, Scenario, f"{source}: ")
+    plain = conform(raw, Scenario, f"{source}: ")
     free: dict[str, Any] = {key: plain.pop(key) for key in ("directives", "diagram", "task", "lock") if key in plain}
     try:
         scenario: Scenario = yaml_load_typed(schema=Scenario, data=yaml.safe_dump(plain))
@@ -146,7 +146,7 @@ def parse(raw: dict[str, Any], source: str) -> Scenario:
 
 
 def _refuse_later_effects(raw: dict[str, Any], source: str) -> None:
-    """Effects of later versions, before their parameters are taken for numbers."""
+    """Refuse effects of later versions before their parameters, which need not be numbers, are checked as such."""
     entries = raw.get("effects")
     for i, entry in enumerate(entries if isinstance(entries, list) else []):
         if isinstance(entry, dict):
@@ -154,7 +154,7 @@ def _refuse_later_effects(raw: dict[str, Any], source: str) -> None:
 
 
 def _check(scenario: Scenario, source: str) -> None:
-    """What the keys must be to each other. Raises `InputError`."""
+    """Check what the types of the schema cannot express, as keys that exclude each other. Raises `InputError`."""
     if not scenario.model and not scenario.directives:
         raise InputError(f"{source}: the key model is missing, expected the path of a .urdf, .sdf, .xml or .dmd.yaml")
     if scenario.model and scenario.directives:

@@ -1,6 +1,6 @@
-"""YAML against the schema's dataclasses: each key, its kind and its numbers, with the key's path in every message.
+"""Check of YAML against the schema's dataclasses: keys, types and ranges of numbers, with the key's path in messages.
 
-`channels.q.std` and `effects[1].delay` are such paths; entries of lists count from 0.
+Paths are written `channels.q.std` and `effects[1].delay`; entries of lists count from 0.
 """
 
 import dataclasses as dc
@@ -19,22 +19,22 @@ _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _WORDS = {str: "a text", float: "a number", bool: "true or false", int: "a whole number"}
 
 
-def shaped(value: Any, kind: Any, key: str, name: str = "", metadata: Mapping[str, Any] | None = None) -> Any:
-    """`value` as the schema types it: keys that hold nothing left out, numbers as floats.
+def conform(value: Any, kind: Any, key: str, name: str = "", metadata: Mapping[str, Any] | None = None) -> Any:
+    """`value` in the type `kind`: numbers as floats, keys without a value left out.
 
-    `kind` is a dataclass, a list or mapping of one thing, `str`, `float`, `Any`, or one of these or None. `key` names
-    the file and the path to `name` in it. A field's metadata may hold the `range` of its numbers, the `length` of its
-    list, under which key of a mapping a `plain` number goes, and whether a mapping's keys stand `flat` beside others.
-    Raises `InputError` for what does not fit.
+    `kind` is a dataclass, a list or mapping of one type, `str`, `float`, `Any`, or a union of these with None. Messages
+    begin with `key`, which names the file, and `name`, the path within it. A field's metadata may hold the `range` of
+    its numbers, the `length` of its list, the key of a mapping that a `plain` number is for, and `flat` for a mapping
+    whose keys the file writes beside those of the dataclass. Raises `InputError` for a value that does not fit.
     """
     metadata = metadata or {}
     where = f"{key}{name}"
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
-        # of several kinds, the one that the value looks like; what looks like none is left to who knows them all
-        fitting = [one for one in arguments if isinstance(value, typing.get_origin(one) or one)]
-        chosen = fitting or [one for one in arguments if one is not type(None)][:1]
-        return None if value is None else shaped(value, chosen[0], key, name, metadata)
+        # the type that the value has; a value of none of them fails against the first one, whose message says what fits
+        fitting = [argument for argument in arguments if isinstance(value, typing.get_origin(argument) or argument)]
+        chosen = fitting or [argument for argument in arguments if argument is not type(None)][:1]
+        return None if value is None else conform(value, chosen[0], key, name, metadata)
     if kind is Any:
         return value
     if dc.is_dataclass(kind):
@@ -43,12 +43,12 @@ def shaped(value: Any, kind: Any, key: str, name: str = "", metadata: Mapping[st
         return _list(value, arguments[0], key, name, metadata)
     if origin is dict:
         if "plain" in metadata and not isinstance(value, dict):
-            return {metadata["plain"]: shaped(value, arguments[1], key, name, metadata)}
+            return {metadata["plain"]: conform(value, arguments[1], key, name, metadata)}
         within = {} if "flat" in metadata else metadata
         items = _mapping(value, where).items()
         whole = dc.is_dataclass(arguments[1])  # `q:` alone names the channel, with the defaults of all its keys
         return {
-            k: shaped({} if v is None else v, arguments[1], key, _joined(name, k), within)
+            k: conform({} if v is None else v, arguments[1], key, _path(name, k), within)
             for k, v in items
             if whole or v is not None
         }
@@ -61,7 +61,7 @@ def shaped(value: Any, kind: Any, key: str, name: str = "", metadata: Mapping[st
 
 
 def brief(value: Any) -> str:
-    """What was found, as a message shows it: some tens of characters."""
+    """The value as messages show it, cut to 60 characters."""
     if value is None:
         return "empty"
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= 10**30:
@@ -73,7 +73,7 @@ def brief(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _joined(name: str, key: str) -> str:
+def _path(name: str, key: str) -> str:
     return f"{name}.{key}" if name else key
 
 
@@ -87,19 +87,20 @@ def _mapping(value: Any, where: str) -> dict[str, Any]:
 
 
 def _dataclass(value: Any, kind: Any, key: str, name: str) -> dict[str, Any]:
+    """The mapping `value` with the fields of the dataclass `kind`; raises `InputError` for a key that is none."""
     fields = {field.name: field for field in dc.fields(kind)}
     hints = typing.get_type_hints(kind)
     flat = next((field.name for field in fields.values() if "flat" in field.metadata), None)
     found: dict[str, Any] = {}
     # the scenario itself has no name
     for own, item in _mapping(value, f"{key}{name}" if name else key.removesuffix(": ")).items():
-        path = _joined(name, own)
+        path = _path(name, own)
         refuse_key(kind.__name__, own, f"{key}{path}")
         if own == flat and item is not None:
-            found.setdefault(flat, {}).update(shaped(item, hints[own], key, path, fields[own].metadata))
+            found.setdefault(flat, {}).update(conform(item, hints[own], key, path, fields[own].metadata))
         elif own in fields:
             if item is not None:
-                found[own] = shaped(item, hints[own], key, path, fields[own].metadata)
+                found[own] = conform(item, hints[own], key, path, fields[own].metadata)
         elif flat is not None:
             if item is not None:
                 found.setdefault(flat, {})[own] = _number(item, f"{key}{path}", ANY, finite=False)
@@ -121,11 +122,11 @@ def _list(value: Any, kind: Any, key: str, name: str, metadata: Mapping[str, Any
     length = metadata.get("length")
     if length is not None and len(value) != length:
         raise InputError(f"{key}{name} is {brief(value)}, expected a list of {length}")
-    return [shaped(item, kind, key, f"{name}[{i}]", metadata) for i, item in enumerate(value)]
+    return [conform(item, kind, key, f"{name}[{i}]", metadata) for i, item in enumerate(value)]
 
 
 def _number(value: Any, where: str, allowed: Range, finite: bool = True) -> float:
-    """The number; YAML 1.1 reads 1e-3 as a text, which it is not meant to be."""
+    """The number within `allowed`; a text such as 1e-3, which YAML 1.1 does not read as a number, counts as one."""
     written = isinstance(value, str) and _NUMBER.fullmatch(value.strip())
     if isinstance(value, bool) or not (isinstance(value, int | float) or written):
         raise InputError(f"{where} is {brief(value)}, expected {allowed}")

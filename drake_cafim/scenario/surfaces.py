@@ -1,6 +1,4 @@
-"""The scenario's contacts against the model's collision geometry."""
-
-from collections.abc import Sequence
+"""Contacts of a scenario from the model's collision geometry: a sphere or box against a plane."""
 
 import numpy as np
 from pydrake.geometry import Box, HalfSpace, SceneGraph, Sphere
@@ -17,16 +15,16 @@ from drake_cafim.scenario.schema import ContactPair
 from drake_cafim.typing import Array
 
 ABOVE = np.array([0.0, 0.0, 1e3])
-"""m; where a floating body is before it lands."""
+"""m, a point far above: a floating body lands on upper faces."""
 
 
 def contact_of(
     pair: ContactPair, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree, q: Array, source: str
 ) -> SphereContact:
-    """The contact of the pair's sphere, or of the box of a floating body, with the other body's plane.
+    """The contact of one body's sphere, or of a floating body's box, with a plane of the other body.
 
-    Of a fixed box the face is taken that the sphere stands before at positions `q` (n,), and before a floating body
-    the upper one. Raises `InputError` where the pair is not a moving sphere (or floating box) against a fixed box,
+    The plane of a fixed box is the face nearest to the sphere at joint positions `q` (n,), or the upper one if the body
+    floats. Raises `InputError` where the pair is not a moving sphere (or floating box) against a fixed box,
     half-space or `ground`.
     """
     names = tuple(pair.bodies)
@@ -78,6 +76,7 @@ def _box(name: str, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree) 
 
 
 def _sphere(name: str, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree) -> tuple[int, Array, float] | None:
+    """Joint index, centre p_JC (3,) m and radius m of the one collision sphere of a moving body."""
     if not plant.HasBodyNamed(name):
         return None
     body = tree.body(name)
@@ -96,6 +95,7 @@ def _sphere(name: str, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tre
 def _plane(
     pair: ContactPair, name: str, plant: MultibodyPlant, scene_graph: SceneGraph, tree: Tree, p_WC: Array
 ) -> tuple[Array, Array] | None:
+    """Point (3,) m and outward normal (3,), in the world, of a fixed body's plane or its box face nearest to `p_WC`."""
     if pair.ground is not None:
         normal = np.array(pair.ground.normal, dtype=float)
         return np.array(pair.ground.point, dtype=float), normal / np.linalg.norm(normal)
@@ -109,12 +109,12 @@ def _plane(
         if isinstance(shape, HalfSpace):
             return np.array(X_WG.translation()), np.array(X_WG.rotation().matrix()[:, 2])
         if isinstance(shape, Box):
-            return _facing(X_WG, np.array(shape.size()), p_WC)
+            return _nearest_face(X_WG, np.array(shape.size()), p_WC)
     return None
 
 
-def _facing(X_WG: RigidTransform, size: Array, p_WC: Array) -> tuple[Array, Array]:
-    """Point and outward normal of the box face that the point stands farthest out of."""
+def _nearest_face(X_WG: RigidTransform, size: Array, p_WC: Array) -> tuple[Array, Array]:
+    """Point and outward normal, in the world, of the box face that p_WC (3,) is farthest outside of."""
     p_GC = X_WG.inverse().multiply(p_WC)
     outside = np.abs(p_GC) - 0.5 * size
     axis = int(np.argmax(outside))
@@ -123,8 +123,3 @@ def _facing(X_WG: RigidTransform, size: Array, p_WC: Array) -> tuple[Array, Arra
     normal_W = X_WG.rotation().matrix() @ normal
     point: Array = np.array(X_WG.multiply(0.5 * size * normal), dtype=float)
     return point, normal_W
-
-
-def names(pairs: Sequence[ContactPair]) -> tuple[str, ...]:
-    """`a/b` of each pair, in the file's order."""
-    return tuple("/".join(pair.bodies) for pair in pairs)

@@ -1,4 +1,4 @@
-"""Nominal parameters that may be wrong: from a scenario's entries to numbers in the physics."""
+"""Unknown nominal parameters: from the entries of `unknown:` to values in the physics, with their priors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ _POSITIVE = (*_ABOVE_ZERO, "damping", "rotor_inertia", "dissipation", "friction"
 
 @dataclass(frozen=True)
 class UnknownParameter:
-    """One unknown: which number of which thing."""
+    """One unknown parameter: its name, the body, joint, contact or effect that has it, and its prior."""
 
     parameter: str
     kind: str
@@ -34,11 +34,11 @@ class UnknownParameter:
     at: str
     prior: Parameter
     effect: str | None = None
-    """Of a parameter of an effect that the scenario states: the effect's name."""
+    """The effect's name, for a parameter of an effect that the scenario states; else None."""
 
     @property
     def key(self) -> tuple[str, str, str | None]:
-        """What tells it from the scenario's other unknowns."""
+        """The parameter, its place and its effect, by which two unknowns differ."""
         return self.parameter, self.at, self.effect
 
     def of(self, effect: Effect) -> bool:
@@ -46,16 +46,18 @@ class UnknownParameter:
         return self.effect == effect.name and self.at == effect.at
 
     def apply(self, physics: Physics, value: float) -> Physics:
-        """The physics with this number set; numbers of effects are none of the nominal physics."""
+        """The physics with this parameter at `value`; unchanged for a parameter of an effect (see `with_unknowns`)."""
         if self.kind == "effect":
             return physics
         if self.kind == "body" and self.parameter in SIZES:
-            sized = (one.with_parameter(self.parameter, value) if one.bodies[0] == self.at else one
-                     for one in physics.contacts)  # fmt: skip
+            sized = (
+                contact.with_parameter(self.parameter, value) if contact.bodies[0] == self.at else contact
+                for contact in physics.contacts
+            )
             return replace(physics, contacts=tuple(sized))
         if self.kind == "body":
             body = physics.tree.body(self.at)
-            return replace(physics, tree=physics.tree.with_bodies([_changed(body, self.parameter, value)]))
+            return replace(physics, tree=physics.tree.with_bodies([_with_value(body, self.parameter, value)]))
         if self.kind == "joint":
             joint = physics.tree.joints[physics.tree.joint_index(self.at)]
             changed = replace(joint, **{self.parameter: value})  # type: ignore[arg-type]
@@ -67,9 +69,10 @@ class UnknownParameter:
         return replace(physics, contacts=contacts)
 
 
-def _changed(body: Body, parameter: str, value: float) -> Body:
+def _with_value(body: Body, parameter: str, value: float) -> Body:
+    """The body with one of `BODY_PARAMETERS` at `value`; "inertia" is a factor of the model's I_BBcm_B."""
     if parameter == "mass":
-        # the scale of the inertia goes with the mass, the centre of mass stays
+        # the inertia scales with the mass, as of a body of another density; the centre of mass stays
         scale = value / body.mass
         return replace(body, mass=value, I_BBcm_B=scale * body.I_BBcm_B)
     if parameter == "inertia":
@@ -82,26 +85,28 @@ def _changed(body: Body, parameter: str, value: float) -> Body:
 def unknown_parameters(
     entries: Sequence[Unknown], physics: Physics, effects: Sequence[Effect], source: str
 ) -> tuple[UnknownParameter, ...]:
-    """The scenario's `unknown:` against its model and the `effects` that it states.
+    """The unknown parameters of the entries of `unknown:`, for the model and the `effects` that the scenario states.
 
-    Raises `InputError` for a parameter or a place that they lack, with the valid choices, for a value that cannot be,
+    Raises `InputError` for a parameter or a place that they lack, with the valid choices, for a value out of range,
     and for an unknown that is given twice.
     """
     found: list[UnknownParameter] = []
     for i, entry in enumerate(entries):
         key = f"{source}: unknown[{i}]"
-        one = _of_effect(entry, physics, effects, key) if entry.effect is not None else _unknown(entry, physics, key)
-        twice = [k for k, other in enumerate(found) if other.key == one.key]
+        unknown = (
+            _of_effect(entry, physics, effects, key) if entry.effect is not None else _unknown(entry, physics, key)
+        )
+        twice = [k for k, other in enumerate(found) if other.key == unknown.key]
         if twice:
-            raise InputError(f"{key} is {one.parameter} of {one.at} a second time, after unknown[{twice[0]}]")
-        found.append(one)
+            raise InputError(f"{key} is {unknown.parameter} of {unknown.at} a second time, after unknown[{twice[0]}]")
+        found.append(unknown)
     return tuple(found)
 
 
 def _unknown(entry: Unknown, physics: Physics, key: str) -> UnknownParameter:
     kind, at, valid, present = _place(entry, physics, key)
     if entry.parameter not in valid:
-        raise InputError(f"{key}.parameter is {entry.parameter!r}, which a {kind} has not; valid: {', '.join(valid)}")
+        raise InputError(f"{key}.parameter is {entry.parameter!r}, which a {kind} lacks; valid: {', '.join(valid)}")
     if kind == "body" and entry.parameter in ("mass", "inertia"):
         body = physics.tree.body(at)
         if not body.mass > 0.0 or (entry.parameter == "inertia" and not np.any(body.I_BBcm_B)):
@@ -121,7 +126,7 @@ def _unknown(entry: Unknown, physics: Physics, key: str) -> UnknownParameter:
 
 
 def _place(entry: Unknown, physics: Physics, key: str) -> tuple[str, str, dict[str, str], float]:
-    """Kind and name of what has the parameter, its valid parameters with their units, and the model's value."""
+    """Kind and name of the body, joint or contact, its valid parameters with their units, and the model's value."""
     tree = physics.tree
     if entry.body is not None:
         _check(entry.body, [body.name for body in tree.bodies], f"{key}.body")
@@ -145,16 +150,16 @@ def _check(name: str, valid: Sequence[str], key: str) -> None:
 
 def _of_effect(entry: Unknown, physics: Physics, effects: Sequence[Effect], key: str) -> UnknownParameter:
     """A parameter of an effect that the scenario states under `effects:`."""
-    stated = [one for one in effects if one.name == entry.effect and _same_place(one.at, entry.at or "")]
+    stated = [effect for effect in effects if effect.name == entry.effect and _same_place(effect.at, entry.at or "")]
     if len(stated) != 1:
-        known = ", ".join(f"{one.name} at {one.at}" for one in effects) or "none"
+        known = ", ".join(f"{effect.name} at {effect.at}" for effect in effects) or "none"
         found = f"{len(stated)} times" if stated else "not"
         raise InputError(f"{key}: {entry.effect} at {entry.at} is {found} under effects:, expected one of: {known}")
     effect = stated[0]
-    numbers = {one.name: one for one in (*effect.strengths, *effect.shapes) if not one.choices}
+    numbers = {strength.name: strength for strength in (*effect.strengths, *effect.shapes) if not strength.choices}
     if entry.parameter not in numbers:
         raise InputError(
-            f"{key}.parameter is {entry.parameter!r}, which {effect.name} has not; valid: {', '.join(numbers)}"
+            f"{key}.parameter is {entry.parameter!r}, which {effect.name} lacks; valid: {', '.join(numbers)}"
         )
     strength = numbers[entry.parameter]
     mean = effect.values.get(strength.name, strength.nominal) if entry.mean is None else entry.mean
@@ -166,11 +171,12 @@ def _of_effect(entry: Unknown, physics: Physics, effects: Sequence[Effect], key:
 
 
 def _same_place(first: str, second: str) -> bool:
-    """Whether two names are of one place; those of a contact are read in either order."""
+    """Whether two names mean the same place; the bodies of a contact may be in either order."""
     return first == second or ("/" in first and set(first.split("/")) == set(second.split("/")))
 
 
 def _body_value(physics: Physics, entry: Unknown) -> float:
+    """The model's value of a body's parameter; NaN where the body has no such parameter."""
     body = physics.tree.body(entry.body or "")
     values = {"mass": body.mass, "inertia": 1.0}
     values |= {f"com_{axis}": float(x) for axis, x in zip("xyz", body.p_BBcm, strict=True)}
@@ -183,28 +189,29 @@ def _body_value(physics: Physics, entry: Unknown) -> float:
 
 
 def _sizes(physics: Physics, body: str) -> dict[str, str]:
-    """The sizes that the body's shape has, where it is in contact with something."""
+    """The size parameters of the body's contact shape with their units; empty where it has no contact."""
     shapes = [contact for contact in physics.contacts if contact.bodies[0] == body]
-    names = {name for one in shapes for name in (EXTENTS if isinstance(one, BoxContact) else ("radius",))}
+    names = {name for shape in shapes for name in (EXTENTS if isinstance(shape, BoxContact) else ("radius",))}
     return {name: SIZES[name] for name in SIZES if name in names}
 
 
 def priors(unknown: Sequence[UnknownParameter]) -> Parameters:
-    """The priors as one vector."""
-    return Parameters.of(one.prior for one in unknown)
+    """The priors of the unknowns, in their order."""
+    return Parameters.of(parameter.prior for parameter in unknown)
 
 
-def applied(unknown: Sequence[UnknownParameter], physics: Physics, vector: Array) -> Physics:
-    """The physics with all unknowns set, `vector` (n,) in their order."""
-    for one, value in zip(unknown, vector.tolist(), strict=True):
-        physics = one.apply(physics, value)
+def apply_unknowns(unknown: Sequence[UnknownParameter], physics: Physics, vector: Array) -> Physics:
+    """The physics with all unknowns of the nominal model at their values in `vector` (n,)."""
+    for parameter, value in zip(unknown, vector.tolist(), strict=True):
+        physics = parameter.apply(physics, value)
     return physics
 
 
 def with_unknowns(unknown: Sequence[UnknownParameter], effects: Sequence[Effect], vector: Array) -> tuple[Effect, ...]:
-    """The scenario's `effects` with those of their numbers that are unknown at their value in `vector` (n,)."""
+    """The scenario's `effects` with their unknown parameters at their values in `vector` (n,)."""
     found = []
     for effect in effects:
-        values = {one.parameter: x for one, x in zip(unknown, vector.tolist(), strict=True) if one.of(effect)}
+        parameters = zip(unknown, vector.tolist(), strict=True)
+        values = {parameter.parameter: value for parameter, value in parameters if parameter.of(effect)}
         found.append(effect.with_values({**effect.values, **values}) if values else effect)
     return tuple(found)

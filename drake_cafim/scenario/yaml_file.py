@@ -1,4 +1,4 @@
-"""A YAML file as plain mappings, lists, texts and numbers."""
+"""Reading of a YAML file as plain mappings, lists, texts and numbers."""
 
 from collections.abc import Hashable
 from pathlib import Path
@@ -10,10 +10,10 @@ from drake_cafim.errors import InputError
 
 
 def read_mapping(path: Path, expected: str) -> dict[str, Any]:
-    """The mapping in the file at `path`; `expected` says in messages what the file should have been.
+    """The mapping in the file at `path`; `expected` tells in messages what the file should be.
 
-    Raises `InputError` for a file that cannot be read, is no YAML or no mapping, gives a key twice, nests too deeply
-    or holds a number with more digits than can be read.
+    Raises `InputError` for a file that cannot be read, is not a mapping in YAML, has a key twice, nests too deeply
+    or holds a number with too many digits.
     """
     try:
         raw = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
@@ -31,7 +31,7 @@ def read_mapping(path: Path, expected: str) -> dict[str, Any]:
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """PyYAML's own loader keeps the last of two equal keys without a word."""
+    """A loader that refuses equal keys; PyYAML's own uses the last of them without a warning."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: set[Hashable] = set()

@@ -1,1 +1,1 @@
-"""A scene: what a scenario says, built as a Drake plant with its physics, channels and unknowns."""
+"""The class `Scene`: a scenario built as a Drake plant, with its physics, channels and unknown parameters."""

@@ -1,4 +1,4 @@
-"""A Scene: a scenario's Drake plant, the same physics as arrays, its channels and its unknowns."""
+"""The class `Scene`: a scenario's Drake plant, the same physics as arrays, its channels and its unknown parameters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,48 +21,49 @@ from drake_cafim.effects.effect import Effect
 from drake_cafim.errors import InputError
 from drake_cafim.parameters import Parameters
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.scenario.holding import check_coupled, held, hint, positions
+from drake_cafim.scenario.holding import check_mimics, explain_missing_joints, locked_positions, resolve_lock
 from drake_cafim.scenario.known_effects import known_effects
 from drake_cafim.scenario.model_file import MODEL_SUFFIXES, add_plant
 from drake_cafim.scenario.model_physics import (
-    beyond_limits,
     check_inertias,
-    limited_efforts,
+    joints_beyond_limits,
     model_effects,
-    with_limits,
+    with_effort_limits,
+    with_saturation,
 )
 from drake_cafim.scenario.names import check_names, naming
 from drake_cafim.scenario.packaged import packaged_folder
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import UNRECORDED, Channel, EffectEntry, Scenario, Weld, load
 from drake_cafim.scenario.surfaces import contact_of
-from drake_cafim.scenario.unknown import UnknownParameter, applied, priors, unknown_parameters, with_unknowns
+from drake_cafim.scenario.unknown import UnknownParameter, apply_unknowns, priors, unknown_parameters, with_unknowns
 from drake_cafim.typing import Array
 
 DIAGRAMS = packaged_folder("diagrams")
-PHYSICS_KEPT = 128
+PHYSICS_CACHED = 128
+"""Most physics that a scene keeps, by the values of its unknowns."""
 _FORCE = ("fx", "fy", "fz")
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What a diagnosis knows before it sees a recording: a robot as its model has it, its sensors and its unknowns.
+    """A robot's model, its sensors, its unknown parameters and its known effects: what is given before a recording.
 
     `Scene.load("scenario.yaml")` reads a scenario, a model file or a packaged name; `Scene.from_model("arm.urdf",
-    channels={"q": 2e-4})` needs no scenario. A scene is never changed: what seems to, gives another.
+    channels={"q": 2e-4})` needs no scenario. A scene is immutable; methods that change something return another scene.
 
-    - `name` stands in messages; `scenario` is what the file says, its relative paths starting at `folder`.
-    - `diagram`, `plant` and `scene_graph` are Drake's own, built and finalized, of the model without any effect.
-    - `tree` is the same robot as arrays; `physics` all that acts in it: unknowns at their prior means, and `effects:`
-      of the scenario.
-    - `unknown`: the parameters that may simply be wrong, and their `priors`.
-    - `wrench_sensors`: where wrenches are measured.
-    - `vocabulary`: the effects that are looked for and that `effects:` may name.
+    - `name` is used in messages; `scenario` holds the file's contents, its relative paths starting at `folder`.
+    - `diagram`, `plant` and `scene_graph` are Drake's, built and finalized, of the model without any effect.
+    - `tree` is the same robot as arrays; `physics` the forces in it, with the unknowns at their prior means and the
+      effects of the model's files and of the scenario.
+    - `unknown`: the parameters under `unknown:`, with their `priors`.
+    - `wrench_sensors`: the frames in which wrenches are measured.
+    - `vocabulary`: the effects that a diagnosis looks for and that `effects:` may name.
     - `nominal_contacts`: the scenario's contacts before any effect.
-    - `stated`: what the model's files say beyond what Drake's parser takes.
-    - `limited`: the joints whose commanded efforts the recordings have beyond the model's limits.
-    - `bare`: the physics before any effect; `of_model` the effects that its files state, and `known` those of the
-      scenario, unknowns as they are stated.
+    - `stated`: what the model's files state beyond what Drake's parser reads.
+    - `limited`: the joints whose commands exceed the model's effort limits in the recordings, so that the limits act.
+    - `bare`: the physics before any effect; `of_model`: the effects that the model's files state; `known`: those of
+      the scenario, with the values that it states.
     """
 
     name: str
@@ -89,9 +90,9 @@ class Scene:
     ) -> "Scene":
         """The scene of a packaged scenario's name, a scenario file or a model file.
 
-        `effects` are effect classes of one's own, beside the catalogue's: `effects:` in the file may name them.
-        `packages` are folders of packages by name, beside those under `packages:`. Raises `InputError` for anything in
-        it that cannot be used.
+        `effects` are your own effect classes, beside the catalogue's: `effects:` in the file may name them.
+        `packages` are folders of packages by name, beside those under `packages:`. Raises `InputError` that names the
+        file and the key for contents that cannot be used.
         """
         path = resolve(str(address))
         scenario = Scenario(model=path.name) if str(path).endswith(MODEL_SUFFIXES) else load(path)
@@ -105,8 +106,8 @@ class Scene:
     ) -> "Scene":
         """The scene of a model file (.urdf, .sdf, .xml, .dmd.yaml).
 
-        `channels` are stds of one sample, SI, by kind ("q") or column ("q.elbow"); `weld` names bodies fixed to the
-        world. Raises `InputError` for a model that cannot be read.
+        `channels` are the stds of one sample, SI, by kind ("q") or column ("q.elbow"); `weld` names the bodies that are
+        fixed to the world. Raises `InputError` for a model that cannot be read.
         """
         path = Path(model)
         scenario = Scenario(
@@ -118,25 +119,25 @@ class Scene:
 
     @classmethod
     def build(cls, scenario: Scenario, folder: Path, name: str, *, effects: Sequence[type[Effect]] = ()) -> "Scene":
-        """The scene of a scenario whose relative paths start at `folder`; `name` stands in messages."""
+        """The scene of a scenario whose relative paths start at `folder`; `name` is used in messages."""
         builder = DiagramBuilder()
         with naming(name):
             plant, scene_graph, said = add_plant(scenario, folder, builder, time_step=0.0)
             diagram = builder.Build()
-            _check_standing(plant, name)
-            scenario = replace(scenario, lock=held(scenario.lock, plant, said))
-            tree = with_limits(tree_of(plant, positions(scenario.lock)), said)
+            _check_supported(plant, name)
+            scenario = replace(scenario, lock=resolve_lock(scenario.lock, plant, said))
+            tree = with_effort_limits(tree_of(plant, locked_positions(scenario.lock)), said)
             if scenario.lock != UNRECORDED:
-                check_coupled(tree, said)
+                check_mimics(tree, said)
                 check_inertias(tree, said, scenario.model or name)
             check_names(scenario, plant, tree)
         physics = Physics(tree, np.array(scenario.gravity, dtype=float))
         vocabulary = vocabulary_with(effects)
         scene = cls(name, scenario, diagram, plant, scene_graph, tree, physics, (), (), folder, vocabulary, stated=said)
-        return scene.facing(np.zeros(len(tree.joints)))
+        return scene.with_surfaces_at(np.zeros(len(tree.joints)))
 
-    def facing(self, q: Array) -> "Scene":
-        """The scene whose contact planes are the faces that stand before the robot at positions `q` (n,)."""
+    def with_surfaces_at(self, q: Array) -> "Scene":
+        """The scene with the contact plane of each fixed box at the face nearest to the robot at positions `q` (n,)."""
         contacts = tuple(
             contact_of(pair, self.plant, self.scene_graph, self.tree, q, self.name) for pair in self.scenario.contact
         )
@@ -148,67 +149,72 @@ class Scene:
         scene = replace(self, bare=bare, of_model=of_model, known=known, unknown=unknown, nominal_contacts=contacts)
         return replace(scene, physics=scene.physics_at(priors(unknown).mean), wrench_sensors=self._sensors())
 
-    def recorded_by(self, recordings: Sequence[Recording]) -> "Scene":
-        """The scene whose joints all are in the recordings: `lock: unrecorded` holds the others.
+    def for_recordings(self, recordings: Sequence[Recording]) -> "Scene":
+        """The scene for these recordings: `lock: unrecorded` locks the joints that they have no column of.
 
-        Commands (`u` of std 0) that go beyond a joint's effort limit act as far as that. Raises `InputError` for joints
-        without a column that the scenario does not hold.
+        Where commands (`u` with std 0) exceed a joint's effort limit, the limit acts. Raises `InputError` for a joint
+        without a column that the scenario does not lock.
         """
         names = self.tree.joint_names
         if self.tree.floating or not names:
             return self
-        lacking = {name: one for one in recordings for name in names if f"q.{name}" not in one.columns}
+        lacking = {
+            name: recording for recording in recordings for name in names if f"q.{name}" not in recording.columns
+        }
         if not lacking:
-            return self._limited_by(recordings)
+            return self._with_limits_that_act(recordings)
         if self.scenario.lock == UNRECORDED and len(lacking) < len(names):
             scenario = replace(self.scenario, lock=list(lacking))
             held = Scene.build(scenario, self.folder, self.name, effects=self.vocabulary)
-            return held._limited_by(recordings)
-        raise InputError(hint(next(iter(lacking.values())), tuple(lacking)))
+            return held._with_limits_that_act(recordings)
+        raise InputError(explain_missing_joints(next(iter(lacking.values())), tuple(lacking)))
 
-    def _limited_by(self, recordings: Sequence[Recording]) -> "Scene":
-        """The scene in which limits that recorded commands go beyond act; of measured efforts a note is made."""
-        beyond = beyond_limits(self.tree, recordings)
+    def _with_limits_that_act(self, recordings: Sequence[Recording]) -> "Scene":
+        """The scene in which effort limits act that recorded commands exceed; measured efforts only get a note.
+
+        A measured effort did act, so that a limit below it is a mistake of the model.
+        """
+        beyond = joints_beyond_limits(self.tree, recordings)
         limited = tuple(name for name in beyond if self.std(f"u.{name}") == 0.0)
         measured = [name for name in beyond if name not in limited]
         notes = (
-            [f"commands beyond the model's effort limit act as far as that ({list_names(limited)})"] if limited else []
+            [f"commands above the model's effort limits act at the limits ({list_names(limited)})"] if limited else []
         )
         if measured:
-            notes.append(f"recorded efforts go beyond the model's limit, which is left aside ({list_names(measured)})")
+            notes.append(f"measured efforts exceed the model's limits, which are ignored ({list_names(measured)})")
         if not notes:
             return self
         stated = replace(self.stated, notes=(*self.stated.notes, *notes))
-        return replace(self, limited=limited, stated=stated).facing(np.zeros(len(self.tree.joints)))
+        return replace(self, limited=limited, stated=stated).with_surfaces_at(np.zeros(len(self.tree.joints)))
 
-    def knowing(self, effects: Sequence[type[Effect]]) -> "Scene":
-        """The scene whose vocabulary has these effect classes too. Raises `InputError` for a name that is taken."""
+    def with_effect_classes(self, effects: Sequence[type[Effect]]) -> "Scene":
+        """The scene whose vocabulary includes these effect classes. Raises `InputError` for a name already in use."""
         return replace(self, vocabulary=vocabulary_with(effects, self.vocabulary))
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """All joints of the model, those that are held too."""
+        """The names of all joints of the model, locked ones included."""
         return tuple(self.plant.get_joint(i).name() for i in self.plant.GetJointIndices())
 
     @property
     def priors(self) -> Parameters:
-        """Priors of the unknowns."""
+        """The priors of the unknown parameters."""
         return priors(self.unknown)
 
     def physics_at(self, vector: Array) -> Physics:
-        """The physics with the unknowns at `vector` (n,); the last ones are kept, since searches come back to them."""
-        known, key = self._physics_known, vector.tobytes()
-        found = known.get(key)
+        """The physics with the unknowns at `vector` (n,); cached, since a search returns to the same values."""
+        cached, key = self._physics_cache, vector.tobytes()
+        found = cached.get(key)
         if found is None:
-            if len(known) >= PHYSICS_KEPT:
-                known.clear()
+            if len(cached) >= PHYSICS_CACHED:
+                cached.clear()
             effects = (*self.of_model, *with_unknowns(self.unknown, self.known, vector))
-            physics = applied(self.unknown, self.bare or self.physics, vector).with_effects(effects)
-            found = known[key] = limited_efforts(physics, self.limited)
+            physics = apply_unknowns(self.unknown, self.bare or self.physics, vector).with_effects(effects)
+            found = cached[key] = with_saturation(physics, self.limited)
         return found
 
     @cached_property
-    def _physics_known(self) -> dict[bytes, Physics]:
+    def _physics_cache(self) -> dict[bytes, Physics]:
         return {}
 
     def add_to(
@@ -219,13 +225,13 @@ class Scene:
         contact: Literal["scenario", "drake"] = "scenario",
         period: float = 1e-3,
     ) -> CorrectedPlant:
-        """The scene's plant with its effects around it, added to `builder`, and the ports for a controller.
+        """Add the scene's finalized plant and systems for its effects to `builder`; returns them and their ports.
 
-        `plant_config` is Drake's own and defaults to Drake's own: a discrete plant of 1 ms; `time_step` 0 makes it
-        continuous, and `period` s is then between updates of what delays and contacts remember. `contact` "scenario"
-        has the contacts under `contact:`, by their own laws, and no other; "drake" has all of Drake's, point and
-        hydroelastic, and of the scenario's only what effects add to them. The plant is finalized. Raises `InputError`
-        for what the plant's solver or time step cannot simulate.
+        `plant_config` is Drake's, by default a discrete plant of 1 ms; with `time_step` 0 the plant is continuous, and
+        delays and internal states of contacts are updated every `period` s. With `contact` "scenario" the contacts
+        under `contact:` act by their own laws, and no others; with "drake" all of Drake's act, point and hydroelastic,
+        and of the scenario's only what effects add to them. Raises `InputError` for effects that the plant's solver or
+        time step cannot simulate.
         """
         return add_scene(self, builder, plant_config, contact, period)
 
@@ -247,7 +253,7 @@ class Scene:
         return replace(self, scenario=scenario, physics=physics, known=(*known, *effects))
 
     def std(self, column: str) -> float | None:
-        """The noise of one sample of a recording's column, SI; None where the scenario does not say."""
+        """The noise std of one sample of a recording's column, SI; None where the scenario does not state it."""
         channel = self.channel(column)
         if channel is None or not channel.std:
             return None
@@ -259,7 +265,7 @@ class Scene:
         return channel.std.get("all")
 
     def channel(self, column: str) -> Channel | None:
-        """The scenario's entry for a recording's column: its own before that of its kind."""
+        """The scenario's entry for a recording's column, or else that for its kind; None without either."""
         kind = column.split(".")[0]
         own = column.rsplit(".", 1)[0] if kind in ("wrench", "pose") else column
         return self.scenario.channels.get(own) or self.scenario.channels.get(kind)
@@ -284,7 +290,7 @@ class Scene:
 
 
 def _entry(effect: Effect) -> EffectEntry:
-    """The effect as an entry of `effects:`."""
+    """The entry of `effects:` that states the effect."""
     values = {name: float(value) for name, value in effect.values.items()}
     if (episode := effect.episode) is not None:
         interval = [values.pop("start"), values.pop("stop")]
@@ -292,20 +298,20 @@ def _entry(effect: Effect) -> EffectEntry:
     return EffectEntry(effect.name, effect.at, values)
 
 
-def _check_standing(plant: MultibodyPlant, name: str) -> None:
-    """Raises `InputError` for a robot, a body with joints, that nothing holds."""
+def _check_supported(plant: MultibodyPlant, name: str) -> None:
+    """Raises `InputError` for a floating body with joints: floating robots are not supported, only floating bodies."""
     free = plant.GetFloatingBaseBodies()
     for body in [plant.get_body(index) for index in free]:
         joints = [plant.get_joint(index) for index in plant.GetJointIndices(body.model_instance())]
         if any(joint.num_velocities() > 0 and joint.child_body().index() not in free for joint in joints):
             raise InputError(
-                f"{name}: nothing holds {body.name()}, on which the joints stand; expected it under "
+                f"{name}: nothing holds {body.name()}, which carries the joints; expected it under "
                 f"`weld: [{{body: {body.name()}}}]` of a scenario"
             )
 
 
 def resolve(address: str) -> Path:
-    """The file behind a packaged scenario's name or a path.
+    """The file of a packaged scenario's name, or the path itself.
 
     Raises `InputError` that lists the packaged names when there is neither.
     """

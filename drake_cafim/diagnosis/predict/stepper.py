@@ -46,9 +46,9 @@ def step(physics: Physics, state: State, effort: Array, duration: Array) -> Stat
     force = effort + law - bias
     memory = state.memory
     if memory is not None and memory.shape[1]:
-        halfway = physics.remembered(memory, moving, 0.5 * duration, 0.0 * duration)
+        halfway = physics.advance_memory(memory, moving, 0.5 * duration, 0.0 * duration)
         force = force + moving.project(physics.contact_wrenches(moving, halfway))
-        memory = physics.remembered(memory, moving, duration, 0.5 * duration)
+        memory = physics.advance_memory(memory, moving, duration, 0.5 * duration)
     elif physics.contacts:
         force = force + moving.project(physics.contact_wrenches(moving))
     if physics.body_forces:
