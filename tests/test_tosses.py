@@ -15,13 +15,13 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.noise.coloured import Memory, drawn
 from drake_cafim.diagnosis.tosses import initial_states as settling
 from drake_cafim.diagnosis.tosses.arcs import arcs_of
-from drake_cafim.diagnosis.tosses.initial_states import settled_from
+from drake_cafim.diagnosis.tosses.initial_states import fit_initial_states
 from drake_cafim.diagnosis.tosses.innovation import Innovation
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, track_of
 from drake_cafim.diagnosis.tosses.preparation import PreparedTosses
 from drake_cafim.diagnosis.tosses.problem import TossProblem
-from drake_cafim.diagnosis.tosses.surface_search import standing
-from drake_cafim.diagnosis.tosses.tangent import moved
+from drake_cafim.diagnosis.tosses.surface_search import fit_surface
+from drake_cafim.diagnosis.tosses.tangent import displace
 from drake_cafim.effects.body import AerodynamicDrag
 from drake_cafim.effects.surface import SurfaceTilt
 from drake_cafim.errors import InputError
@@ -82,9 +82,9 @@ def test_arcs_are_settled_from_a_wrong_beginning(tmp_path: Path) -> None:
     noise = PoseNoise(2e-4, 2e-3)
     arcs = arcs_of(tracks, noise)
     rng = np.random.default_rng(8)
-    wrong = moved(arcs.start, rng.normal(size=(len(arcs.counts), 12)) * np.repeat([1e-3, 0.01, 0.1, 5.0], 3))
-    settled = settled_from(replace(arcs, start=wrong), noise, true, wrong)
-    assert not np.any(settled.unsettled)
+    wrong = displace(arcs.start, rng.normal(size=(len(arcs.counts), 12)) * np.repeat([1e-3, 0.01, 0.1, 5.0], 3))
+    settled = fit_initial_states(replace(arcs, start=wrong), noise, true, wrong)
+    assert not np.any(settled.improvable)
     np.testing.assert_allclose(settled.cost, 6.0 * arcs.counts, rtol=0.35)
 
 
@@ -94,8 +94,8 @@ def test_innovations_of_arcs_that_did_not_move_are_kept(tmp_path: Path) -> None:
     arcs = arcs_of([track_of(one, "body") for one in thrown(scene.physics, 9, count=2)], noise)
     step = np.zeros((len(arcs.start), 12))
     step[:2, 6:] = 0.3
-    settled = settled_from(arcs, noise, scene.physics, moved(arcs.start, step))
-    anew = Innovation.of(settled.shot.by_start)
+    settled = fit_initial_states(arcs, noise, scene.physics, displace(arcs.start, step))
+    anew = Innovation.of(settled.shot.start_jacobian)
     for part in ("reflections", "triangle", "spread"):
         kept, whole = getattr(settled.innovation, part), getattr(anew, part)
         np.testing.assert_allclose(kept, whole, rtol=1e-9, atol=1e-9 * float(np.max(np.abs(whole))))
@@ -109,12 +109,12 @@ def test_an_arc_on_the_wrong_side_of_an_edge_begins_again(tmp_path: Path, monkey
     arcs = arcs_of([track_of(one, "body") for one in thrown(true, 6, count=1)], noise)
     off = np.random.default_rng(0).normal(size=(len(arcs.counts), 12)) * np.repeat([1e-3, 0.3, 0.1, 5.0], 3)
     off[::2] = 0.0
-    wrong = moved(arcs.start, off)
+    wrong = displace(arcs.start, off)
     astray = replace(arcs, start=wrong)
-    settled = settled_from(astray, noise, true, wrong)
+    settled = fit_initial_states(astray, noise, true, wrong)
     np.testing.assert_allclose(settled.cost, 6.0 * arcs.counts, rtol=0.35)
     monkeypatch.setattr(settling, "SECOND_LOOKS", 0)
-    assert np.any(settled_from(astray, noise, true, wrong).cost > 100.0 * settled.cost)
+    assert np.any(fit_initial_states(astray, noise, true, wrong).cost > 100.0 * settled.cost)
 
 
 @pytest.mark.ci
@@ -133,7 +133,7 @@ def test_a_surface_stands_where_a_body_comes_to_and_does_not_pass(tmp_path: Path
     case = simulate("single:surface_tilt", "toss", 0x4A89AA4265669F76DDB3730E0202236E)
     prepared = prepare(*written(case, tmp_path))
     assert isinstance(prepared, PreparedTosses)
-    found = standing(prepared.tracks, prepared.scene.physics.contacts[0], SurfaceTilt("ground"))
+    found = fit_surface(prepared.tracks, prepared.scene.physics.contacts[0], SurfaceTilt("ground"))
     for name, (true, _) in case.truth["effects"][0]["parameters"].items():
         assert found.values[name] == pytest.approx(true, abs=2e-3)
 
@@ -163,7 +163,7 @@ def test_a_first_arc_that_strikes_an_edge_begins_as_its_half_did(tmp_path: Path)
     numbers = case.truth["nominal_parameters_true"]
     true = Model(np.array([numbers[one.parameter] for one in scene.unknown])).physics(prepared.scene)
     arcs = arcs_of(prepared.tracks, prepared.noise)
-    settled = settled_from(arcs, prepared.noise, true, arcs.start)
+    settled = fit_initial_states(arcs, prepared.noise, true, arcs.start)
     assert not np.any(settled.far)
     assert settled.cost[0] < 2.0 * (6 * arcs.counts[0] - 12)
 
@@ -176,7 +176,7 @@ def test_edges_that_are_struck_otherwise_do_not_lead_astray(tmp_path: Path, seed
     assert isinstance(prepared, PreparedTosses)
     problem = prepared.problem()
     given = Model(prepared.scene.priors.mean)
-    assert np.any(TossProblem.settled(prepared.scene, problem.arcs, problem.noise, given).base.far)
+    assert np.any(TossProblem.linearised_at(prepared.scene, problem.arcs, problem.noise, given).base.far)
     found = unbiased_fit(problem, problem.nominal())
     assert found.chi_square < 1.1 * problem.rows
 
@@ -203,7 +203,7 @@ def test_a_state_that_no_sample_tells_of_stays() -> None:
     triangle[1, 1] = triangle[1, 0]
     triangle[1, :, 1] = triangle[1, :, 0]
     one: Any = SimpleNamespace(innovation=SimpleNamespace(triangle=triangle), damping=np.zeros(2))
-    change = settling.Settled._change(one, np.ones((2, 12)))
+    change = settling.FittedArcs._change(one, np.ones((2, 12)))
     np.testing.assert_array_equal(change[0], 0.0)
     np.testing.assert_allclose(change[1, 2:], -1.0)
     assert np.all(np.isfinite(change[1, :2]))

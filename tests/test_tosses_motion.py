@@ -15,7 +15,7 @@ from drake_cafim.diagnosis.tosses.flight import Flights, fly
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.innovation import Innovation
 from drake_cafim.diagnosis.tosses.state import Moment, State
-from drake_cafim.diagnosis.tosses.tangent import Tangent, moved
+from drake_cafim.diagnosis.tosses.tangent import Tangent, displace
 from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product, rotation_matrices
 from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance
 from drake_cafim.effects.contact_friction import (
@@ -213,17 +213,17 @@ def test_slopes_are_those_of_finite_steps_through_a_bounce(tmp_path: Path, shape
     assert np.any(flights.fine.mode)
     moment = Moment(flights.fine.time, np.zeros(len(flights.fine.time), dtype=int), ("a",))
     tangent = Tangent(body, flights, times, moment)
-    by_start = tangent.propagated(np.eye(12)[None], None)
+    by_start = tangent.propagate(np.eye(12)[None], None)
     for k, size in ((2, 1e-4), (4, 1e-3), (6, 1e-2), (8, 1e-3)):
         step = np.zeros((1, 12))
         step[0, k] = size
-        finite = _differences(_flown(body, moved(start, step), times), _flown(body, moved(start, -step), times))
+        finite = _differences(_flown(body, displace(start, step), times), _flown(body, displace(start, -step), times))
         finite /= 2.0 * size
         assert np.max(np.abs(by_start[..., :6, k] - finite)) < 0.05 * np.max(np.abs(finite))
     stiffer = [FreeBody(scene.physics_at(scene.priors.mean + np.array([one, 0.0]))) for one in (30.0, -30.0)]
     finite = _differences(*(_flown(one, start, times) for one in stiffer)) / 60.0
     change = (tangent.acceleration(stiffer[0]) - tangent.acceleration(stiffer[1])) / 60.0
-    by_stiffness = tangent.propagated(np.zeros((1, 12, 1)), change[..., None])[..., :6, 0]
+    by_stiffness = tangent.propagate(np.zeros((1, 12, 1)), change[..., None])[..., :6, 0]
     assert np.max(np.abs(by_stiffness - finite)) < 0.1 * np.max(np.abs(finite))
 
 
@@ -242,11 +242,11 @@ def test_slopes_go_through_what_a_contact_remembers(tmp_path: Path, shape: str, 
     flights = _flown(body, start, times)
     assert np.any(flights.fine.mode)
     moment = Moment(flights.fine.time, np.zeros(len(flights.fine.time), dtype=int), ("a",))
-    by_start = Tangent(body, flights, times, moment).propagated(np.eye(12)[None], None)
+    by_start = Tangent(body, flights, times, moment).propagate(np.eye(12)[None], None)
     for k, size in ((2, 1e-5), (6, 1e-3), (7, 1e-3), (10, 1e-2)):
         step = np.zeros((1, 12))
         step[0, k] = size
-        finite = _differences(_flown(body, moved(start, step), times), _flown(body, moved(start, -step), times))
+        finite = _differences(_flown(body, displace(start, step), times), _flown(body, displace(start, -step), times))
         finite /= 2.0 * size
         assert np.max(np.abs(by_start[..., :6, k] - finite)) < 0.1 * np.max(np.abs(finite))
 

@@ -1,1 +1,1 @@
-"""Free bodies with a tracked pose: what is missing in the model of a toss."""
+"""Diagnosis of tosses: the likelihood, the hypotheses and the report of a free body whose pose is tracked."""

@@ -1,7 +1,8 @@
-"""Tosses against a scene: the likelihood of tracked poses by multiple shooting, as whitened innovations.
+"""The likelihood of tracked poses under a scene, by multiple shooting, as whitened innovations.
 
-Each arc is simulated from a state of its own, which is fitted with whatever a model says; the rows are what its
-samples say beyond that state. Regressors come from simulations and hold no noise of the measurement.
+Each arc is simulated from an initial state of its own, which is fitted anew under each model. The rows are the
+innovations of its samples, from which that initial state is eliminated. Regressors are derivatives of simulations and
+hold no measurement noise.
 """
 
 from dataclasses import dataclass, field, replace
@@ -14,7 +15,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.tosses.arcs import Arcs
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
-from drake_cafim.diagnosis.tosses.initial_states import Settled, settled_from, shoot_from_better_start
+from drake_cafim.diagnosis.tosses.initial_states import FittedArcs, fit_initial_states, shoot_from_better_start
 from drake_cafim.diagnosis.tosses.jacobian import number_columns
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
 from drake_cafim.diagnosis.tosses.simulated_arcs import Shot
@@ -25,14 +26,14 @@ from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 CORRECTIONS = 2
-"""Steps of the arcs' beginnings, at most, when a model's numbers change."""
+"""Largest number of Gauss–Newton steps of the initial states when a model's parameters change."""
 FIRST = 2
-"""Samples of an arc that its initial state takes up."""
+"""Number of an arc's samples that determine its 12 initial numbers, at 6 a sample; their innovations do not count."""
 
 
 @dataclass(frozen=True)
 class TossRun:
-    """One recording's part of the rows: `windows` samples of six rows each."""
+    """One recording's share of the rows: `windows` samples of six rows each."""
 
     name: str
     windows: int
@@ -42,37 +43,42 @@ class TossRun:
 
     @property
     def shape(self) -> tuple[int, int]:
+        """(samples, rows per sample)."""
         return (self.windows, self.rows_per_window)
 
     @property
     def rows(self) -> int:
+        """The number of rows."""
         return self.windows * self.rows_per_window
 
 
 @dataclass(frozen=True)
-class Lead:
-    """A model's arcs, and what other numbers would have its samples say of their beginnings: (B, 12, n) a number."""
+class Linearisation:
+    """The fitted arcs of a model with parameters `vector` (n,), and ∂misfit/∂vector `by_numbers` (B, 12, n).
+
+    With these the initial states of a model with slightly different parameters are predicted.
+    """
 
     vector: Array
-    settled: Settled
+    fitted: FittedArcs
     by_numbers: Array
 
 
 @dataclass(frozen=True)
 class ArcRows(Problem):
-    """Arcs of one scene."""
+    """The rows of all arcs under one scene; those of a model are white where its physics is the true one."""
 
     scene: Scene
     runs: tuple[TossRun, ...]
     arcs: Arcs
     noise: PoseNoise
-    base: Settled
+    base: FittedArcs
     first: Model
-    """Where a fit of the unknowns begins."""
+    """The model at which a fit of the unknowns starts."""
     found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
-    """The last residual that was searched for pushes, and what was found."""
-    _shots: dict[Any, Settled] = field(default_factory=dict, repr=False, compare=False)
-    _leads: dict[Any, Lead] = field(default_factory=dict, repr=False, compare=False)
+    """The last residual that was searched for pushes, and the pushes found."""
+    _shots: dict[Any, FittedArcs] = field(default_factory=dict, repr=False, compare=False)
+    _linearisations: dict[Any, Linearisation] = field(default_factory=dict, repr=False, compare=False)
 
     regressors_noisy: ClassVar[bool] = False
     least_gain: ClassVar[float] = 0.05
@@ -80,35 +86,38 @@ class ArcRows(Problem):
     least_damping: ClassVar[float] = 1e-2
 
     @classmethod
-    def settled(cls, scene: Scene, arcs: Arcs, noise: PoseNoise, model: Model, start: State | None = None) -> Self:
-        """The problem whose rows are white under `model`."""
-        base = settled_from(arcs, noise, model.physics(scene), start or arcs.start)
+    def linearised_at(
+        cls, scene: Scene, arcs: Arcs, noise: PoseNoise, model: Model, start: State | None = None
+    ) -> Self:
+        """The problem whose innovations are linearised along the arcs under `model`, fitted from `start` (B)."""
+        base = fit_initial_states(arcs, noise, model.physics(scene), start or arcs.start)
         return cls(scene, _runs(arcs), arcs, noise, base, model)
 
     @classmethod
-    def nominally(cls, scene: Scene, arcs: Arcs, noise: PoseNoise) -> Self:
-        """The problem under the scene's own physics.
+    def at_nominal(cls, scene: Scene, arcs: Arcs, noise: PoseNoise) -> Self:
+        """The problem linearised under the scene's nominal physics.
 
-        Where something strikes an edge, numbers that are a little off miss by so much that slopes mean nothing, and
-        arcs settle on its wrong side, from where better numbers find no way back. So the arcs that the prior means
-        tell well say what the unknowns are, and all begin anew from their samples.
+        At an impact on an edge, slightly wrong parameters cause errors far beyond the linear range, and an arc's
+        initial state may converge to the wrong side of the edge, from where better parameters do not bring it back.
+        Therefore the unknowns are first fitted to the arcs that the prior means fit well; then all arcs are fitted
+        again from their own samples.
         """
         given = Model(scene.priors.mean)
-        problem = cls.settled(scene, arcs, noise, given)
+        problem = cls.linearised_at(scene, arcs, noise, given)
         near = np.flatnonzero(~problem.base.far)
         if len(near) == len(problem.base.far):
             return problem
-        told = fit(cls.settled(scene, arcs[near], noise, given, problem.base.shot.start[near]), given).model
-        anew = cls.settled(scene, arcs, noise, told)
-        # where physics is missing, arcs are far off under these numbers as well, and samples are no better a start
-        return replace(problem, first=told) if np.any(anew.base.far) else anew
+        fitted = fit(cls.linearised_at(scene, arcs[near], noise, given, problem.base.shot.start[near]), given).model
+        anew = cls.linearised_at(scene, arcs, noise, fitted)
+        # where physics is missing, some arcs misfit under these parameters as well, so the new start is no better
+        return replace(problem, first=fitted) if np.any(anew.base.far) else anew
 
     def nominal(self) -> Model:
         return self.first
 
     def rewhitened(self, model: Model) -> Self:
-        """The same arcs under another model."""
-        return self.settled(self.scene, self.arcs, self.noise, model, self.shot(model).start)
+        """The problem of the same arcs, linearised under another model."""
+        return self.linearised_at(self.scene, self.arcs, self.noise, model, self.shot(model).start)
 
     def plausible(self, model: Model) -> bool:
         return all(effect.plausible() for effect in model.effects)
@@ -118,9 +127,9 @@ class ArcRows(Problem):
         return np.asarray(self.ordered(innovations)[:, 0])
 
     def jacobian(self, model: Model) -> Array:
-        settled = self._settled(model)
-        innovations, carried = self.base.innovation(number_columns(self.scene, settled.shot, model))
-        self._leads[_kind(model)] = Lead(model.vector, settled, carried)
+        fitted = self._fitted_arcs(model)
+        innovations, misfits = self.base.innovation(number_columns(self.scene, fitted.shot, model))
+        self._linearisations[_kind(model)] = Linearisation(model.vector, fitted, misfits)
         columns = self.ordered(innovations)
         priors = np.zeros((len(model.unknown), columns.shape[1]))
         priors[:, : len(model.unknown)] = np.diag(1.0 / self.scene.priors.std)
@@ -132,55 +141,56 @@ class ArcRows(Problem):
         return next(body.name for body in self.scene.tree.bodies if body.joint == FREE)
 
     def innovations(self, rows: Array) -> Array:
-        """Columns (R, k) of whitened rows (B, S, 6, k)."""
+        """Innovations (R, k) of whitened rows (B, S, 6, k), those that count."""
         return self.ordered(self.base.innovation(rows)[0])
 
     def ordered(self, innovations: Array) -> Array:
-        """(R, k) of innovations (B, S, 6, k): recording after recording, arc after arc, sample after sample."""
-        # the size is spelled out: a model without numbers has no columns, k = 0
-        return np.asarray(innovations[counted(self.arcs)].reshape(self.rows, innovations.shape[3]), dtype=float)
+        """The innovations (R, k) that count of (B, S, 6, k), ordered by recording, arc and sample."""
+        # the size is given in full: for a model without parameters k = 0, where reshape cannot infer it
+        return np.asarray(innovations[innovation_mask(self.arcs)].reshape(self.rows, innovations.shape[3]), dtype=float)
 
     def shot(self, model: Model) -> Shot:
-        """The arcs under `model`, from states that fit it; the last few are kept."""
-        return self._settled(model).shot
+        """The arcs simulated under `model` from fitted initial states; cached for the last few models."""
+        return self._fitted_arcs(model).shot
 
-    def lead(self, model: Model, shot: Shot) -> None:
-        """Arcs of models like `model` begin as those of `shot`, which settled under it, from now on."""
-        self._shots[_kind(model), model.vector.tobytes()] = Settled.of(shot, self.base.innovation)
+    def seed(self, model: Model, shot: Shot) -> None:
+        """Lets later fits of models with the effects of `model` start from the initial states of `shot`."""
+        self._shots[_kind(model), model.vector.tobytes()] = FittedArcs.of(shot, self.base.innovation)
         self.jacobian(model)
 
-    def _settled(self, model: Model) -> Settled:
+    def _fitted_arcs(self, model: Model) -> FittedArcs:
         key = (_kind(model), model.vector.tobytes())
         if key not in self._shots:
             make_room(self._shots, 6)
-            self._shots[key] = self._fitted(model)
+            self._shots[key] = self._fit_starts(model)
         return self._shots[key]
 
-    def _fitted(self, model: Model) -> Settled:
+    def _fit_starts(self, model: Model) -> FittedArcs:
+        """The arcs under `model`; the fit starts where the last linearisation with the same effects predicts."""
         physics, before = model.physics(self.scene), self.base
         memory = before.shot.memory_at_start(FreeBody(physics))
-        lead = self._leads.get(_kind(model))
-        if lead is None:
+        linearisation = self._linearisations.get(_kind(model))
+        if linearisation is None:
             shot = shoot_from_better_start(self.arcs, self.noise, physics, before.shot.start, memory)
         else:
-            before = lead.settled
-            start = before.moved_start(lead.by_numbers @ (model.vector - lead.vector))
+            before = linearisation.fitted
+            start = before.predict_start(linearisation.by_numbers @ (model.vector - linearisation.vector))
             shot = Shot.of(self.arcs, self.noise, physics, start, memory)
-        settled = Settled.of(shot, self.base.innovation, before.damping)
+        fitted = FittedArcs.of(shot, self.base.innovation, before.damping)
         for _ in range(CORRECTIONS):
-            if not np.any(settled.unsettled):
+            if not np.any(fitted.improvable):
                 break
-            settled = settled.corrected(memory)
-        return settled
+            fitted = fitted.improve(memory)
+        return fitted
 
 
-def counted(arcs: Arcs) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """(B, S) the samples whose innovations count."""
+def innovation_mask(arcs: Arcs) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """(B, S) True for the samples whose innovations count: all but the first `FIRST` of each arc."""
     return arcs.held & (np.arange(arcs.times.shape[1]) >= FIRST)
 
 
 def _runs(arcs: Arcs) -> tuple[TossRun, ...]:
-    keep = counted(arcs)
+    keep = innovation_mask(arcs)
     runs = []
     for index, track in enumerate(arcs.tracks):
         own = arcs.recording == index
@@ -189,8 +199,12 @@ def _runs(arcs: Arcs) -> tuple[TossRun, ...]:
 
 
 def _kind(model: Model) -> tuple[Any, ...]:
-    """What models of the same effects with other strengths share."""
+    """A key that models with the same effects, episodes and shapes but other strengths have in common."""
     return tuple(
-        (*effect.key, effect.episode and effect.episode.recording, *(effect.values[one.name] for one in effect.shapes))
+        (
+            *effect.key,
+            effect.episode and effect.episode.recording,
+            *(effect.values[shape.name] for shape in effect.shapes),
+        )
         for effect in model.effects
     )

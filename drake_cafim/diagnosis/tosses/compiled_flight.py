@@ -1,8 +1,9 @@
-"""The same steps as `flight`, compiled, for bodies that weight, drag, pushes and a contact `touching` knows move.
+"""The integration of `flight`, compiled, for bodies under weight, drag, pushes and a contact law of `compiled_contact`.
 
-Each body flies by itself, so that none waits for those that touch. Bodies and points are laid out as in `rigid`; a
-`body` is its mass, centre of mass, inertia and the inverse of all, as in `FreeBody.inertial`, gravity (3,) m/s², its
-drag N s²/m² at a point (3,) m of it, and its `FreeBody.pushes`.
+Each body is simulated on its own, so that those in flight do not take the short steps of those in contact. Bodies and
+points are laid out as in `rigid`; `body` is a tuple of mass, centre of mass, inertia and the inverse of the spatial
+inertia, as in `FreeBody.inertial`, gravity (3,) m/s², the drag coefficient N s²/m² and its point (3,) m, and
+`FreeBody.pushes`.
 """
 
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from drake_cafim.diagnosis.tosses import rigid_body as rigid
-from drake_cafim.diagnosis.tosses.compiled_contact import ahead, forces
+from drake_cafim.diagnosis.tosses.compiled_contact import advance_memory, forces
 from drake_cafim.dynamics.rotations import rotation_matrices_of
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.numerics.rosenbrock import (
@@ -28,14 +29,14 @@ from drake_cafim.typing import Array, Indices
 
 
 @compiled
-def bounced(
+def simulate_flights(
     start: Array, memory: Array, times: Array, counts: Any, recording: Any, allowed: Array, body: Any, plane: Any,
     law: Any,
 ) -> tuple[Array, Indices, Array, Array, Array, Any, Array]:  # fmt: skip
-    """States (B, S, 13) at the samples, and the steps between: all that `Fine` holds, in its order.
+    """States (B, S, 13) at the samples, and the fields of `Fine` in order: the steps between the samples.
 
-    `start` (B, 13), `memory` (B, K, m), `times` (B, S) s, `counts` and `recording` (B,) as in `fly`; `allowed` (6,) m/s
-    and rad/s is how much a step may be off for each second of it.
+    `start` (B, 13), `memory` (B, K, m), `times` (B, S) s, `counts` and `recording` (B,) are as in `fly`; `allowed` (6,)
+    m/s and rad/s is the largest error of v and ω in one step.
     """
     B, S = times.shape
     points, below, normal, height = plane
@@ -47,7 +48,7 @@ def bounced(
         now, time, following, usual = start[b : b + 1].copy(), times[b, 0], 1, 1e-3
         known = memory[b].copy()
         out[b, 0] = now[0]
-        R = _turned(now)
+        R = _rotation(now)
         deep, sinking = rigid.depths(now, R, points, below, normal, height)
         mode = deep > 0.0
         for _ in range(MOST_STEPS):
@@ -55,18 +56,18 @@ def bounced(
                 break
             left, touching = times[b, following] - time, np.any(mode)
             when = (time, recording[b])
-            first, damping = _accelerated(now, R, mode, known, body, plane, law, when, touching)
+            first, damping = _acceleration(now, R, mode, known, body, plane, law, when, touching)
             if not (np.all(np.isfinite(first)) and np.all(np.isfinite(damping))):
-                # forces beyond all numbers throw the body out of the world
+                # the forces overflow: the rest of the flight is not a number
                 out[b, following:] = np.nan
                 break
             landing = rigid.landing(now, R, points, deep, sinking, mode, first, normal)[0]
             step = min(usual, left, max(landing, SHORTEST))
-            # a crumb of a step before a sample is left to the one before
+            # a remainder below 1e-9 s before a sample is added to this step
             if left - step < 1e-9:
                 step = left
             ended, error = _step(now, mode, known, body, plane, law, when, first, damping, touching, step, allowed)
-            turned = _turned(ended)
+            turned = _rotation(ended)
             deeper, faster = rigid.depths(ended, turned, points, below, normal, height)
             past = False
             for k in range(K):
@@ -76,18 +77,23 @@ def bounced(
             if past and error < 1.0:
                 wanted = 0.5 * step
             elif good and step < usual:
-                # a step cut short by a sample or a landing says little of the next one
+                # a step cut short by a sample or a landing does not limit the next one
                 wanted = max(wanted, usual)
             usual = min(max(wanted, SHORTEST), LONGEST)
             if not good:
                 continue
             if found == room:
-                flight, time_at, taken = _longer(flight), _longer(time_at), _longer(taken)
-                states, modes, memories, room = _longer(states), _longer(modes), _longer(memories), 2 * room
+                flight, time_at, taken = _double_length(flight), _double_length(time_at), _double_length(taken)
+                states, modes, memories, room = (
+                    _double_length(states),
+                    _double_length(modes),
+                    _double_length(memories),
+                    2 * room,
+                )
             flight[found], time_at[found], taken[found] = b, time, step
             states[found], modes[found], memories[found] = now[0], mode[0], known
             found += 1
-            known = _remembered(known, ended, turned, mode, True, step, plane, law)
+            known = _advance_memories(known, ended, turned, mode, True, step, plane, law)
             now, R, deep, sinking, time = ended, turned, deeper, faster, time + step
             for k in range(K):
                 into = sinking[0, k] > 0.0
@@ -99,13 +105,15 @@ def bounced(
 
 
 @compiled
-def _turned(state: Array) -> Array:
+def _rotation(state: Array) -> Array:
+    """R (1, 3, 3) of a body (1, 13)."""
     R: Array = rotation_matrices_of(np.ascontiguousarray(state[:, 3:7]))
     return R
 
 
 @compiled
-def _longer(values: Any) -> Any:
+def _double_length(values: Any) -> Any:
+    """An array with twice the room, of which the first half holds `values`."""
     return np.concatenate((values, values))
 
 
@@ -114,16 +122,16 @@ def _step(
     state: Array, mode: Any, memory: Array, body: Any, plane: Any, law: Any, when: Any, first: Array, damping: Array,
     touching: bool, step: float, allowed: Array,
 ) -> tuple[Array, float]:  # fmt: skip
-    """The state a step later, and the largest error in units of what is allowed; see `flight`."""
+    """The state a step later, and the largest error over `allowed`; see `flight`."""
     h, slopes, at, change = np.full(1, step), np.zeros((4, 1, 13)), state, first
     stiff = np.ascontiguousarray(damping[0])
     inverse = np.ascontiguousarray(np.linalg.inv(np.eye(6) - GAMMA * step * stiff)) if touching else np.eye(6)
     for i in range(4):
         if i:
             at = rigid.onwards(state, h, ALPHA[i], slopes)
-            turned, past = _turned(at), step * np.sum(ALPHA[i])
-            kept = _remembered(memory, at, turned, mode, False, past, plane, law)
-            change, _ = _accelerated(at, turned, mode, kept, body, plane, law, (when[0] + past, when[1]), False)
+            turned, past = _rotation(at), step * np.sum(ALPHA[i])
+            kept = _advance_memories(memory, at, turned, mode, False, past, plane, law)
+            change, _ = _acceleration(at, turned, mode, kept, body, plane, law, (when[0] + past, when[1]), False)
         if touching:
             push = change[0].copy()
             for j in range(i):
@@ -140,12 +148,12 @@ def _step(
 
 
 @compiled
-def _accelerated(
+def _acceleration(
     state: Array, R: Array, mode: Any, memory: Array, body: Any, plane: Any, law: Any, when: Any, stiff: bool
 ) -> tuple[Array, Array]:
-    """v̇ then ω̇ (1, 6) of a body (1, 13), and where it is `stiff` the slopes (1, 6, 6) of `FreeBody.damping`.
+    """(v̇, ω̇) (1, 6) of a body (1, 13), and if `stiff` their slopes in (v, ω) (1, 6, 6) by the contact, else zero.
 
-    `when` is the time s, and whose recording it is.
+    `when` is the time, s, and the index of the recording.
     """
     points, below, normal, height = plane
     mass, center, inertia, inverse, gravity, drag, middle, pushes = body
@@ -162,13 +170,13 @@ def _accelerated(
                 along[e] /= max(np.sqrt(np.sum(slip[e] ** 2)), 1e-12)
             damping = rigid.damped(R, inverse, rows, lever, along, across, onward, into, normal)
     if drag != 0.0:
-        _braked(wrench[0], state[0], R[0], drag, middle)
-    _shoved(wrench[0], R[0], pushes, when)
+        _add_drag(wrench[0], state[0], R[0], drag, middle)
+    _add_pushes(wrench[0], R[0], pushes, when)
     return rigid.accelerated(state, R, wrench, mass, center, inertia, inverse, gravity), damping
 
 
 @compiled
-def _braked(wrench: Array, state: Array, R: Array, drag: float, middle: Array) -> None:
+def _add_drag(wrench: Array, state: Array, R: Array, drag: float, middle: Array) -> None:
     """Adds −drag |v| v and its moment at `middle` (3,) m of the body to its wrench (2, 3)."""
     w, lever, v, square = state[10:], np.zeros(3), np.empty(3), 0.0
     for x in range(3):
@@ -186,7 +194,7 @@ def _braked(wrench: Array, state: Array, R: Array, drag: float, middle: Array) -
 
 
 @compiled
-def _shoved(wrench: Array, R: Array, pushes: Any, when: Any) -> None:
+def _add_pushes(wrench: Array, R: Array, pushes: Any, when: Any) -> None:
     """Adds the pulses of force that act now, and their moments, to the wrench (2, 3)."""
     force, span, whose, place = pushes
     time, recording = when
@@ -203,15 +211,18 @@ def _shoved(wrench: Array, R: Array, pushes: Any, when: Any) -> None:
 
 
 @compiled
-def _remembered(
+def _advance_memories(
     memory: Array, state: Array, R: Array, mode: Any, everywhere: bool, elapsed: float, plane: Any, law: Any
 ) -> Array:
-    """The points' memory (K, m) `elapsed` s later, where the body (1, 13) is then; of all, or of those that touch."""
+    """The points' memory (K, m) `elapsed` s later, for the body's state (1, 13) then.
+
+    Of all points if `everywhere`, else of those that touch; the others' is zero.
+    """
     if memory.shape[1] == 0:
         return memory
     points, below, normal, height = plane
-    result, asked, spinning = np.zeros(memory.shape), np.ones(mode.shape, dtype=np.bool_), np.empty(3)
-    rows, columns, lever = rigid.near(R, points, below, np.zeros(mode.shape), asked if everywhere else mode, 0.0)
+    result, every, spinning = np.zeros(memory.shape), np.ones(mode.shape, dtype=np.bool_), np.empty(3)
+    rows, columns, lever = rigid.near(R, points, below, np.zeros(mode.shape), every if everywhere else mode, 0.0)
     pressing = mode[0, columns]
     held, _, _, position = rigid.meeting(state[rows], lever, pressing, normal, height)
     for x in range(3):
@@ -219,5 +230,5 @@ def _remembered(
         spinning[x] = state[0, 10 + y] * below[z] - state[0, 10 + z] * below[y]
     for e in range(len(columns)):
         k = columns[e]
-        ahead(memory[k], held[e], pressing[e], position[e], spinning, elapsed, normal, law, result[k])
+        advance_memory(memory[k], held[e], pressing[e], position[e], spinning, elapsed, normal, law, result[k])
     return result

@@ -1,4 +1,4 @@
-"""Small changes of flights carried along their steps, compiled; `tangent` says what they are made of."""
+"""Propagation of first-order changes along the steps of flights, compiled; see `tangent` for the terms."""
 
 from typing import Any
 
@@ -9,16 +9,19 @@ from drake_cafim.typing import Array
 
 
 @compiled
-def carried(
+def propagate_flights(
     initial: Array, first: Any, sample: Any, transition: Array, pushes: Array, memory: Any, landed: Any, shape: Any
 ) -> Array:
-    """δx (B, S, 12, k) at the samples, of flights that begin with `initial` (B, 12, k); `shape` is (B, S).
+    """δx (B, S, 12, k) at the samples of flights that start from δx₀ = `initial` (B, 12, k); `shape` is (B, S).
 
-    Flight b has the steps first[b] to first[b + 1], which end on `sample` (F,) or, -1, on none. A step makes of δx, and
-    of the memory's δz (M, k), δx₊ = T δx + A δz + p with T `transition` (F, 12, 12) and p `pushes` (F, 12, k); then
-    δz₊ = K δz + P δx₊. `memory` is A (F, 12, M), K (F, points, m, m) and P (F, M, 12). Before the step `row` (E,) of
-    `landed`, in order, there is added `gain` (E, 12 + M) times how much deeper a point then is: by `by_state` (E, 12)
-    of δx, and by `deeper` (E, k).
+    Flight b has the steps first[b] to first[b + 1], which end on `sample` (F,), or on none where that is −1. In a step,
+    with the change δz (M, k) of the contact's memory,
+
+        δx₊ = T δx + A δz + p,      δz₊ = K δz + P δx₊,
+
+    T `transition` (F, 12, 12), p `pushes` (F, 12, k), and `memory` = A (F, 12, M), K (F, points, m, m), P (F, M, 12).
+    `landed` = (row, gain, by_state, deeper) are the touch-downs in order: before step `row` (E,), `gain` (E, 12 + M)
+    times δd = `by_state` (E, 12) δx + `deeper` (E, k) is added to (δx, δz).
     """
     by_memory, kept, remembered = memory
     row, gain, by_state, deeper = landed
@@ -52,7 +55,7 @@ def carried(
 
 @compiled
 def _add(total: Array, matrix: Array, values: Array) -> None:
-    """Adds `matrix` (i, j) times `values` (j, k) to `total` (i, k); much of a matrix is zero."""
+    """Adds `matrix` (i, j) @ `values` (j, k) to `total` (i, k); skips zeros, of which such a matrix has many."""
     for i in range(matrix.shape[0]):
         for j in range(matrix.shape[1]):
             share = matrix[i, j]

@@ -1,4 +1,4 @@
-"""What may be missing in a toss, and linear looks at it along the arcs as they were simulated."""
+"""The hypotheses for a toss, and their first-order regressors along the simulated arcs (looks)."""
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,7 +24,7 @@ from drake_cafim.diagnosis.tosses.arc_rows import ArcRows
 from drake_cafim.diagnosis.tosses.jacobian import difference, force_rows, sensor_rows
 from drake_cafim.diagnosis.tosses.pulses import strongest_pushes
 from drake_cafim.diagnosis.tosses.simulated_arcs import Shot
-from drake_cafim.diagnosis.tosses.surface_search import standing
+from drake_cafim.diagnosis.tosses.surface_search import fit_surface
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.effects.body import ExternalDisturbance
@@ -39,14 +39,14 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 GRAIN = 1e-3
-"""Of the body's mass: a load small enough for its slopes to be those of none."""
+"""Mass of a load over that of the body, small enough for its slopes to be those at zero mass."""
 
 
 def hypotheses(problem: ArcRows) -> tuple[Effect, ...]:
-    """Every effect of the scene's vocabulary that a thrown body and its tracker can show, where it can be.
+    """Every effect of the scene's vocabulary that is observable in a toss, at each of its places.
 
-    A delay of all that is measured changes nothing that can be seen, and is left out; so is a plane in the way, whose
-    look asks for recordings that touch it at rest.
+    A delay common to all channels is not observable. An unmodeled contact is left out as well, since its regressors
+    need recordings that touch it at rest.
     """
     body = problem.body
     columns = tuple(f"pose.{body}.{axis}" for axis in "xyz")
@@ -55,13 +55,13 @@ def hypotheses(problem: ArcRows) -> tuple[Effect, ...]:
 
 
 def looks(problem: ArcRows, at: Fit, effect: Effect) -> Looks:
-    """Linear looks at `effect` beyond the fitted model `at`."""
+    """The first-order regressors of `effect` beyond the fitted model `at`."""
     return _LooksByKind(problem, at)(effect)
 
 
 @dataclass(frozen=True)
 class _LooksByKind(ByKind[Looks]):
-    """Whitened columns (R, c) along which an effect moves the rows, and the effect that coefficients stand for."""
+    """By kind of effect: whitened columns (R, c), and the effect that coefficients (c,) of them stand for."""
 
     problem: ArcRows
     at: Fit
@@ -85,16 +85,17 @@ class _LooksByKind(ByKind[Looks]):
 
     def surface(self, effect: SurfaceEffect) -> Looks:
         def from_afar(contact: SphereContact, effect: SurfaceEffect) -> Effect:
-            return standing(self.problem.arcs.tracks, contact, effect)
+            return fit_surface(self.problem.arcs.tracks, contact, effect)
 
         return Looks(_contact_looks(self.problem, self._shot, self.at, effect, from_afar))
 
     def other(self, effect: Effect) -> Looks:
-        """By differences along its directions, for each shape that its law may have."""
+        """By finite differences along the effect's directions, for each shape of its law."""
         return Looks(_difference_looks(self.problem, self._shot, effect))
 
 
 def _difference_looks(problem: ArcRows, shot: Shot, effect: Effect) -> Iterator[Look]:
+    """A look by finite differences for each shape of the effect's law."""
     for shaped in _of_each_shape(effect):
         steps = [(step.ahead, step.behind, step.size) for step in shaped.directions()]
         yield _columns(problem, shot, shaped, steps), shaped.from_directions
@@ -106,11 +107,14 @@ OnContact = TypeVar("OnContact", ContactEffect, SurfaceEffect)
 def _contact_looks(
     problem: ArcRows, shot: Shot, at: Fit, effect: OnContact, from_afar: Callable[[SphereContact, OnContact], Effect]
 ) -> Iterator[Look]:
-    """`from_afar` says what the effect may be, by no simulation."""
-    contact = next((one for one in shot.physics.contacts if effect.meets(one)), None)
+    """Looks along the simulated touches; where the model misfits, also by simulations with the effect in it.
+
+    `from_afar` gives a start value of the effect without a simulation.
+    """
+    contact = next((contact for contact in shot.physics.contacts if effect.meets(contact)), None)
     if contact is None:
         return
-    found = list(effect.looks(contact, pressed(shot)))
+    found = list(effect.looks(contact, simulated_touches(shot)))
     steps = [(step.ahead, step.behind, step.size) for look in found for step in look.steps]
     columns = _columns(problem, shot, effect, steps)
     first = 0
@@ -125,7 +129,7 @@ def _contact_looks(
 
 
 def _of_each_shape(effect: Effect) -> Iterator[Effect]:
-    """The hypothesis with every combination of values that its law's shapes may take; itself where it has none."""
+    """The hypothesis with every combination of grid values of its law's shapes; itself where it has no shapes."""
     grids = [shape.grid or (shape.nominal,) for shape in effect.shapes]
     for values in itertools.product(*grids):
         named = {shape.name: value for shape, value in zip(effect.shapes, values, strict=True)}
@@ -133,10 +137,10 @@ def _of_each_shape(effect: Effect) -> Iterator[Effect]:
 
 
 def _simulated_looks(problem: ArcRows, at: Fit, effect: Effect, found: Sequence[ContactLook]) -> Iterator[Look]:
-    """Looks at effects that are there or not, by their own simulation.
+    """Looks at effects without a continuous strength, by a simulation with the effect in the model.
 
-    Where a model is far off, what a law would change along its motion is not even in the direction in which the motion
-    would change: a contact that winds up like a spring throws back what a sliding one only slows.
+    Where the model misfits, the first-order change along its own motion may point in the wrong direction: presliding
+    bristles store energy and throw a body back that sliding friction only slows down.
     """
     for look in found:
         whole = look.build(np.ones(len(look.steps)))
@@ -146,25 +150,27 @@ def _simulated_looks(problem: ArcRows, at: Fit, effect: Effect, found: Sequence[
 
 
 def _typical(contact: SphereContact, effect: ContactEffect) -> Effect:
-    """The effect at the size at which engineers meet it."""
+    """The effect with its strengths at their typical values."""
     return effect.with_values({strength.name: strength.typical for strength in effect.strengths})
 
 
 def _look_anew(problem: ArcRows, at: Fit, start: Effect) -> Iterator[Look]:
-    """All of an effect that is fitted from `start`, with arcs thrown anew and unknowns as the priors mean them.
+    """One column: the whole change of the rows by the effect fitted from `start`, with unknowns at their prior means.
 
-    Under physics that is far off, arcs bounce where none was, unknowns go where they fit that, and slopes along either
-    say nothing of what is missing. Later fits of this effect begin where this one ends.
+    Under a wrong surface or a wrong bounce, simulated arcs bounce where the real ones do not and the unknowns are
+    fitted to that: derivatives there say nothing about the missing effect. Arcs and unknowns therefore start anew, and
+    later fits of this effect start from this one.
     """
     model = Model(problem.scene.priors.mean, (start,))
     if not problem.plausible(model):
         return
-    anew = problem.settled(problem.scene, problem.arcs, problem.noise, model)
-    thrown = anew.residual(model)
-    if float(thrown @ thrown) > at.chi_square:
+    anew = problem.linearised_at(problem.scene, problem.arcs, problem.noise, model)
+    residual = anew.residual(model)
+    # a start that fits worse than the present model is not worth a fit
+    if float(residual @ residual) > at.chi_square:
         return
     found = fit(anew, model).model
-    problem.lead(found, anew.shot(found))
+    problem.seed(found, anew.shot(found))
     rows = problem.residual(at.model.with_effects(found.effects))[: problem.rows]
     yield (
         (rows - at.residual[: problem.rows])[:, None],
@@ -178,7 +184,7 @@ Step = tuple[Mapping[str, float], Mapping[str, float] | None, float]
 
 
 def _columns(problem: ArcRows, shot: Shot, effect: Effect, steps: Sequence[Step]) -> Array:
-    """Whitened columns (R, c) of finite steps of an effect's strengths."""
+    """Whitened columns (R, c) by finite steps (ahead, behind, size) of an effect's strengths."""
     if not steps:
         return np.zeros((problem.rows, 0))
     changes, deeper = [], []
@@ -193,7 +199,7 @@ def _columns(problem: ArcRows, shot: Shot, effect: Effect, steps: Sequence[Step]
 
 
 def _load_look(problem: ArcRows, shot: Shot, at: Fit, effect: Payload) -> Look:
-    """By a small mass and its first moments: a free body's motion is linear in no more than that."""
+    """Regressors of a small mass m and of its moments m p: a free body's motion is linear in these alone."""
     mass, arm = GRAIN * shot.body.inertial[0], 0.5 * _size(shot)
     origin = {"mass": mass, "x": 0.0, "y": 0.0, "z": 0.0}
     steps: list[Step] = [(origin, None, mass)]
@@ -206,9 +212,9 @@ def _load_look(problem: ArcRows, shot: Shot, at: Fit, effect: Payload) -> Look:
             return None
         masses = [size / (part * _size(shot)) for part in THROWN_LOAD_PLACES]
         masses += [float(coefficients[0])] if coefficients[0] > size / (2.0 * _size(shot)) else []
-        loads = [effect.with_values(np.array([one, *(moment / one)])) for one in masses]
+        loads = [effect.with_values(np.array([mass, *(moment / mass)])) for mass in masses]
         rows = [problem.residual(at.model.with_effects([load])) for load in loads]
-        # a load beside which the body itself is lost in rounding moves in no computable way
+        # a load so heavy that the body is lost in rounding beside it gives no finite residual
         known = [(float(r @ r), k) for k, r in enumerate(rows) if np.all(np.isfinite(r))]
         return loads[min(known)[1]] if known else None
 
@@ -216,7 +222,7 @@ def _load_look(problem: ArcRows, shot: Shot, at: Fit, effect: Payload) -> Look:
 
 
 def _size(shot: Shot) -> float:
-    """m from the body's origin to what may touch; of a body that nothing touches, by its inertia."""
+    """The largest distance, m, from the body's origin to a touch point; without contact √(tr I/m)."""
     contact = shot.body.contact
     if contact is None:
         mass, _, inertia, _ = shot.body.inertial
@@ -224,8 +230,8 @@ def _size(shot: Shot) -> float:
     return float(np.max(np.linalg.norm(contact.points, axis=1)) + contact.radius)
 
 
-def pressed(shot: Shot) -> Touch:
-    """All touches of the arcs as they were simulated."""
+def simulated_touches(shot: Shot) -> Touch:
+    """The kinematics of all touches in the simulated arcs, one row for each point and step."""
     f, body = shot.flights.fine, shot.body
     rows, points = np.nonzero(f.mode)
     state = f.state[rows]
@@ -234,13 +240,13 @@ def pressed(shot: Shot) -> Touch:
 
 
 def _push_looks(problem: ArcRows, shot: Shot, at: Fit, effect: ExternalDisturbance) -> Iterator[Look]:
-    """A pulse along each axis, at the strongest pushes and a little beside them."""
+    """Regressors of a pulse along each axis, at the two strongest pushes and at slightly shifted intervals."""
     for push in strongest_pushes(problem, at)[0][:2]:
         name, intervals = problem.runs[push.run].name, list(push.intervals())
         steps: list[Step] = []
         for start, stop in intervals:
-            still = {**dict.fromkeys("xyz", 0.0), "start": start, "stop": stop}
-            steps += [(still | {axis: 1.0}, None, 1.0) for axis in "xyz"]
+            zero = {**dict.fromkeys("xyz", 0.0), "start": start, "stop": stop}
+            steps += [(zero | {axis: 1.0}, None, 1.0) for axis in "xyz"]
         columns = _columns(problem, shot, effect.during(0.0, 0.0, name), steps)
         for k, interval in enumerate(intervals):
             yield columns[:, 3 * k : 3 * k + 3], partial(pushed, effect, interval, name)

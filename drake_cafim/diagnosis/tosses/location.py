@@ -1,4 +1,4 @@
-"""Where the excess over noise lies in tosses: while the body flies or while it touches, and when."""
+"""Location of a toss's excess of χ² over noise: in flight or in contact, and in which intervals."""
 
 import numpy as np
 
@@ -6,18 +6,18 @@ from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.excess import Excess, Place, count_blocks, standing_blocks
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.thresholds import TOUCH_SHOWN_DURATION
-from drake_cafim.diagnosis.tosses.arc_rows import ArcRows, counted
+from drake_cafim.diagnosis.tosses.arc_rows import ArcRows, innovation_mask
 from drake_cafim.diagnosis.verdict import Location
 from drake_cafim.typing import Array
 
 
 def locate_tosses(problem: ArcRows, model: Model) -> tuple[Location, ...]:
-    """The places by their share of the excess χ² under `model`, strongest first, and when it shows."""
+    """The body (in flight) and the contact, by their share of the excess χ² under `model`, with its intervals."""
     contacts = problem.scene.physics.contacts
     body: Place = ("body", problem.body)
     contact: Place = ("contact", contacts[0].name) if contacts else body
     rows = problem.residual(model)[: problem.rows]
-    touching = _touching(problem, model)
+    touching = _touching_samples(problem, model)
     excess = Excess.at([body, contact])
     blocks = sum(count_blocks(run.windows) for run in problem.runs)
     for index, z in by_run(problem, rows):
@@ -34,18 +34,18 @@ def locate_tosses(problem: ArcRows, model: Model) -> tuple[Location, ...]:
     return excess.locations([run.name for run in problem.runs], condition)
 
 
-def _touching(problem: ArcRows, model: Model) -> list[np.ndarray[tuple[int], np.dtype[np.bool_]]]:
-    """Of each recording's samples whether the body touches, or did a moment ago."""
+def _touching_samples(problem: ArcRows, model: Model) -> list[np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    """For each recording's samples that count: whether the body touched within the last `TOUCH_SHOWN_DURATION`."""
     shot = problem.shot(model)
     f, arcs = shot.flights.fine, shot.arcs
     touches = f.mode.any(axis=1)
-    felt = np.zeros(arcs.times.shape, dtype=bool)
+    shown = np.zeros(arcs.times.shape, dtype=bool)
     for b in range(len(arcs.counts)):
         own = (f.flight == b) & touches
         since: Array = arcs.times[b][:, None] - f.time[own][None]
-        felt[b] = np.any((since > 0.0) & (since < TOUCH_SHOWN_DURATION), axis=1)
-    keep = counted(arcs)
+        shown[b] = np.any((since > 0.0) & (since < TOUCH_SHOWN_DURATION), axis=1)
+    keep = innovation_mask(arcs)
     return [
-        np.concatenate([felt[b][keep[b]] for b in np.flatnonzero(arcs.recording == index)])
+        np.concatenate([shown[b][keep[b]] for b in np.flatnonzero(arcs.recording == index)])
         for index in range(len(arcs.tracks))
     ]

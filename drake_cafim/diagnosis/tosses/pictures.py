@@ -1,4 +1,4 @@
-"""What a report draws of throws."""
+"""Residual maps and simulated poses of tosses, for a report's figures."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -16,13 +16,13 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 TOGETHER = 6
-"""Samples of a cell of the map."""
+"""Number of samples in a cell of the map."""
 ROWS = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
 
 
 @dataclass(frozen=True)
 class TossPictures(Pictures):
-    """Of the throws of `problem`."""
+    """The figures of the tosses of `problem`."""
 
     problem: ArcRows
 
@@ -37,7 +37,7 @@ class TossPictures(Pictures):
         return list(ROWS)
 
     def maps(self, before: Model, after: Model) -> list[ResidualMap]:
-        """The innovations, some samples together; root mean squares."""
+        """The root mean square of the innovations over each `TOGETHER` samples, under both models."""
         problem = self.problem
         pieces = [_cells(problem, problem.residual(model)[: problem.rows]) for model in (before, after)]
         maps = []
@@ -54,6 +54,7 @@ class TossPictures(Pictures):
 
 
 def _cells(problem: ArcRows, rows: Array) -> list[Array]:
+    """For each recording, the root mean square (cells, 6) of its rows."""
     found, start = [], 0
     for run in problem.runs:
         z = rows[start : start + run.rows].reshape(run.shape)

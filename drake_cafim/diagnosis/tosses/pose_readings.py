@@ -1,4 +1,4 @@
-"""What the tracker writes of a pose: sensor effects on whole arcs."""
+"""Sensor effects on the poses of whole arcs: from true poses to those that a tracker records."""
 
 import numpy as np
 
@@ -13,33 +13,33 @@ AXES = ("x", "y", "z")
 
 
 def axes_of(effect: SensorEffect) -> list[int]:
-    """Which of x, y, z the effect is on."""
+    """Indices of the axes x, y, z that the effect acts on."""
     place, _, last = effect.at.rpartition(".")
     return [AXES.index(last)] if last in AXES and place.startswith("pose.") else [0, 1, 2]
 
 
 def true_times(physics: Physics, times: Array) -> Array:
-    """When what is written at `times` (B, S) s happened."""
+    """The times (B, S), s, of the poses that are recorded at `times` (B, S) s."""
     for effect in physics.sensors:
         times = effect.shown(times)
     return times
 
 
-def written(physics: Physics, arcs: Arcs, states: State) -> tuple[Array, Array]:
-    """Positions (B S, 3) m and quaternions (B S, 4) that are written of the states at the samples."""
+def measured_poses(physics: Physics, arcs: Arcs, states: State) -> tuple[Array, Array]:
+    """The recorded positions (B S, 3) m and quaternions (B S, 4) of the states at the samples."""
     p, quaternion = states.p, states.quaternion
     for effect in physics.sensors:
         if effect.settling is not None:
-            p, quaternion = _lagging(effect, arcs, p, quaternion)
+            p, quaternion = _lag_poses(effect, arcs, p, quaternion)
         elif not effect.shifts:
             on = axes_of(effect)
             p = p.copy()
-            p[:, on] = _measured(effect, arcs, p[:, on])
+            p[:, on] = _measure_positions(effect, arcs, p[:, on])
     return p, quaternion
 
 
-def _measured(effect: SensorEffect, arcs: Arcs, true: Array) -> Array:
-    """What is written (B S, c) of `true` (B S, c); what reaches into a channel's past stays within its own arc."""
+def _measure_positions(effect: SensorEffect, arcs: Arcs, true: Array) -> Array:
+    """The recorded values (B S, c) of `true` (B S, c); an effect with a past sees that of its own arc only."""
     if not effect.late:
         return effect.measured(arcs.times.ravel(), true)
     B, S = arcs.times.shape
@@ -50,7 +50,7 @@ def _measured(effect: SensorEffect, arcs: Arcs, true: Array) -> Array:
 
 
 def sensor_slopes(effect: SensorEffect, arcs: Arcs, true: Array) -> Array:
-    """∂written/∂strengths (B, S, c, k) where `true` (B S, c) happens, without the effect."""
+    """∂measured/∂strengths (B, S, c, k) at `true` (B S, c) and zero effect."""
     B, S = arcs.times.shape
     if not effect.late:
         return effect.columns(arcs.times.ravel(), true).reshape(B, S, true.shape[1], -1)
@@ -60,28 +60,29 @@ def sensor_slopes(effect: SensorEffect, arcs: Arcs, true: Array) -> Array:
     return result
 
 
-def written_slopes(physics: Physics, arcs: Arcs, change: Array) -> Array:
-    """How what is written changes, (B, S, 6, k), with positions and rotations by `change` (B, S, 6, k)."""
+def measured_changes(physics: Physics, arcs: Arcs, change: Array) -> Array:
+    """The change (B, S, 6, k) of the recorded poses by `change` (B, S, 6, k) of the true ones."""
     for effect in physics.sensors:
         if effect.scale != 1.0:
             change = change * np.repeat([effect.scale, 1.0], 3)[:, None]
         elif effect.settling is not None:
-            change = _filtered(effect, arcs, change)
+            change = _lag(effect, arcs, change)
     return change
 
 
-def _lagging(effect: SensorEffect, arcs: Arcs, p: Array, quaternion: Array) -> tuple[Array, Array]:
+def _lag_poses(effect: SensorEffect, arcs: Arcs, p: Array, quaternion: Array) -> tuple[Array, Array]:
+    """Positions and quaternions after a first-order lag; a rotation lags in the sum of its small rotations."""
     B, S = arcs.times.shape
-    late_p = _filtered(effect, arcs, p.reshape(B, S, 3)).reshape(-1, 3)
+    late_p = _lag(effect, arcs, p.reshape(B, S, 3)).reshape(-1, 3)
     q = quaternion.reshape(B, S, 4)
     turns = logarithm(product(q[:, 1:], inverse(q[:, :-1])))
     rolled = np.concatenate([np.zeros((B, 1, 3)), np.cumsum(turns, axis=1)], axis=1)
-    behind = _filtered(effect, arcs, rolled) - rolled
+    behind = _lag(effect, arcs, rolled) - rolled
     return late_p, product(exponential(behind), q).reshape(-1, 4)
 
 
-def _filtered(effect: SensorEffect, arcs: Arcs, true: Array) -> Array:
-    """τ ẏ = x − y over values (B, S, ...), each arc beginning as if its motion had long been what it is."""
+def _lag(effect: SensorEffect, arcs: Arcs, true: Array) -> Array:
+    """y with τ ẏ = x − y for x `true` (B, S, ...), linear between samples; y starts in the steady state of a ramp."""
     tau = effect.settling
     if not tau:
         return true

@@ -1,4 +1,4 @@
-"""Recordings of a tracked body: its poses, and how noisy they are."""
+"""Poses of a tracked body from recordings, and the standard deviation of their noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,10 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class PoseNoise:
-    """Standard deviation of one sample, `position` m and `rotation` rad per axis; `memory` s each, 0 where white."""
+    """Standard deviations of a sample, `position` m and `rotation` rad per axis, with correlation times `memory` s.
+
+    A correlation time of 0 is white noise.
+    """
 
     position: float
     rotation: float
@@ -35,7 +38,7 @@ class PoseNoise:
 
 @dataclass(frozen=True)
 class PoseTrack:
-    """X_WB of one recording at the samples that have one: `time` (N,) s, `p` (N, 3) m, `quaternion` (N, 4)."""
+    """X_WB of one recording at its complete samples: `time` (N,) s, `p` (N, 3) m, unit `quaternion` (N, 4)."""
 
     recording: Recording
     time: Array
@@ -44,15 +47,15 @@ class PoseTrack:
 
 
 def tracked_body(scene: Scene, recordings: Sequence[Recording]) -> str:
-    """The floating body whose pose all recordings hold.
+    """The name of the floating body whose pose is in all recordings.
 
     Raises `InputError` where there is none.
     """
     floating = [body.name for body in scene.tree.bodies if body.joint == FREE]
     for name in floating:
-        if all(f"pose.{name}.x" in one.columns for one in recordings):
+        if all(f"pose.{name}.x" in recording.columns for recording in recordings):
             return name
-    found = ", ".join(sorted({f"pose.{name}" for one in recordings for name in one.bodies})) or "no pose"
+    found = ", ".join(sorted({f"pose.{name}" for recording in recordings for name in recording.bodies})) or "no pose"
     raise InputError(
         f"{recordings[0].name}: the model floats, so its pose is needed: expected columns pose.{floating[0]}.x, y, z, "
         f"qw, qx, qy, qz, found {found}"
@@ -60,7 +63,7 @@ def tracked_body(scene: Scene, recordings: Sequence[Recording]) -> str:
 
 
 def track_of(recording: Recording, body: str) -> PoseTrack:
-    """The recording's poses; a sample in which a number is missing is left out.
+    """The recording's poses without the samples in which a number is missing; quaternions are normalised.
 
     Raises `InputError` where a quaternion is far from unit length or fewer than twelve samples are left.
     """
@@ -77,7 +80,7 @@ def track_of(recording: Recording, body: str) -> PoseTrack:
 
 
 def noise_of_poses(scene: Scene, body: str, tracks: Sequence[PoseTrack]) -> tuple[PoseNoise, tuple[str, ...]]:
-    """The noise as the scenario states it or, where it does not, as fourth differences show it; and notes of those.
+    """The noise stated in the scenario, or else estimated from fourth differences; and a note on each estimate.
 
     Raises `InputError` for a std of zero.
     """
@@ -86,7 +89,7 @@ def noise_of_poses(scene: Scene, body: str, tracks: Sequence[PoseTrack]) -> tupl
     for part, column in (("position", f"pose.{body}.x"), ("rotation", f"pose.{body}.qw")):
         std = scene.std(column)
         if std is None:
-            std = float(np.sqrt(np.mean(_estimated(tracks, part) ** 2)))
+            std = float(np.sqrt(np.mean(_estimate_std(tracks, part) ** 2)))
             notes.append(
                 f"channels: no std for the {part} of pose.{body}, {std:.3g} was estimated from fourth differences"
             )
@@ -98,13 +101,13 @@ def noise_of_poses(scene: Scene, body: str, tracks: Sequence[PoseTrack]) -> tupl
     return PoseNoise(found[0], found[1], (memory, memory)), tuple(notes)
 
 
-def _estimated(tracks: Sequence[PoseTrack], part: str) -> Array:
-    """(3,) std along each axis."""
-    values = [(one.time, one.p if part == "position" else unrolled(one.quaternion)) for one in tracks]
+def _estimate_std(tracks: Sequence[PoseTrack], part: str) -> Array:
+    """The standard deviation (3,) along each axis, from fourth differences."""
+    values = [(track.time, track.p if part == "position" else unroll_rotation(track.quaternion)) for track in tracks]
     return np.array([noise_std([(time, columns[:, k]) for time, columns in values]) for k in range(3)])
 
 
-def unrolled(quaternion: Array) -> Array:
-    """(N, 3) the sum of the small rotations from sample to sample, world axes: noise of it is that of a rotation."""
+def unroll_rotation(quaternion: Array) -> Array:
+    """The sum (N, 3) rad of the small rotations from sample to sample, world axes; its noise is that of a rotation."""
     turns = logarithm(product(quaternion[1:], inverse(quaternion[:-1])))
     return np.concatenate([np.zeros((1, 3)), np.cumsum(turns, axis=0)])

@@ -1,4 +1,4 @@
-"""Recordings of tosses made ready for a diagnosis."""
+"""Preparation of tosses for a diagnosis: tracked body, noise, tracks and their checks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,14 @@ from drake_cafim.diagnosis.noise.differences import correct_for_memory
 from drake_cafim.diagnosis.thresholds import MOTION_NOISE_STDS
 from drake_cafim.diagnosis.tosses.arcs import arcs_of
 from drake_cafim.diagnosis.tosses.pose_readings import AXES
-from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack, noise_of_poses, track_of, tracked_body, unrolled
+from drake_cafim.diagnosis.tosses.poses import (
+    PoseNoise,
+    PoseTrack,
+    noise_of_poses,
+    track_of,
+    tracked_body,
+    unroll_rotation,
+)
 from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.tosses.quality import qualities
 from drake_cafim.diagnosis.verdict import Quality
@@ -24,7 +31,7 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class PreparedTosses:
-    """Tracks of one body, those held out, and what was noticed while reading them."""
+    """The tracks of one body for training and for the held-out comparison, their noise, and notes on the data."""
 
     scene: Scene
     body: str
@@ -36,26 +43,26 @@ class PreparedTosses:
     noise_remarks: tuple[str, ...]
 
     def under(self, model: Model) -> None:
-        """None: a throw has no efforts whose noise would depend on `model`."""
+        """None: a toss has no efforts whose noise would depend on `model`."""
 
     @property
     def moves(self) -> bool:
-        """Whether the body moves in any of the recordings, beyond its noise."""
+        """Whether the body moves by more than its noise in any recording."""
         limits = (MOTION_NOISE_STDS * self.noise.position, MOTION_NOISE_STDS * self.noise.rotation)
         return any(
             float(np.max(np.std(values, axis=0))) > limit
             for track in self.tracks
-            for values, limit in zip((track.p, unrolled(track.quaternion)), limits, strict=True)
+            for values, limit in zip((track.p, unroll_rotation(track.quaternion)), limits, strict=True)
         )
 
     def problem(self) -> TossProblem:
-        """The recordings' likelihood, white under the scene's own physics."""
-        return TossProblem.nominally(self.scene, arcs_of(self.tracks, self.noise), self.noise)
+        """The recordings' likelihood, linearised under the scene's nominal physics."""
+        return TossProblem.at_nominal(self.scene, arcs_of(self.tracks, self.noise), self.noise)
 
     def qualities(self, model: Model, covariance: Array) -> list[Quality]:
-        """How `model` does on the recordings, and on those held out where there are any.
+        """The quality of `model` on the recordings, and on the held-out ones if there are any.
 
-        `covariance` (n, n) is of its unknowns.
+        `covariance` (n, n) of the unknowns is not needed for tosses.
         """
         groups = [self.tracks, self.held_out] if self.held_out else [self.tracks]
         return qualities(groups, self.noise, model.physics(self.scene), self.body)
@@ -64,26 +71,27 @@ class PreparedTosses:
 def prepare_tosses(
     scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Recording], notes: Sequence[str]
 ) -> PreparedTosses:
-    """The recordings' poses under the noise that was stated or, where it was not, is seen.
+    """The recordings' poses, with their noise as stated or estimated.
 
-    Raises `InputError` for recordings that lack the pose, and for scenes that are more than a thrown body.
+    Raises `InputError` for recordings without the pose, for scenes with more than one contact, and for sensor effects
+    on channels that are not the body's pose.
     """
     if len(scene.physics.contacts) > 1:
-        names = ", ".join(one.name for one in scene.physics.contacts)
+        names = ", ".join(contact.name for contact in scene.physics.contacts)
         raise InputError(f"{scene.name}: a floating body with the contacts {names}: expected at most one")
     body = tracked_body(scene, [*recordings, *held_out])
     for recording in (*recordings, *held_out):
         check_usable(recording, [f"pose.{body}.{component}" for component in POSE_COMPONENTS])
     _check_sensors(scene, body)
-    tracks = tuple(track_of(one, body) for one in recordings)
-    noise, told = noise_of_poses(scene, body, tracks)
+    tracks = tuple(track_of(recording, body) for recording in recordings)
+    noise, estimates = noise_of_poses(scene, body, tracks)
     noise, remarks = _with_memory(scene, noise, tracks, body)
-    held = tuple(track_of(one, body) for one in held_out)
-    return PreparedTosses(scene, body, noise, tracks, held, (*told, *notes), (), remarks)
+    held = tuple(track_of(recording, body) for recording in held_out)
+    return PreparedTosses(scene, body, noise, tracks, held, (*estimates, *notes), (), remarks)
 
 
 def _check_sensors(scene: Scene, body: str) -> None:
-    """Raises `InputError` for a sensor effect of the scenario that is on nothing that tracks the body."""
+    """Raises `InputError` for a sensor effect of the scenario whose place is not the body's pose."""
     valid = [f"pose.{body}", *(f"pose.{body}.{axis}" for axis in AXES)]
     for effect in scene.physics.sensors:
         if effect.at not in valid:
@@ -96,24 +104,24 @@ def _check_sensors(scene: Scene, body: str) -> None:
 def _with_memory(
     scene: Scene, noise: PoseNoise, tracks: Sequence[PoseTrack], body: str
 ) -> tuple[PoseNoise, tuple[str, ...]]:
-    """The noise with the memory that it shows, where the scenario says that it is white.
+    """The noise with a correlation time that is estimated where the scenario states none, and remarks on it.
 
-    Fourth differences see little of a slow noise: what they say is reckoned with its memory, stated or shown.
+    Fourth differences see only the fast part of correlated noise: an estimated std is corrected for its memory.
     """
     columns = {f"{part}.{axis}": std for part, std in (("position", noise.position), ("rotation", noise.rotation))
                for axis in "xyz"}  # fmt: skip
     spread = []
     for track in tracks:
-        turns = unrolled(track.quaternion)
+        turns = unroll_rotation(track.quaternion)
         values = {f"position.{axis}": track.p[:, k] for k, axis in enumerate("xyz")}
         values |= {f"rotation.{axis}": turns[:, k] for k, axis in enumerate("xyz")}
         spread.append(Recording(track.recording.name, track.time, values))
     estimated = set(columns) if scene.std(f"pose.{body}.x") is None else set()
     stated = {column: Memory(time) for column in columns if (time := noise.memory[column.startswith("rotation")]) > 0.0}
-    seen, told = estimate_memories(spread, columns, stated, estimated)
-    memories = stated | seen
+    estimates, found = estimate_memories(spread, columns, stated, estimated)
+    memories = stated | estimates
     std = correct_for_memory(columns, memories, estimated, step_of(spread))
     position, rotation = (memories[part].time if part in memories else 0.0 for part in ("position.x", "rotation.x"))
-    remarks = tuple(one.replace("noise of position", f"noise of the position of pose.{body}").replace(
-        "noise of rotation", f"noise of the rotation of pose.{body}") for one in told)  # fmt: skip
+    remarks = tuple(remark.replace("noise of position", f"noise of the position of pose.{body}").replace(
+        "noise of rotation", f"noise of the rotation of pose.{body}") for remark in found)  # fmt: skip
     return PoseNoise(std["position.x"], std["rotation.x"], (position, rotation)), remarks

@@ -1,4 +1,4 @@
-"""Throws as the search, the verdict and the report ask of them."""
+"""The face of a toss problem to the search, the verdict and the report."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +17,7 @@ from drake_cafim.effects.effect import Effect
 
 @dataclass(frozen=True)
 class TossProblem(ArcRows, SearchProblem):
-    """Throws of one body, as arcs."""
+    """Tosses of one body, as arcs."""
 
     def hypotheses(self) -> tuple[Effect, ...]:
         return hypotheses(self)

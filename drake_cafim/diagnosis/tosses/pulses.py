@@ -1,4 +1,4 @@
-"""Where in the tosses a short push would explain most: matched filters for pulses of force at the body's origin."""
+"""Matched filters for short pulses of force at the body's origin: where in the tosses a push would explain most."""
 
 import numpy as np
 
@@ -12,16 +12,16 @@ from drake_cafim.effects.body import pulse
 from drake_cafim.typing import Array
 
 TOGETHER = 8
-"""Pulses whose rows are reckoned at once."""
+"""Number of pulses whose rows are computed at once."""
 
 
 def strongest_pushes(problem: ArcRows, at: Fit) -> tuple[list[Push], int]:
-    """The strongest push of each recording, best first, beyond what `at` explains; and how many pulses were tried."""
-    return found_once(problem.found_pushes, at.residual, lambda: _searched(problem, at))
+    """The strongest push of each recording beyond the model `at`, best first, and the number of pulses tried."""
+    return found_once(problem.found_pushes, at.residual, lambda: _search(problem, at))
 
 
-def _searched(problem: ArcRows, at: Fit) -> tuple[list[Push], int]:
-    """Arcs of different recordings are independent: each trial is one of all recordings at once."""
+def _search(problem: ArcRows, at: Fit) -> tuple[list[Push], int]:
+    """`strongest_pushes` without its cache; recordings are independent, so one propagation serves all of them."""
     shot = problem.shot(at.model)
     starts = [run.time[0] for run in problem.runs]
     length = max(float(run.time[-1] - run.time[0]) for run in problem.runs)
@@ -32,7 +32,7 @@ def _searched(problem: ArcRows, at: Fit) -> tuple[list[Push], int]:
     best: dict[int, Push] = {}
     for first in range(0, len(trials), TOGETHER):
         own = trials[first : first + TOGETHER]
-        columns = problem.innovations(force_rows(shot, *_pushed(shot, own, starts)))
+        columns = problem.innovations(force_rows(shot, *_pulse_accelerations(shot, own, starts)))
         for k, (start, duration) in enumerate(own):
             for run in range(len(problem.runs)):
                 part = slice(ends[run], ends[run + 1])
@@ -43,8 +43,10 @@ def _searched(problem: ArcRows, at: Fit) -> tuple[list[Push], int]:
     return sorted(best.values(), key=lambda push: -push.gain), len(trials) * len(problem.runs)
 
 
-def _pushed(shot: Shot, trials: list[tuple[float, float]], starts: list[float]) -> tuple[list[Array], list[Array]]:
-    """Accelerations (F, 6) by a unit pulse along each axis, three a trial, and that no landing is changed."""
+def _pulse_accelerations(
+    shot: Shot, trials: list[tuple[float, float]], starts: list[float]
+) -> tuple[list[Array], list[Array]]:
+    """Accelerations (F, 6) by a unit pulse along each axis, three a trial, and depths at landing, unchanged (0)."""
     f, body = shot.flights.fine, shot.body
     R = rotation_matrices(f.state.quaternion)
     # a force at the origin, in body axes: its columns of the inverse inertia
@@ -60,9 +62,10 @@ def _pushed(shot: Shot, trials: list[tuple[float, float]], starts: list[float]) 
 
 
 def _gain(columns: Array, residual: Array, basis: Array) -> float:
-    """χ² that the columns take off; the nuisance is projected out as far as this recording knows of it."""
+    """The decrease of χ² by the columns, after projection on the complement of the model's columns `basis`."""
     left = columns - basis @ (basis.T @ columns)
     normal = left.T @ left
+    # keeps the system regular where columns are nearly dependent, as in a recording of a short overlap
     normal[np.diag_indices(len(normal))] *= 1.0 + 1e-9
     if not np.all(np.diag(normal) > 0.0):
         return 0.0

@@ -1,7 +1,8 @@
-"""A free body's geometry and dynamics, body after body: what simulations ask for tens of thousands of times.
+"""Compiled kinematics and dynamics of a batch of free bodies that may touch a plane.
 
-Bodies are rows of 13 numbers, as in `State`. K `points` (3, K) m in the body frame, and `below` (3,) m from each in the
-world, may touch the plane that stands `height` m along its `normal` (3,).
+Bodies are rows of 13 numbers, as in `State`, with rotation matrices `R` (B, 3, 3). The touch points are R p + `below`
+for the K columns p of `points` (3, K) m in the body frame, `below` (3,) m in world axes; the plane is at `height` m
+along its unit `normal` (3,).
 """
 
 from typing import Any
@@ -14,7 +15,7 @@ from drake_cafim.typing import Array, Indices
 
 @compiled
 def depths(numbers: Array, R: Array, points: Array, below: Array, normal: Array, height: float) -> tuple[Array, Array]:
-    """How deep each point is, (B, K) m, and how fast it goes deeper, (B, K) m/s."""
+    """The depth d (B, K) m of each point below the plane, and its rate ḋ (B, K) m/s."""
     B, K = len(numbers), points.shape[1]
     depth, sinking, r = np.empty((B, K)), np.empty((B, K)), np.empty(3)
     for i in range(B):
@@ -35,7 +36,10 @@ def depths(numbers: Array, R: Array, points: Array, below: Array, normal: Array,
 def near(
     R: Array, points: Array, below: Array, depth: Array, mode: Any, reach: float
 ) -> tuple[Indices, Indices, Array]:
-    """The points that touch, by `mode` (B, K), or are less than `reach` m (> 0) off: whose, which, and lever (E, 3)."""
+    """The points that touch, by `mode` (B, K), or are less than `reach` m above the plane, if that is positive.
+
+    Indices of body (E,) and point (E,), and the levers (E, 3) m from the origins.
+    """
     B, K = mode.shape
     rows, columns = np.empty(B * K, dtype=np.int64), np.empty(B * K, dtype=np.int64)
     lever, found = np.empty((B * K, 3)), 0
@@ -54,9 +58,10 @@ def near(
 def meeting(
     numbers: Array, lever: Array, touching: Any, normal: Array, height: float
 ) -> tuple[Array, Array, Array, Array]:
-    """How points (E,) of as many bodies meet the plane: penetration m and rate m/s (E,), slip m/s and place m (E, 3).
+    """Penetration m and its rate m/s (E,), slip m/s and position m (E, 3) of one point of each of E bodies.
 
-    Those of `touching` (E,) are taken to touch, the others not to.
+    The penetration of those of `touching` (E,) is made positive, that of the others not positive: the mode, not
+    rounding, decides which point presses.
     """
     E = len(numbers)
     held, rate, slip, position = np.empty(E), np.empty(E), np.empty((E, 3)), np.empty((E, 3))
@@ -90,7 +95,7 @@ def pushed(wrench: Array, rows: Indices, lever: Array, force: Array, moment: Arr
 def accelerated(
     numbers: Array, R: Array, wrench: Array, mass: float, center: Array, inertia: Array, inverse: Array, gravity: Array
 ) -> Array:
-    """v̇ then ω̇ (B, 6) in the world, by wrenches (B, 2, 3) beside the weight.
+    """(v̇, ω̇) (B, 6), world axes, by the weight and by wrenches (B, 2, 3); Newton–Euler about the body's origin.
 
     `center` (3,) m is the centre of mass and `inertia` (3, 3) kg m² that about the origin, body axes; `inverse` (6, 6)
     of the spatial inertia they make.
@@ -130,9 +135,9 @@ def damped(
     R: Array, inverse: Array, rows: Indices, lever: Array, along: Array, across: Array, onward: Array, into: Array,
     normal: Array,
 ) -> Array:  # fmt: skip
-    """∂(v̇, ω̇)/∂(v, ω) (B, 6, 6) by forces at points (E,) that grow with their velocity, N s/m.
+    """∂(v̇, ω̇)/∂(v, ω) (B, 6, 6) by forces at points (E,) that oppose their velocity, with slopes (E,) N s/m.
 
-    `onward` (E,) where it slides, `along` (E, 3), `across` that in the plane, `into` along its normal.
+    `onward` along the slip's direction `along` (E, 3), `across` it in the plane, and `into` along the normal.
     """
     B = len(R)
     wrench, result = np.zeros((B, 6, 6)), np.zeros((B, 6, 6))
@@ -162,7 +167,7 @@ def damped(
 def landing(
     numbers: Array, R: Array, points: Array, depth: Array, sinking: Array, mode: Any, acceleration: Array, normal: Array
 ) -> Array:
-    """(B,) s until the first point that does not touch would, falling as it does now; never: infinite."""
+    """The time (B,) s until the first point lands that does not touch yet, at constant acceleration; ∞ for never."""
     B, K = mode.shape
     result, r, turning = np.empty(B), np.empty(3), np.empty(3)
     for i in range(B):
@@ -190,7 +195,7 @@ def landing(
 
 @compiled
 def onwards(numbers: Array, step: Array, shares: Array, slopes: Array) -> Array:
-    """The bodies (B, 13) after steps (B,) along the first of their `slopes` (4, B, 13), by shares (k,) of each."""
+    """The bodies (B, 13) plus step · Σ shares[i] slopes[i] over the first k of `slopes` (4, B, 13), normalised."""
     result = numbers.copy()
     for i in range(len(numbers)):
         for x in range(13):
@@ -206,7 +211,7 @@ def onwards(numbers: Array, step: Array, shares: Array, slopes: Array) -> Array:
 
 @compiled
 def rates(numbers: Array, change: Array, into: Array) -> None:
-    """Fills `into` (B, 13) with how the bodies' numbers change, of which `change` (B, 6) are the velocities'."""
+    """Fills `into` (B, 13) with the time derivative of the bodies' numbers, given (v̇, ω̇) = `change` (B, 6)."""
     for i in range(len(numbers)):
         a, b, c, d = numbers[i, 3], numbers[i, 4], numbers[i, 5], numbers[i, 6]
         x, y, z = 0.5 * numbers[i, 10], 0.5 * numbers[i, 11], 0.5 * numbers[i, 12]

@@ -1,4 +1,4 @@
-"""Where free bodies are and how they move, many at once."""
+"""Batches of states of a free body: pose, velocity and angular velocity."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,33 +10,33 @@ from drake_cafim.typing import Array, Flags, Indices
 
 @dataclass(frozen=True)
 class State:
-    """B states, `numbers` (B, 13) of each; in the world."""
+    """B states as `numbers` (B, 13): p, quaternion, v, w, all in the world frame."""
 
     numbers: Array
 
     @classmethod
     def of(cls, p: Array, quaternion: Array, v: Array, w: Array) -> "State":
-        """From the parts (B, 3), (B, 4), (B, 3) and (B, 3)."""
+        """From p (B, 3) m, quaternion (B, 4), v (B, 3) m/s and w (B, 3) rad/s."""
         return cls(np.concatenate([p, quaternion, v, w], axis=1))
 
     @property
     def p(self) -> Array:
-        """(B, 3) m, the origin."""
+        """p_WB (B, 3) m, the position of the body's origin."""
         return self.numbers[:, :3]
 
     @property
     def quaternion(self) -> Array:
-        """(B, 4)"""
+        """R_WB as quaternions (w, x, y, z), (B, 4)."""
         return self.numbers[:, 3:7]
 
     @property
     def v(self) -> Array:
-        """(B, 3) m/s, of the origin."""
+        """v_WB (B, 3) m/s, the velocity of the body's origin."""
         return self.numbers[:, 7:10]
 
     @property
     def w(self) -> Array:
-        """(B, 3) rad/s"""
+        """w_WB (B, 3) rad/s, the angular velocity."""
         return self.numbers[:, 10:]
 
     def __len__(self) -> int:
@@ -46,25 +46,25 @@ class State:
         return State(self.numbers[rows])
 
 
-def upright(state: State) -> State:
-    """The states, their quaternions made of unit length; in place."""
+def normalise(state: State) -> State:
+    """The states with quaternions scaled to unit length, in place."""
     q = state.quaternion
     q /= np.sqrt((q * q).sum(axis=1))[:, None]
     return state
 
 
-def stacked(states: "list[State]") -> State:
-    """The states one after the other."""
-    return State(np.concatenate([one.numbers for one in states]))
+def stack(states: "list[State]") -> State:
+    """The states of all batches, concatenated."""
+    return State(np.concatenate([batch.numbers for batch in states]))
 
 
-def picked(first: Flags, one: State, other: State) -> State:
-    """The states of `one` where `first` (B,) says so, and those of `other` elsewhere."""
-    return State(np.where(first[:, None], one.numbers, other.numbers))
+def select(which: Flags, states: State, other: State) -> State:
+    """`states` where `which` (B,) is True, `other` elsewhere."""
+    return State(np.where(which[:, None], states.numbers, other.numbers))
 
 
-def replaced(states: State, rows: Indices, other: State) -> State:
-    """`states` (B) with those of `other` (K) in `rows` (K,)."""
+def replace_rows(states: State, rows: Indices, other: State) -> State:
+    """A copy of `states` (B) with `other` (K) at the indices `rows` (K,)."""
     numbers = states.numbers.copy()
     numbers[rows] = other.numbers
     return State(numbers)
@@ -72,7 +72,7 @@ def replaced(states: State, rows: Indices, other: State) -> State:
 
 @dataclass(frozen=True)
 class Moment:
-    """When and where states were: `time` (B,) s, and the index (B,) of their recording among `names`."""
+    """The times of states, `time` (B,) s, and the index (B,) of their recording among `names`."""
 
     time: Array
     recording: Indices
