@@ -1,4 +1,4 @@
-"""Diagnosis of thrown bodies: what is missing is named, and nothing where nothing is."""
+"""Diagnosis of tosses: the missing effect is named, and none where nothing is missing."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -39,7 +39,7 @@ def test_a_ball_that_lacks_nothing_and_one_in_thick_air(tmp_path: Path) -> None:
     true = scene.physics_at(np.array([3150.0, 0.31]))
     verdict = diagnose(scene, thrown(true, 1, count=2))
     assert verdict.kind == "none", str(verdict)
-    shift = {one.parameter: (one.value - one.prior_mean) / one.std for one in verdict.parameters}
+    shift = {found.parameter: (found.value - found.prior_mean) / found.std for found in verdict.parameters}
     assert shift["stiffness"] > 2.0
     recordings = thrown(true.with_effects([AerodynamicDrag("body", {"coefficient": 0.1})]), 2)
     verdict, outcome = examine(scene, recordings[:2], held_out=recordings[2:])
@@ -59,8 +59,8 @@ def test_a_ball_that_lacks_nothing_and_one_in_thick_air(tmp_path: Path) -> None:
 def test_the_unknowns_of_a_toss_are_estimated(tmp_path: Path) -> None:
     scene = thrown_scene(tmp_path)
     found = estimate(scene, thrown(scene.physics_at(np.array([3300.0, 0.27])), 4, count=1))
-    for one, truth in zip(found.parameters, (3300.0, 0.27), strict=True):
-        assert one.value == pytest.approx(truth, abs=4.0 * one.std)
+    for parameter, truth in zip(found.parameters, (3300.0, 0.27), strict=True):
+        assert parameter.value == pytest.approx(truth, abs=4.0 * parameter.std)
 
 
 def test_a_toss_without_its_pose_is_refused(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_arcs_are_settled_from_a_wrong_beginning(tmp_path: Path) -> None:
     """A ball that slides where it rolled, and the other way round, bends too much for full steps."""
     scene = thrown_scene(tmp_path)
     true = scene.physics_at(np.array([3000.0, 0.3]))
-    tracks = tuple(track_of(one, "body") for one in thrown(true, 6, count=2))
+    tracks = tuple(track_of(recording, "body") for recording in thrown(true, 6, count=2))
     noise = PoseNoise(2e-4, 2e-3)
     arcs = arcs_of(tracks, noise)
     rng = np.random.default_rng(8)
@@ -91,7 +91,7 @@ def test_arcs_are_settled_from_a_wrong_beginning(tmp_path: Path) -> None:
 def test_innovations_of_arcs_that_did_not_move_are_kept(tmp_path: Path) -> None:
     scene = thrown_scene(tmp_path, BLOCK)
     noise = PoseNoise(2e-4, 2e-3)
-    arcs = arcs_of([track_of(one, "body") for one in thrown(scene.physics, 9, count=2)], noise)
+    arcs = arcs_of([track_of(recording, "body") for recording in thrown(scene.physics, 9, count=2)], noise)
     step = np.zeros((len(arcs.start), 12))
     step[:2, 6:] = 0.3
     settled = fit_initial_states(arcs, noise, scene.physics, displace(arcs.start, step))
@@ -106,7 +106,7 @@ def test_an_arc_on_the_wrong_side_of_an_edge_begins_again(tmp_path: Path, monkey
     scene = thrown_scene(tmp_path, BLOCK)
     true = scene.physics_at(np.array([3000.0, 0.3]))
     noise = PoseNoise(2e-4, 2e-3)
-    arcs = arcs_of([track_of(one, "body") for one in thrown(true, 6, count=1)], noise)
+    arcs = arcs_of([track_of(recording, "body") for recording in thrown(true, 6, count=1)], noise)
     off = np.random.default_rng(0).normal(size=(len(arcs.counts), 12)) * np.repeat([1e-3, 0.3, 0.1, 5.0], 3)
     off[::2] = 0.0
     wrong = displace(arcs.start, off)
@@ -119,7 +119,7 @@ def test_an_arc_on_the_wrong_side_of_an_edge_begins_again(tmp_path: Path, monkey
 
 @pytest.mark.ci
 def test_a_ground_that_is_tilted_by_far_is_found(tmp_path: Path) -> None:
-    """Under the level one a ball's arcs settle centimetres from their samples, from where the tilt looked no better."""
+    """With level ground a ball's arcs fit centimetres off their samples; from there the tilt seemed no better."""
     case = simulate("single:surface_tilt", "toss", 0xE841FF9AAD707E2882483F2FF5486021)
     verdict = diagnose(*written(case, tmp_path))
     [found], [effect] = verdict.explanation, case.truth["effects"]
@@ -129,7 +129,7 @@ def test_a_ground_that_is_tilted_by_far_is_found(tmp_path: Path) -> None:
 
 
 def test_a_surface_stands_where_a_body_comes_to_and_does_not_pass(tmp_path: Path) -> None:
-    """A box on ground that is tilted by 4°: no arc of it is told by the level one."""
+    """A box on ground that is tilted by 4°: level ground fits none of its arcs."""
     case = simulate("single:surface_tilt", "toss", 0x4A89AA4265669F76DDB3730E0202236E)
     prepared = prepare(*written(case, tmp_path))
     assert isinstance(prepared, PreparedTosses)
@@ -150,7 +150,7 @@ def test_what_makes_throws_bounce_otherwise_is_found_from_afar(name: str, seed: 
     """Under the model as given its arcs were so far off, and the unknowns then, that slopes led nowhere."""
     verdict = diagnose(*written(simulate(f"single:{name}", "toss", seed), tmp_path))
     assert verdict.kind == "explained"
-    assert [one.effect.name for one in verdict.explanation] == [name]
+    assert [explanation.effect.name for explanation in verdict.explanation] == [name]
 
 
 @pytest.mark.ci
@@ -161,7 +161,7 @@ def test_a_first_arc_that_strikes_an_edge_begins_as_its_half_did(tmp_path: Path)
     prepared = prepare(scene, [drake_cafim.read(tmp_path / "held_1.parquet")])
     assert isinstance(prepared, PreparedTosses)
     numbers = case.truth["nominal_parameters_true"]
-    true = Model(np.array([numbers[one.parameter] for one in scene.unknown])).physics(prepared.scene)
+    true = Model(np.array([numbers[unknown.parameter] for unknown in scene.unknown])).physics(prepared.scene)
     arcs = arcs_of(prepared.tracks, prepared.noise)
     settled = fit_initial_states(arcs, prepared.noise, true, arcs.start)
     assert not np.any(settled.far)
@@ -171,7 +171,7 @@ def test_a_first_arc_that_strikes_an_edge_begins_as_its_half_did(tmp_path: Path)
 @pytest.mark.ci
 @pytest.mark.parametrize("seed", [0xCF9DC434AEC3F34E2E51C2ABAD0F0360, 0x26F878FDC54B6AA7C3C297AFF9B1AF1F])
 def test_edges_that_are_struck_otherwise_do_not_lead_astray(tmp_path: Path, seed: int) -> None:
-    """Boxes that lack nothing, but of which the prior means tell some arcs up to three hundred times too badly."""
+    """Boxes without any missing physics; the prior means misfit some of their arcs up to three hundred times."""
     prepared = prepare(*written(simulate("null", "toss", seed), tmp_path))
     assert isinstance(prepared, PreparedTosses)
     problem = prepared.problem()
@@ -187,10 +187,12 @@ def test_a_slow_noise_that_is_not_stated_is_not_taken_for_a_small_one(tmp_path: 
     scene = thrown_scene(tmp_path, scenario=unsaid)
     rng, recordings = np.random.default_rng(3), thrown(scene.physics, 3, count=2, noise=(0.0, 2e-3))
     noisy = []
-    for one in recordings:
-        slow = {c: one[c] + 2e-4 * drawn(rng, one.time, Memory(0.01)) for c in ("pose.body.x", "pose.body.y")}
-        slow["pose.body.z"] = one["pose.body.z"] + 2e-4 * drawn(rng, one.time, Memory(0.01))
-        noisy.append(replace(one, columns={**one.columns, **slow}))
+    for recording in recordings:
+        slow = {
+            c: recording[c] + 2e-4 * drawn(rng, recording.time, Memory(0.01)) for c in ("pose.body.x", "pose.body.y")
+        }
+        slow["pose.body.z"] = recording["pose.body.z"] + 2e-4 * drawn(rng, recording.time, Memory(0.01))
+        noisy.append(replace(recording, columns={**recording.columns, **slow}))
     prepared = prepare(scene, noisy)
     assert isinstance(prepared, PreparedTosses)
     assert prepared.noise.position == pytest.approx(2e-4, rel=0.2)
@@ -202,8 +204,8 @@ def test_a_state_that_no_sample_tells_of_stays() -> None:
     triangle[0] = 0.0
     triangle[1, 1] = triangle[1, 0]
     triangle[1, :, 1] = triangle[1, :, 0]
-    one: Any = SimpleNamespace(innovation=SimpleNamespace(triangle=triangle), damping=np.zeros(2))
-    change = settling.FittedArcs._change(one, np.ones((2, 12)))
+    arcs: Any = SimpleNamespace(innovation=SimpleNamespace(triangle=triangle), damping=np.zeros(2))
+    change = settling.FittedArcs._change(arcs, np.ones((2, 12)))
     np.testing.assert_array_equal(change[0], 0.0)
     np.testing.assert_allclose(change[1, 2:], -1.0)
     assert np.all(np.isfinite(change[1, :2]))

@@ -1,4 +1,4 @@
-"""Throws of every form that a scenario can describe run, and effects of one's own are looked for in them."""
+"""Tosses in every form that a scenario can describe are diagnosed, and user-defined effects are looked for in them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -50,7 +50,7 @@ FORMS = {
 @pytest.mark.parametrize("form", FORMS)
 def test_a_throw_without_unknowns_is_diagnosed_and_estimated(form: str, shape: str, tmp_path: Path) -> None:
     scene = thrown_scene(tmp_path, shape, scenario=HEAD + FORMS[form])
-    recordings = [one.window(0.0, 0.4) for one in thrown(scene.physics, 1, count=2)]
+    recordings = [recording.window(0.0, 0.4) for recording in thrown(scene.physics, 1, count=2)]
     found = estimate(scene, recordings[:1])
     assert found.parameters == ()
     # −ln of six normal densities at their usual misfit, per sample, for these stds
@@ -153,14 +153,14 @@ OWN: list[Effect] = [
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("effect", OWN, ids=lambda one: one.name)
+@pytest.mark.parametrize("effect", OWN, ids=lambda effect: effect.name)
 def test_an_effect_of_one_s_own_is_found_in_a_throw(effect: Effect, tmp_path: Path) -> None:
     # beside a few of ours: compiled code does not know a contact's law of one's own, and each fit of it takes seconds
     scene = replace(thrown_scene(tmp_path, scenario=HEAD + SLIPPING), vocabulary=(AerodynamicDrag, SensorBias))
     recordings = thrown(scene.physics.with_effects([effect]), 3, count=1)
     if isinstance(effect, WarpingTracker):
-        recordings = [_written(one, effect) for one in recordings]
-    recordings = [one.window(0.0, 0.5) for one in recordings]
+        recordings = [_written(recording, effect) for recording in recordings]
+    recordings = [recording.window(0.0, 0.5) for recording in recordings]
     verdict, outcome = examine(scene, recordings, effects=[type(effect)])
     (found,) = verdict.explanation
     assert (verdict.kind, found.effect.key) == ("explained", effect.key), str(verdict)

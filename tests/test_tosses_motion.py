@@ -1,4 +1,4 @@
-"""A free body's equations of motion, its simulation and their slopes."""
+"""A free body's equations of motion, its simulation, and the derivatives of both."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -176,8 +176,8 @@ def test_compiled_flights_know_what_changes_a_contact(
 def test_a_push_moves_the_flights_of_its_own_recording_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     push = ExternalDisturbance("body", {"x": 2.0, "y": 0.0, "z": 1.0, "start": 0.02, "stop": 0.1}, "b")
     bare = thrown_scene(tmp_path, BLOCK).physics
-    one, times = _turned([0.0, 0.0, 0.07], [0.3, 0.1, -0.5]), np.tile(np.arange(0.0, 0.2, 0.004), (2, 1))
-    start, counts = State(np.tile(one.numbers, (2, 1))), np.full(2, times.shape[1])
+    state, times = _turned([0.0, 0.0, 0.07], [0.3, 0.1, -0.5]), np.tile(np.arange(0.0, 0.2, 0.004), (2, 1))
+    start, counts = State(np.tile(state.numbers, (2, 1))), np.full(2, times.shape[1])
 
     def flown(body: FreeBody) -> np.ndarray:
         flights = fly(body, start, times, counts, np.array([0, 1]), ("a", "b"), TIGHT)
@@ -220,8 +220,8 @@ def test_slopes_are_those_of_finite_steps_through_a_bounce(tmp_path: Path, shape
         finite = _differences(_flown(body, displace(start, step), times), _flown(body, displace(start, -step), times))
         finite /= 2.0 * size
         assert np.max(np.abs(by_start[..., :6, k] - finite)) < 0.05 * np.max(np.abs(finite))
-    stiffer = [FreeBody(scene.physics_at(scene.priors.mean + np.array([one, 0.0]))) for one in (30.0, -30.0)]
-    finite = _differences(*(_flown(one, start, times) for one in stiffer)) / 60.0
+    stiffer = [FreeBody(scene.physics_at(scene.priors.mean + np.array([step, 0.0]))) for step in (30.0, -30.0)]
+    finite = _differences(*(_flown(body, start, times) for body in stiffer)) / 60.0
     change = (tangent.acceleration(stiffer[0]) - tangent.acceleration(stiffer[1])) / 60.0
     by_stiffness = tangent.propagate(np.zeros((1, 12, 1)), change[..., None])[..., :6, 0]
     assert np.max(np.abs(by_stiffness - finite)) < 0.1 * np.max(np.abs(finite))
@@ -259,7 +259,7 @@ def test_a_winding_contact_is_simulated_as_well_as_it_is_measured(tmp_path: Path
     times = np.arange(0.0, 0.2, 0.004)[None]
     std = np.repeat([1e-4, 2e-3], 3)
     count, recording = np.array([times.shape[1]]), np.zeros(1, dtype=int)
-    usual, exact = (fly(body, start, times, count, recording, ("a",), one) for one in (std, 1e-4 * std))
+    usual, exact = (fly(body, start, times, count, recording, ("a",), noise) for noise in (std, 1e-4 * std))
     assert np.any(exact.fine.mode)
     off = np.abs(_differences(usual, exact)) / std
     assert np.max(off) < 0.5, np.max(off)

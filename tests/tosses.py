@@ -1,4 +1,4 @@
-"""Small scenes of thrown bodies, and recordings made of them."""
+"""Small scenes of thrown bodies, and recordings simulated in them."""
 
 from pathlib import Path
 

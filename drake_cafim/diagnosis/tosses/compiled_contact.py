@@ -1,6 +1,6 @@
 """Contact forces on points and the contacts' internal states, compiled, for known contact laws and effects.
 
-E points are laid out as in `rigid.meeting`; `law` is the result of `law_of`.
+E points are laid out as in `rigid.contact_kinematics`; `law` is the result of `law_of`.
 """
 
 from typing import Any, cast

@@ -61,7 +61,7 @@ def simulate_flights(
                 # the forces overflow: the rest of the flight is not a number
                 out[b, following:] = np.nan
                 break
-            landing = rigid.landing(now, R, points, deep, sinking, mode, first, normal)[0]
+            landing = rigid.time_to_land(now, R, points, deep, sinking, mode, first, normal)[0]
             step = min(usual, left, max(landing, SHORTEST))
             # a remainder below 1e-9 s before a sample is added to this step
             if left - step < 1e-9:
@@ -128,7 +128,7 @@ def _step(
     inverse = np.ascontiguousarray(np.linalg.inv(np.eye(6) - GAMMA * step * stiff)) if touching else np.eye(6)
     for i in range(4):
         if i:
-            at = rigid.onwards(state, h, ALPHA[i], slopes)
+            at = rigid.combine_stages(state, h, ALPHA[i], slopes)
             turned, past = _rotation(at), step * np.sum(ALPHA[i])
             kept = _advance_memories(memory, at, turned, mode, False, past, plane, law)
             change, _ = _acceleration(at, turned, mode, kept, body, plane, law, (when[0] + past, when[1]), False)
@@ -144,7 +144,7 @@ def _step(
         for i in range(4):
             missed += (WEIGHTS[i] - EMBEDDED[i]) * slopes[i, 0, 7 + x]
         error = max(error, abs(step * missed) / allowed[x])
-    return rigid.onwards(state, h, WEIGHTS, slopes), error if np.isfinite(error) else 1e6
+    return rigid.combine_stages(state, h, WEIGHTS, slopes), error if np.isfinite(error) else 1e6
 
 
 @compiled
@@ -159,20 +159,20 @@ def _acceleration(
     mass, center, inertia, inverse, gravity, drag, middle, pushes = body
     wrench, damping = np.zeros((1, 2, 3)), np.zeros((1, 6, 6))
     if np.any(mode):
-        rows, columns, lever = rigid.near(R, points, below, np.zeros(mode.shape), mode, 0.0)
+        rows, columns, lever = rigid.near_points(R, points, below, np.zeros(mode.shape), mode, 0.0)
         touching = np.ones(len(rows), dtype=np.bool_)
-        held, rate, slip, position = rigid.meeting(state[rows], lever, touching, normal, height)
+        held, rate, slip, position = rigid.contact_kinematics(state[rows], lever, touching, normal, height)
         force, moment, slopes = forces(held, rate, slip, position, state[0, 10:], memory[columns], normal, law)
-        rigid.pushed(wrench, rows, lever, force, moment)
+        rigid.add_forces(wrench, rows, lever, force, moment)
         if stiff:
             along, across, onward, into = slip.copy(), slopes[:, 0].copy(), slopes[:, 1].copy(), slopes[:, 2].copy()
             for e in range(len(rows)):
                 along[e] /= max(np.sqrt(np.sum(slip[e] ** 2)), 1e-12)
-            damping = rigid.damped(R, inverse, rows, lever, along, across, onward, into, normal)
+            damping = rigid.velocity_slopes(R, inverse, rows, lever, along, across, onward, into, normal)
     if drag != 0.0:
         _add_drag(wrench[0], state[0], R[0], drag, middle)
     _add_pushes(wrench[0], R[0], pushes, when)
-    return rigid.accelerated(state, R, wrench, mass, center, inertia, inverse, gravity), damping
+    return rigid.acceleration(state, R, wrench, mass, center, inertia, inverse, gravity), damping
 
 
 @compiled
@@ -222,9 +222,9 @@ def _advance_memories(
         return memory
     points, below, normal, height = plane
     result, every, spinning = np.zeros(memory.shape), np.ones(mode.shape, dtype=np.bool_), np.empty(3)
-    rows, columns, lever = rigid.near(R, points, below, np.zeros(mode.shape), every if everywhere else mode, 0.0)
+    rows, columns, lever = rigid.near_points(R, points, below, np.zeros(mode.shape), every if everywhere else mode, 0.0)
     pressing = mode[0, columns]
-    held, _, _, position = rigid.meeting(state[rows], lever, pressing, normal, height)
+    held, _, _, position = rigid.contact_kinematics(state[rows], lever, pressing, normal, height)
     for x in range(3):
         y, z = (x + 1) % 3, (x + 2) % 3
         spinning[x] = state[0, 10 + y] * below[z] - state[0, 10 + z] * below[y]

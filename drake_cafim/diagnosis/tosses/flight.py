@@ -87,8 +87,8 @@ def fly(
         moment = Moment(time[alive], recording[alive], names)
         left = times[alive, following[alive]] - moment.time
         R = rotation_matrices(here.quaternion)
-        felt = points.forces(here, R, touching, remembered)
-        first = body.accelerated(here, R, felt, moment)
+        forces = points.forces(here, R, touching, remembered)
+        first = body.acceleration_under(here, R, forces, moment)
         lost = ~np.all(np.isfinite(first), axis=1)
         if np.any(lost):
             # the forces overflow: the rest of the flight is not a number
@@ -100,7 +100,7 @@ def fly(
         step = np.minimum(np.minimum(usual[alive], left), np.maximum(landing, SHORTEST))
         # a remainder below 1e-9 s before a sample is added to this step
         step = np.where(left - step < 1e-9, left, step)
-        damping = None if felt is None else body.damping(R, felt)
+        damping = None if forces is None else body.damping(R, forces)
         ended, error = _step(body, here, touching, remembered, moment, first, damping, step, allowed)
         deep, sinking = points.depths(ended)
         past = np.max(np.where(touching, -np.inf, deep), axis=1, initial=-np.inf) > LANDED
@@ -188,7 +188,7 @@ def _step(
     at, change = state, first
     for i in range(4):
         if i:
-            at = State(rigid.onwards(state.numbers, step, ALPHA[i, :i], slopes))
+            at = State(rigid.combine_stages(state.numbers, step, ALPHA[i, :i], slopes))
             past = ALPHA[i].sum() * step
             kept = remember(body, memory, at, mode, past, mode) if body.touch_points.memory else memory
             change = body.acceleration(at, mode, kept, Moment(moment.time + past, moment.recording, moment.names))
@@ -197,7 +197,7 @@ def _step(
                 change = change + h * (damping @ _weighted_sum(SHIFT[i, :i], slopes)[:, 7:, None])[..., 0]
             change = (inverse @ change[..., None])[..., 0]
         rigid.rates(at.numbers, change, slopes[i])
-    ended = State(rigid.onwards(state.numbers, step, WEIGHTS, slopes))
+    ended = State(rigid.combine_stages(state.numbers, step, WEIGHTS, slopes))
     missed = h * _weighted_sum(WEIGHTS - EMBEDDED, slopes)[:, 7:]
     error = (np.abs(missed) / allowed).max(axis=1)
     return ended, np.where(np.isfinite(error), error, 1e6)

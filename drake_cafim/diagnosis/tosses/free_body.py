@@ -123,7 +123,7 @@ class TouchPoints:
         """(B,) s until the first point that does not touch (`mode` (B, K) is False) would, at this `acceleration`."""
         if self.contact is None:
             return np.full(len(state), np.inf)
-        found = rigid.landing(
+        found = rigid.time_to_land(
             state.numbers, R, self._points, *self.depths(state, R), mode, acceleration, self.contact.normal
         )
         return np.asarray(found, dtype=float)
@@ -133,7 +133,9 @@ class TouchPoints:
         contact = self.contact
         assert contact is not None
         levers = np.ascontiguousarray(lever)
-        held, rate, slip, position = rigid.meeting(state.numbers, levers, points, contact.normal, self._height)
+        held, rate, slip, position = rigid.contact_kinematics(
+            state.numbers, levers, points, contact.normal, self._height
+        )
         # the deepest point of a sphere stays below its centre, a corner turns with the body
         return Touch(held, rate, slip, position, state.w, self._below.T, self._axes)
 
@@ -146,7 +148,7 @@ class TouchPoints:
         if contact is None or not (self.pulls or mode.any()):
             return None
         deep = self.depths(state, R)[0] if self.pulls else np.zeros(mode.shape)
-        rows, columns, lever = rigid.near(R, self._points, self._below[:, 0], deep, mode, self._reach)
+        rows, columns, lever = rigid.near_points(R, self._points, self._below[:, 0], deep, mode, self._reach)
         touch = self.touch(state[rows], lever, mode[rows, columns])
         return TouchForces(rows, lever, touch, *contact.force(touch, memory[rows, columns]))
 
@@ -163,7 +165,7 @@ class TouchPoints:
         along = slip / np.maximum(speed, 1e-12)[:, None]
         across, onward = _friction_slopes(contact, np.maximum(pushing, 0.0), speed)
         into = np.where(pushing > 0.0, contact.parameters.damping, 0.0)
-        slopes = rigid.damped(R, inverse_inertia, forces.rows, forces.lever, along, across, onward, into, n)
+        slopes = rigid.velocity_slopes(R, inverse_inertia, forces.rows, forces.lever, along, across, onward, into, n)
         return np.asarray(slopes, dtype=float)
 
 
@@ -206,7 +208,7 @@ class FreeBody:
     @cached_property
     def plain(self) -> bool:
         """Whether compiled code knows every force on the body."""
-        kinds = [type(one) for one in self.physics.body_forces]
+        kinds = [type(effect) for effect in self.physics.body_forces]
         known = set(kinds) <= {AerodynamicDrag, ExternalDisturbance} and kinds.count(AerodynamicDrag) < 2
         return self.touch_points.law is not None and known
 
@@ -224,12 +226,14 @@ class FreeBody:
         Their peaks (P, 3) N, start and stop (P, 2) s, the index (P,) of their recording among `names`, −1 for all, and
         the points on the body (P, 3) m at which they act.
         """
-        brief = [(one, one.episode.recording) for one in self.physics.body_forces if one.episode is not None]
-        found = [one for one, recording in brief if recording is None or recording in names]
-        values = np.array([[one.values[name] for name in ("x", "y", "z", "start", "stop")] for one in found])
+        brief = [
+            (effect, effect.episode.recording) for effect in self.physics.body_forces if effect.episode is not None
+        ]
+        found = [effect for effect, recording in brief if recording is None or recording in names]
+        values = np.array([[effect.values[name] for name in ("x", "y", "z", "start", "stop")] for effect in found])
         values = values.reshape(-1, 5)
         whose = [-1 if own is None else names.index(own) for _, own in brief if own is None or own in names]
-        places = np.array([self._place(one) for one in found]).reshape(-1, 3)
+        places = np.array([self._place(effect) for effect in found]).reshape(-1, 3)
         return values[:, :3].copy(), values[:, 3:].copy(), np.array(whose, dtype=np.int64), places
 
     def _place(self, effect: BodyForce) -> Array:
@@ -240,16 +244,16 @@ class FreeBody:
     def acceleration(self, state: State, mode: Flags, memory: Array, moment: Moment) -> Array:
         """(B, 6): v̇ then ω̇ in the world, the points of `mode` (B, K) touching; `memory` is (B, K, m)."""
         R = rotation_matrices(state.quaternion)
-        return self.accelerated(state, R, self.touch_points.forces(state, R, mode, memory), moment)
+        return self.acceleration_under(state, R, self.touch_points.forces(state, R, mode, memory), moment)
 
-    def accelerated(self, state: State, R: Array, forces: TouchForces | None, moment: Moment) -> Array:
+    def acceleration_under(self, state: State, R: Array, forces: TouchForces | None, moment: Moment) -> Array:
         """`acceleration` of bodies turned by `R` (B, 3, 3) under the contact's `forces`."""
         wrench = np.zeros((len(state), 2, 3))
         if forces is not None:
-            rigid.pushed(wrench, forces.rows, forces.lever, forces.force, forces.moment)
+            rigid.add_forces(wrench, forces.rows, forces.lever, forces.force, forces.moment)
         for effect in self.physics.body_forces:
             self._disturb(wrench, effect, state, R, moment)
-        return np.asarray(rigid.accelerated(state.numbers, R, wrench, *self.inertial, self.physics.gravity))
+        return np.asarray(rigid.acceleration(state.numbers, R, wrench, *self.inertial, self.physics.gravity))
 
     def _disturb(self, wrench: Array, effect: BodyForce, state: State, R: Array, moment: Moment) -> None:
         lever = R @ self._place(effect)

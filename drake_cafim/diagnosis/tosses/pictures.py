@@ -26,7 +26,7 @@ class TossPictures(Pictures):
 
     problem: ArcRows
 
-    row_note: ClassVar[str] = "It is what each sample says beyond those just before it."
+    row_note: ClassVar[str] = "Shown is how far a sample lies from what the model predicts from the samples before it."
 
     @property
     def recordings(self) -> list[Recording]:

@@ -33,7 +33,7 @@ def depths(numbers: Array, R: Array, points: Array, below: Array, normal: Array,
 
 
 @compiled
-def near(
+def near_points(
     R: Array, points: Array, below: Array, depth: Array, mode: Any, reach: float
 ) -> tuple[Indices, Indices, Array]:
     """The points that touch, by `mode` (B, K), or are less than `reach` m above the plane, if that is positive.
@@ -55,7 +55,7 @@ def near(
 
 
 @compiled
-def meeting(
+def contact_kinematics(
     numbers: Array, lever: Array, touching: Any, normal: Array, height: float
 ) -> tuple[Array, Array, Array, Array]:
     """Penetration m and its rate m/s (E,), slip m/s and position m (E, 3) of one point of each of E bodies.
@@ -82,7 +82,7 @@ def meeting(
 
 
 @compiled
-def pushed(wrench: Array, rows: Indices, lever: Array, force: Array, moment: Array) -> None:
+def add_forces(wrench: Array, rows: Indices, lever: Array, force: Array, moment: Array) -> None:
     """Adds forces and moments (E, 3) at levers to the bodies' wrenches (B, 2, 3), force first, about the origins."""
     for e in range(len(rows)):
         for x in range(3):
@@ -92,7 +92,7 @@ def pushed(wrench: Array, rows: Indices, lever: Array, force: Array, moment: Arr
 
 
 @compiled
-def accelerated(
+def acceleration(
     numbers: Array, R: Array, wrench: Array, mass: float, center: Array, inertia: Array, inverse: Array, gravity: Array
 ) -> Array:
     """(v̇, ω̇) (B, 6), world axes, by the weight and by wrenches (B, 2, 3); Newton–Euler about the body's origin.
@@ -131,7 +131,7 @@ def accelerated(
 
 
 @compiled
-def damped(
+def velocity_slopes(
     R: Array, inverse: Array, rows: Indices, lever: Array, along: Array, across: Array, onward: Array, into: Array,
     normal: Array,
 ) -> Array:  # fmt: skip
@@ -164,7 +164,7 @@ def damped(
 
 
 @compiled
-def landing(
+def time_to_land(
     numbers: Array, R: Array, points: Array, depth: Array, sinking: Array, mode: Any, acceleration: Array, normal: Array
 ) -> Array:
     """The time (B,) s until the first point lands that does not touch yet, at constant acceleration; ∞ for never."""
@@ -194,7 +194,7 @@ def landing(
 
 
 @compiled
-def onwards(numbers: Array, step: Array, shares: Array, slopes: Array) -> Array:
+def combine_stages(numbers: Array, step: Array, shares: Array, slopes: Array) -> Array:
     """The bodies (B, 13) plus step · Σ shares[i] slopes[i] over the first k of `slopes` (4, B, 13), normalised."""
     result = numbers.copy()
     for i in range(len(numbers)):
