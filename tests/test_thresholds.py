@@ -87,7 +87,7 @@ FIGURES = {
     "predict/innovations.py": "SEGMENT",
     "search/decisions.py": "REFUSED NOISE_ALLOWED",
     "tosses/pictures.py": "TOGETHER",
-    "tosses/quality.py": "HORIZON LOOK_BACK LOST",
+    "tosses/quality.py": "LOST",
 }
 STRUCTURE = {
     # sizes of things, how many there are, and numbers that stand for names
