@@ -1,4 +1,4 @@
-"""A Gaussian belief over the unknown parameters."""
+"""The class `Belief`: a Gaussian distribution of the unknown parameters."""
 
 from dataclasses import dataclass
 

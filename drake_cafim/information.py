@@ -71,12 +71,12 @@ class Combination:
 def identifiable_combinations(
     fisher: Array, prior: Array, theta: Array, *, tolerance: float = 1e-9
 ) -> tuple[Combination, ...]:
-    """The combinations that F (n, n) at θ (n,) identifies, given the prior information P (n, n); best known first.
+    """All n combinations of the parameters θ (n,) by how well F (n, n) identifies them, given the prior P; best first.
 
-    The eigenvectors w of LᵀFL, with P⁻¹ = L Lᵀ, are combinations wᵀL⁻¹θ that are independent before and after the
-    data: of prior variance 1 and posterior variance 1/(1 + eigenvalue). To first order each is the logarithm of a
-    product of powers; where θ_i = 0 its prior std takes its place. The number of identified ones is the rank of F:
-    eigenvalues above `tolerance` times the largest.
+    P (n, n) is the prior's information. The eigenvectors w of LᵀFL, with P⁻¹ = L Lᵀ, are combinations wᵀL⁻¹θ that are
+    independent before and after the data: of prior variance 1 and posterior variance 1/(1 + eigenvalue). To first order
+    each is the logarithm of a product of powers; where θ_i = 0 its prior std takes its place. The number of identified
+    ones is the rank of F: eigenvalues above `tolerance` times the largest.
     """
     covariance = np.linalg.inv(prior)
     L = np.linalg.cholesky(covariance)

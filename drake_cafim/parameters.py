@@ -47,6 +47,7 @@ class Parameters:
 
     @classmethod
     def of(cls, items: Iterable[Parameter]) -> "Parameters":
+        """The set of `items`, in their order."""
         return cls(tuple(items))
 
     def __iter__(self) -> Iterator[Parameter]:
@@ -57,6 +58,7 @@ class Parameters:
 
     @property
     def free(self) -> tuple[Parameter, ...]:
+        """The parameters that are not frozen."""
         return tuple(parameter for parameter in self.items if not parameter.frozen)
 
     @property

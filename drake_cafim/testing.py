@@ -1,4 +1,4 @@
-"""An assertion for test suites of laboratories: recordings of the robot must be explained by its model.
+"""An assertion for your own test suite: it fails where a robot's model does not explain the recordings.
 
 from drake_cafim.testing import assert_explained
 
@@ -34,16 +34,16 @@ def assert_explained(
     artifacts: str | Path | None = None,
     settings: Settings | None = None,
 ) -> Verdict:
-    """The verdict, if the scene's model and its stated noise explain the recordings; otherwise it fails.
+    """Assert that the scene's model and its stated noise explain the recordings, and return the verdict.
 
-    `scene` is a Scene or an argument of `Scene.load`; a recording is a Recording or a file's path. Effects that the
-    laboratory tolerates are `allowed`, as "joint_coulomb_friction@elbow" or, at any place, "joint_coulomb_friction":
-    the assertion passes if nothing else is found. A permanent effect belongs under `effects:` of the scenario instead,
+    `scene` is a Scene or an argument of `Scene.load`; a recording is a Recording or a file's path. `allowed` names
+    effects that you tolerate, as "joint_coulomb_friction@elbow" or, at any place, "joint_coulomb_friction": the
+    assertion passes if nothing else is found. A permanent effect belongs under `effects:` of the scenario instead,
     with its strength. `held_out`, `effects` and `settings` are those of `drake_cafim.diagnose`.
 
     Raises `AssertionError` with the verdict's sentence, after writing report.html, report.json,
     scenario.corrected.yaml and replay.html to the folder `artifacts`, by default the first free
-    cafim-out/assert-explained-<n>. Raises `InputError` for unusable input, and for an allowed name of no effect.
+    cafim-out/assert-explained-<n>. Raises `InputError` for unusable input, and for an unknown effect in `allowed`.
     """
     scene = (scene if isinstance(scene, Scene) else Scene.load(scene, effects=effects)).with_effect_classes(effects)
     _check_allowed(allowed, scene)
@@ -63,6 +63,7 @@ def assert_explained(
 
 
 def _passes(verdict: Verdict, allowed: Sequence[str]) -> bool:
+    """Whether nothing is missing, or only allowed effects; a mistake of the data always fails."""
     if verdict.data_mistakes:
         return False
     if verdict.kind != "explained":

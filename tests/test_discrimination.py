@@ -24,7 +24,7 @@ from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointSpring, JointViscousFriction
 from drake_cafim.errors import InputError
 from drake_cafim.parameters import Parameter, Parameters
-from drake_cafim.scenario.unknown import applied
+from drake_cafim.scenario.unknown import apply_unknowns
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -328,7 +328,7 @@ def test_physics_that_are_kept_are_those_of_their_unknowns(scene: Scene) -> None
     for k in range(300):
         vector = scene.priors.mean + 1e-4 * (k % 200)
         for one in (scene, other):
-            kept, fresh = one.physics_at(vector), applied(one.unknown, one.physics, vector)
+            kept, fresh = one.physics_at(vector), apply_unknowns(one.unknown, one.physics, vector)
             assert kept.tree.bodies[1].mass == fresh.tree.bodies[1].mass
     assert scene.physics_at(vector) is scene.physics_at(vector.copy())
 

@@ -6,7 +6,7 @@ import pytest
 from drake_cafim.belief import Belief
 from drake_cafim.commands.run import table
 from drake_cafim.diagrams.catalogue import stage_of
-from drake_cafim.experiment.run_record import identified
+from drake_cafim.experiment.run_record import describe_combinations
 from drake_cafim.information import identifiable_combinations
 from drake_cafim.scenario.schema import load
 from drake_cafim.scene.scene import resolve
@@ -56,7 +56,7 @@ def test_the_record_says_it_and_the_summary_too():
     g = np.array([THETA[1], THETA[0]])
     prior = Belief(NAMES, THETA, np.linalg.inv(PRIOR))
     after = prior.update(0.1 * np.outer(g, g), THETA)
-    told = identified(prior, after)
+    told = describe_combinations(prior, after)
     assert told["rank"] == 1 and told["combinations"][0]["text"] == "friction·stiffness"
     one = {
         "estimate": dict(zip(NAMES, after.mean, strict=True)),
@@ -72,9 +72,9 @@ def test_the_record_says_it_and_the_summary_too():
     assert "only this is known: friction·stiffness, to 7.9 %" in sentence
     assert "cannot tell friction, stiffness apart" in sentence
     whole = prior.update(np.diag([1e4, 1e4]), THETA)
-    record["experiments"] = [one | identified(prior, whole)]
+    record["experiments"] = [one | describe_combinations(prior, whole)]
     assert "only this is known" not in table(record)
-    assert identified(Belief(("a",), np.ones(1), np.eye(1)), Belief(("a",), np.ones(1), np.eye(1))) == {}
+    assert describe_combinations(Belief(("a",), np.ones(1), np.eye(1)), Belief(("a",), np.ones(1), np.eye(1))) == {}
 
 
 @pytest.mark.parametrize("name, readings", [("rubbing_two", 2), ("rubbing_tangential", 1)])

@@ -15,7 +15,7 @@ from drake_cafim.information import fisher_information
 from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.sensitivity.evaluator import FISHER, make_evaluator
 from drake_cafim.sensitivity.model import Start
-from drake_cafim.sensitivity.tangent import _stateful
+from drake_cafim.sensitivity.tangent import _differentiate_stateful
 from drake_cafim.tasks.compliant_hefting import CompliantHefting
 from drake_cafim.tasks.contouring import Contouring
 from drake_cafim.tasks.hefting import Hefting
@@ -58,7 +58,7 @@ def test_the_compiled_ball_is_the_one_that_is_carried_step_by_step(law, smoothin
     motion = model.motion(np.array([0.2, 0.0]), random.uniform(-1.0, 1.0, (6, 12, 1)))
     states = np.array([0.2, 0.0]) + 1e-3 * random.standard_normal((6, 2))
     start, theta = Start(states, 0.01 * random.standard_normal((6, 2, 1))), np.array([0.06])
-    compiled, stepped = model.rollout(motion, theta, start), _stateful(model, motion, theta, start)
+    compiled, stepped = model.rollout(motion, theta, start), _differentiate_stateful(model, motion, theta, start)
     assert (compiled.forces == 0).any() == (smoothing == 0) and (compiled.forces > 0.6).any()
     for name, value in vars(stepped).items():
         np.testing.assert_allclose(getattr(compiled, name), value, rtol=1e-9, atol=1e-9, err_msg=name)

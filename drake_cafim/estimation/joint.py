@@ -1,9 +1,9 @@
-"""CA-MAP as defined in the paper (Def. 4): one program over θ and the trajectory τ, with contact as constraints.
+"""CA-MAP as in the paper's Def. 4: one program over θ and the trajectory τ, with the contact law as constraints.
 
     min over θ, x, λ of  ½ Σ |(y − g(x, λ, θ)) / σ|² + ½ |θ − θ₀|²_{Σ₀⁻¹}
     subject to           x_0 = x_0(θ),   λ_k = contact(x_k, r_k, θ),   x_{k+1} = step(x_k, r_k, r_{k+1}, λ_k, θ)
 
-Without a measured pose it has wrong local optima, and a law with kinks is not differentiable at contact: use a model
+Without a measured pose it has wrong local optima, and a law with kinks is not differentiable at touch-down: use a model
 with a smooth law, and start from the shooting solution.
 """
 
@@ -38,10 +38,10 @@ class JointProgram:
 
 @dataclass(frozen=True)
 class JointEstimate:
-    """θ (n,) and the forces (K, nλ) of each experiment's integration steps.
+    """The solution: θ (n,) and the forces (K, nλ) at each experiment's integration steps.
 
-    `solved` is the solver's status; `violation` the largest constraint violation (in N and m), which should be checked
-    even where `solved` is true.
+    `solved` is the solver's status; `violation` the largest constraint violation (of constraints in N and m), to be
+    checked even where `solved` is true.
     """
 
     theta: Array
@@ -53,7 +53,7 @@ class JointEstimate:
 
 
 def build_joint_program(problem: MapProblem) -> JointProgram:
-    """The program of all experiments of `problem`, with one constraint callback per knot."""
+    """The program of all experiments of `problem`, with constraints for the contact law and the step at each knot."""
     model = problem.model
     parameters = model.parameters
     centre, scale = problem.prior.mean, problem.prior.std
@@ -78,6 +78,7 @@ def build_joint_program(problem: MapProblem) -> JointProgram:
 
 
 def _add_experiment(joint: JointProgram, problem: MapProblem, motion: Array, measured: Array) -> tuple[Any, Any]:
+    """Add an experiment's variables, constraints and costs to the program; its state and force variables."""
     model, program, z = problem.model, joint.program, joint.z
     knots = len(motion)
     nx = model.state_size
@@ -111,6 +112,7 @@ Function = Callable[[Array], tuple[Array, Array]]
 
 
 def _contact(problem: MapProblem, theta_of: Any, scale: Array, motion: Array, nf: int) -> Function:
+    """The constraint λ − contact(x, r, θ) = 0 as a function of (λ, x, z), with its Jacobian."""
     model, nx = problem.model, problem.model.state_size
 
     def function(values: Array) -> tuple[Array, Array]:
@@ -122,6 +124,7 @@ def _contact(problem: MapProblem, theta_of: Any, scale: Array, motion: Array, nf
 
 
 def _step(problem: MapProblem, theta_of: Any, scale: Array, motion: Array, following: Array, nf: int) -> Function:
+    """The constraint x_{k+1} − step(x_k, r_k, r_{k+1}, λ_k, θ) = 0 of (x_{k+1}, x_k, λ_k, z), with its Jacobian."""
     model, nx = problem.model, problem.model.state_size
 
     def function(values: Array) -> tuple[Array, Array]:
@@ -134,7 +137,7 @@ def _step(problem: MapProblem, theta_of: Any, scale: Array, motion: Array, follo
 
 
 def _residual(problem: MapProblem, theta_of: Any, scale: Array, motion: Array, nf: int, reading: Array) -> Function:
-    """½ |(y − g)/σ|² of one sample and its gradient (1, m); missing components (NaN) are skipped."""
+    """The cost ½ |(y − g)/σ|² of one sample as a function of (λ, x, z), with its gradient; NaNs in y are skipped."""
     model, nx = problem.model, problem.model.state_size
     seen = np.isfinite(reading)
 
@@ -158,7 +161,7 @@ def _pieces(jacobians: Jacobians, nf: int, nx: int, n: int) -> tuple[Array, Arra
 
 
 def _evaluate(function: Function, values: Any) -> Any:
-    """`function` for float and for AutoDiffXd arguments."""
+    """The value of `function` for float arguments, or with derivatives by the chain rule for AutoDiffXd arguments."""
     if values.dtype != object:
         return function(values)[0]
     plain = np.array([value.value() for value in values])
@@ -204,6 +207,7 @@ def solve_joint(problem: MapProblem, theta: Array, solver: str = "snopt") -> Joi
 
 
 def _guess(joint: JointProgram, problem: MapProblem, theta: Array) -> Array:
+    """Values of all variables for the trajectory that the model predicts at θ (n,), which meets all constraints."""
     model, program = problem.model, joint.program
     guess: Any = np.zeros(program.num_vars())
     z: Any = (theta - joint.centre) / joint.scale

@@ -1,4 +1,4 @@
-"""The CA-MAP problem: a planning model, the prior, and what was recorded."""
+"""The CA-MAP problem: a planning model, the prior, the data, and the negative log posterior of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from drake_cafim.typing import Array
 class Data:
     """One experiment: robot states (T+1, 2 nu) at the ends of the periods, measurements (T, ny) after each.
 
-    A measurement that is missing is NaN, and counts for nothing.
+    Missing measurements are NaN and have no influence.
     """
 
     robot_states: Array
@@ -34,19 +34,19 @@ class Data:
 
 @dataclass(frozen=True)
 class Group:
-    """Experiments of one length, stacked: motion (E, T·substeps + 1, nr), measurements (E, T, ny)."""
+    """Experiments of equal length, stacked: motion (E, T·substeps + 1, nr), measurements (E, T, ny)."""
 
     motion: Array
     measurements: Array
-    places: tuple[int, ...]  # of its experiments among all
+    places: tuple[int, ...]  # indices of its experiments among all
 
 
 @dataclass(frozen=True)
 class MapProblem:
     """ℓ(θ) = ½ Σ |(y − ŷ(θ)) / σ|² + ½ (θ − θ₀)ᵀ Σ₀⁻¹ (θ − θ₀), the negative log posterior up to a constant.
 
-    All data so far from the original prior; the paper's Def. 4 with τ eliminated by rolling the model out
-    along the measured motion of the robot.
+    It holds all data so far and the original prior: the paper's Def. 4 with the trajectory τ eliminated by rolling the
+    model out along the measured motion of the robot.
     """
 
     model: PlanningModel
@@ -56,10 +56,11 @@ class MapProblem:
 
     @property
     def experiments(self) -> int:
+        """The number of experiments E."""
         return sum(len(group.places) for group in self.groups)
 
     def cost(self, theta: Array) -> float:
-        """ℓ(θ) without derivatives."""
+        """ℓ(θ), computed without derivatives."""
         total = self._prior_cost(theta)
         for group in self.groups:
             start = self._start(group, theta)
@@ -68,7 +69,7 @@ class MapProblem:
         return total
 
     def cost_and_gradient(self, theta: Array) -> tuple[float, Array]:
-        """ℓ(θ) and dℓ/dθ (n,), the latter through the evaluator's sensitivities."""
+        """ℓ(θ) and dℓ/dθ = −Σ Gᵀ (y − ŷ)/σ² + Σ₀⁻¹ (θ − θ₀), (n,), with the evaluator's sensitivities G."""
         total, gradient = self._prior_cost(theta), self.prior.information @ (theta - self.prior.mean)
         for group in self.groups:
             rollout = self._rollout(group, theta)
@@ -115,7 +116,7 @@ class MapProblem:
 def make_problem(
     model: PlanningModel, evaluator: Evaluator, data: Sequence[Data], prior: Belief | None = None
 ) -> MapProblem:
-    """The problem of `data`, from the model's own prior unless another is given."""
+    """The problem of `data` with `prior`, by default the model's."""
     by_length: dict[int, list[int]] = {}
     for place, experiment in enumerate(data):
         by_length.setdefault(len(experiment.measurements), []).append(place)

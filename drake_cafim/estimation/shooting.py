@@ -1,6 +1,6 @@
-"""CA-MAP by shooting: a MathematicalProgram over θ alone, started from a coarse grid.
+"""CA-MAP by shooting: a MathematicalProgram over θ alone, started from the best points of a coarse grid.
 
-Where a guess predicts no contact the likelihood is flat, and no local solver leaves it: hence the grid.
+Where a guess predicts no contact the likelihood is constant, and no local solver can leave it: hence the grid.
 """
 
 from collections.abc import Callable
@@ -25,26 +25,26 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class ShootingConfig:
-    """Of the search; the defaults are those of every packaged scenario."""
+    """Settings of the search; the defaults are those of all packaged scenarios."""
 
-    grid_points: int = 11  # a dimension, over ± grid_width prior std
-    grid_width: float = 3.0
-    grid_limit: int = 2000  # points in all; more dimensions get fewer each
-    starts: int = 3  # best grid points that are polished
-    gauss_newton_steps: int = 2  # before the program starts
-    tolerance: float = 1e-8  # SNOPT's optimality, in prior std
+    grid_points: int = 11  # in each dimension
+    grid_width: float = 3.0  # prior std, on both sides of the prior mean
+    grid_limit: int = 2000  # points in all; with many dimensions there are fewer in each
+    starts: int = 3  # number of the best grid points from which the program is solved
+    gauss_newton_steps: int = 2  # before each solution of the program
+    tolerance: float = 1e-8  # SNOPT's optimality tolerance, in prior std
 
 
 @dataclass(frozen=True)
 class SolverReport:
-    """What the solver said: Drake's `SolutionResult` by its number, which a Context can hold."""
+    """The solver's status: success, and Drake's `SolutionResult` as a number, which a Context can hold."""
 
     solved: bool
     status: int
 
     @property
     def message(self) -> str:
-        """In a sentence, with what to try where it found no optimum."""
+        """The status as a sentence, with what to try if there is no optimum."""
         if self.solved:
             return "SNOPT found an optimum"
         name = SolutionResult(self.status).name
@@ -53,9 +53,9 @@ class SolverReport:
 
 @dataclass(frozen=True)
 class MapEstimate:
-    """The belief after the data; `fisher` (E, n, n) is each experiment's alone, at the estimate.
+    """The belief after the data; `fisher` (E, n, n) is the information of each experiment at the estimate.
 
-    `solved` tells whether the solver said so; `message` says what it said, and what to try if it did not.
+    `cost` is ℓ at the optimum; `on_bound` names the parameters whose estimate is at a bound.
     """
 
     belief: Belief
@@ -66,17 +66,19 @@ class MapEstimate:
 
     @property
     def solved(self) -> bool:
+        """Whether the solver reports an optimum."""
         return self.solver.solved
 
     @property
     def message(self) -> str:
+        """The solver's status as a sentence."""
         return self.solver.message
 
 
 def build_program(problem: MapProblem) -> tuple[MathematicalProgram, Any, Callable[[Array], Array]]:
-    """The program, its variables z (n,), and the map from z to θ = θ₀ + s·z with s the prior std.
+    """The program, its variables z (n,), and the function from z to θ = θ₀ + s·z with s the prior std.
 
-    A user may add costs and constraints on z before solving.
+    Its cost is ℓ and its bounds are those of the parameters; you may add costs and constraints on z before solving.
     """
     parameters = problem.model.parameters
     lower, upper = parameters.bounds
@@ -104,7 +106,7 @@ def build_program(problem: MapProblem) -> tuple[MathematicalProgram, Any, Callab
 
 
 def solve(problem: MapProblem, config: ShootingConfig | None = None) -> MapEstimate:
-    """The MAP estimate of `problem`: the best of the program's solutions from several starts."""
+    """The MAP estimate of `problem`: the solution of least cost from several starts, with Σ = (F + Σ₀⁻¹)⁻¹."""
     config = ShootingConfig() if config is None else config
     program, z, to_theta = build_program(problem)
     origin = to_theta(np.zeros(len(z)))
@@ -130,7 +132,7 @@ def solve(problem: MapProblem, config: ShootingConfig | None = None) -> MapEstim
 
 
 def _starts(problem: MapProblem, config: ShootingConfig) -> list[Array]:
-    """The best points of a grid over the prior, the prior's mean among them."""
+    """The points of least cost of a grid over the prior and of the prior's mean, best first."""
     parameters = problem.model.parameters
     lower, upper = parameters.bounds
     count = max(3, min(config.grid_points, int(config.grid_limit ** (1.0 / len(parameters.free)))))
@@ -144,7 +146,7 @@ def _starts(problem: MapProblem, config: ShootingConfig) -> list[Array]:
 
 
 def _gauss_newton(problem: MapProblem, theta: Array, steps: int) -> Array:
-    """A few Gauss–Newton steps, each kept only if it lowers the cost."""
+    """θ after up to `steps` Gauss–Newton steps θ − (F + Σ₀⁻¹)⁻¹ dℓ/dθ; it stops at one that does not lower the cost."""
     for _ in range(steps):
         cost, gradient = problem.cost_and_gradient(theta)
         hessian = problem.fisher(theta).sum(axis=0) + problem.prior.information
@@ -158,6 +160,7 @@ def _gauss_newton(problem: MapProblem, theta: Array, steps: int) -> Array:
 
 
 def _on_bound(problem: MapProblem, theta: Array) -> tuple[str, ...]:
+    """The names of the parameters that are at a bound."""
     lower, upper = problem.model.parameters.bounds
     return tuple(
         name

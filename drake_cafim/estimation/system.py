@@ -1,4 +1,4 @@
-"""The CA-MAP estimator: a LeafSystem that keeps what was measured and renews the belief."""
+"""The CA-MAP estimator as a LeafSystem that stores measurements and updates the belief."""
 
 from typing import Any
 
@@ -23,13 +23,13 @@ class CaMap(LeafSystem):
         input_ports: [measured_state, measured_force]
         output_ports: [belief]
 
-    Every `model.period` it keeps a sample of `measured_state` (2 nu,), position m and velocity m/s, and
-    `measured_force` (ny,), what the model calls its measurement. The belief (n + n²,), mean then covariance,
-    is renewed after every `estimate_every` periods, or at the end of an experiment of `periods` alone (0).
+    Every `model.period` it stores a sample of `measured_state` (2 nu,), position m and velocity m/s, and of
+    `measured_force` (ny,), the model's measurement. The belief (n + n²,), mean then covariance, is updated after every
+    `estimate_every` periods, or only at the end of an experiment of `periods` (0).
 
-    `model` is what it explains the measurements by, for a plant of one's own a `DiagramModel`; `config` says how hard
-    the fit tries; `evaluator` gives the sensitivities, by default the fastest there is. All samples and the belief
-    live in the Context, with room for those of `experiments`; more raise `InputError`.
+    `model` predicts the measurements, for your own plant a `DiagramModel`; `config` holds the settings of the search;
+    `evaluator` computes the sensitivities, by default the `TangentEvaluator`. All samples and the belief are in the
+    Context, with room for `experiments` experiments; a further one raises `InputError`.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class CaMap(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(model.period, 0.0, self._sample)
 
     def begin_experiment(self, context: Context, experiment: int) -> None:
-        """Go on in `context` (this system's own) with experiment number `experiment`, from 0; keep all samples."""
+        """Begin experiment number `experiment`, from 0, in `context` (this system's own); all samples are kept."""
         if experiment >= self._shape[0]:
             raise InputError(f"CaMap: experiment {experiment + 1} of a system made for {self._shape[0]}")
         counters: Any = np.array([float(experiment), 0.0])
@@ -68,7 +68,7 @@ class CaMap(LeafSystem):
         state.get_mutable_vector(self._counters).SetFromVector(counters)
 
     def data(self, context: Context) -> list[Data]:
-        """What `context` (this system's own) holds: the experiments so far, the last maybe unfinished."""
+        """The data of the experiments so far in `context` (this system's own); the last may be unfinished."""
         state: Any = context.get_discrete_state()
         samples = np.array(state.get_vector(self._samples).get_value()).reshape(self._shape)
         experiment, count = (int(v) for v in state.get_vector(self._counters).get_value())
@@ -81,8 +81,7 @@ class CaMap(LeafSystem):
         return Belief.from_vector(self._prior.names, np.array(state.get_vector(self._belief).get_value()))
 
     def solver(self, context: Context) -> tuple[SolverReport, tuple[str, ...]]:
-        """What the solver said of the last belief in `context` (this system's own), and which parameters it left on a
-        bound."""
+        """The solver's status for the last belief in `context` (this system's own), and the parameters at a bound."""
         state: Any = context.get_discrete_state()
         solved, status, *bound = np.array(state.get_vector(self._solver).get_value()).tolist()
         on_bound = tuple(name for name, there in zip(self._prior.names, bound, strict=True) if there)
@@ -112,7 +111,7 @@ class CaMap(LeafSystem):
             written.get_mutable_vector(self._solver).SetFromVector(said)
 
     def _due(self, count: int) -> bool:
-        """Whether the sample number `count`, from 0, calls for a new estimate."""
+        """Whether an estimate is due at sample number `count`, from 0."""
         if count == self._shape[1] - 1:
             return True
         return self._every > 0 and count > 0 and count % self._every == 0

@@ -1,1 +1,1 @@
-"""The closed loop of planning, touching and estimating, and the worlds that it runs in."""
+"""The closed loop of planning, execution and estimation (Algorithm 1 of the paper), and the worlds it runs in."""

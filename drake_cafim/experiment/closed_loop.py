@@ -1,4 +1,4 @@
-"""Algorithm 1 of the paper, closed: plan a motion that touches, execute it, estimate, and again."""
+"""Algorithm 1 of the paper in closed loop: plan an informative contact motion, execute it, estimate, repeat."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -31,7 +31,7 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class Options:
-    """What a run may choose; every field has the default of `cafim run`."""
+    """Options of a run, with the defaults of `cafim run`."""
 
     policy: PolicyName = "contact-aware"
     planner: PlannerName = "predictive-sampling"
@@ -39,8 +39,8 @@ class Options:
     fisher: Fisher = "tangent"
     planner_config: PlannerConfig = field(default_factory=PlannerConfig)
     belief_samples: int = 1  # points of the belief over which a plan's score is averaged; 1: its mode
-    # commands are cut so that the true force keeps within the task's limit; None: those of contact-aware, where a robot
-    # executes them and there is a limit
+    # limit the commands so that the true force stays within the task's limit; None: only those of contact-aware that a
+    # simulated robot executes, for a task with a limit
     force_guard: bool | None = None
     experiments: int | None = None  # None: the task's own number
     until_std: float | None = None  # stop when every std is below this fraction of its estimate
@@ -49,12 +49,13 @@ class Options:
 
 @dataclass(frozen=True)
 class ExperimentResult:
-    """One executed experiment: what was known after it, and what happened. Times in s, forces in N.
+    """One executed experiment: the belief after it, and its signals. Times in s, forces in N.
 
     time (T+1,), commands (T, nu), robot states (T+1, 2 nu), measured and true forces (T, ny) after each command.
-    `history` is the belief after each renewal within the experiment: (time, mean, std). `solver` says how the
-    estimate was found, and `on_bound` which parameters it left at an end of their range. `recorded` holds the
-    world's recorded outputs, (N, size) each, and their `time` (N,), from 0 on.
+    `fisher` (n, n) is this experiment's information alone, at the estimate after it. `history` is the belief after
+    each estimate within the experiment: (time, mean, std). `solver` is the solver's status, and `on_bound` names the
+    parameters whose estimate is at a bound. `recorded` holds the world's recorded outputs, (N, size) each, and their
+    `time` (N,), from 0 on.
     """
 
     belief: Belief
@@ -79,7 +80,7 @@ class ExperimentResult:
 
 @dataclass(frozen=True)
 class RunResult:
-    """All experiments of one run."""
+    """The result of a run: its task, options and prior, and all its experiments."""
 
     task: Task
     options: Options
@@ -89,7 +90,7 @@ class RunResult:
 
     @property
     def belief(self) -> Belief:
-        """What is known in the end."""
+        """The belief after the last experiment; the prior if there was none."""
         return self.experiments[-1].belief if self.experiments else self.prior
 
 
@@ -99,13 +100,14 @@ def run(
     world: World | None = None,
     progress: Callable[[int, ExperimentResult], None] | None = None,
 ) -> RunResult:
-    """Algorithm 1 on `task` in `world` (the kinematic one if none is given).
+    """Run Algorithm 1 on `task` in `world`, by default the kinematic one.
 
-    `progress` is called after each experiment with its number, from 0.
+    It ends after the task's number of experiments, or `options.experiments`, or when all stds are below
+    `options.until_std` times the estimates. `progress` is called after each experiment with its number, from 0.
     """
     options = Options() if options is None else options
     world = kinematic_world(task, seed=options.seed) if world is None else world
-    options = replace(options, force_guard=_guarded(task, options, world))
+    options = replace(options, force_guard=_uses_guard(task, options, world))
     loop = _Loop(task, options, world)
     prior = Belief.prior(task.model.parameters)
     results: list[ExperimentResult] = []
@@ -114,12 +116,12 @@ def run(
         results.append(loop.execute(number))
         if progress is not None:
             progress(number, results[-1])
-        if options.until_std is not None and _confident(results[-1].belief, options.until_std):
+        if options.until_std is not None and _is_confident(results[-1].belief, options.until_std):
             break
     return RunResult(task, options, world.name, prior, tuple(results))
 
 
-def _confident(belief: Belief, fraction: float) -> bool:
+def _is_confident(belief: Belief, fraction: float) -> bool:
     return bool((belief.std <= fraction * np.abs(belief.mean)).all())
 
 
@@ -131,26 +133,26 @@ def force_limit(task: Task) -> float:
     return float(limit)
 
 
-def behind_guard(task: Task) -> PlanningModel:
-    """The task's model as plans behind a force guard know it: slow, or they would only be cut."""
+def guarded_model(task: Task) -> PlanningModel:
+    """The task's model for planning with a force guard: not above its careful speed, since the guard would limit it."""
     model: Any = task.model
     if not isinstance(model, PointModel):
         return task.model
     return cast(PlanningModel, replace(model, speed_limit=min(model.speed_limit, model.careful_speed)))
 
 
-def _guarded(task: Task, options: Options, world: World) -> bool:
+def _uses_guard(task: Task, options: Options, world: World) -> bool:
     if options.force_guard is not None:
         return options.force_guard
     executed = options.policy == "contact-aware" and isinstance(world.system, Diagram)
-    # of another model it is not known that what is touched stays, and that forces and commands have the same axes
+    # the guard assumes a fixed environment, and forces along the axes of the commands: so it is with a PointModel
     return executed and isinstance(task.model, PointModel) and getattr(task.model, "force_limit", None) is not None
 
 
 def _add_guard(builder: DiagramBuilder, task: Task, options: Options) -> ForceGuard | None:
     if not options.force_guard:
         return None
-    guard = ForceGuard(behind_guard(task), force_limit(task))
+    guard = ForceGuard(guarded_model(task), force_limit(task))
     builder.AddNamedSystem("guard", guard)
     return guard
 
@@ -161,8 +163,8 @@ class _Loop:
     def __init__(self, task: Task, options: Options, world: World) -> None:
         self.task, self.world = task, world
         model = task.model
-        self.evaluator = TangentEvaluator(model)  # of estimates; the planner's is the policy's
-        planned = behind_guard(task) if options.force_guard else model
+        self.evaluator = TangentEvaluator(model)  # for estimates; the policy has one of its own
+        planned = guarded_model(task) if options.force_guard else model
         policy = make_policy(
             options.policy,
             planned,
@@ -222,7 +224,7 @@ class _Loop:
         self.simulator = Simulator(self.diagram)
 
     def execute(self, number: int) -> ExperimentResult:
-        """Run experiment `number` from the start state, keeping what the estimator has."""
+        """Run experiment `number` from the start state; the estimator keeps the data of the experiments before."""
         root = self.simulator.get_mutable_context()
         root.SetTime(0.0)
         start: Context = self.world.start_context(number)
@@ -230,7 +232,7 @@ class _Loop:
         self.design.begin_experiment(self.design.GetMyMutableContextFromRoot(root), number)
         estimating = self.estimator.GetMyMutableContextFromRoot(root)
         self.estimator.begin_experiment(estimating, number)
-        if self.guard is not None and number == 0:  # what it has felt, it knows in the experiments that follow
+        if self.guard is not None and number == 0:  # its force belief carries over to the following experiments
             belief = self.estimator.belief(estimating)
             self.guard.begin(self.guard.GetMyMutableContextFromRoot(root), belief)
         logs: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.sinks.items()}
@@ -238,7 +240,7 @@ class _Loop:
         for log in (*logs.values(), *recorders.values()):
             log.Clear()
         self.simulator.Initialize()
-        # a little past the end, so that the last measurement is taken and the belief renewed
+        # a quarter period past the end, so that the updates at the end, the last sample and estimate, take place
         self.simulator.AdvanceTo((self.task.periods + 0.25) * self.task.model.period)
         rows = {name: self._rows(log) for name, log in logs.items()}
         recorded = {name: np.array(log.data().T) for name, log in recorders.items()}
@@ -247,9 +249,9 @@ class _Loop:
         return self._result(root, rows, recorded)
 
     def _rows(self, log: Any) -> Array:
-        """The log's samples at the ends of the periods, (T+1, size), each taken before that moment's updates.
+        """The log's samples at the ends of the periods, (T+1, size), each taken before the updates of that instant.
 
-        So what the controller decided for a period is in the row of the period's end.
+        Hence the command of a period is in the row of the period's end.
         """
         data = np.array(log.data().T)
         expected = self.task.periods + 1
@@ -272,7 +274,7 @@ class _Loop:
             fisher=fisher,
             scaled_trace=float(np.trace(np.diag(model.parameters.std**2) @ fisher)),
             error_percent=dict(zip(belief.names, (100.0 * (belief.mean - truth) / truth).tolist(), strict=True)),
-            behaviour={**model.behaviour(motion, rows["true"][1:]), **_largest(recorded)},
+            behaviour={**model.behaviour(motion, rows["true"][1:]), **_largest_force(recorded)},
             tracking_error=float(np.abs(states[1:, axes : 2 * axes] - commands).max()),
             planning_ms=rows["planning_ms"][1:, 0],
             time=np.asarray(np.arange(task.periods + 1) * model.period, dtype=float),
@@ -289,7 +291,7 @@ class _Loop:
         )
 
     def _history(self, beliefs: Array) -> tuple[tuple[float, Array, Array], ...]:
-        """The belief after each renewal within the experiment; row k of `beliefs` is that after step k."""
+        """Time, mean and std after each estimate within the experiment; row k of `beliefs` is that after step k."""
         task = self.task
         if task.estimate_every == 0:
             return ()
@@ -301,7 +303,7 @@ class _Loop:
         return tuple(result)
 
 
-def _largest(recorded: Mapping[str, Array]) -> dict[str, float]:
-    """The largest force N of all steps of the world, where it records them: it may fall between two samples."""
+def _largest_force(recorded: Mapping[str, Array]) -> dict[str, float]:
+    """The largest force N over all steps of the world, if it records them; it may occur between two samples."""
     forces = recorded.get("true_force")
     return {} if forces is None else {"max_force": float(np.sqrt((forces**2).sum(axis=1)).max())}

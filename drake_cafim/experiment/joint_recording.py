@@ -1,4 +1,4 @@
-"""The recording of one experiment in a Diagram: joints at the plant's step, forces at the planner's."""
+"""Recordings of the experiments of a run: joints at the plant's step, forces at the planner's."""
 
 from collections.abc import Mapping, Sequence
 
@@ -17,14 +17,14 @@ def recordings_of(result: RunResult, scene: Scene, joints: Sequence[str], *, ste
     std = {column: scene.std(column) or 0.0 for column in columns}
     return [
         joint_recording(
-            one,
+            experiment,
             f"experiment_{number + 1}.parquet",
             joints,
             step=step,
             std=std,
             random=stream("joint noise", result.options.seed, number),
         )
-        for number, one in enumerate(result.experiments)
+        for number, experiment in enumerate(result.experiments)
     ]
 
 
@@ -37,12 +37,12 @@ def joint_recording(
     std: Mapping[str, float],
     random: np.random.Generator,
 ) -> Recording:
-    """Columns q, v, u of `joints`, and force, command of the planner, where an experiment's `recorded` has them.
+    """The recording of an experiment: q, v, u of `joints`, and the planner's commands and forces.
 
-    `std` gives the encoders' white noise by column, rad and rad/s (m and m/s). The plant steps
-    q_{k+1} = q_k + h v_{k+1}: its v_k is the mean velocity between q_{k-1} and q_k, and its effort u_k takes v_k to
-    v_{k+1}. As samples of one continuous motion, to second order in h, v_k and the beginning of u_k therefore belong
-    half a step before q_k, where the position is q_k − h v_k / 2. That is what row k holds.
+    `std` is the std of white noise by column, SI; `step` h s is the plant's, q_{k+1} = q_k + h v_{k+1}:
+    its v_k is the mean velocity between q_{k-1} and q_k, and its effort u_k takes v_k to v_{k+1}. As samples of one
+    continuous motion, to second order in h, v_k and the beginning of u_k therefore belong half a step before q_k, where
+    the position is q_k − h v_k / 2. Row k holds this position, v_k and u_k.
     """
     n = len(joints)
     state, effort = experiment.recorded["joint_state"][:-1], experiment.recorded["joint_effort"][1:, :n]
@@ -58,7 +58,7 @@ def joint_recording(
 
 
 def _planner_columns(experiment: ExperimentResult, time: Array) -> dict[str, Array]:
-    """Commands, held from sample to sample, and measured forces where they were read; NaN between."""
+    """Commands, each in all rows of its period, and measured forces in the rows of their samples, NaN in the others."""
     period = float(experiment.time[1])
     index = np.minimum((time / period + 1e-9).astype(int), len(experiment.commands) - 1)
     columns = {f"command.{axis}": values[index] for axis, values in enumerate(experiment.commands.T)}

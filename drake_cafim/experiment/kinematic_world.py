@@ -1,4 +1,4 @@
-"""The simplest world: the robot tracks perfectly, and what it touches obeys the planner's own law."""
+"""The kinematic world: the robot tracks its commands exactly, and contacts obey the planning model's own law."""
 
 from itertools import pairwise
 from typing import Any
@@ -12,7 +12,7 @@ from drake_cafim.typing import Array
 
 
 class KinematicWorld(LeafSystem):
-    """The task's planning model at the true parameters.
+    """The task's planning model, simulated at the true parameters.
 
     .. pydrake_system::
 
@@ -20,8 +20,8 @@ class KinematicWorld(LeafSystem):
         input_ports: [command]
         output_ports: [measured_state, measured_force, true_force]
 
-    Numeric parameter 0 holds the number of the experiment, which chooses the noise together with `seed`.
-    `process_std` (m/s) is added to each command, white: the robot does not go where it is sent, but says where it is.
+    Numeric parameter 0 holds the number of the experiment, which with `seed` determines the noise. `process_std` m/s
+    is the std of white noise that is added to each command; the measured state is the true one.
     """
 
     def __init__(self, task: Task, *, seed: int = 0, noise_scale: float = 1.0, process_std: float = 0.0) -> None:
@@ -46,7 +46,7 @@ class KinematicWorld(LeafSystem):
             ("true_force", self._true),
         ):
             self.DeclareStateOutputPort(name, DiscreteStateIndex(index))
-        # moves half-way between two commands: each reads what the one before it did, whatever the order of events
+        # Updated half a period after the controller, so that the order of simultaneous events does not matter.
         self.DeclarePeriodicDiscreteUpdateEvent(model.period, 0.5 * model.period, self._move)
 
     def _declare(self, value: Any) -> int:
@@ -82,7 +82,7 @@ class KinematicWorld(LeafSystem):
 
 
 def kinematic_world(task: Task, *, seed: int = 0, noise_scale: float = 1.0, process_std: float = 0.0) -> World:
-    """The world of `task`, tracking perfectly but for `process_std` m/s; `noise_scale` multiplies the sensor noise."""
+    """The kinematic world of `task`: process noise of `process_std` m/s, and sensor noise times `noise_scale`."""
     system = KinematicWorld(task, seed=seed, noise_scale=noise_scale, process_std=process_std)
 
     def start_context(experiment: int) -> Context:

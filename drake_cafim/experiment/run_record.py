@@ -1,4 +1,4 @@
-"""A finished run as the contents of run.json."""
+"""The contents of run.json for a finished run."""
 
 from typing import Any
 
@@ -41,12 +41,12 @@ def run_record(result: RunResult, recordings: list[str], files: dict[str, Any]) 
 def _experiment(experiment: ExperimentResult, prior: Belief, recording: str) -> dict[str, Any]:
     belief = experiment.belief
     return {
-        "estimate": _named(belief, belief.mean),
-        "std": _named(belief, belief.std),
+        "estimate": _by_name(belief, belief.mean),
+        "std": _by_name(belief, belief.std),
         "error_percent": dict(experiment.error_percent),
         "fisher": experiment.fisher.tolist(),
         "scaled_trace": experiment.scaled_trace,
-        **identified(prior, belief),
+        **describe_combinations(prior, belief),
         **experiment.behaviour,
         "solver": {
             "solved": experiment.solver.solved,
@@ -55,7 +55,7 @@ def _experiment(experiment: ExperimentResult, prior: Belief, recording: str) -> 
         },
         "tracking_error": experiment.tracking_error,
         "history": [
-            {"time": time, "estimate": _named(belief, mean), "std": _named(belief, std)}
+            {"time": time, "estimate": _by_name(belief, mean), "std": _by_name(belief, std)}
             for time, mean, std in experiment.history
         ],
         "planning_ms": {
@@ -66,25 +66,28 @@ def _experiment(experiment: ExperimentResult, prior: Belief, recording: str) -> 
     }
 
 
-def identified(prior: Belief, belief: Belief) -> dict[str, Any]:
-    """Of several unknowns: how many combinations all data so far determine, and which; nothing of a single one."""
+def describe_combinations(prior: Belief, belief: Belief) -> dict[str, Any]:
+    """The rank of the information of all data so far, and the combinations of parameters with their stds.
+
+    Empty for a single parameter, and for priors of infinite std, to which no combination can be compared.
+    """
     if len(belief.names) == 1 or not np.isfinite(prior.std).all():
         return {}
     combinations = identifiable_combinations(belief.information - prior.information, prior.information, belief.mean)
     return {
-        "rank": sum(one.identified for one in combinations),
+        "rank": sum(combination.identified for combination in combinations),
         "combinations": [
             {
-                "text": one.text(belief.names),
-                "exponents": _named(belief, one.exponents),
-                "std_percent": 100.0 * one.std,
-                "prior_std_percent": 100.0 * one.prior_std,
-                "identified": one.identified,
+                "text": combination.text(belief.names),
+                "exponents": _by_name(belief, combination.exponents),
+                "std_percent": 100.0 * combination.std,
+                "prior_std_percent": 100.0 * combination.prior_std,
+                "identified": combination.identified,
             }
-            for one in combinations
+            for combination in combinations
         ],
     }
 
 
-def _named(belief: Belief, values: Any) -> dict[str, float]:
+def _by_name(belief: Belief, values: Any) -> dict[str, float]:
     return dict(zip(belief.names, np.asarray(values, dtype=float).tolist(), strict=True))

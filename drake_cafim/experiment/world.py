@@ -1,4 +1,4 @@
-"""What a world is to the closed loop: a Drake system with named ports, and a fresh start for each experiment."""
+"""The interface of a world to the closed loop: a Drake system with named ports, and its start state."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ from pydrake.systems.framework import Context, System
 
 @dataclass(frozen=True)
 class World:
-    """Where experiments are executed.
+    """A simulated robot and environment in which experiments are executed.
 
     `system` has input `command` (nu,) m/s, held for a period, and outputs `measured_state` (2 nu,), position m
     and velocity m/s; `measured_force` (ny,) N with the sensor's noise; `true_force` (ny,) N without.
-    `start_context` gives a Context of the system in its start state for experiment number k, from 0; the
-    number chooses the noise. The output ports `recorded` are also logged every `recording_period` s.
+    `start_context` returns a Context of the system in its start state for experiment number k, from 0, which
+    determines the noise. The output ports `recorded` are also logged every `recording_period` s.
     """
 
     name: str

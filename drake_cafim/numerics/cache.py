@@ -1,4 +1,4 @@
-"""Bounded caches: eviction of the oldest entries."""
+"""Bounded caches: removal of the oldest entries."""
 
 from typing import Any
 

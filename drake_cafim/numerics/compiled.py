@@ -11,5 +11,5 @@ def compiled(function: Callable[..., Any]) -> Any:
     try:
         return numba.njit(cache=True)(function)
     except RuntimeError:
-        # no writable cache folder: each process compiles it again, which takes a second
+        # no writable cache folder: each process compiles the function again, which takes a second
         return numba.njit(function)

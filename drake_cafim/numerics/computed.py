@@ -1,4 +1,4 @@
-"""Figures that arithmetic may fail: a value, or the reason why there is none."""
+"""Figures whose computation may fail: the value, or the reason why there is none."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ def computed(figure: Callable[[], Figure]) -> Figure | NotComputable:
     exception is a defect of the code and is passed on.
     """
     try:
-        # what overflows in arrays is infinite, and is seen as such by whoever reads the figure
+        # an overflow within arrays gives an infinite figure, which the caller handles
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             return figure()
     except (ArithmeticError, np.linalg.LinAlgError) as error:

@@ -83,7 +83,7 @@ def _weights(basis: Array, wanted: Array) -> Array:
     try:
         solved = np.linalg.solve(normal, wanted[..., None])
     except np.linalg.LinAlgError:
-        # samples on both sides of a long gap are as good as two, too few for a polynomial: the smallest one is taken
+        # samples on both sides of a long gap are nearly two points, too few: the solution of least norm is taken
         return np.asarray((wanted[:, None] @ np.linalg.pinv(basis))[:, 0], dtype=float)
     return np.asarray((basis @ solved)[..., 0], dtype=float)
 

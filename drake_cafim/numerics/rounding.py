@@ -13,7 +13,7 @@ def rounded(value: float, digits: int = 3) -> str:
     if value == 0.0 or np.isnan(value):
         return "0" if value == 0.0 else "nan"
     mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
-    magnitude = int(exponent)  # of the rounded value: 99.96 is 100
+    magnitude = int(exponent)  # after rounding: 99.96 becomes 100, whose magnitude is 2
     if -4 <= magnitude < 6:
         text = f"{float(f'{mantissa}e{exponent}'):.{max(digits - 1 - magnitude, 0)}f}"
         return grouped(text).replace("-", "−")

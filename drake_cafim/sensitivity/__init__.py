@@ -1,1 +1,1 @@
-"""Sensitivity of predicted measurements to the unknown parameters: one question, three answers."""
+"""Sensitivities dy/dθ of predicted measurements: by analytic tangents, AutoDiffXd, and finite differences."""

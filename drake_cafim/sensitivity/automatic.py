@@ -1,4 +1,4 @@
-"""Sensitivities by AutoDiffXd through the model's Drake Diagram: the reference for the other two."""
+"""Sensitivities by AutoDiffXd through the model's Drake Diagram: the reference for the other two methods."""
 
 from functools import cached_property
 from typing import Any
@@ -12,7 +12,7 @@ from drake_cafim.typing import Array
 
 
 class AutoDiffEvaluator:
-    """Steps the Diagram in AutoDiffXd, one candidate after another; derivatives come from Drake alone."""
+    """Steps the model's Diagram in AutoDiffXd, one candidate after the other, without analytic derivatives."""
 
     def __init__(self, model: PlanningModel) -> None:
         self.model = model
@@ -21,7 +21,7 @@ class AutoDiffEvaluator:
 
     @cached_property
     def _diagram(self) -> Any:
-        # built once: creating Diagrams leaks memory in Drake 1.51
+        # built only once: creating Diagrams leaks memory in Drake 1.51
         return build_diagram(self.model, self._motion_size).ToAutoDiffXd()
 
     @cached_property
@@ -35,6 +35,7 @@ class AutoDiffEvaluator:
         return Rollout(motion[:, :: self.model.substeps], *stacks)
 
     def _single(self, motion: Array, theta: Array, start: Start) -> tuple[Array, ...]:
+        """States, forces, measurements, their sensitivities, and those of the states, along one motion."""
         diagram, context, model = self._diagram, self._context, self.model
         seeded = InitializeAutoDiff(theta).ravel()
         set_parameters(diagram, context, seeded)
@@ -68,6 +69,6 @@ class AutoDiffEvaluator:
 
 
 def _gradient(values: Any, count: int) -> Array:
-    """Derivatives (k, n) of AutoDiffXd values; those that carry none are constants."""
+    """Derivatives (k, n) of AutoDiffXd values; zero for values without derivatives, which are constants."""
     gradient: Any = ExtractGradient(np.asarray(values).reshape(-1, 1))
     return np.zeros((len(values), count)) if gradient.shape[1] == 0 else np.asarray(gradient)

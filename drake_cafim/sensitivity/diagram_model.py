@@ -1,4 +1,4 @@
-"""A planning model made from a user's own Drake Diagram, without a derivative written by hand."""
+"""A planning model of a user's own Drake Diagram, with derivatives by AutoDiffXd."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,11 +21,11 @@ SetParameters = Callable[[Any, Any, Any], None]
 
 @dataclass(frozen=True)
 class DiagramModel:
-    """What CA-OED and CA-MAP need to know of a Diagram with one group of discrete state, stepped by Drake.
+    """A Diagram with one group of discrete state as a planning model for CA-OED and CA-MAP.
 
-    `robot` lists where the robot's positions, then its velocities, stand in that state: they are prescribed
-    along the motion, whatever pushes them. The measurement is the output port named `measurement`; it depends
-    on the state and on θ. Derivatives come from AutoDiffXd through the Diagram.
+    `robot` lists the indices of the robot's positions, then of its velocities, in that state: they follow the
+    prescribed motion, whatever forces act. The output port named `measurement_port` gives the measurement, which
+    depends on the state and on θ. Derivatives are computed by AutoDiffXd through the Diagram.
     """
 
     diagram: Diagram
@@ -87,7 +87,7 @@ class DiagramModel:
         return -bound, bound
 
     def motion(self, robot_state: Array, commands: Array) -> Array:
-        """Each commanded velocity is held for a period, cut off at the workspace."""
+        """p' = p + u·period, clipped to the workspace, and the mean velocity (p' − p)/period."""
         size = commands.shape[-1]
         lower, upper = np.asarray(self.workspace_lower), np.asarray(self.workspace_upper)
         states = np.empty((commands.shape[0], commands.shape[1] + 1, 2 * size))
@@ -99,7 +99,7 @@ class DiagramModel:
         return self.measured_motion(states)
 
     def measured_motion(self, robot_states: Array) -> Array:
-        """Between the measured states position goes straight, at the velocity reached."""
+        """The measured states; between them, at substeps, linear positions and the velocity of the period's end."""
         size, steps = robot_states.shape[-1] // 2, self.substeps
         fraction = (np.arange(1, steps + 1) / steps)[:, np.newaxis]
         before, after = robot_states[..., :-1, np.newaxis, :], robot_states[..., 1:, np.newaxis, :]
@@ -109,17 +109,17 @@ class DiagramModel:
         return np.concatenate([robot_states[..., :1, :], fine], axis=-2)
 
     def start(self, motion: Array, theta: Array) -> Start:
-        """The Diagram's default state with the robot where it is."""
+        """The Diagram's default state, with the robot's part from `motion`; it does not depend on θ."""
         state = self._default_state.copy()
         state[list(self.robot)] = motion
         return Start(state, np.zeros((len(state), len(theta))))
 
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
-        """The Diagram's measurement, (..., ny): what is measured stands for the contact force."""
+        """The Diagram's measurement (..., ny), which takes the place of the contact force."""
         return self._rows(self._read, state, motion, theta)
 
     def step(self, state: Array, motion: Array, following: Array, force: Array, theta: Array) -> Array:
-        """The Diagram's state after one of its steps, the robot then where `following` has it."""
+        """The Diagram's state after one of its steps, with the robot's part from `following`."""
 
         def advance(system: Any, context: Any) -> Any:
             return system.EvalUniquePeriodicDiscreteUpdate(context).value(0).copy()
@@ -169,7 +169,7 @@ class DiagramModel:
         return np.array(system.GetOutputPort(self.measurement_port).Eval(context))
 
     def _rows(self, function: Callable[[Any, Any], Any], state: Array, motion: Array, theta: Array) -> Array:
-        """`function` of the Diagram and its context, for each row of states (..., nx) and motions (..., nr)."""
+        """`function` of the Diagram and its context at each state (..., nx) and motion (..., nr), (..., k)."""
         automatic = state.dtype == object or np.asarray(theta).dtype == object
         system, context = self._automatic if automatic else self._double
         self.set_parameters(system, context, theta)
@@ -184,12 +184,12 @@ class DiagramModel:
         return np.stack(rows).reshape(*state.shape[:-1], -1)
 
     def _differentiate(self, function: Callable[[Array, Array], Array], state: Array, theta: Array) -> Jacobians:
-        """Value and derivatives of `function` (state, θ) by AutoDiffXd, all rows with the same seeds."""
+        """Value and derivatives of `function` of state and θ by AutoDiffXd; all rows share the same nx + n seeds."""
         nx, flat = state.shape[-1], state.reshape(-1, state.shape[-1])
         origin: Any = np.concatenate([np.zeros(nx), theta])
         seeds: Any = InitializeAutoDiff(origin).ravel()
         value: Any = function((flat + seeds[:nx]).reshape(state.shape), seeds[nx:])
-        # the prescribed robot comes back as float: adding zero gives it derivatives, of zero
+        # the prescribed robot states are constants without derivatives: adding zero gives them zero derivatives
         rows: Any = (value + 0.0 * seeds[0]).reshape(-1, 1)
         plain = np.asarray(ExtractValue(rows)).reshape(value.shape)
         gradient: Any = ExtractGradient(rows)

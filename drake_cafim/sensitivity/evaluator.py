@@ -1,4 +1,4 @@
-"""The question that the three evaluators answer: measurements along a motion, and their sensitivities."""
+"""The interface of the three evaluators: predicted measurements along a motion and their sensitivities."""
 
 from typing import Literal, Protocol, TypeAlias, get_args
 
@@ -11,7 +11,7 @@ FISHER: tuple[str, ...] = get_args(Fisher)
 
 
 class Evaluator(Protocol):
-    """Anything that predicts measurements and their sensitivities along given motions."""
+    """A function that predicts measurements and their sensitivities along given motions."""
 
     def __call__(self, motion: Array, theta: Array, start: Start) -> Rollout:
         """The rollouts along motion (B, T·substeps + 1, nr) at θ (n,) from `start`."""
@@ -19,7 +19,7 @@ class Evaluator(Protocol):
 
 
 def make_evaluator(name: Fisher, model: PlanningModel) -> Evaluator:
-    """The evaluator called `name`; `InputError` lists the valid ones."""
+    """The evaluator called `name`. Raises `InputError` that lists the valid names."""
     from drake_cafim.sensitivity.automatic import AutoDiffEvaluator
     from drake_cafim.sensitivity.finite_difference import FiniteDifferenceEvaluator
     from drake_cafim.sensitivity.tangent import TangentEvaluator

@@ -1,4 +1,4 @@
-"""Sensitivities by central differences of the whole rollout; needs no derivative of the model."""
+"""Sensitivities by central differences of whole rollouts, without derivatives of the model."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,13 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class FiniteDifferenceEvaluator:
-    """Central differences in θ, with a step of `relative_step` times each parameter's size (its prior mean)."""
+    """Central differences in θ with steps `relative_step` · max(|prior mean|, |θ|) for each parameter."""
 
     model: PlanningModel
     relative_step: float = 1e-5
 
     def __call__(self, motion: Array, theta: Array, start: Start) -> Rollout:
-        """Rollouts along motion (B, T·substeps + 1, nr) at θ (n,) from `start`, 2 n + 1 of each."""
+        """Rollouts along motion (B, T·substeps + 1, nr) at θ (n,) from `start`, by 2 n + 1 predictions."""
         middle = predict(self.model, motion, theta, start.state)
         steps = self.relative_step * np.maximum(np.abs(self.model.parameters.mean), np.abs(theta))
         slopes, tangents = [], []
@@ -40,7 +40,7 @@ class FiniteDifferenceEvaluator:
 
 
 def predict(model: PlanningModel, motion: Array, theta: Array, state: Array) -> Rollout:
-    """The rollout alone, along motion (B, T·substeps + 1, nr) from states (nx,) or (B, nx); sensitivities empty.
+    """The rollout without sensitivities, along motion (B, T·substeps + 1, nr) from states (nx,) or (B, nx).
 
     Scalar-generic in θ and the state.
     """

@@ -1,7 +1,7 @@
-"""What a planning model is: a discrete-time contact model driven by the motion of the robot.
+"""The interface of planning models: discrete-time contact models driven by the motion of the robot.
 
 The robot's motion r (its end-effector, in the planner's coordinates) is commanded or measured and does not
-depend on θ; what it touches may have a state x, which does:
+depend on θ; the touched object may have a state x, which does:
 
     λ_t = contact(x_t, r_t, θ)      y_t = measurement(x_t, r_t, λ_t, θ)      x_{t+1} = step(x_t, r_t, r_{t+1}, λ_t, θ)
 
@@ -18,7 +18,7 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class Jacobians:
-    """A value (..., k) and its derivatives.
+    """A value (..., k) and its derivatives by state, contact force and parameters.
 
     wrt_state (..., k, nx), wrt_force (..., k, nλ), wrt_parameters (..., k, n); leading axes may broadcast.
     """
@@ -31,7 +31,7 @@ class Jacobians:
 
 @dataclass(frozen=True)
 class Start:
-    """Initial state of what is touched, (nx,), and S_0 = ∂x_0/∂θ (nx, n)."""
+    """Initial state x_0 (nx,) of the touched object, and S_0 = ∂x_0/∂θ (nx, n)."""
 
     state: Array
     sensitivity: Array
@@ -43,7 +43,7 @@ class Rollout:
 
     motion (B, T+1, nr), states (B, T+1, nx) at the ends of the periods; forces (B, T, nλ),
     measurements (B, T, ny) and sensitivities G = dy/dθ (B, T, ny, n) after each command.
-    `state_sensitivity` (B, T+1, nx, n) is S.
+    `state_sensitivities` S = dx/dθ are (B, T+1, nx, n).
     """
 
     motion: Array
@@ -54,7 +54,7 @@ class Rollout:
     state_sensitivities: Array
 
     def window(self, first: int, last: int) -> "Rollout":
-        """Periods first … last−1 alone."""
+        """The rollout of periods first … last − 1."""
         return Rollout(
             self.motion[:, first : last + 1],
             self.states[:, first : last + 1],
@@ -66,7 +66,7 @@ class Rollout:
 
 
 class PlanningModel(Protocol):
-    """A model that all three evaluators understand. Batch axes (...) come first; θ is (n,)."""
+    """A model for the three evaluators, CA-OED and CA-MAP. Batch axes (...) come first; θ is (n,)."""
 
     @property
     def period(self) -> float:
@@ -90,7 +90,7 @@ class PlanningModel(Protocol):
 
     @property
     def state_size(self) -> int:
-        """nx; 0 where nothing that is touched moves."""
+        """The size nx of the touched object's state; 0 if it does not move."""
         ...
 
     @property
@@ -107,7 +107,7 @@ class PlanningModel(Protocol):
         ...
 
     def start(self, motion: Array, theta: Array) -> Start:
-        """State of what is touched when the robot, at motion (nr,), has not moved yet."""
+        """Initial state of the touched object while the robot is still at motion (nr,), with its sensitivity."""
         ...
 
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
@@ -138,7 +138,7 @@ class PlanningModel(Protocol):
         ...
 
     def cost(self, rollout: Rollout, theta: Array) -> Array:
-        """What a motion costs, (B,), taken from its information: force limits, workspace, seeking."""
+        """The cost (B,) that is subtracted from a motion's information score: force limits, workspace, distance."""
         ...
 
     def touching(self, forces: Array) -> Array:
@@ -146,9 +146,9 @@ class PlanningModel(Protocol):
         ...
 
     def script(self, time: float, robot_state: Array, theta: Array) -> Array:
-        """The command (nu,) m/s of a sensible motion that plans nothing."""
+        """The command (nu,) m/s of a reasonable fixed motion, the policy `scripted`."""
         ...
 
     def behaviour(self, motion: Array, forces: Array) -> Mapping[str, object]:
-        """Counts of one executed experiment for run.json, from motion (T+1, nr) and forces (T, nλ)."""
+        """Statistics of an executed experiment for run.json, from motion (T+1, nr) and forces (T, nλ)."""
         ...

@@ -1,4 +1,4 @@
-"""A planning model as a Drake Diagram, for float and AutoDiffXd: its contact and what it touches, as leaves."""
+"""A planning model as a Drake Diagram, for float and AutoDiffXd: systems for the contact and the touched object."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ def ModelContact_(T: Any) -> Any:
             input_ports: [motion, object_state]
             output_ports: [contact_force, measurement]
 
-        θ is numeric parameter 0. `object_state` exists where what is touched has a state.
+        θ is numeric parameter 0. The port `object_state` exists if the touched object has a state.
         """
 
         def _construct(self, model: PlanningModel, motion_size: int, converter: Any = None) -> None:
@@ -61,7 +61,7 @@ def ModelContact_(T: Any) -> Any:
 @TemplateSystem.define("ModelObject_", T_list=[float, AutoDiffXd])  # type: ignore[untyped-decorator]
 def ModelObject_(T: Any) -> Any:
     class Impl(LeafSystem_[T]):  # type: ignore[misc]
-        """What is touched, stepped in discrete time.
+        """The touched object, stepped in discrete time.
 
         .. pydrake_system::
 
@@ -98,7 +98,7 @@ def ModelObject_(T: Any) -> Any:
 def build_diagram(model: PlanningModel, motion_size: int) -> Diagram:
     """The model's Diagram: inputs `motion` and `following_motion` (nr,), outputs `contact_force`, `measurement`.
 
-    Subsystems "contact" and, where what is touched has a state, "object".
+    Its subsystems are "contact" and, if the touched object has a state, "object".
     """
     builder = DiagramBuilder()
     contact = builder.AddNamedSystem("contact", ModelContact_[float](model, motion_size))
@@ -116,7 +116,7 @@ def build_diagram(model: PlanningModel, motion_size: int) -> Diagram:
 
 
 def set_parameters(diagram: Diagram, context: Any, theta: Array) -> None:
-    """Write θ (n,), of the diagram's scalar type, into every leaf that holds it."""
+    """Write θ (n,), of the Diagram's scalar type, to numeric parameter 0 of every subsystem."""
     for leaf in diagram.GetSystems():
         parameter = leaf.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(0)
         parameter.SetFromVector(theta)

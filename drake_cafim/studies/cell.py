@@ -12,7 +12,7 @@ from drake_cafim.diagrams.catalogue import stage_of
 from drake_cafim.diagrams.world import WorldKind
 from drake_cafim.experiment.closed_loop import ExperimentResult, Options, RunResult, run
 from drake_cafim.experiment.kinematic_world import kinematic_world
-from drake_cafim.experiment.run_record import identified
+from drake_cafim.experiment.run_record import describe_combinations
 from drake_cafim.experiment.world import World
 from drake_cafim.information import Criterion
 from drake_cafim.scenario.schema import load
@@ -144,7 +144,7 @@ def _kept(result: RunResult, one: ExperimentResult) -> dict[str, Any]:
         "inside": (np.abs(one.belief.mean - theta) <= 1.96 * one.belief.std).tolist(),
         "std": (100.0 * one.belief.std / theta).tolist(),
         "information": one.scaled_trace,
-        **identified(result.prior, one.belief),
+        **describe_combinations(result.prior, one.belief),
         "condition": float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 0 else None,
         "behaviour": dict(one.behaviour),
         "tracking_error": one.tracking_error,

@@ -1,1 +1,1 @@
-"""The paper's four experiments as planning models: geometry, contact, noise, prior, cost; one a file."""
+"""The paper's four experiments as planning models, one in each file: geometry, contact, noise, prior and cost."""

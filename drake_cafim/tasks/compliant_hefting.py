@@ -1,4 +1,4 @@
-"""Hefting on a soft palm: the ball has a height and a velocity of its own, and may leave the hand."""
+"""Hefting with a compliant palm: the ball has its own height and velocity, and may lose contact."""
 
 from dataclasses import dataclass
 from typing import final
@@ -16,10 +16,10 @@ from drake_cafim.typing import Array
 @final
 @dataclass(frozen=True)
 class CompliantHefting(Hefting):
-    """State x is (2,): ball height m (0 on the palm's surface at palm height 0) and velocity m/s.
+    """Hefting with state x (2,): ball height m (0 on the palm's surface at palm height 0) and velocity m/s.
 
     m z̈ = λ(d, ḋ) − m g with penetration d = z_palm − z_ball, by semi-implicit Euler: velocity, then height.
-    With the paper's C = 0 the open palm is chaotic; C = 5 N s/m is ours.
+    With the paper's C = 0 the bouncing ball is chaotic; the default C = 5 N s/m is not the paper's.
     """
 
     substeps: int = 20
@@ -38,7 +38,7 @@ class CompliantHefting(Hefting):
         return ContactParameters(stiffness=self.stiffness, damping=self.damping, dissipation=self.dissipation)
 
     def start(self, motion: Array, theta: Array) -> Start:
-        """The ball at rest, sunk in by m g / K: an equilibrium that depends on the mass, so S_0 is not zero."""
+        """The ball at rest with penetration m g / K: the equilibrium depends on the mass, so that S_0 is not zero."""
         sunk = self.gravity / self.stiffness
         return Start(np.array([motion[0] - theta[0] * sunk, motion[1]]), np.array([[-sunk], [0.0]]))
 
@@ -75,10 +75,10 @@ class CompliantHefting(Hefting):
         return Jacobians(value, np.array([[1.0, h], [0.0, 1.0]]), push / theta[0], slope)
 
     def rollout(self, motion: Array, theta: Array, start: Start) -> Rollout:
-        """What `contact`, `step` and their Jacobians give step by step, in one compiled loop (`RollsOut`)."""
+        """The same as `contact`, `step` and their Jacobians step by step, in one compiled loop (`FastRollout`)."""
         batch = motion.shape[0]
         law = (NORMAL_LAWS.index(self.law), self.stiffness, self.damping, self.dissipation, self.smoothing)
-        states, tangents, forces, slopes = _carried(
+        states, tangents, forces, slopes = _integrate(
             np.ascontiguousarray(motion),
             np.broadcast_to(start.state, (batch, 2)),
             np.broadcast_to(start.sensitivity, (batch, 2, 1)),
@@ -92,7 +92,7 @@ class CompliantHefting(Hefting):
 
 
 @compiled
-def _carried(
+def _integrate(
     motion: Array,
     state: Array,
     tangent: Array,
@@ -102,7 +102,7 @@ def _carried(
     h: float,
     substeps: int,
 ) -> tuple[Array, Array, Array, Array]:
-    """Ball and its derivative by the mass, both at the ends of periods, the force after each and its derivative.
+    """The ball's state at the ends of periods, the force after each period, and the derivatives of both by the mass.
 
     States (B, T+1, 2), tangents (B, T+1, 2, 1), forces (B, T, 1), slopes (B, T, 1, 1), from states (B, 2) and tangents
     (B, 2, 1), along motion (B, T·substeps + 1, 3).

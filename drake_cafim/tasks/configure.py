@@ -1,4 +1,4 @@
-"""A task or planning model with some of its numbers replaced, as a scenario file gives them."""
+"""Configuration of a task or planning model by the values of a scenario file."""
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
@@ -13,7 +13,7 @@ Configured = TypeVar("Configured")
 
 
 def configure(model: Configured, values: Mapping[str, Any], source: str) -> Configured:
-    """The dataclass `model` with `values` by field name; numbers and lists of them keep their field's kind.
+    """A copy of the dataclass `model` with the `values` of fields by name, each of the type that the field has.
 
     `parameters` is a list of mappings with the fields of `Parameter`. Raises `InputError`, naming `source`
     (the file), for a key that is no field and for a value of another kind.
@@ -28,6 +28,7 @@ def configure(model: Configured, values: Mapping[str, Any], source: str) -> Conf
 
 
 def _convert(present: Any, value: Any, where: str) -> Any:
+    """`value` in the type of the field's `present` value; raises `InputError` that begins with `where` otherwise."""
     if isinstance(present, Parameters):
         return Parameters.of(_parameter(entry, where) for entry in value)
     if isinstance(present, (bool, str)) or present is None:

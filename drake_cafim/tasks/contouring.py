@@ -1,4 +1,4 @@
-"""Contouring: length and width of a box on a table, by touching its sides (paper, "Shape Estimation")."""
+"""Contouring: estimation of a box's length and width by touching its sides (paper, "Shape Estimation")."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,9 +19,10 @@ FACES = ("+x", "-x", "+y", "-y")
 class Contouring(PointModel):
     """Planner coordinates (x, y) in the plane of the table; a round tip against a fixed box, no friction.
 
-    λ is (2,), the force on the tip, K (r − distance) along the box's outward normal at the nearest point. That
-    normal turns without bound where the tip's centre is at a corner, and would promise information without
-    bound: within `corner_radius` of it the direction is b / corner_radius, shorter than one.
+    λ is (2,), the force on the tip, K (r − distance) along the box's outward normal at the nearest point. As the
+    tip's centre approaches a corner, the derivative of that normal, and with it the information, grows without
+    bound; hence within `corner_radius` of a corner the direction is b / corner_radius, shorter than one, with b the
+    vector from the corner.
     """
 
     parameters: Parameters = field(
@@ -40,7 +41,7 @@ class Contouring(PointModel):
     stiffness: float = 500.0  # N/m, paper
     centre: tuple[float, float] = (0.5, 0.0)  # m
     tip_radius: float = 0.01  # m
-    corner_radius: float = 0.002  # m, within which a corner pushes ever less, instead of turning ever faster
+    corner_radius: float = 0.002  # m, within which a corner's force decreases linearly to zero
     force_std: float = 3.0  # N, of each component
     force_limit: float = 10.0  # N
     force_weight: float = 0.2  # 1/N²
@@ -97,13 +98,13 @@ class Contouring(PointModel):
         return np.asarray(np.asarray(shorter)[..., np.newaxis] * _gradient(beyond))
 
     def cost(self, rollout: Rollout, theta: Array) -> Array:
-        """Predicted force above the limit, and distance to the box, (B,)."""
+        """Cost (B,) of predicted force above the limit, w Σ_t max(0, |λ| − limit)², and of mean distance to the box."""
         size = np.sqrt((rollout.forces**2).sum(axis=-1))
         gap = np.maximum(self.distance(rollout.motion[:, 1:], theta), 0.0).mean(axis=-1)
         return np.asarray(self.force_weight * force_excess(size, self.force_limit) + self.seeking * gap)
 
     def script(self, time: float, robot_state: Array, theta: Array) -> Array:
-        """Touch and go: the near long side once, then the right end once, each about a centimetre deep."""
+        """A fixed motion that touches the near long side once and then the right end once, each about 1 cm deep."""
         legs = (  # until s, velocity m/s
             (0.3, (0.0, 0.25)),
             (0.6, (0.0, -0.25)),
@@ -118,7 +119,7 @@ class Contouring(PointModel):
         return np.zeros(2)
 
     def faces(self, motion: Array, forces: Array) -> list[str]:
-        """Faces touched in an experiment, of `FACES`, from motion (T+1, 4) and forces (T, 2)."""
+        """The touched faces, of `FACES`, by the larger component of each of the forces (T, 2)."""
         touched = set()
         for force in forces[self.touching(forces)]:
             axis = int(np.argmax(np.abs(force)))

@@ -1,7 +1,7 @@
-"""Hefting: the mass of a ball that lies in the palm of a hand which moves up and down.
+"""Hefting: estimation of the mass of a ball in the palm of a hand that moves up and down (paper, "Mass Estimation").
 
-Rigid model: the ball follows the palm, λ = max(0, m (a + g)) with the palm's acceleration a. The noise is about
-the ball's weight, so that only shaking it tells the mass well (paper, "Mass Estimation Experiments").
+Rigid model: the ball follows the palm, λ = max(0, m (a + g)) with the palm's acceleration a. The noise std is about
+the ball's weight, so that only large accelerations are informative.
 """
 
 from collections.abc import Mapping
@@ -55,7 +55,7 @@ class Hefting:
         return np.array([-self.speed_limit]), np.array([self.speed_limit])
 
     def motion(self, robot_state: Array, commands: Array) -> Array:
-        """Velocity ramps to each command over its period, and brakes in time to stay within the workspace."""
+        """Motion whose velocity changes linearly to each command, limited so that it can stop within the workspace."""
         batch, length = commands.shape[:2]
         states = np.empty((batch, length + 1, 2))
         states[:, 0] = robot_state
@@ -72,13 +72,16 @@ class Hefting:
         return self.measured_motion(states)
 
     def _fastest(self, room: Array, braking: float) -> Array:
-        """Greatest u with u·period/2 + u²/(2 braking) ≤ room (B,)."""
+        """The greatest u (B,) m/s that can still stop in `room` (B,) m: u·period/2 + u²/(2 braking) ≤ room."""
         half = 0.5 * self.period
         root = np.sqrt(half**2 + 2.0 * np.maximum(room, 0.0) / braking)
         return np.asarray(np.where(room >= 0, braking * (root - half), room / half))
 
     def measured_motion(self, robot_states: Array) -> Array:
-        """Heights and velocities (B, T+1, 2), refined to the substeps, with the acceleration that led there."""
+        """Motion (B, T·substeps + 1, 3) through measured heights and velocities (B, T+1, 2).
+
+        Each acceleration is that of the period before, constant within it.
+        """
         z, v = robot_states[..., 0], robot_states[..., 1]
         if self.substeps == 1:
             a = np.zeros_like(v)
@@ -88,7 +91,7 @@ class Hefting:
         acceleration = (np.diff(v, axis=-1) / self.period)[..., np.newaxis]
         elapsed = fraction * self.period
         z0, v0 = z[..., :-1, np.newaxis], v[..., :-1, np.newaxis]
-        # what the constant acceleration leaves open of the measured height is spread over the period
+        # constant acceleration misses the measured height by this much; the difference grows linearly over the period
         missed = (np.diff(z, axis=-1) - 0.5 * self.period * (v[..., 1:] + v[..., :-1]))[..., np.newaxis]
         fine_z = z0 + v0 * elapsed + 0.5 * acceleration * elapsed**2 + missed * fraction
         fine_v = v0 + acceleration * elapsed
@@ -124,7 +127,7 @@ class Hefting:
         return Jacobians(force, np.zeros((1, self.state_size)), np.eye(1), np.zeros((1, 1)))
 
     def cost(self, rollout: Rollout, theta: Array) -> Array:
-        """Losing contact, and forces far above the weight, (B,)."""
+        """Cost (B,) of predicted forces near zero, which lose contact, and far above the weight."""
         weight = theta[0] * self.gravity
         force = rollout.forces[..., 0]
         lost = np.maximum(0.0, self.least_weight - force / weight).sum(axis=-1)
@@ -135,7 +138,7 @@ class Hefting:
         return np.asarray(forces[..., 0] > 0)
 
     def script(self, time: float, robot_state: Array, theta: Array) -> Array:
-        """A slow heave: 0.15 m up and down in 3 s."""
+        """A fixed motion: slowly up by 0.3 m and down again in 3 s, sinusoidal."""
         return np.array([0.15 * np.pi / 1.5 * np.sin(2.0 * np.pi * time / 3.0)])
 
     def behaviour(self, motion: Array, forces: Array) -> Mapping[str, object]:

@@ -1,4 +1,4 @@
-"""Pinching: stiffness and damping of a ball between the jaws of a gripper (paper, "Material Property Estimation")."""
+"""Pinching: estimation of the stiffness and damping of a ball in a gripper (paper, "Material Property Estimation")."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ TRUE_STIFFNESS, TRUE_DAMPING = 800.0, 10.0  # N/m and N s/m, paper
 
 @dataclass(frozen=True, kw_only=True)
 class Pinching(PointModel):
-    """Planner coordinate: a jaw's distance from the ball's centre; both jaws mirror each other. λ is (1,).
+    """Planner coordinate: a jaw's distance m from the ball's centre; both jaws mirror each other. λ (1,) is normal.
 
     θ holds stiffness and damping, or, with the law `hunt_crossley`, stiffness and dissipation (s/m), by the names in
     `parameters`.
@@ -65,23 +65,23 @@ class Pinching(PointModel):
         return Jacobians(exact.normal_force[..., np.newaxis], np.zeros((1, 0)), np.zeros((1, 1)), slope)
 
     def cost(self, rollout: Rollout, theta: Array) -> Array:
-        """Predicted force above the limit, (B,)."""
+        """Cost (B,) of predicted force above the limit, w Σ_t max(0, λ − limit)²."""
         return self.force_weight * force_excess(rollout.forces[..., 0], self.force_limit)
 
     def script(self, time: float, robot_state: Array, theta: Array) -> Array:
-        """A slow squeeze and release between 0.024 m and 0.014 m, once a second."""
+        """A fixed motion: slow squeeze and release between 0.024 m and 0.014 m, once a second."""
         return np.array([-0.02 if (time % 1.0) < 0.5 else 0.02])
 
     def behaviour(self, motion: Array, forces: Array) -> Mapping[str, object]:
         return PointModel.behaviour(self, motion, forces)
 
 
-WORKING_FORCE = 4.0  # N, at which Hunt and Crossley's dissipation damps as much as the paper's C
+WORKING_FORCE = 4.0  # N, at which Hunt and Crossley's dissipation d damps as much as the paper's C = d · force
 TRUE_DISSIPATION = TRUE_DAMPING / WORKING_FORCE  # s/m
 
 
 def hunt_crossley_pinching() -> Pinching:
-    """Pinching with the law of Drake's point contact: stiffness and dissipation, of the same relative priors."""
+    """Pinching with the law of Drake's point contact; θ is stiffness and dissipation, with the same relative priors."""
     stiffness, damping = Pinching().parameters.free
     ratio = 1.0 / WORKING_FORCE
     dissipation = Parameter(

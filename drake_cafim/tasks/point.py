@@ -1,4 +1,4 @@
-"""The part that the rigidly tracking point robots share: motion in a box, and forces measured as they are."""
+"""The base of planning models with a point robot: motion within a box-shaped workspace, fixed environment."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,18 +12,18 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True, kw_only=True)
 class PointModel:
-    """A point that takes each commanded velocity at once and holds it for a period, inside its workspace.
+    """A point that moves at each commanded velocity for a period, within its workspace.
 
-    With an `acceleration_limit` its velocity goes to the command evenly within the period, as far as it gets.
+    With an `acceleration_limit` its velocity changes linearly over the period, to the command or as far as possible.
 
-    Motion r is (2 nu,): position m and velocity m/s. What it touches does not move: the state is empty.
+    Motion r is (2 nu,): position m and velocity m/s. The environment is fixed: the state x is empty.
     """
 
     period: float
     workspace_lower: tuple[float, ...]
     workspace_upper: tuple[float, ...]
     speed_limit: float
-    careful_speed: float = np.inf  # m/s, of plans behind a force guard: what is met unexpectedly is felt in time
+    careful_speed: float = np.inf  # m/s, limit of plans with a force guard, so that it reacts to unexpected contact
     acceleration_limit: float = np.inf  # m/s², in each coordinate, of a real arm
     substeps: int = 1
 
@@ -37,7 +37,7 @@ class PointModel:
         return -bound, bound
 
     def motion(self, robot_state: Array, commands: Array) -> Array:
-        """p' = p + u·period, cut off at the workspace, and the velocity that this took."""
+        """p' = p + u·period, clipped to the workspace, and the mean velocity (p' − p)/period."""
         if np.isfinite(self.acceleration_limit):
             return self.measured_motion(self._accelerated(robot_state, commands))
         size = len(self.workspace_lower)
@@ -54,7 +54,7 @@ class PointModel:
         return self.measured_motion(result)
 
     def _accelerated(self, robot_state: Array, commands: Array) -> Array:
-        """States (B, T+1, 2 nu): at the workspace the velocity is cut to what stays inside."""
+        """States (B, T+1, 2 nu) with limited acceleration; at the workspace's limits the mean velocity."""
         size, most = len(self.workspace_lower), self.acceleration_limit * self.period
         lower, upper = np.asarray(self.workspace_lower), np.asarray(self.workspace_upper)
         batch, length = commands.shape[:2]
@@ -70,7 +70,7 @@ class PointModel:
         return result
 
     def measured_motion(self, robot_states: Array) -> Array:
-        """The states themselves; between them (substeps) position goes straight, at the velocity reached."""
+        """The states; between them, at substeps, linear positions and the velocity of the period's end."""
         if self.substeps == 1:
             return robot_states
         size = robot_states.shape[-1] // 2
@@ -104,7 +104,7 @@ class PointModel:
         return np.asarray((forces**2).sum(axis=-1) > 0)
 
     def behaviour(self, motion: Array, forces: Array) -> Mapping[str, object]:
-        """What an executed experiment did, from motion (T+1, 2 nu) and forces (T, nλ)."""
+        """Statistics of an executed experiment for run.json, from motion (T+1, 2 nu) and forces (T, nλ)."""
         size = len(self.workspace_lower)
         touching = self.touching(forces)
         first = int(np.argmax(touching)) + 1 if touching.any() else None

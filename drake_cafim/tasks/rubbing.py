@@ -1,4 +1,4 @@
-"""Rubbing: the friction coefficient between the end-effector's tip and a wall (paper, "Friction Estimation")."""
+"""Rubbing: estimation of the friction coefficient between a tip and a wall (paper, "Friction Estimation")."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ TRUE_FRICTION = 0.4  # 1, paper
 
 @dataclass(frozen=True, kw_only=True)
 class Rubbing(PointModel):
-    """Planner coordinates (x, y) of the wall frame: x away from the wall, which is x = 0, and y along it.
+    """Planner coordinates (x, y) in the wall frame: x away from the wall, which is at x = 0, and y along it.
 
     Forces λ are (2,): normal, and tangential along y. θ may hold any of friction, stiffness, damping and
     resistance, by the names in `parameters`.
@@ -81,7 +81,7 @@ class Rubbing(PointModel):
         return Jacobians(value, np.zeros((len(rows), 0)), rows, np.zeros((len(rows), len(theta))))
 
     def cost(self, rollout: Rollout, theta: Array) -> Array:
-        """Distance to the wall, so that contact is found from far away, (B,)."""
+        """Cost (B,) of the mean distance to the wall: without it, plans far from the wall have equal scores."""
         gap = np.maximum(rollout.motion[:, 1:, 0] - self.tip_radius, 0.0)
         return np.asarray(self.seeking * gap.mean(axis=-1))
 
@@ -89,19 +89,20 @@ class Rubbing(PointModel):
         return np.asarray(forces[..., 0] > 0)
 
     def script(self, time: float, robot_state: Array, theta: Array) -> Array:
-        """Press the tip in by half its radius at 0.3 m/s at most, and slide down and up at 0.5 m/s."""
+        """A fixed motion: press the tip in by half its radius at up to 0.3 m/s, and slide along at ±0.5 m/s."""
         press = np.clip((0.5 * self.tip_radius - robot_state[0]) / self.period, -0.3, 0.3)
         return np.array([press, -0.5 if (time % 1.0) < 0.5 else 0.5])
 
     def behaviour(self, motion: Array, forces: Array) -> Mapping[str, object]:
-        """Sliding counts contact at a speed where friction shows, μ λ_n < R |v_t|.
+        """Statistics as of `PointModel`; sliding is contact at a speed where λ_t depends on μ, μ λ_n < R |v_t|.
 
-        Of `forces`, as measured, without the normal one: the tangential one is below R |v_t| there.
+        If `forces` hold the tangential component alone, it is sliding where |λ_t| < R |v_t|.
         """
         viscous = self.resistance * np.abs(motion[1:, 3])
         if self.measures_normal:
             rubbed = self.friction * forces[:, 0]
         else:
+            # |λ_t| = R |v_t| where it does not slide: 1 − 1e-9 keeps rounding from counting as sliding
             rubbed, viscous = np.abs(forces[:, 0]), (1.0 - 1e-9) * viscous
         sliding = (rubbed > 0) & (rubbed < viscous)
         return {

@@ -1,4 +1,4 @@
-"""An experiment to be run: a planning model, what is true, where the robot starts, how long and how often."""
+"""The class `Task`: a planning model, the true parameters, the robot's start, and the experiments' length and number."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -12,10 +12,10 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class Task:
-    """One of the paper's scenarios, or a user's own.
+    """One of the paper's scenarios, or your own.
 
     `robot_start` is (2 nu,): position m and velocity m/s in the planner's coordinates. An experiment lasts
-    `periods` planning steps; the estimate is renewed every `estimate_every` of them, or at the end alone (0).
+    `periods` planning steps; an estimate is made every `estimate_every` of them, or at the end only (0).
     """
 
     name: str
@@ -32,7 +32,7 @@ class Task:
         return self.model.parameters.vector(self.truth)
 
     def with_prior_mean(self, scale: float | Array) -> "Task":
-        """The task with the prior's mean at `scale` times the truth (a float, or one factor a parameter)."""
+        """The task with the prior's mean at `scale` times the truth: one factor, or one for each parameter."""
         means = np.asarray(scale) * self.theta
         items = [
             replace(parameter, mean=float(np.clip(mean, parameter.lower, parameter.upper)))
