@@ -1,4 +1,4 @@
-"""The class `Task`: a planning model, the true parameters, the robot's start, and the experiments' length and number."""
+"""The class `Task`: a planning model, the true parameters, the robot's start, and the number of experiments."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
