@@ -1,4 +1,4 @@
-"""Alterations of real machines are exactly the effects that they are sealed as."""
+"""Alterations of real machines' models and recordings are exactly the effects that they are sealed as."""
 
 import json
 from pathlib import Path
@@ -85,8 +85,8 @@ def test_a_payload_makes_up_for_the_lost_mass(tmp_path: Path) -> None:
     whole = Scene.from_model(tmp_path / "whole.urdf", channels={"q": 1e-3}, weld=["base"]).tree
     rest = Scene.from_model(tmp_path / "arm.urdf", channels={"q": 1e-3}, weld=["base"]).tree
     again, _ = Payload("link", made.parameters).change(rest, np.array([0.0, 0.0, -9.81]))
-    for one, other in zip(_lump(again), _lump(whole), strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-12)
+    for part, other in zip(_lump(again), _lump(whole), strict=True):
+        np.testing.assert_allclose(part, other, atol=1e-12)
     assert made.machine.scenario["unknown"][0]["mean"] == pytest.approx(1.6)  # type: ignore[index]
     with pytest.raises(ValueError, match="no rigid body"):
         ablation.lost_mass(_machine(), "link", 1.9, np.array([0.0, 0.0, -0.6]))

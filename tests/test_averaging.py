@@ -1,4 +1,4 @@
-"""Scores averaged over the belief, and what of a pair of ways is compared seed by seed."""
+"""Scores averaged over samples of the belief, and paired comparisons of planners by seed."""
 
 from dataclasses import replace
 
@@ -54,8 +54,8 @@ def test_friction_too_high_is_told_by_the_belief_where_the_mode_sees_nothing():
     points = task.model.parameters.clip(sigma_points(situation.theta, situation.covariance, 5))
     expected = [mode(replace(situation, theta=point), rub) for point in points]
     assert told.fisher[0, 0, 0] > 0.0
-    np.testing.assert_allclose(told.scores, np.mean([one.scores for one in expected], axis=0))
-    np.testing.assert_allclose(told.fisher, np.mean([one.fisher for one in expected], axis=0))
+    np.testing.assert_allclose(told.scores, np.mean([member.scores for member in expected], axis=0))
+    np.testing.assert_allclose(told.fisher, np.mean([member.fisher for member in expected], axis=0))
 
 
 def test_a_ball_at_rest_rests_for_every_mass():

@@ -1,4 +1,4 @@
-"""What a lag that was behind at the first sample does to rows, against recordings that began earlier."""
+"""Unknown initial states of lags, delays and rotors: their part in the covariance of weak-form rows."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The Gaussian belief: update, intervals, entropy, and its vector."""
+"""The Gaussian belief: update, intervals, entropy, and its conversion to a vector."""
 
 import numpy as np
 import pytest

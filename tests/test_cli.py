@@ -1,4 +1,4 @@
-"""The command line from outside: status, messages, files."""
+"""The command line from outside: exit status, messages, files."""
 
 import json
 import subprocess

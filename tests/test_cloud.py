@@ -1,4 +1,4 @@
-"""A cloud of candidates: what it finds, and that it learns the shape of what it searches."""
+"""Sampling of a cloud of candidate parameters: the minimum that it finds, and the covariance that it learns."""
 
 import numpy as np
 import pytest

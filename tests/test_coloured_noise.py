@@ -1,4 +1,4 @@
-"""Noise with a memory: drawn, recognised, and left alone where it is white."""
+"""Coloured noise: drawn, detected, and not detected where the noise is white."""
 
 import numpy as np
 import pytest
@@ -71,9 +71,9 @@ def test_how_far_two_smoothers_are_apart(memory: Memory | None) -> None:
     time = 0.002 * np.arange(300)
     smoothers = [local_polynomial(time, reach, 3, 0) for reach in (0.05, 0.03, 0.02)]
     apart = difference_std(smoothers, time, memory)
-    for i, one in enumerate(smoothers):
+    for i, smoother in enumerate(smoothers):
         for j, other in enumerate(smoothers):
-            np.testing.assert_allclose(apart[i, j], filtered_std(one - other, time, memory), rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(apart[i, j], filtered_std(smoother - other, time, memory), rtol=1e-9, atol=1e-9)
 
 
 def test_covariances_are_kept_by_all_that_they_depend_on(monkeypatch: pytest.MonkeyPatch) -> None:

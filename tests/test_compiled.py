@@ -1,4 +1,4 @@
-"""Compiled functions where nothing can be kept for the next process."""
+"""Compiled functions where the compiler has no writable cache folder."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Kept cases diagnosed again: what is opened when, what is scored, and what a comparison says."""
+"""Kept cases diagnosed again: when seals are opened, what is scored, and the comparison with former scores."""
 
 from __future__ import annotations
 
@@ -107,18 +107,18 @@ def test_a_truth_is_opened_after_its_verdict_is_written_and_its_seal_holds(
 
     monkeypatch.setattr(again, "diagnosed", watch_diagnosis)
     monkeypatch.setattr(again, "opened_record", watch_opening)
-    one = ["--again", str(proof), "--out", str(out), *DIAGNOSE]
-    prove.main([*one[:4], "--cases", "case1", *one[4:]])
+    arguments = ["--again", str(proof), "--out", str(out), *DIAGNOSE]
+    prove.main([*arguments[:4], "--cases", "case1", *arguments[4:]])
     assert events == ["diagnosed case1", "opened case1"]
     (out / "opened" / "00001.json").unlink()  # killed between the verdict and the score
-    prove.main([*one, "--resume"])
+    prove.main([*arguments, "--resume"])
     assert events.count("diagnosed case1") == 1 and events.count("opened case1") == 2
     assert sorted(set(events)) == sorted(f"{what} case{k}" for what in ("diagnosed", "opened") for k in range(5))
     before = len(events)
-    prove.main([*one, "--resume"])
+    prove.main([*arguments, "--resume"])
     assert len(events) == before
     with pytest.raises(SystemExit, match="not empty"):
-        prove.main(one)
+        prove.main(arguments)
     with pytest.raises(SystemExit, match="another folder"):
         prove.main(["--again", str(proof), "--out", str(proof), "--overwrite", *DIAGNOSE])
     assert len(again.kept_cases(proof)) == 5

@@ -1,4 +1,4 @@
-"""The maker's arms against Drake, and its laws of joints, drives and bodies against closed forms."""
+"""The arm simulator of concealed cases against Drake; its laws of joints, drives and bodies against closed forms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The maker's contact law, stage and tosses: closed forms, balances, convergence."""
+"""The contact simulator of the concealed cases: closed forms, balances of momentum and energy, convergence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Seals, composition, scores and the page of the blind proof."""
+"""Seals, composition and scores of the blind proof, and its page."""
 
 from __future__ import annotations
 

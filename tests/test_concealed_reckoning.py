@@ -1,4 +1,4 @@
-"""What makes and reckons concealed cases quickly, against what does the same slowly."""
+"""Fast computations for concealed cases against slow ones of the same quantities."""
 
 from __future__ import annotations
 
@@ -73,13 +73,13 @@ def test_a_recursion_by_doubling_is_the_recursion() -> None:
 
 def test_tables_multiply_vectors_and_quaternions() -> None:
     rng = np.random.default_rng(7)
-    one, other, q = rng.normal(size=(4, 3)), rng.normal(size=(4, 3)), rng.normal(size=(4, 4))
+    first, other, q = rng.normal(size=(4, 3)), rng.normal(size=(4, 3)), rng.normal(size=(4, 4))
     q /= np.linalg.norm(q, axis=1, keepdims=True)
-    np.testing.assert_allclose(cross(one, other), np.cross(one, other), atol=1e-15)
+    np.testing.assert_allclose(cross(first, other), np.cross(first, other), atol=1e-15)
     np.testing.assert_allclose(turn_of(q), Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix(), atol=1e-14)
-    vector = q[:, :1] * one + np.cross(one, q[:, 1:])
-    scalar = -np.sum(one * q[:, 1:], axis=1, keepdims=True)
-    np.testing.assert_allclose(quaternion_rate(q, one), 0.5 * np.hstack([scalar, vector]), atol=1e-15)
+    vector = q[:, :1] * first + np.cross(first, q[:, 1:])
+    scalar = -np.sum(first * q[:, 1:], axis=1, keepdims=True)
+    np.testing.assert_allclose(quaternion_rate(q, first), 0.5 * np.hstack([scalar, vector]), atol=1e-15)
 
 
 def test_names_on_a_stage_are_reckoned_anew_for_another_excess() -> None:
@@ -89,6 +89,6 @@ def test_names_on_a_stage_are_reckoned_anew_for_another_excess() -> None:
     assert rows.alternatives(item, excess) is looks
     other = rows.alternatives(item, replace(excess, rows=-excess.rows))
     found, changed = (
-        next(one.regressors for one in every if one.effect == "surface_offset") for every in (looks, other)
+        next(look.regressors for look in every if look.effect == "surface_offset") for every in (looks, other)
     )
     assert not np.allclose(found, changed)

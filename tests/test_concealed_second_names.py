@@ -1,4 +1,4 @@
-"""Second names that are sealed with a truth: what is compared with it, about what, and how a pair's are scored."""
+"""Second names: which other effects explain a sealed truth about as well, and how those of a pair are scored."""
 
 from __future__ import annotations
 
@@ -18,7 +18,11 @@ VISCOUS = {"effect": "joint_viscous_friction", "at": "wrist", "parameters": {"co
 
 def of_shapes(rows: np.ndarray, *unknown: np.ndarray, offset: tuple[float, ...] = ()) -> Excess:
     """One channel of three recordings, rows (3, W) in std."""
-    known = np.array([one[:, :, None] for one in unknown]) if unknown else np.zeros((0, *rows.shape, 1))
+    known = (
+        np.array([rows_of_unknown[:, :, None] for rows_of_unknown in unknown])
+        if unknown
+        else np.zeros((0, *rows.shape, 1))
+    )
     return Excess(("elbow",), rows[:, :, None], known, np.zeros(rows.shape), np.array(offset))
 
 

@@ -1,4 +1,4 @@
-"""When a mismatch shows, in words."""
+"""Sentences on the condition under which a mismatch shows."""
 
 import re
 

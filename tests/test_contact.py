@@ -1,4 +1,4 @@
-"""The contact kernel against finite differences, its own limits, and Drake; the systems against the kernel."""
+"""The contact law against finite differences, its own limits, and Drake; the systems against the law."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Effects in Drake against the formulas of the vocabulary, written out here: a pendulum, a tool, a rolling tool."""
+"""Effects in Drake against the formulas of the vocabulary, written out for a pendulum, a tool and a rolling tool."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Dry friction in a discrete plant: at rest it holds, above its level it gives way, and how fast it creeps."""
+"""Dry friction in a discrete plant: no slip below its level, slip above it, and the speed at which it creeps."""
 
 from pathlib import Path
 

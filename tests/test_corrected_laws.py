@@ -1,4 +1,4 @@
-"""Effects in a Drake Diagram: accelerations and channels are those of the laws that a diagnosis reckons with."""
+"""Effects in a Drake Diagram: accelerations and measured channels follow the laws that the diagnosis uses."""
 
 from pathlib import Path
 from typing import Any
@@ -122,7 +122,7 @@ def roller(folder: Path, *effects: dict[str, Any]) -> Scene:
 def test_rolling_is_resisted_as_the_law_says(tmp_path: Path) -> None:
     effect = entry("contact_rolling_resistance", "tool/wall", {"coefficient": 0.002})
     q, v, u = np.array([0.1, 0.019, 0.3]), np.array([0.05, -0.01, 0.8]), np.array([1.0, 2.0, 0.1])
-    resisted, free = (expected_acceleration(roller(tmp_path, *one), q, v, u) for one in ([effect], []))
+    resisted, free = (expected_acceleration(roller(tmp_path, *stated), q, v, u) for stated in ([effect], []))
     assert abs(resisted[2] - free[2]) > 0.1
     np.testing.assert_allclose(drake_acceleration(roller(tmp_path, effect), q, v, u, CONTINUOUS), resisted, rtol=1e-9)
 
@@ -137,8 +137,8 @@ def test_drakes_own_contact_does_the_same_beyond_its_law(
     for step in (0.0, 1e-6):
         config = MultibodyPlantConfig(time_step=step, contact_model=model)
         with_it, without = (
-            drake_acceleration(roller(tmp_path, *one), q, v, u, config, contact="drake")
-            for one in ([entry(name, at, values)], [])
+            drake_acceleration(roller(tmp_path, *stated), q, v, u, config, contact="drake")
+            for stated in ([entry(name, at, values)], [])
         )
         assert without[1] > 0.0  # Drake's contact pushes against gravity and the tool's weight
         found.append(with_it - without)
@@ -169,8 +169,8 @@ def test_channels_are_what_the_sensor_writes(name: str, at: str, values: dict[st
     raw = {**PRESS, "channels": {**PRESS["channels"], "pose.tool": {"std": {"position": 1e-4, "rotation": 1e-3}}}}
     scene, bare = scene_of(tmp_path, STAGE, entry(name, at, values), **raw), scene_of(tmp_path, STAGE, **raw)
     read = []
-    for one in (scene, bare):
-        corrected, diagram, context = built(one)
+    for each in (scene, bare):
+        corrected, diagram, context = built(each)
         context.SetTime(NOW)
         diagram.GetInputPort("effort").FixValue(context, [1.0, 2.0, 3.0])
         state = [0.1, -0.2, 0.019, 0.02, 0.04, 0.01]

@@ -24,9 +24,9 @@ FROM_THE_START = {
 
 def measured(scene: Scene, case: Case, config: MultibodyPlantConfig) -> dict[str, Array]:
     """All channels but the efforts over the first tenth of a second."""
-    one = rig(scene, case.desired(1), config=config, rate=case.rate)
-    one.simulator.AdvanceTo(0.1)
-    return {name: x[:49] for name, x in one.recording().columns.items() if not name.startswith("u.")}
+    closed = rig(scene, case.desired(1), config=config, rate=case.rate)
+    closed.simulator.AdvanceTo(0.1)
+    return {name: x[:49] for name, x in closed.recording().columns.items() if not name.startswith("u.")}
 
 
 @pytest.mark.ci

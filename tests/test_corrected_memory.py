@@ -1,4 +1,4 @@
-"""Effects that remember: what their systems keep in the Context gives what the laws say of whole recordings."""
+"""Effects with internal states: their discrete states in the Context against the laws on whole recordings."""
 
 from pathlib import Path
 
@@ -169,10 +169,10 @@ LINK, ROTOR = 0.1, 0.04
 
 def swung(coupling: JointCoupling, config: MultibodyPlantConfig, folder: Path) -> Rig:
     scene = scene_of(folder, ONE.format(rotor=ROTOR), {"effect": coupling.name, "at": "j", **coupling.values})
-    one = rig(scene, lambda t: (0.1 * np.sin([7.0 * t]), 0.7 * np.cos([7.0 * t]), -4.9 * np.sin([7.0 * t])),
+    closed = rig(scene, lambda t: (0.1 * np.sin([7.0 * t]), 0.7 * np.cos([7.0 * t]), -4.9 * np.sin([7.0 * t])),
               config=config, rate=8.0)  # fmt: skip
-    one.simulator.AdvanceTo(0.6)
-    return one
+    closed.simulator.AdvanceTo(0.6)
+    return closed
 
 
 @pytest.mark.parametrize(("config", "tolerance"), [(CONTINUOUS, 2e-3), (MultibodyPlantConfig(time_step=2e-4), 2e-2)])
@@ -206,14 +206,14 @@ def test_rotor_and_link_swing_as_the_law_says(
 @pytest.mark.parametrize("case", [case for case in CASES if case.name in REMEMBERING], ids=lambda case: case.name)
 def test_the_memory_is_the_contexts(case: Case, config: MultibodyPlantConfig, tmp_path: Path) -> None:
     """A Context that is copied in the middle goes on as the first does, and initializing again changes nothing."""
-    one = rig(case.scene(tmp_path, True), case.desired(1), config=config)
-    one.simulator.AdvanceTo(0.04)
-    again = Simulator(one.diagram, one.simulator.get_context().Clone())
+    closed = rig(case.scene(tmp_path, True), case.desired(1), config=config)
+    closed.simulator.AdvanceTo(0.04)
+    again = Simulator(closed.diagram, closed.simulator.get_context().Clone())
     again.get_mutable_integrator().set_maximum_step_size(5e-4)
     again.Initialize()
-    port = one.corrected.measured["channels"]
+    port = closed.corrected.measured["channels"]
     ends = []
-    for simulator in (one.simulator, again):
+    for simulator in (closed.simulator, again):
         simulator.AdvanceTo(0.06)
         ends.append(port.Eval(port.get_system().GetMyContextFromRoot(simulator.get_context())))
     np.testing.assert_allclose(ends[0], ends[1], rtol=1e-6, atol=1e-6)

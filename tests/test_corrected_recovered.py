@@ -1,4 +1,4 @@
-"""Each effect, simulated by Drake, is found in its own recording, and the corrected scene then follows it in Drake."""
+"""Each effect, simulated by Drake, is named from its own recording, and the corrected scene reproduces it in Drake."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Effects in scenario files: what a diagnosis writes is read back, and does in Drake what it says."""
+"""Effects in scenario files: what a diagnosis writes is read again, and acts in Drake as stated."""
 
 from pathlib import Path
 
@@ -55,7 +55,7 @@ def test_unknowns_shapes_and_known_effects_are_read_back(tmp_path: Path) -> None
     bare = scene_of(tmp_path, ARM, brake, unknown=unknown)
     found = bare.corrected(np.array([1.3]), [CASES[0].effect])
     np.testing.assert_array_equal(moved(read_back(found, tmp_path / "out")), moved(found))
-    assert [one.name for one in found.physics.joint_forces] == ["joint_coulomb_friction", CASES[0].name]
+    assert [effect.name for effect in found.physics.joint_forces] == ["joint_coulomb_friction", CASES[0].name]
     for other in (bare, bare.corrected(np.array([1.3]), []), scene_of(tmp_path, ARM, unknown=unknown)):
         assert np.max(np.abs(moved(other) - moved(found))) > 1e-5
 
@@ -70,7 +70,7 @@ def test_a_world_has_the_effects_of_its_scenario(tmp_path: Path) -> None:
     path = tmp_path / "known.yaml"
     path.write_text(yaml.safe_dump(raw))
     effects = load_stage(str(path)).effects
-    assert [(one.effect, one.at, dict(one.parameters)) for one in effects] == [
+    assert [(effect.effect, effect.at, dict(effect.parameters)) for effect in effects] == [
         ("joint_viscous_friction", "joint2", {"coefficient": 8.0}),
         ("external_disturbance", "link4", {"x": 9.0, "start": 0.1, "stop": 0.3}),  # the other one was in that recording
     ]

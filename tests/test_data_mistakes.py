@@ -1,4 +1,4 @@
-"""Mistakes of the data are told from physics, and physics is not taken for one."""
+"""Mistakes of the data (sign, swapped joints, units, gravity) are reported as such, and missing physics is not."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -29,7 +29,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, list[Recording
 
 
 def _changed(arm: tuple[Scene, list[Recording]], change: Callable[[Columns], Columns]) -> list[Recording]:
-    return [replace(one, columns={**one.columns, **change(dict(one.columns))}) for one in arm[1]]
+    return [replace(run, columns={**run.columns, **change(dict(run.columns))}) for run in arm[1]]
 
 
 def _told(scene: Scene, changed: list[Recording]) -> tuple[str, ...]:
@@ -80,10 +80,10 @@ def test_friction_and_a_weak_drive_are_no_mistakes(arm: tuple[Scene, list[Record
 def test_efforts_without_gravity_are_told(arm: tuple[Scene, list[Recording]]) -> None:
     scene, runs = arm
     changed = []
-    for one in runs:
-        holding = -_gravity(scene, one)
-        without = {f"u.{name}": one[f"u.{name}"] - holding[:, j] for j, name in enumerate(scene.tree.joint_names)}
-        changed.append(replace(one, columns={**one.columns, **without}))
+    for run in runs:
+        holding = -_gravity(scene, run)
+        without = {f"u.{name}": run[f"u.{name}"] - holding[:, j] for j, name in enumerate(scene.tree.joint_names)}
+        changed.append(replace(run, columns={**run.columns, **without}))
     efforts = " and ".join(f"u.{name}" for name in scene.tree.joint_names)
     assert _told(scene, changed) == (f"{efforts} of {_files(changed)} have gravity already taken out",)
 

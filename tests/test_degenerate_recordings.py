@@ -1,4 +1,4 @@
-"""Recordings that hold next to nothing end in a result or in one sentence, and nothing is named where nothing moves."""
+"""Degenerate recordings give a result or one sentence, and no effect is named where nothing moves."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Models with the traits of published ones: meshes, packages, no masses, odd inertias, MJCF's classes and includes."""
+"""Models with traits of published ones: meshes, packages, no masses, inconsistent inertias, MJCF's defaults."""
 
 import logging
 from pathlib import Path
@@ -206,7 +206,8 @@ def test_commands_beyond_the_limit_act_as_far_as_that(tmp_path: Path) -> None:
     recording = recording_of("shoulder", "elbow")
     commanded = scene_of(tmp_path, arm(effort=0.5), channels="{u: {std: 0.0}}").for_recordings([recording])
     assert [
-        (one.name, one.at, one.values["limit"]) for one in commanded.with_surfaces_at(np.zeros(2)).physics.actuators
+        (effect.name, effect.at, effect.values["limit"])
+        for effect in commanded.with_surfaces_at(np.zeros(2)).physics.actuators
     ] == [
         ("actuator_saturation", "shoulder", 0.5),
         ("actuator_saturation", "elbow", 0.5),
@@ -238,11 +239,11 @@ CORNERS = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0], [0, 1, 0], [0
 
 def write_stl(path: Path, binary: bool) -> None:
     if binary:
-        facets = [np.r_[np.zeros(3), one.ravel()].astype("<f4").tobytes() + b"\0\0" for one in CORNERS]
+        facets = [np.r_[np.zeros(3), triangle.ravel()].astype("<f4").tobytes() + b"\0\0" for triangle in CORNERS]
         path.write_bytes(b" " * 80 + len(facets).to_bytes(4, "little") + b"".join(facets))
         return
     facets = ["facet normal 0 0 0\nouter loop\n", "endloop\nendfacet\n"]
-    rows = ["".join(f"vertex {x} {y} {z}\n" for x, y, z in one) for one in CORNERS]
+    rows = ["".join(f"vertex {x} {y} {z}\n" for x, y, z in triangle) for triangle in CORNERS]
     path.write_text(f"solid a\n{''.join(facets[0] + row + facets[1] for row in rows)}endsolid\n", encoding="ascii")
 
 
@@ -264,12 +265,12 @@ def test_the_replay_shows_the_models_own_meshes(tmp_path: Path, monkeypatch: pyt
     (tmp_path / "common" / "defaults.xml").write_text(DEFAULTS, encoding="utf-8")
     for scene, count, scale in ((urdf, 2, 1.0), (scene_of(tmp_path, mjcf, "arm.xml"), 1, 2.0)):
         still = motion(scene.tree, np.zeros((2, 2)), np.zeros((2, 2)))
-        meshes = [one.shape for one in link_shapes(scene, still, 1.0) if isinstance(one.shape, Mesh)]
+        meshes = [shape.shape for shape in link_shapes(scene, still, 1.0) if isinstance(shape.shape, Mesh)]
         assert [mesh.extension() for mesh in meshes] == [".obj"] * count
         assert all(mesh.scale3()[0] == scale for mesh in meshes)
         with monkeypatch.context() as patch:
             patch.setattr("drake_cafim.report.link_geometry.MOST_MESH", 10)
-            assert not any(isinstance(one.shape, Mesh) for one in link_shapes(scene, still, 1.0))
+            assert not any(isinstance(shape.shape, Mesh) for shape in link_shapes(scene, still, 1.0))
 
 
 MJCF = """<mujoco>

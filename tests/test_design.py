@@ -1,4 +1,4 @@
-"""Splines, planners and policies: pure functions of what they are given."""
+"""Splines, planners and policies as pure functions of their arguments."""
 
 from dataclasses import replace
 

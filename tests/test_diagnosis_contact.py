@@ -1,4 +1,4 @@
-"""Contacts in the diagnosis: where a wrong one shows, noise through what it remembers, names, and simulations."""
+"""Contacts in the diagnosis: where a mismatch shows, noise through internal states, names, simulations."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +35,7 @@ class Known:
         [effect] = self.truth["effects"]
         values = {name: value for name, (value, _) in effect["parameters"].items()}
         numbers = self.truth["nominal_parameters_true"]
-        unknown = [numbers[one.parameter] for one in self.prepared.scene.unknown]
+        unknown = [numbers[parameter.parameter] for parameter in self.prepared.scene.unknown]
         return Model(np.array(unknown), (effect_named(effect["effect"])(effect["at"], values),))
 
 
@@ -97,7 +97,7 @@ def test_named_and_measured(effect: str, tmp_path: Path) -> None:
     scene = case.prepared.scene
     best = search(WeakProblem.of(scene, case.prepared.weak, Model(scene.priors.mean)), Settings()).best
     [truth] = case.truth["effects"]
-    assert [one.key for one in best.model.effects] == [(truth["effect"], truth["at"])]
+    assert [effect.key for effect in best.model.effects] == [(truth["effect"], truth["at"])]
     [found] = best.model.effects
     first = next(iter(truth["parameters"]))
     assert found.values[first] == pytest.approx(truth["parameters"][first][0], rel=0.05)
@@ -108,7 +108,7 @@ def test_the_gain_of_a_quiet_wrench_is_looked_for(tmp_path: Path) -> None:
     """Friction is felt with an eighth of it as noise; the gain scales what is predicted, and no noise."""
     verdict = diagnose(*written(simulate("pair", "press", 0xAE53DDB31F5426298249DE33E22B8BD3), tmp_path))
     assert verdict.kind == "explained", str(verdict)
-    assert {one.effect.key for one in verdict.explanation} == {
+    assert {accepted.effect.key for accepted in verdict.explanation} == {
         ("actuator_bias", "px"),
         ("sensor_gain_error", "wrench.wrist.fx"),
     }

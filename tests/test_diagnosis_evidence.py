@@ -1,4 +1,4 @@
-"""What counts as evidence beside other things that are missing."""
+"""Evidence for an effect while other physics is missing too."""
 
 from types import SimpleNamespace
 from typing import Any

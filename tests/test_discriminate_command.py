@@ -77,8 +77,8 @@ def test_a_named_pair_gets_its_motion_and_the_same_seed_the_same_bytes(folder: P
     found = json.loads((folder / "one" / "report.json").read_text())["next_experiment"]
     assert found["separates"] == [["actuator_bias@pivot", "joint_spring@pivot"]]
     assert found["expected_log_odds"] > 3.0
-    assert [one["truth"] for one in found["simulated"][0]] == ["actuator_bias@pivot", "joint_spring@pivot"]
-    assert all(one["odds"][-1][1] > 3.0 for one in found["simulated"][0])
+    assert [rehearsal["truth"] for rehearsal in found["simulated"][0]] == ["actuator_bias@pivot", "joint_spring@pivot"]
+    assert all(rehearsal["odds"][-1][1] > 3.0 for rehearsal in found["simulated"][0])
     trajectory = recordings.read(folder / "one" / found["file"])
     assert set(trajectory.columns) == {"q.pivot", "v.pivot", "u.pivot"}
     assert np.max(np.abs(trajectory["u.pivot"])) <= 20.0 and np.max(np.abs(trajectory["v.pivot"])) <= 6.0
@@ -111,11 +111,14 @@ def test_a_report_is_copied_with_its_next_experiment_and_a_replay(folder: Path) 
 def test_a_rival_takes_the_place_of_what_it_is_like(folder: Path) -> None:
     scene = Scene.load(folder / "scenario.yaml")
     [pair] = reported_pairs(scene, REPORT, "report.json")
-    assert [one.key for one in pair.first.effects] == [
+    assert [effect.key for effect in pair.first.effects] == [
         ("joint_coulomb_friction", "pivot"),
         ("actuator_bias", "pivot"),
     ]
-    assert [one.key for one in pair.second.effects] == [("joint_coulomb_friction", "pivot"), ("joint_spring", "pivot")]
+    assert [effect.key for effect in pair.second.effects] == [
+        ("joint_coulomb_friction", "pivot"),
+        ("joint_spring", "pivot"),
+    ]
     assert pair.first.unknown.tolist() == [1.02] and isinstance(pair.second, Model)
 
 
@@ -140,8 +143,10 @@ def test_what_cannot_be_designed_for_ends_with_one_sentence(folder: Path, argume
     (folder / "other.json").write_text(json.dumps(REPORT | {"parameters": []}))
     files = {"REPORT": "report.json"}
     words = [
-        str(folder / files.get(one, one)) if one.endswith((".json", ".yaml")) or one in files else one
-        for one in arguments
+        str(folder / files.get(argument, argument))
+        if argument.endswith((".json", ".yaml")) or argument in files
+        else argument
+        for argument in arguments
     ]
     result = discriminate(folder, *words, "--out", str(folder / "out"))
     assert result.exit_code == 2, result.output

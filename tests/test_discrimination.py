@@ -1,4 +1,4 @@
-"""Motions that tell two explanations apart: evidence against its closed form, limits, simulation, and the designs."""
+"""Motions that discriminate between two explanations: evidence against closed forms, limits, simulation, designs."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -118,7 +118,9 @@ def test_the_evidence_of_linear_rows_is_that_of_a_gaussian(linear: Linear) -> No
     linear = replace(linear, data=linear.matrix(second.effects[0]) @ [0.1, 2.0] + random.normal(size=linear.rows))
     found = explain(linear, first).log_evidence - explain(linear, second).log_evidence
     zero = np.zeros(linear.rows)
-    exact = [multivariate_normal.logpdf(linear.data, zero, _spread(linear, one)) for one in (first, second)]
+    exact = [
+        multivariate_normal.logpdf(linear.data, zero, _spread(linear, explanation)) for explanation in (first, second)
+    ]
     assert found == pytest.approx(exact[0] - exact[1], abs=2e-3)
 
 
@@ -308,7 +310,7 @@ def test_a_rehearsal_says_what_a_smooth_plan_says(scene: Scene) -> None:
     random, odds = np.random.default_rng(5), Odds((faint(scene),))
     planned = [designer.motion(designer.random_commands(random)) for _ in range(2)]
     found = designer.rehearsal(odds)(planned)
-    np.testing.assert_allclose(found, [odds(designer.problem(one)) for one in planned], rtol=0.05, atol=0.05)
+    np.testing.assert_allclose(found, [odds(designer.problem(motion)) for motion in planned], rtol=0.05, atol=0.05)
     assert found[0] != pytest.approx(found[1], rel=0.2)
 
 
@@ -327,8 +329,8 @@ def test_physics_that_are_kept_are_those_of_their_unknowns(scene: Scene) -> None
     other = scene.corrected(scene.priors.mean + 0.01, ())
     for k in range(300):
         vector = scene.priors.mean + 1e-4 * (k % 200)
-        for one in (scene, other):
-            kept, fresh = one.physics_at(vector), apply_unknowns(one.unknown, one.physics, vector)
+        for each in (scene, other):
+            kept, fresh = each.physics_at(vector), apply_unknowns(each.unknown, each.physics, vector)
             assert kept.tree.bodies[1].mass == fresh.tree.bodies[1].mass
     assert scene.physics_at(vector) is scene.physics_at(vector.copy())
 
@@ -339,8 +341,8 @@ def test_runs_side_by_side_are_those_of_one_after_another(scene: Scene) -> None:
     physics = scene.physics.with_effects(effects)
     planned = [plan(shape, limits, scene.physics, random.uniform(-1.0, 1.0, (4, 2))) for _ in range(3)]
     together = simulated_together(physics, scene.physics, limits, planned)
-    for one, run in zip(planned, together, strict=True):
-        alone = simulated(physics, scene.physics, limits, one)
+    for motion, run in zip(planned, together, strict=True):
+        alone = simulated(physics, scene.physics, limits, motion)
         np.testing.assert_allclose(run.q, alone.q, rtol=1e-10, atol=1e-13)
         np.testing.assert_allclose(run.u, alone.u, rtol=1e-8, atol=1e-10)
     assert np.max(np.abs(together[0].q - together[1].q)) > 0.1

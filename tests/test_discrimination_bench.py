@@ -1,4 +1,4 @@
-"""The bench of confusable pairs, without its designs."""
+"""The benchmark of confusable pairs, without its designs."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from tests.benchmarks.confusable import GROUPS, Group, random_motion, sized
 from tests.benchmarks.discrimination import POLICIES, STRENGTHS, UNKNOWNS, line, summary
 
 
-@pytest.mark.parametrize("group", GROUPS, ids=lambda one: one.slug)
+@pytest.mark.parametrize("group", GROUPS, ids=lambda pair: pair.slug)
 def test_every_explanation_shows_on_its_machine(group: Group, tmp_path: Path) -> None:
     designer = Designer.of(group.scene(tmp_path), group.shape)
     scene = designer.scene

@@ -1,4 +1,4 @@
-"""What becomes of an effort: each actuator effect against its closed form."""
+"""Actuator effects on an effort, each against its closed form."""
 
 import numpy as np
 import pytest

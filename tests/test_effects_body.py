@@ -1,4 +1,4 @@
-"""Forces on bodies: laws, and the pulse that is searched for."""
+"""Forces on bodies: their laws, and the pulse that the search looks for."""
 
 from pathlib import Path
 
@@ -73,7 +73,7 @@ def test_a_push_is_absent_where_its_impulse_is() -> None:
     impulse, slope = push.vanishing()
     np.testing.assert_allclose(impulse, [0.1, -0.2, 0.0])
     steps = 1e-6 * np.eye(5)
-    ahead, behind = ([push.with_values(push.vector + sign * one).vanishing()[0] for one in steps] for sign in (1, -1))
+    ahead, behind = ([push.with_values(push.vector + sign * step).vanishing()[0] for step in steps] for sign in (1, -1))
     np.testing.assert_allclose(slope, (np.transpose(ahead) - np.transpose(behind)) / 2e-6, atol=1e-8)
     harder_and_briefer = np.array([1.0, -2.0, 0.0, 0.0, -0.1])
     np.testing.assert_allclose(slope @ harder_and_briefer, 0.0, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Effects of contacts and surfaces: forces against their closed forms, and what they remember of a motion."""
+"""Effects of contacts and surfaces: forces against closed forms, and their internal states along a motion."""
 
 from dataclasses import replace
 

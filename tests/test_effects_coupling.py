@@ -1,4 +1,4 @@
-"""Rotor and link apart: the twist's motion against closed forms."""
+"""Elastic or loose coupling of rotor and link: the twist's motion against closed forms."""
 
 import numpy as np
 import pytest

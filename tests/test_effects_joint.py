@@ -173,25 +173,27 @@ def test_dry_friction_averaged_over_what_is_not_known_of_the_velocity(
     effect: JointForce, values: Mapping[str, float], v_std: float
 ) -> None:
     """Narrower and wider errors than the sign change; a shape that were off by a percent would pass for another law."""
-    one = type(effect)("j", {**values, "slip_velocity": 0.005})
+    smoothed = type(effect)("j", {**values, "slip_velocity": 0.005})
     # what one side alone lacks near rest has a cusp, which Gaussians round off
     cusp = 5e-3 if v_std < 0.005 else 2e-4
-    loose = cusp if isinstance(one, JointAsymmetricCoulombFriction) else 1e-4
+    loose = cusp if isinstance(smoothed, JointAsymmetricCoulombFriction) else 1e-4
     for v in (0.0, 0.4 * v_std, 1.3 * v_std, 3.0 * v_std, 0.01):
         joint = JointSamples(np.zeros(1), np.array([v]), np.ones(1), v_std)
-        assert one.force(joint).value[0] == pytest.approx(_averaged(one, v, v_std), abs=loose)
+        assert smoothed.force(joint).value[0] == pytest.approx(_averaged(smoothed, v, v_std), abs=loose)
 
 
 @pytest.mark.parametrize(("effect", "values"), DRY, ids=lambda x: getattr(x, "name", None))
 def test_slopes_of_averaged_friction(effect: JointForce, values: Mapping[str, float]) -> None:
-    one = type(effect)("j", {**values, "slip_velocity": 0.01})
+    smoothed = type(effect)("j", {**values, "slip_velocity": 0.01})
     v = np.array([-0.11, -0.013, 0.004, 0.05])
 
     def force(at: JointForce, v: Array) -> Array:
         return at.force(JointSamples(np.zeros(4), v, np.ones(4), 0.03)).value
 
-    found = one.force(JointSamples(np.zeros(4), v, np.ones(4), 0.03))
-    assert np.allclose(found.d_v, (force(one, v + 1e-6) - force(one, v - 1e-6)) / 2e-6, atol=1e-5)
-    for k, name in enumerate(s.name for s in one.strengths):
-        up, down = (one.with_values({**one.values, name: one.values[name] + step}) for step in (1e-6, -1e-6))
+    found = smoothed.force(JointSamples(np.zeros(4), v, np.ones(4), 0.03))
+    assert np.allclose(found.d_v, (force(smoothed, v + 1e-6) - force(smoothed, v - 1e-6)) / 2e-6, atol=1e-5)
+    for k, name in enumerate(s.name for s in smoothed.strengths):
+        up, down = (
+            smoothed.with_values({**smoothed.values, name: smoothed.values[name] + step}) for step in (1e-6, -1e-6)
+        )
         assert np.allclose(found.d_strengths[:, k], (force(up, v) - force(down, v)) / 2e-6, atol=1e-6)

@@ -1,4 +1,4 @@
-"""What sets in at a depth, averaged over a sample's time."""
+"""Forces that begin at a depth, averaged over the duration of a sample."""
 
 import numpy as np
 import pytest

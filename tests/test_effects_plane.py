@@ -1,4 +1,4 @@
-"""A plane in the way: its force, the slopes that fits use, and that it is found from its forces at the joints."""
+"""An unmodelled plane: its force, the derivatives that fits use, and its detection from forces at the joints."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Each effect comes back from data that another simulator made: its name, its place, its strength."""
+"""Each effect is recovered from the data of an independent simulator: its name, its place, its strength."""
 
 from pathlib import Path
 from typing import Any
@@ -76,7 +76,7 @@ def test_recovered(effect: str, rig: str, tmp_path: Path) -> None:
     case = _plain_and_clear(f"single:{effect}", rig)
     best = _searched(case, tmp_path).best
     [truth] = case.truth["effects"]  # type: ignore[misc]
-    assert [one.key for one in best.model.effects] == [(truth["effect"], truth["at"])]
+    assert [found.key for found in best.model.effects] == [(truth["effect"], truth["at"])]
     [found] = best.model.effects
     std = dict(zip((s.name for s in found.strengths), best.std[len(best.model.unknown) :], strict=True))
     if effect == "external_disturbance":

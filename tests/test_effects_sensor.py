@@ -1,4 +1,4 @@
-"""Sensor effects: what is written against its closed form, the inverse, and the slopes by the strengths."""
+"""Sensor effects: the distorted signal against its closed form, the inverse, and the derivatives by the strengths."""
 
 from collections.abc import Mapping
 
@@ -109,7 +109,7 @@ def test_interpolation_moves_noise_and_does_not_smooth_it() -> None:
     noise = np.random.default_rng(0).normal(size=(3000, 200))
     moved = interpolation(time, time + 0.0011) @ noise
     weight = np.sin(np.pi * np.arange(30) / 30) ** 4
-    sizes = [np.std([weight @ one[k : k + 30] for k in range(100, 2900, 60)]) for one in (noise, moved)]
+    sizes = [np.std([weight @ signal[k : k + 30] for k in range(100, 2900, 60)]) for signal in (noise, moved)]
     assert sizes[1] == pytest.approx(sizes[0], rel=0.02)
 
 

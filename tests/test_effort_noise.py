@@ -1,4 +1,4 @@
-"""Efforts that were measured with a noise of which nobody says how large it is."""
+"""Estimated noise of efforts whose std is not stated."""
 
 from pathlib import Path
 

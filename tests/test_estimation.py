@@ -1,4 +1,4 @@
-"""CA-MAP: the known parameters come back, from bad starts too; two programs, one optimum."""
+"""CA-MAP: known parameters are recovered, from bad starts too; both programs have the same optimum."""
 
 from dataclasses import replace
 

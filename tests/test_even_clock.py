@@ -1,4 +1,4 @@
-"""Noise on uneven clocks is told from the motion between uneven instants, and rounding from quiet."""
+"""Uneven clocks: the motion on an even clock with its noise unchanged, and estimates of noise and rounding."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Algorithm 1, closed, in the kinematic world: its bookkeeping, and the figures that the method promises."""
+"""Algorithm 1 in closed loop in the kinematic world: its bookkeeping, and the accuracy that it should reach."""
 
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -46,10 +46,10 @@ def _fisher_at(task, experiment, theta):
 
 def test_the_same_seed_gives_the_same_run_and_another_seed_another():
     task = replace(rubbing(), periods=30)
-    one, same, other = (run(task, Options(seed=seed, experiments=1)) for seed in (1, 1, 2))
+    first, same, other = (run(task, Options(seed=seed, experiments=1)) for seed in (1, 1, 2))
     for name in ("commands", "measured_force", "plans"):
-        np.testing.assert_array_equal(getattr(one.experiments[0], name), getattr(same.experiments[0], name))
-    assert not np.array_equal(one.experiments[0].commands, other.experiments[0].commands)
+        np.testing.assert_array_equal(getattr(first.experiments[0], name), getattr(same.experiments[0], name))
+    assert not np.array_equal(first.experiments[0].commands, other.experiments[0].commands)
 
 
 def test_experiments_of_a_run_have_their_own_noise_and_plans():
@@ -82,10 +82,10 @@ def test_the_whole_loop_through_autodiff_gives_the_plans_of_tangent(task):
     count = 5 if task.periods == 60 else 2
     options = [Options(seed=2, experiments=count, fisher=fisher) for fisher in ("tangent", "autodiff")]
     tangent, autodiff = (run(task, option) for option in options)
-    for one, other in zip(tangent.experiments, autodiff.experiments, strict=True):
-        np.testing.assert_allclose(other.plans, one.plans, atol=1e-6)
-        np.testing.assert_allclose(other.commands, one.commands, atol=1e-6)
-        np.testing.assert_allclose(other.belief.mean, one.belief.mean, rtol=1e-6)
+    for result, other in zip(tangent.experiments, autodiff.experiments, strict=True):
+        np.testing.assert_allclose(other.plans, result.plans, atol=1e-6)
+        np.testing.assert_allclose(other.commands, result.commands, atol=1e-6)
+        np.testing.assert_allclose(other.belief.mean, result.belief.mean, rtol=1e-6)
 
 
 def test_noise_of_the_world_can_be_scaled():

@@ -1,4 +1,4 @@
-"""What a controller makes of its sensors' noise is read off the efforts, and shakes joints: that informs."""
+"""Sensor noise that a controller feeds back: gains are found from the efforts, and the motion it causes informs."""
 
 from dataclasses import replace
 from pathlib import Path

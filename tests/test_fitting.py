@@ -1,4 +1,4 @@
-"""Fits on a pendulum: the estimate is where the truth is, also where the regressors are mostly noise."""
+"""Fits on a pendulum: the estimate is near the truth, also where the regressors are mostly noise."""
 
 from dataclasses import replace
 from pathlib import Path

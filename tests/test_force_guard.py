@@ -1,4 +1,4 @@
-"""The force guard: it learns from measured forces, and what it lets through stays within the limit."""
+"""The force guard: its belief about forces, and commands that keep forces within the limit."""
 
 from dataclasses import replace
 
@@ -52,8 +52,8 @@ def test_gains_are_the_kalman_filters_and_weights_the_evidence():
     first = np.array([1.0, 0.0])
     belief = ForceBelief(theta, np.zeros(3), np.tile(first, (3, 1)), np.tile(prior, (3, 1, 1)))
     force = 1.2 * 600.0 * (0.020 - depths) + model.force_std * random.normal(size=30)
-    for depth, one in zip(depths, force, strict=True):
-        belief = learn(model, belief, np.array([depth, 0.0]), np.array([one]), LIMIT, config)
+    for depth, reading in zip(depths, force, strict=True):
+        belief = learn(model, belief, np.array([depth, 0.0]), np.array([reading]), LIMIT, config)
     y, evidence = force / model.force_std, []
     for k, (stiffness, _) in enumerate(theta):
         predicted = stiffness * (0.020 - depths)
@@ -159,8 +159,8 @@ def test_pinching_with_a_prior_too_low_keeps_the_limit(scale):
     forces = {}
     for guard in (False, True):
         result = run(task, Options(seed=3, experiments=2, force_guard=guard))
-        forces[guard] = [one.behaviour["max_force"] for one in result.experiments]
-        assert all(one.behaviour["contact_fraction"] > 0.2 for one in result.experiments)
+        forces[guard] = [experiment.behaviour["max_force"] for experiment in result.experiments]
+        assert all(experiment.behaviour["contact_fraction"] > 0.2 for experiment in result.experiments)
     assert max(forces[True]) <= task.model.force_limit < max(forces[False])
 
 
@@ -169,8 +169,8 @@ def test_contouring_with_a_box_harder_than_believed_keeps_the_limit():
     task = replace(true, model=replace(true.model, stiffness=0.5 * true.model.stiffness))
     world = [kinematic_world(true, seed=1) for _ in range(2)]
     bold, guarded = (
-        run(task, Options(seed=1, force_guard=guard), one).experiments[0]
-        for guard, one in zip((False, True), world, strict=True)
+        run(task, Options(seed=1, force_guard=guard), made).experiments[0]
+        for guard, made in zip((False, True), world, strict=True)
     )
     assert guarded.behaviour["max_force"] <= 10.0 < bold.behaviour["max_force"]
     assert guarded.behaviour["contact_fraction"] > 0.1

@@ -1,4 +1,4 @@
-"""What friction does near rest decides its name: a sign change of any width is still Coulomb's."""
+"""Friction laws are told apart by their forces near rest: a sign change of any width is still Coulomb's."""
 
 from pathlib import Path
 
@@ -43,7 +43,7 @@ def test_a_sign_change_of_any_width_is_coulombs(tmp_path: Path, width: float) ->
            "unknown": [{"parameter": "mass", "body": "block", "mean": 2.0, "std": 0.2}]}  # fmt: skip
     scene = Scene.build(parse(raw, "test"), tmp_path, "test")
     verdict = diagnose(scene, [_recording("a", width, 1), _recording("b", width, 2)])
-    assert [one.effect.name for one in verdict.explanation] == ["joint_coulomb_friction"]
+    assert [accepted.effect.name for accepted in verdict.explanation] == ["joint_coulomb_friction"]
     found = verdict.explanation[0].values["torque"]
     assert abs(found.value - TORQUE) < 4.0 * found.std
     assert found.std < 0.01

@@ -1,4 +1,4 @@
-"""Plans that know of the force guard: scored are the commands that it lets through."""
+"""Scores of plans with a force guard: of the commands that the guard lets through."""
 
 import numpy as np
 import pytest
@@ -121,7 +121,7 @@ def test_a_planner_that_knows_of_the_guard_learns_more(monkeypatch):
                 lambda name, model, *, force_limit, **rest: make_policy(name, model, **rest),
             )
         results = [run(task, Options(seed=seed, experiments=2, force_guard=True)) for seed in range(3)]
-        told[knows] = np.mean([one.scaled_trace for result in results for one in result.experiments])
+        told[knows] = np.mean([experiment.scaled_trace for result in results for experiment in result.experiments])
     assert told[True] > 1.3 * told[False]
 
 

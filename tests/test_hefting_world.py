@@ -1,4 +1,4 @@
-"""The hefting Diagram: its ports, the arm's tracking, and what the ball feels in both worlds."""
+"""The hefting Diagram: its ports, the arm's tracking, and the ball's contact forces in both worlds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Likelihoods and simulations of the physics that made a recording: noise is all that they leave."""
+"""Likelihoods and simulations of the physics that made a recording: the residual is its noise."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,10 +24,13 @@ def _held_out(kind: str, rig: str, seed: int, folder: Path) -> tuple[Scene, Weak
     prepared = prepare(Scene.load(folder / "scenario.yaml"), [recordings.read(folder / "held_1.parquet")])
     scene, [weak] = prepared.scene, prepared.weak
     numbers = case.truth["nominal_parameters_true"]
-    unknown = [numbers.get(f"{one.parameter}.{one.at}", numbers.get(one.parameter)) for one in scene.unknown]
+    unknown = [
+        numbers.get(f"{parameter.parameter}.{parameter.at}", numbers.get(parameter.parameter))
+        for parameter in scene.unknown
+    ]
     effects = [
-        effect_named(one["effect"])(one["at"], {name: value for name, (value, _) in one["parameters"].items()})
-        for one in case.truth["effects"]
+        effect_named(stated["effect"])(stated["at"], {name: value for name, (value, _) in stated["parameters"].items()})
+        for stated in case.truth["effects"]
     ]
     return scene, weak, Model(np.array(unknown), tuple(effects))
 

@@ -1,4 +1,4 @@
-"""What is held out is compared, and nothing else is made of it: of jointed robots and of thrown bodies."""
+"""Held-out recordings are compared and used for nothing else, for jointed robots and for thrown bodies."""
 
 from pathlib import Path
 
@@ -47,7 +47,7 @@ def test_each_group_has_the_figures_of_its_own_recordings(kind: str, tmp_path: P
     train, held = _recordings(kind, scene)
     model, doubt = Model(scene.priors.mean), np.diag(scene.priors.std**2)
     both = prepare(scene, [train], [held]).qualities(model, doubt)
-    alone = [prepare(scene, [one]).qualities(model, doubt)[0] for one in (train, held)]
+    alone = [prepare(scene, [recording]).qualities(model, doubt)[0] for recording in (train, held)]
     for found, own in zip(both, alone, strict=True):
         assert found.nll == pytest.approx(own.nll, rel=1e-9)
         assert found.rmse == pytest.approx(own.rmse, rel=1e-9)

@@ -1,4 +1,4 @@
-"""What help() says of the public names is enough to use them, and says the ports that a system has."""
+"""The text of help() of the public names: enough to use them, with the ports of systems."""
 
 import dataclasses
 import inspect
@@ -70,9 +70,9 @@ def described(system: LeafSystem, *, optional: bool = False) -> tuple[list[str],
     said = inspect.getdoc(type(system)) or ""
     assert f".. pydrake_system::\n\n    name: {type(system).__name__}" in said
     found = [re.search(rf"{kind}_ports: \[(.*?)\]", said) for kind in ("input", "output")]
-    listed = [[port.strip() for port in one[1].split(",")] for one in found if one]
+    listed = [[port.strip() for port in match[1].split(",")] for match in found if match]
     mark = " (optional)"
-    kept = [[port.removesuffix(mark) for port in one if optional or not port.endswith(mark)] for one in listed]
+    kept = [[port.removesuffix(mark) for port in ports if optional or not port.endswith(mark)] for ports in listed]
     return tuple(kept)  # type: ignore[return-value]
 
 

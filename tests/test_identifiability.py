@@ -1,4 +1,4 @@
-"""What measurements tell apart, and how it is said."""
+"""Identifiable combinations of parameters, and their description in run.json and the report."""
 
 import numpy as np
 import pytest
@@ -37,10 +37,10 @@ def test_of_a_product_only_the_product_is_known(scale):
 
 def test_nothing_and_everything():
     nothing = identifiable_combinations(np.zeros((2, 2)), PRIOR, THETA)
-    assert [one.identified for one in nothing] == [False, False]
+    assert [combination.identified for combination in nothing] == [False, False]
     all_known = identifiable_combinations(np.diag([100.0, 0.01]), PRIOR, THETA)
-    assert [one.identified for one in all_known] == [True, True]
-    assert [one.text(NAMES) for one in all_known] == ["friction", "stiffness"]
+    assert [combination.identified for combination in all_known] == [True, True]
+    assert [combination.text(NAMES) for combination in all_known] == ["friction", "stiffness"]
     np.testing.assert_allclose(all_known[0].std, 1.0 / np.sqrt(101.0) / 0.4)
 
 
@@ -58,7 +58,7 @@ def test_the_record_says_it_and_the_summary_too():
     after = prior.update(0.1 * np.outer(g, g), THETA)
     told = describe_combinations(prior, after)
     assert told["rank"] == 1 and told["combinations"][0]["text"] == "friction·stiffness"
-    one = {
+    experiment = {
         "estimate": dict(zip(NAMES, after.mean, strict=True)),
         "std": dict(zip(NAMES, after.std, strict=True)),
         "error_percent": dict.fromkeys(NAMES, 0.0),
@@ -67,24 +67,34 @@ def test_the_record_says_it_and_the_summary_too():
         "max_force": 2.0,
         "planning_ms": {"median": 1.0},
     }
-    record = {"scenario": "s", "world": "model", "policy": "p", "seed": 0, "truth": {}, "experiments": [one | told]}
+    record = {
+        "scenario": "s",
+        "world": "model",
+        "policy": "p",
+        "seed": 0,
+        "truth": {},
+        "experiments": [experiment | told],
+    }
     sentence = table(record).splitlines()[-1]
     assert "only this is known: friction·stiffness, to 7.9 %" in sentence
     assert "cannot tell friction, stiffness apart" in sentence
     whole = prior.update(np.diag([1e4, 1e4]), THETA)
-    record["experiments"] = [one | describe_combinations(prior, whole)]
+    record["experiments"] = [experiment | describe_combinations(prior, whole)]
     assert "only this is known" not in table(record)
     assert describe_combinations(Belief(("a",), np.ones(1), np.eye(1)), Belief(("a",), np.ones(1), np.eye(1))) == {}
 
 
 @pytest.mark.parametrize("name, readings", [("rubbing_two", 2), ("rubbing_tangential", 1)])
 def test_rank_of_a_run_and_ports_of_its_worlds(name, readings):
-    one = measure(Cell(name, 1, experiments=1))["experiments"][-1]
-    assert one["rank"] == readings
-    assert 0.5 < one["behaviour"]["contact_fraction"] <= 1.0 and 0.2 < one["behaviour"]["sliding_fraction"] <= 1.0
+    experiment = measure(Cell(name, 1, experiments=1))["experiments"][-1]
+    assert experiment["rank"] == readings
+    assert (
+        0.5 < experiment["behaviour"]["contact_fraction"] <= 1.0
+        and 0.2 < experiment["behaviour"]["sliding_fraction"] <= 1.0
+    )
     if readings == 1:
-        assert one["combinations"][0]["text"] == "friction·stiffness"
-        assert one["std"][1] > 45.0 > 20.0 > one["combinations"][0]["std_percent"]
+        assert experiment["combinations"][0]["text"] == "friction·stiffness"
+        assert experiment["std"][1] > 45.0 > 20.0 > experiment["combinations"][0]["std_percent"]
     stage = stage_of(load(resolve(name)), name)
     for kind in ("model", "drake"):
         diagram = stage.diagram(kind, 0)

@@ -1,4 +1,4 @@
-"""Which Fisher information: the proofs that the sum over the total derivative is the right one."""
+"""The Fisher information is a sum over total derivatives: proofs by finite differences and closed forms."""
 
 from dataclasses import replace
 from itertools import pairwise

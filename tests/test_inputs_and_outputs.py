@@ -1,4 +1,4 @@
-"""Small promises of files and tables: a stop's side, what the solver said, planners' rollouts, packaged files."""
+"""Details of files and tables: a stop's side, the solver's status, planners' rollouts, packaged files."""
 
 import subprocess
 import sys
@@ -27,7 +27,7 @@ def test_the_side_of_a_stop_is_told_and_read_back() -> None:
     stop = JointHardStop("j", {"position": -0.5, "stiffness": 10.0, "side": -1.0})
     tree: Any = SimpleNamespace(joints=[SimpleNamespace(prismatic=False)], joint_index=lambda name: 0)
     assert "side -1" in stop.sentence(tree)
-    assert {one.name: value for one, value in stop.choices.items()} == {"side": -1.0}
+    assert {choice.name: value for choice, value in stop.choices.items()} == {"side": -1.0}
     assert with_interval(-1.0, Value(-1.0, None, "1").std) == "−1"
     assert stop.with_values({"position": -0.4, "stiffness": 10.0, "damping": 0.0}).values["side"] == -1.0
 
@@ -47,7 +47,7 @@ def test_what_the_solver_said_is_a_sentence_that_names_its_status() -> None:
     ],
 )
 def test_the_table_tells_of_a_solver_that_was_not_plain(solver: dict[str, Any], told: str | None) -> None:
-    one = {
+    experiment = {
         "estimate": {"mu": 0.4},
         "std": {"mu": 0.1},
         "error_percent": {"mu": 1.0},
@@ -57,7 +57,14 @@ def test_the_table_tells_of_a_solver_that_was_not_plain(solver: dict[str, Any], 
         "planning_ms": {"median": 1.0},
         "solver": solver,
     }
-    record = {"scenario": "s", "world": "w", "policy": "p", "seed": 1, "truth": {"mu": 0.4}, "experiments": [one]}
+    record = {
+        "scenario": "s",
+        "world": "w",
+        "policy": "p",
+        "seed": 1,
+        "truth": {"mu": 0.4},
+        "experiments": [experiment],
+    }
     lines = table(record).splitlines()
     assert lines[2:] == ([] if told is None else [f"    {told}"])
 

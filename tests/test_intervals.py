@@ -1,4 +1,4 @@
-"""Intervals reach as far as the likelihood does, and no farther."""
+"""Intervals of strengths cover as much as the likelihood allows, and no more."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,18 +54,18 @@ class Curve(OneWindow):
 def test_a_number_is_known_no_better_than_the_likelihood_falls(scale: float) -> None:
     """χ² at its least over x is (ln c / STD)² / 2: it has risen by 1.96² scale where ln c is 1.96 √(2 scale) STD."""
     problem: Any = Curve(flat=True)
-    one = problem.fit()
+    fit = problem.fit()
     reach = np.exp(1.96 * np.sqrt(2.0 * scale) * STD) - 1.0
-    found = standard_deviations(problem, one, scale)
+    found = standard_deviations(problem, fit, scale)
     assert found[1] == pytest.approx(reach / 1.96, rel=0.1)
-    assert found[1] > 1.2 * one.std[1] * np.sqrt(scale)
-    assert found[0] == pytest.approx(one.std[0] * np.sqrt(scale))
+    assert found[1] > 1.2 * fit.std[1] * np.sqrt(scale)
+    assert found[0] == pytest.approx(fit.std[0] * np.sqrt(scale))
 
 
 def test_where_chi_square_is_a_parabola_slopes_tell_all() -> None:
     problem: Any = Curve(flat=False)
-    one = problem.fit()
-    np.testing.assert_allclose(standard_deviations(problem, one, 1.0), one.std, rtol=1e-6)
+    fit = problem.fit()
+    np.testing.assert_allclose(standard_deviations(problem, fit, 1.0), fit.std, rtol=1e-6)
 
 
 @dataclass
@@ -121,9 +121,9 @@ class Wandering:
 @pytest.mark.parametrize("lasting", [True, False])
 def test_noise_that_lasts_longer_than_was_stated_widens_an_interval(lasting: bool) -> None:
     problem: Any = Wandering(lasting)
-    one = problem.fit()
-    expected = np.sqrt(1.0 / 40.0) if lasting else one.std[0]
-    np.testing.assert_allclose(standard_deviations(problem, one, 1.0), expected, rtol=0.25)
+    fit = problem.fit()
+    expected = np.sqrt(1.0 / 40.0) if lasting else fit.std[0]
+    np.testing.assert_allclose(standard_deviations(problem, fit, 1.0), expected, rtol=0.25)
 
 
 def test_what_is_not_shown_to_be_there_looks_like_anything(tmp_path: Path) -> None:
@@ -133,8 +133,8 @@ def test_what_is_not_shown_to_be_there_looks_like_anything(tmp_path: Path) -> No
     nominal = unbiased_fit(problem, problem.nominal())
     at = scene.tree.joint_names[0]
     [best] = screen(problem, nominal, [TorqueRipple(at)])
-    one = unbiased_fit(problem, nominal.model.with_effects([best.effect]))
-    std = dict(zip(("amplitude", "cycles", "phase"), standard_deviations(problem, one, 1.0)[-3:], strict=True))
-    [found] = one.model.effects
+    fit = unbiased_fit(problem, nominal.model.with_effects([best.effect]))
+    std = dict(zip(("amplitude", "cycles", "phase"), standard_deviations(problem, fit, 1.0)[-3:], strict=True))
+    [found] = fit.model.effects
     assert std["amplitude"] >= abs(found.values["amplitude"])
     assert min(std["cycles"], std["phase"]) > 1e3

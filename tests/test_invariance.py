@@ -1,4 +1,4 @@
-"""What cannot matter does not: the order of recordings, the names of joints, where was cut, how often was measured."""
+"""Verdicts do not depend on the order of recordings, names of joints, cuts of recordings, or sampling rates."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -41,24 +41,24 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Verdict:
 
 
 def _named(verdict: Verdict) -> set[tuple[str, str]]:
-    return {one.effect.key for one in verdict.explanation}
+    return {accepted.effect.key for accepted in verdict.explanation}
 
 
 def _same(verdict: Verdict, plain: Verdict, within: float) -> None:
     """The same effects at the same places, each strength `within` so many standard deviations."""
     assert verdict.kind == plain.kind and _named(verdict) == _named(plain)
-    strengths = {one.effect.key: one.values for one in plain.explanation}
-    for one in verdict.explanation:
-        for name, value in one.values.items():
-            known = strengths[one.effect.key][name]
+    strengths = {accepted.effect.key: accepted.values for accepted in plain.explanation}
+    for accepted in verdict.explanation:
+        for name, value in accepted.values.items():
+            known = strengths[accepted.effect.key][name]
             assert abs(value.value - known.value) <= within * known.std
 
 
 def _cut(read: Read) -> Read:
     pieces = []
-    for one in read:
-        middle = 0.5 * (one.time[0] + one.time[-1])
-        pieces += [one.window(one.time[0], middle), one.window(middle, one.time[-1])]
+    for recording in read:
+        middle = 0.5 * (recording.time[0] + recording.time[-1])
+        pieces += [recording.window(recording.time[0], middle), recording.window(middle, recording.time[-1])]
     return [replace(piece, name=f"piece {k}") for k, piece in enumerate(pieces)]
 
 
@@ -66,13 +66,15 @@ def _every_second(read: Read) -> Read:
     """Motion measured half as often; the efforts at their own rate."""
     empty = np.arange(len(read[0])) % 2 == 1
 
-    def thinned(one: Recording) -> Recording:
-        odd = np.arange(len(one)) % 2 == 1
-        columns = {k: np.where(odd, np.nan, v) if k.startswith(("q.", "v.")) else v for k, v in one.columns.items()}
-        return replace(one, columns=columns)
+    def thinned(recording: Recording) -> Recording:
+        odd = np.arange(len(recording)) % 2 == 1
+        columns = {
+            k: np.where(odd, np.nan, v) if k.startswith(("q.", "v.")) else v for k, v in recording.columns.items()
+        }
+        return replace(recording, columns=columns)
 
     assert empty.any()
-    return [thinned(one) for one in read]
+    return [thinned(recording) for recording in read]
 
 
 @pytest.mark.ci

@@ -30,7 +30,7 @@ def _recorded(folder: Path) -> tuple[Scene, WeakForm]:
     rate = 2.0 * np.pi * 0.7
     q, v, a = 0.8 * np.sin(rate * t), 0.8 * rate * np.cos(rate * t), -0.8 * rate**2 * np.sin(rate * t)
     middle = 0.001  # s: an effort is held, and so is right in the middle
-    ahead = [one + middle * slope for one, slope in ((q, v), (v, a), (a, -(rate**2) * v))]
+    ahead = [signal + middle * slope for signal, slope in ((q, v), (v, a), (a, -(rate**2) * v))]
     u = INERTIA * ahead[2] + WEIGHT * np.sin(ahead[0]) + FRICTION * np.tanh(ahead[1] / 0.005)
     columns = {"q.pivot": q, "v.pivot": v, "u.pivot": u}
     prepared = prepare(scene, [Recording("swing", t, columns)])

@@ -1,4 +1,4 @@
-"""What is kept of rows that were reckoned serves the numbers that it was reckoned with, and no others."""
+"""Cached rows serve only the parameter values for which they were computed."""
 
 from pathlib import Path
 
@@ -82,7 +82,7 @@ def _assert_alike(problem: WeakProblem, fresh: WeakProblem, model: Model) -> Non
     np.testing.assert_allclose(problem.residual(model), fresh.residual(model), rtol=1e-9, atol=1e-9)
     # unknowns' columns are kept from a whitening's first look at them
     for position in range(len(model.effects)):
-        known, anew = (one.effect_columns(model, position) for one in (problem, fresh))
+        known, anew = (each.effect_columns(model, position) for each in (problem, fresh))
         np.testing.assert_allclose(known, anew, rtol=0.0, atol=1e-7 * float(np.max(np.abs(anew)) + 1e-30))
     assert problem.penalty(model) == pytest.approx(fresh.penalty(model), abs=1e-6)
 

@@ -1,4 +1,4 @@
-"""When something is missing: a push is located to within its own length, before anything is named."""
+"""Location of missing physics: a push is located to within its own length before any effect is named."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ def test_a_push_is_located_in_time(seed: int, tmp_path: Path) -> None:
     assert isinstance(prepared, Prepared)
     problem = prepared.problem()
     true = case.truth["nominal_parameters_true"]
-    unknown = np.array([true[f"{one.parameter}.{one.at}"] for one in scene.unknown])
+    unknown = np.array([true[f"{parameter.parameter}.{parameter.at}"] for parameter in scene.unknown])
     locations = problem.locate(Model(unknown))
     begun, ended = effect["interval"]
     overlaps = [
@@ -61,9 +61,9 @@ def test_places_are_ordered_by_their_share_of_the_excess() -> None:
     excess.show(strong, "b", [(3.0, 4.0), (1.0, 2.0), (2.0, 3.0)])
     found = excess.locations(["a", "b"], lambda place: f"while {place[1]}")
     # 500.1 and 200 of 700.1 beyond what noise gives; the faint one holds less than a hundredth of that
-    assert [(one.name, one.recording, one.intervals) for one in found] == [
+    assert [(push.name, push.recording, push.intervals) for push in found] == [
         ("strong", "a", ((0.0, 1.0),)),
         ("strong", "b", ((1.0, 4.0),)),
         ("weak", "a", ((0.0, 1.0),)),
     ]
-    assert [one.share for one in found] == pytest.approx([250.0 / 700.1, 250.0 / 700.1, 200.0 / 700.1])
+    assert [push.share for push in found] == pytest.approx([250.0 / 700.1, 250.0 / 700.1, 200.0 / 700.1])
