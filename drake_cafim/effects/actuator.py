@@ -63,8 +63,8 @@ class ActuatorEffect(Effect):
     upstream: ClassVar[bool] = False
     """Whether it acts before the point where the effort is measured: a measured effort already contains it."""
 
-    def entered(self, physics: P) -> P:
-        return physics.joined("actuators", self)
+    def add_to(self, physics: P) -> P:
+        return physics.with_part("actuators", self)
 
     @property
     def past(self) -> float:
@@ -169,7 +169,7 @@ class ActuatorDelay(ActuatorEffect):
 
     def from_look(self, look: Sequence[Direction], coefficients: Array) -> "ActuatorDelay":
         tried = look[0].size
-        # a negative delay is kept, since it is implausible and lets the hypothesis be dropped later
+        # a negative delay is kept: it is implausible, so that the hypothesis is dropped later
         return self.with_values({"delay": min(float(coefficients[0]), 2.0 * tried)})
 
 
@@ -264,7 +264,8 @@ class ActuatorSaturation(ActuatorEffect):
                 yield (Direction({"limit": limit}, None, 1.0),)
 
     def from_look(self, look: Sequence[Direction], coefficients: Array) -> "ActuatorSaturation | None":
-        # with clipping at this limit the coefficient is about 1, without it 0; a start need not be exact
+        # the coefficient is about 1 if the effort is clipped at this limit, else about 0; a start need not be exact,
+        # hence the wide bounds
         return self.with_values(look[0].ahead) if 0.3 < coefficients[0] < 3.0 else None
 
 

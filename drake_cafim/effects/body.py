@@ -1,4 +1,4 @@
-"""Forces on a body that come neither from the model's joints nor from its contacts: drag, pushes."""
+"""Forces on a body other than those of the model's joints and contacts: drag and pushes."""
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
@@ -24,8 +24,8 @@ class BodyForce(Effect):
     linear: ClassVar[tuple[str, ...]] = ()
     """Strengths in which the force is linear and homogeneous: it is the sum of one term proportional to each."""
 
-    def entered(self, physics: P) -> P:
-        return physics.joined("body_forces", self)
+    def add_to(self, physics: P) -> P:
+        return physics.with_part("body_forces", self)
 
     def parts(self) -> Iterator[tuple[float, Self]]:
         """Pairs of a coefficient and an effect of unit strength: the force is Σ coefficient × the effect's force."""

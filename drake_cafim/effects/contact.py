@@ -55,7 +55,7 @@ class ContactEffect(Effect, ContactChange):
     decides_bounces: ClassVar[bool] = False
     """Whether it determines where and how high a thrown body bounces."""
 
-    def entered(self, physics: P) -> P:
+    def add_to(self, physics: P) -> P:
         return on_contacts(self, physics)
 
     @classmethod

@@ -188,6 +188,7 @@ class ContactPresliding(ContactEffect):
         for distance in (2e-5, 5e-5, 1.2e-4, 3e-4, 7e-4, 1.7e-3, 4e-3):
             step = Direction({"distance": distance}, None, 1.0)
 
+            # the step is the whole effect: its coefficient is 1 if it is right, and far from 1 if it is something else
             def build(c: Array, distance: float = distance) -> ContactPresliding | None:
                 return self.with_values({"distance": distance}) if 0.3 < c[0] < 3.0 else None
 

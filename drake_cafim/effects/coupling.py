@@ -19,7 +19,7 @@ import numpy as np
 
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.effect import Effect, P, Place, Strength
-from drake_cafim.effects.twist import crossed, swung, transition
+from drake_cafim.effects.twist import backlash_twist_rate, linear_twist_rate, transition
 from drake_cafim.typing import Array
 
 STEP = 1e-6
@@ -53,8 +53,8 @@ class JointCoupling(Effect):
     kind: ClassVar[str] = "coupling"
     shapes_about_values: ClassVar[bool] = True
 
-    def entered(self, physics: P) -> P:
-        return physics.joined("couplings", self)
+    def add_to(self, physics: P) -> P:
+        return physics.with_part("couplings", self)
 
     @abstractmethod
     def torque(self, twist: float, rate: float) -> float:
@@ -74,12 +74,12 @@ class JointCoupling(Effect):
         A recording may begin in the middle of a motion with its joint already oscillating; the prior std is the largest
         static twist. All coupling laws have the same prior, otherwise one without it would seem the better explanation.
         """
-        phi, rest = self.stepped(drive)
+        phi, rest = self.linear_steps(drive)
         twist, still = float(np.max(np.abs(rest))), np.zeros_like(rest)
         rate = twist * float(np.sqrt(self.values["stiffness"] * np.mean(drive.mobility)))
-        return np.stack([swung(phi, still, twist, 0.0), swung(phi, still, 0.0, rate)], axis=1)
+        return np.stack([linear_twist_rate(phi, still, twist, 0.0), linear_twist_rate(phi, still, 0.0, rate)], axis=1)
 
-    def stepped(self, drive: RotorDrive) -> tuple[Array, Array]:
+    def linear_steps(self, drive: RotorDrive) -> tuple[Array, Array]:
         """Transition matrices Φ (4, N − 1) of the intervals and equilibria x_e (N,): x' = Φ (x − x_e) + x_e."""
         stiffness, damping = self.values["stiffness"], self.values["damping"]
         pull, drag = stiffness * drive.mobility, damping * drive.mobility
@@ -104,12 +104,13 @@ class JointCoupling(Effect):
         """Parameter values to test in screening; `drive` holds all recordings, concatenated."""
 
     def scaled(self, values: Mapping[str, float], coefficient: float) -> "JointCoupling | None":
-        """The effect when `coefficient` times the change by `values` fits best; None where it fits badly."""
+        """The effect for which `coefficient` times the change by `values` fits best; None if that is implausible."""
+        # 1 if the trial values are right; a start of a fit need not be exact, hence the wide bounds
         return self.with_values(values) if 0.3 < coefficient < 3.0 else None
 
     @classmethod
     def places(cls, tree: Tree) -> Iterator[str]:
-        """Joints whose model has a rotor: without inertia it would not be told from the link."""
+        """Joints whose model has rotor inertia: without it the rotor cannot be distinguished from the link."""
         yield from (joint.name for joint in tree.joints if joint.rotor_inertia > 0.0)
 
 
@@ -145,8 +146,8 @@ class JointElasticity(JointCoupling):
         return stiffness * twist + damping * rate, stiffness * unit, damping * unit
 
     def twist_rate(self, drive: RotorDrive) -> Array:
-        phi, rest = self.stepped(drive)
-        return np.asarray(swung(phi, rest, float(rest[0]), 0.0), dtype=float)
+        phi, rest = self.linear_steps(drive)
+        return np.asarray(linear_twist_rate(phi, rest, float(rest[0]), 0.0), dtype=float)
 
     def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
         mobility = float(np.mean(drive.mobility))
@@ -229,8 +230,8 @@ class JointBacklash(JointCoupling):
         rest = drive.push / (stiffness * drive.mobility)
         twist = side * 0.5 * gap + (float(rest[0]) if side * rest[0] > 0.0 else 0.0)
         rates, push, mobility = np.empty(len(drive.time)), drive.push, drive.mobility
-        found = crossed(0.5 * gap, stiffness, damping, parts, steps / parts, flank, rest, push, mobility, twist, rates)
-        return np.asarray(found, dtype=float)
+        flanks = (stiffness, damping, parts, steps / parts, flank, rest)
+        return np.asarray(backlash_twist_rate(0.5 * gap, *flanks, push, mobility, twist, rates), dtype=float)
 
     def reshaped(self) -> Iterator["JointBacklash"]:
         # impacts at wrong times make local optima, so the fit is restarted from distant gaps and stiffnesses

@@ -101,12 +101,12 @@ class JointSamples:
             self._signs[width] = MeanSign.of(self.v, self.v_std, width)
         return self._signs[width]
 
-    def moved(self, by: Array) -> "JointSamples":
+    def with_velocity_change(self, by: Array) -> "JointSamples":
         """The samples with velocities changed `by` (N,) rad/s or m/s."""
         return replace(self, v=self.v + by)
 
 
-def joined(samples: Sequence[JointSamples]) -> JointSamples:
+def concatenate(samples: Sequence[JointSamples]) -> JointSamples:
     """The samples of several recordings, concatenated."""
     names = ("q", "v", "u", "v_std", "q_reach")
     return JointSamples(
@@ -166,7 +166,7 @@ class Acting(Protocol):
     def gravity(self) -> Array: ...
     @property
     def contacts(self) -> tuple[SphereContact, ...]: ...
-    def joined(self, part: str, effect: "Effect") -> Self:
+    def with_part(self, part: str, effect: "Effect") -> Self:
         """A copy with `effect` appended to the tuple named `part`."""
         ...
 
@@ -236,6 +236,7 @@ class Effect(ABC):
 
     @property
     def key(self) -> tuple[str, str]:
+        """(name, place): identifies the effect in a model."""
         return (self.name, self.at)
 
     def excludes(self, other: "Effect") -> bool:
@@ -277,7 +278,7 @@ class Effect(ABC):
         """The same effect from `start` to `stop` s in one recording, None for each; `TypeError` unless `brief`."""
         raise TypeError(f"effect {self.name}: it acts at all times and takes no interval")
 
-    def entered(self, physics: P) -> P:
+    def add_to(self, physics: P) -> P:
         """A copy of `physics` that includes the effect; `TypeError` where the class does not define how."""
         raise TypeError(f"effect {self.name}: {type(self).__name__} does not define how it enters the physics")
 
@@ -356,7 +357,7 @@ class Effect(ABC):
         return np.array(coordinates), np.array(slopes)
 
     def contradiction(self) -> str:
-        """Why values that each lie within their bounds are invalid together, as a clause; empty if they are valid."""
+        """Why values that are each within their bounds are invalid together, as a clause; empty if they are valid."""
         return ""
 
     def plausible(self) -> bool:

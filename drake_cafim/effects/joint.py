@@ -35,8 +35,8 @@ class JointForce(Effect):
     shown_over: ClassVar[str] = "variable"
     all_but_linear: ClassVar[bool] = True
 
-    def entered(self, physics: P) -> P:
-        return physics.joined("joint_forces", self)
+    def add_to(self, physics: P) -> P:
+        return physics.with_part("joint_forces", self)
 
     @property
     def damping(self) -> float | None:

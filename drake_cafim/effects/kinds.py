@@ -1,4 +1,4 @@
-"""Dispatch on the kind of an effect (joint force, actuator, sensor, ...), for packages that treat kinds differently."""
+"""Dispatch on the kind of an effect (joint force, actuator, sensor, ...)."""
 
 from abc import ABC
 from collections.abc import Sequence
@@ -43,11 +43,11 @@ class ByKind(ABC, Generic[T]):
 
     def __call__(self, effect: Effect) -> T:
         """The value for `effect`; `TypeError` where its kind is unknown."""
-        answer = getattr(self, effect.kind, None) if effect.kind else None
-        if answer is None:
+        method = getattr(self, effect.kind, None) if effect.kind else None
+        if method is None:
             raise TypeError(f"effect {effect.name}: of no known kind; expected a subclass of {expected_kinds()}")
-        found: T = answer(effect)
-        return found
+        value: T = method(effect)
+        return value
 
     def other(self, effect: Effect) -> T:
         """The value for every kind without a method; by default it raises `TypeError`."""

@@ -18,7 +18,7 @@ class TreeEffect(Effect):
 
     kind: ClassVar[str] = "tree"
 
-    def entered(self, physics: P) -> P:
+    def add_to(self, physics: P) -> P:
         tree, gravity = self.change(physics.tree, physics.gravity)
         return physics.changed(tree=tree, gravity=gravity)
 

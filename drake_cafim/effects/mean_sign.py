@@ -1,8 +1,11 @@
-"""The sign change of a dry friction, tanh(v/w), averaged over a Gaussian error of the velocity.
+"""The mean of a dry friction's smoothed sign, tanh(v/w), over a Gaussian error of the velocity.
 
-A mixture of normals stands for tanh as it does for the logistic function (Monahan, Stefanski, in Handbook of the
-Logistic Distribution, 1992, ch. 22): what a Gaussian error makes of each of its terms has a closed form, however wide
-or narrow the error is against the sign change.
+tanh is approximated by a mixture of normal distribution functions, as the logistic function is (Monahan, Stefanski, in
+Handbook of the Logistic Distribution, 1992, ch. 22). With v̂ the measured velocity and s the std of its error,
+
+    E[erf(c v/w)] = erf(c v̂/√(w² + 2 c² s²))
+
+is exact for each term, whether s is large or small against w.
 """
 
 from dataclasses import dataclass
@@ -28,7 +31,7 @@ class MeanSign:
 
     @classmethod
     def of(cls, v: Array, v_std: Array | float, width: float) -> "MeanSign":
-        """At `v` (N,) known to `v_std` (N,), for a sign that changes over `width`; all in rad/s or m/s."""
+        """For velocities `v` (N,) with standard deviation `v_std` (N,), and w = `width`; all in rad/s or m/s."""
         std = np.asarray(v_std)
         if not np.any(std):
             sign = np.tanh(v / width)
@@ -47,7 +50,7 @@ class MeanSign:
 def mean_sides(sign: MeanSign, v: Array, v_std: Array | float, width: float) -> tuple[Array, Array]:
     """The means of −max(0, tanh(v/w)) and max(0, −tanh(v/w)), and their slopes in v; each (N, 2).
 
-    They are ∓½ (|t| ± t) with t = tanh(v/w), of which `sign` is the mean.
+    They are −½ (|t| + t) and ½ (|t| − t) with t = tanh(v/w), of which `sign` is the mean.
     """
     std, size, size_by_v = np.asarray(v_std), np.ones_like(v), np.zeros_like(v)
     if not np.any(std):

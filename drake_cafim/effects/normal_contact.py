@@ -13,7 +13,7 @@ from drake_cafim.effects.contact import ContactEffect, ContactLook, pressing
 from drake_cafim.effects.effect import Strength
 from drake_cafim.typing import Array
 
-FELT = 12.0
+ADHESION_CUTOFF = 12.0
 """Cut-off of adhesion in multiples of its range: exp(−12) ≈ 6·10⁻⁶ of the force is neglected."""
 
 
@@ -85,7 +85,7 @@ class ContactAdhesion(ContactEffect):
 
     @property
     def reach(self) -> float:
-        return FELT * self.values["range"]
+        return ADHESION_CUTOFF * self.values["range"]
 
     def pull(self, touch: Touch) -> Array:
         decay = np.exp(np.minimum(touch.penetration, 0.0) / self.values["range"])

@@ -76,6 +76,7 @@ class UnmodeledContact(BodyForce):
         return np.asarray(np.where((push > 0.0)[:, None, None], columns, 0.0))
 
     def _touch(self, p_WP: Array, v_WP: Array, lasting: Array | float) -> tuple[Onset, Array]:
+        """The averaged depth δ, and its rate δ̇ (N,) m/s."""
         depth, rate = self.values["offset"] - p_WP @ self.normal, -(v_WP @ self.normal)
         return Onset.of(depth, 0.5 * np.abs(rate) * lasting), rate
 

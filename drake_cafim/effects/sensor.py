@@ -28,8 +28,8 @@ class SensorEffect(Effect):
     needs_signal: ClassVar[bool] = False
     """Whether it would reduce the misfit by scaling noise down, where the channel holds little signal."""
 
-    def entered(self, physics: P) -> P:
-        return physics.joined("sensors", self)
+    def add_to(self, physics: P) -> P:
+        return physics.with_part("sensors", self)
 
     @classmethod
     def attachments(cls, where: Surroundings) -> Iterator[str]:
@@ -66,7 +66,7 @@ class SensorEffect(Effect):
         return None
 
     def facing(self, time: Array) -> sp.csr_matrix | None:
-        """Matrix (N, N) that replaces `correction` in the kinematic rows, which compare q with v; None if none does."""
+        """Matrix (N, N) that replaces `correction` in the kinematic rows, which compare q with v; None to use that."""
         return None
 
     def writing(self, time: Array) -> sp.csr_matrix | None:

@@ -41,9 +41,10 @@ def bounds(strength: Strength) -> Range:
 
 
 def needed(strength: Strength, kind: type[Effect]) -> bool:
-    """Whether the parameter must be given: x, y and z of a payload and the damping of a stop need not be."""
+    """Whether a scenario must give the parameter: a payload's mass, but not its x, y, z, which default to 0."""
     return strength == kind.strengths[0] or not allows(strength, strength.nominal) or strength.required
 
 
 def _words(strength: Strength) -> str:
+    """The valid values in words, for an error message."""
     return " or ".join(f"{choice:g}" for choice in strength.choices) or str(bounds(strength))

@@ -27,7 +27,7 @@ class SurfaceEffect(Effect):
     surprise: ClassVar[float] = -2.0 * float(np.log(10.0))
     """Prior odds 10 : 1 in favour: surfaces are placed by hand, to a millimetre or a degree, links are not."""
 
-    def entered(self, physics: P) -> P:
+    def add_to(self, physics: P) -> P:
         return on_contacts(self, physics)
 
     @classmethod

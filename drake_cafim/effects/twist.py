@@ -27,7 +27,7 @@ def transition(pull: Array, drag: Array, step: Array) -> Array:
 
 
 @compiled
-def swung(phi: Array, rest: Array, twist: float, rate: float) -> Array:
+def linear_twist_rate(phi: Array, rest: Array, twist: float, rate: float) -> Array:
     """ψ̇ (N,) from initial `twist` ψ and `rate` ψ̇, by transition matrices (4, N − 1) about equilibria `rest` (N,)."""
     rates = np.empty(len(rest))
     rates[0] = rate
@@ -39,7 +39,7 @@ def swung(phi: Array, rest: Array, twist: float, rate: float) -> Array:
 
 
 @compiled
-def crossed(
+def backlash_twist_rate(
     half: float, stiffness: float, damping: float, parts: int, step: Array, transition: Array, rest: Array,
     push: Array, mobility: Array, twist: float, rates: Array,
 ) -> Array:  # fmt: skip

@@ -194,10 +194,10 @@ class Physics:
         """The physics with `effects`, which have their values, added to it."""
         physics = self
         for effect in effects:
-            physics = effect.entered(physics)
+            physics = effect.add_to(physics)
         return physics
 
-    def joined(self, part: str, effect: Effect) -> "Physics":
+    def with_part(self, part: str, effect: Effect) -> "Physics":
         """The physics with `effect` appended to the field `part`, as "joint_forces"."""
         return self.changed(**{part: (*getattr(self, part), effect)})
 

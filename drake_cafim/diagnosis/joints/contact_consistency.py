@@ -3,7 +3,7 @@
 import numpy as np
 
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
-from drake_cafim.diagnosis.thresholds import FELT_FORCE_EXCESS_SHARE_LEFT, SENSOR_MISS_IN_STDS
+from drake_cafim.diagnosis.thresholds import MEASURED_FORCE_EXCESS_SHARE_LEFT, SENSOR_MISS_IN_STDS
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -20,7 +20,7 @@ def wrong_contact(problem: WeakFormRows, physics: Physics) -> str | None:
     found = np.array([_excess(run, physics) for run in problem.runs])
     at_joints, with_reading, at_sensor, seen = found.sum(axis=0)
     missed = at_sensor > SENSOR_MISS_IN_STDS * np.sqrt(2.0 * seen)
-    return physics.contacts[0].name if missed and with_reading < FELT_FORCE_EXCESS_SHARE_LEFT * at_joints else None
+    return physics.contacts[0].name if missed and with_reading < MEASURED_FORCE_EXCESS_SHARE_LEFT * at_joints else None
 
 
 def _excess(run: Run, physics: Physics) -> tuple[float, float, float, int]:

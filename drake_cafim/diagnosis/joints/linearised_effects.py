@@ -19,7 +19,7 @@ from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.body import BodyForce, ExternalDisturbance, pulse
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
-from drake_cafim.effects.effect import Effect, JointSamples, joined
+from drake_cafim.effects.effect import Effect, JointSamples, concatenate
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.kinds import ByKind
 from drake_cafim.effects.plane import UnmodeledContact
@@ -138,7 +138,7 @@ def _force_rows(
     problem: WeakFormRows, joint: int, effect: JointForce, samples: Sequence[JointSamples]
 ) -> list[tuple[Array, Mapping[str, float]]]:
     """Whitened rows (R, c) of each start, and its shape."""
-    starts = list(effect.starts(joined(samples)))
+    starts = list(effect.starts(concatenate(samples)))
     if not starts:
         return []
     ends = np.cumsum([len(one.q) for one in samples])[:-1]

@@ -17,7 +17,7 @@ from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.whitening.covariance import NONE, whitening
 from drake_cafim.diagnosis.whitening.whitened_run import Run
-from drake_cafim.effects.effect import Effect, joined
+from drake_cafim.effects.effect import Effect, concatenate
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.kinds import ByKind
 from drake_cafim.effects.plane import UnmodeledContact
@@ -216,7 +216,7 @@ class _Plausible(ByKind[bool]):
 
     def joint_force(self, effect: JointForce) -> bool:
         physics, joint = self.model.physics(self.problem.scene), self.problem.scene.tree.joint_index(effect.at)
-        together = joined([run.weak.joint_samples(physics)[joint] for run in self.problem.runs])
+        together = concatenate([run.weak.joint_samples(physics)[joint] for run in self.problem.runs])
         if not effect.plausible_over(together):
             return False
         return effect.stands_out(together) or not self._leaves_more_than_noise

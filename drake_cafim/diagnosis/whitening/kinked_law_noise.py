@@ -45,7 +45,7 @@ def scatter(weak: WeakForm, physics: Physics) -> Array:
     exact = joint_samples_of(weak.samples, measured, np.zeros_like(weak.samples.v_std))
 
     def force(error: Array) -> Array:
-        return physics.applied_at_joints([joint.moved(error[:, j]) for j, joint in enumerate(exact)])[0]
+        return physics.applied_at_joints([joint.with_velocity_change(error[:, j]) for j, joint in enumerate(exact)])[0]
 
     return beyond_slope(force, std)
 
