@@ -14,7 +14,7 @@ from drake_cafim.diagnosis import diagnose as stages
 from drake_cafim.diagnosis.diagnose import estimate, examine, prepare
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints import quality as prediction
-from drake_cafim.diagnosis.predict.innovations import Innovations, _absorbed
+from drake_cafim.diagnosis.predict.innovations import Innovations, _update
 from drake_cafim.diagnosis.search import judgement
 from drake_cafim.diagnosis.search.search import Settings
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record, stiff_grease
@@ -61,7 +61,7 @@ def test_an_innovation_whose_covariance_is_singular_is_none(
 ) -> None:
     P = np.stack([np.eye(4), np.full((4, 4), 1e60), np.full((4, 4), np.inf)])
     with np.errstate(invalid="ignore"):
-        mean, _, unlikely = _absorbed(np.zeros((3, 4)), P, np.ones((3, 2)), np.full(2, 1e-6))
+        mean, _, unlikely = _update(np.zeros((3, 4)), P, np.ones((3, 2)), np.full(2, 1e-6))
     assert np.isfinite(unlikely[0]) and np.all(np.isnan(unlikely[1:])) and np.all(np.isfinite(mean[0]))
     prepared = prepare(scene, [recording])
     (quality,) = prepared.qualities(Model(np.zeros(0)), np.zeros((0, 0)))

@@ -107,7 +107,7 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
         transition, by_effort = transitions[alive], by_efforts[alive]
         P = transition @ covariance[alive] @ np.swapaxes(transition, 1, 2)
         P = P + (by_effort * effort_variance) @ np.swapaxes(by_effort, 1, 2)
-        mean[alive], covariance[alive], values[following] = _absorbed(predicted, P, y[following], R)
+        mean[alive], covariance[alive], values[following] = _update(predicted, P, y[following], R)
         lost = ~np.isfinite(values[following])
         lost_at[following[lost]], end[alive[lost]] = True, now[lost]
         states[following], covariances[following] = mean[alive, : 2 * n], covariance[alive, : 2 * n, : 2 * n]
@@ -122,7 +122,7 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
     return result
 
 
-def _absorbed(predicted: Array, P: Array, y: Array, R: Array) -> tuple[Array, Array, Array]:
+def _update(predicted: Array, P: Array, y: Array, R: Array) -> tuple[Array, Array, Array]:
     """The measurement update of a Kalman filter: mean, covariance P, and −ln p of `y` (B, H) with variances `R` (H,).
 
     −ln p is NaN where the innovation is not finite or rounding has made its covariance S indefinite, which happens
