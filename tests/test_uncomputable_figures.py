@@ -18,7 +18,7 @@ from drake_cafim.diagnosis.predict.innovations import Innovations, _update
 from drake_cafim.diagnosis.search import judgement
 from drake_cafim.diagnosis.search.search import Settings
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record, stiff_grease
-from drake_cafim.numerics.computed import NotComputable, computed
+from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.report import report_html
 from drake_cafim.report.artifacts import write_artifacts
 from drake_cafim.report.report_json import report_of
@@ -47,13 +47,13 @@ def recording() -> Recording:
 
 
 def test_what_arithmetic_ends_is_a_result_and_a_defect_is_not() -> None:
-    singular = computed(lambda: np.linalg.inv(np.zeros((2, 2))))
+    singular = compute(lambda: np.linalg.inv(np.zeros((2, 2))))
     assert singular == NotComputable("singular matrix")
-    assert computed(lambda: 1.0 / float(np.zeros(1)[0].item())) == NotComputable("division by zero")
-    assert computed(lambda: 10.0 ** float("400")) == NotComputable("a number is beyond what floating point holds")
-    assert computed(lambda: 3.0) == 3.0
+    assert compute(lambda: 1.0 / float(np.zeros(1)[0].item())) == NotComputable("division by zero")
+    assert compute(lambda: 10.0 ** float("400")) == NotComputable("a number is beyond what floating point holds")
+    assert compute(lambda: 3.0) == 3.0
     with pytest.raises(KeyError):
-        computed(lambda: dict[str, float]()["a defect"])
+        compute(lambda: dict[str, float]()["a defect"])
 
 
 def test_an_innovation_whose_covariance_is_singular_is_none(

@@ -43,7 +43,7 @@ from drake_cafim.diagnosis.verdict import (
     mistaken,
 )
 from drake_cafim.effects.effect import Effect
-from drake_cafim.numerics.computed import NotComputable, computed
+from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.usable import check_usable
 from drake_cafim.scene.scene import Scene
@@ -284,7 +284,7 @@ def _verdict(prepared: Prepared | PreparedTosses, judgement: Judgement, progress
     nominally = outcome.nominal_problem
     locations: tuple[Location, ...] = ()
     where: tuple[str, ...] = ()
-    found = computed(lambda: locate_named(nominally, best.model, lacking)) if kind != "none" else ()
+    found = compute(lambda: locate_named(nominally, best.model, lacking)) if kind != "none" else ()
     if isinstance(found, NotComputable):
         where = (f"mismatch.locations cannot be computed: {found.reason}",)
     else:
@@ -322,7 +322,7 @@ def _verdict(prepared: Prepared | PreparedTosses, judgement: Judgement, progress
 def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
     """The accepted effects, and a note where their standard deviations cannot be computed."""
     probability = inclusion(outcome)
-    std = computed(lambda: standard_deviations(outcome.problem, best, outcome.scale))
+    std = compute(lambda: standard_deviations(outcome.problem, best, outcome.scale))
     notes: tuple[str, ...] = ()
     if isinstance(std, NotComputable):
         notes = (f"the std of the named effects' parameters cannot be computed: {std.reason}",)

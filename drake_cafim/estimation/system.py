@@ -107,8 +107,8 @@ class CaMap(LeafSystem):
             estimate = solve(make_problem(self._model, self._evaluator, data, self._prior), self._config)
             written.get_mutable_vector(self._belief).SetFromVector(estimate.belief.vector())
             on_bound = [float(name in estimate.on_bound) for name in self._prior.names]
-            said: Any = np.array([float(estimate.solved), float(estimate.solver.status), *on_bound])
-            written.get_mutable_vector(self._solver).SetFromVector(said)
+            status: Any = np.array([float(estimate.solved), float(estimate.solver.status), *on_bound])
+            written.get_mutable_vector(self._solver).SetFromVector(status)
 
     def _due(self, count: int) -> bool:
         """Whether an estimate is due at sample number `count`, from 0."""

@@ -7,7 +7,7 @@ SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def rounded(value: float, digits: int = 3) -> str:
-    """The value with `digits` significant digits, as 0.0123, 101 000 or, outside 10⁻⁴ … 10⁶, 1.10 × 10⁶; or ∞."""
+    """The value as text with `digits` significant digits: 0.0123, 101 000 or, outside 10⁻⁴ … 10⁶, 1.10 × 10⁶; or ∞."""
     if np.isinf(value):
         return "∞" if value > 0.0 else "−∞"
     if value == 0.0 or np.isnan(value):
@@ -21,12 +21,12 @@ def rounded(value: float, digits: int = 3) -> str:
 
 
 def short(value: float, digits: int = 4) -> str:
-    """`rounded` without trailing zeros after the decimal point."""
+    """The same text as `rounded` gives, without trailing zeros after the decimal point."""
     number, cross, power = rounded(value, digits).partition(" × ")
     return (number.rstrip("0").rstrip(".") if "." in number else number) + cross + power
 
 
 def grouped(text: str) -> str:
-    """A decimal number, the digits before the point in groups of three where there are more than four."""
+    """The decimal number `text` with the digits before the point in groups of three, if there are more than four."""
     whole, point, rest = text.partition(".")
     return (f"{int(whole):,}".replace(",", THIN_SPACE) if len(whole.lstrip("-")) > 4 else whole) + point + rest

@@ -26,7 +26,7 @@ def clean(name: str, table: Mapping[str, Array], notes: Sequence[str] = ()) -> R
         raise InputError(f"{name}: the file is empty, it has columns but not one sample")
     _check_time(name, time)
     fresh = np.concatenate([[True], np.diff(time) > 0.0])
-    said = [*notes, *_describe_repeats(time, fresh)]
+    sentences = [*notes, *_describe_repeats(time, fresh)]
     time = time[fresh]
     columns: dict[str, Array] = {}
     for column, raw in table.items():
@@ -34,8 +34,8 @@ def clean(name: str, table: Mapping[str, Array], notes: Sequence[str] = ()) -> R
             values = np.asarray(raw, dtype=np.float64)[fresh]
             gone = ~np.isfinite(values)
             columns[column] = np.where(gone, np.nan, values)
-            said += describe_missing(column, time, gone)
-    return Recording(name=name, time=time, columns=columns, notes=(*said, *describe_gaps(time)))
+            sentences += describe_missing(column, time, gone)
+    return Recording(name=name, time=time, columns=columns, notes=(*sentences, *describe_gaps(time)))
 
 
 def require(recording: Recording, columns: Sequence[str]) -> None:

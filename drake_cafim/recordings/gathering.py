@@ -104,8 +104,8 @@ def _gather(
     full = [track for track in tracks.values() if track.columns]
     _check_found(path, topics, full, left, notes)
     table = join(str(path), [track.series(str(path), notes) for track in full], topics, notes)
-    said = [f"{topic.topic}: {topic.kind}, {topic.count} messages left alone ({topic.why})" for topic in left]
-    return LogContents(table=table, left_alone=left, notes=(*notes, *said))
+    sentences = [f"{topic.topic}: {topic.kind}, {topic.count} messages left alone ({topic.why})" for topic in left]
+    return LogContents(table=table, left_alone=left, notes=(*notes, *sentences))
 
 
 def _why_not(raw: Raw, topics: Topics) -> str:
@@ -149,7 +149,7 @@ def _check_found(
         if why:
             raise InputError(f"{path}: topics: {topic} of type {found[topic]} cannot be read: {why}")
     if not tracks:
-        said = f"; {'; '.join(notes)}" if notes else ""
+        sentences = f"; {'; '.join(notes)}" if notes else ""
         raise InputError(
-            f"{path}: no message of a type that is read, expected one of {', '.join(DECODERS)}; it has {listed}{said}"
+            f"{path}: no message of a type that is read, expected one of {', '.join(DECODERS)}; it has {listed}{sentences}"
         )

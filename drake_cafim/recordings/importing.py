@@ -123,5 +123,5 @@ def _write_streamed(gathered: LogContents, out: Path | None) -> tuple[str, ...]:
     else:
         with replacing(out) as temporary:
             write_blocks(checked_blocks(), temporary)
-    said = [note for column, mask in gone.items() for note in describe_missing(column, time, mask)]
-    return (*said, *describe_gaps(time))
+    sentences = [note for column, mask in gone.items() for note in describe_missing(column, time, mask)]
+    return (*sentences, *describe_gaps(time))

@@ -31,7 +31,7 @@ def lcm_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
                 name, data = file.read(name_length), file.read(length)
                 sound = len(data) == length
             if not sound:
-                notes.append(f"the log is cut at byte {position}, what stands before is read")
+                notes.append(f"the log is cut at byte {position}, all before it is read")
                 return
             kind = types.get(data[:8], "(a type of no known fingerprint)")
             yield Raw(name.decode("utf-8", errors="replace"), kind, "lcm", microseconds * 1000, data)

@@ -63,9 +63,9 @@ def _records(path: Path, notes: list[str]) -> Iterator[McapRecord]:
             if not any_record:
                 raise InputError(f"{path}: not an MCAP file, or cut before its first record") from error
             if isinstance(error, CUT):
-                notes.append(f"{path.name} is cut at byte {file.tell()}, what stands before is read")
+                notes.append(f"{path.name} is cut at byte {file.tell()}, all before it is read")
             else:
                 why = " ".join(str(error).split())
-                notes.append(f"{path.name} is damaged at byte {file.tell()} ({why}), what stands before is read")
+                notes.append(f"{path.name} is damaged at byte {file.tell()} ({why}), all before it is read")
     if bad_chunks:
         notes.append(f"{bad_chunks} chunks of {path.name} cannot be unpacked and are left out")

@@ -9,7 +9,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.verdict import Verdict
-from drake_cafim.numerics.computed import NotComputable, computed
+from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.output import write_text
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.recording_mcap import write_recording_mcap
@@ -40,7 +40,7 @@ def write_artifacts(
     none was held out. With `mcap` every recording is written as MCAP too, its residuals as channels.
     """
     progress("writing the report")
-    shown = computed(lambda: replay_of(verdict, outcome, [*held_out, *recordings][0])) if replay or mcap else None
+    shown = compute(lambda: replay_of(verdict, outcome, [*held_out, *recordings][0])) if replay or mcap else None
     notes: list[str] = []
     if isinstance(shown, NotComputable):
         notes.append(f"{REPLAY} cannot be drawn: {shown.reason}")
@@ -55,14 +55,14 @@ def write_artifacts(
     notes += write_report_page(out / PAGE, verdict, outcome, held_out, command)
     if replay and shown is not None:
         progress("drawing the replay")
-        drawn = computed(partial(write_recording_replay, out / REPLAY, shown))
+        drawn = compute(partial(write_recording_replay, out / REPLAY, shown))
         if isinstance(drawn, NotComputable):
             notes.append(f"{REPLAY} cannot be drawn: {drawn.reason}")
         else:
             files |= {"replay": REPLAY}
     if mcap:
         for number, recording in enumerate((*recordings, *held_out), start=1):
-            own = computed(partial(replay_of, verdict, outcome, recording))
+            own = compute(partial(replay_of, verdict, outcome, recording))
             if isinstance(own, NotComputable):
                 notes.append(f"{recording.name} is not written as MCAP: {own.reason}")
                 continue

@@ -17,7 +17,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.verdict import Comparison, Location, NominalParameter, Verdict
 from drake_cafim.effects.effect import Effect, Place
-from drake_cafim.numerics.computed import NotComputable, computed
+from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.output import write_text
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report import colours, wording
@@ -62,7 +62,7 @@ class Drawing:
     undrawn: list[str] = field(default_factory=list)
 
     def __call__(self, what: str, draw: Callable[[], Picture]) -> Picture | None:
-        picture = computed(draw)
+        picture = compute(draw)
         if isinstance(picture, NotComputable):
             self.undrawn.append(f"{what} cannot be drawn: {picture.reason}")
             return None

@@ -12,7 +12,7 @@ from drake_cafim.scenario.schema import UNRECORDED
 
 
 def resolve_lock(
-    lock: Mapping[str, float] | Sequence[str] | str, plant: MultibodyPlant, said: ModelStatements
+    lock: Mapping[str, float] | Sequence[str] | str, plant: MultibodyPlant, statements: ModelStatements
 ) -> dict[str, float] | str:
     """`lock:` as a position (rad, m) for each locked joint and for each joint that follows one.
 
@@ -21,8 +21,10 @@ def resolve_lock(
     """
     if isinstance(lock, str):
         return lock
-    given = dict(lock) if isinstance(lock, Mapping) else {name: _default_position(name, plant, said) for name in lock}
-    waiting = list(said.mimics)
+    given = (
+        dict(lock) if isinstance(lock, Mapping) else {name: _default_position(name, plant, statements) for name in lock}
+    )
+    waiting = list(statements.mimics)
     # repeated, since a joint may follow one that itself follows another
     while found := [mimic for mimic in waiting if mimic.leader in given]:
         for mimic in found:
@@ -31,13 +33,13 @@ def resolve_lock(
     return given
 
 
-def _default_position(name: str, plant: MultibodyPlant, said: ModelStatements) -> float:
+def _default_position(name: str, plant: MultibodyPlant, statements: ModelStatements) -> float:
     """The joint's position in the model file's reference pose."""
     if not plant.HasJointNamed(name):
         names = ", ".join(plant.get_joint(i).name() for i in plant.GetJointIndices())
         raise InputError(f"lock names the joint {name!r}, which the model lacks; it has: {names}")
     default = plant.GetJointByName(name).default_positions()
-    return said.positions.get(name, float(default[0]) if len(default) == 1 else 0.0)
+    return statements.positions.get(name, float(default[0]) if len(default) == 1 else 0.0)
 
 
 def locked_positions(lock: Mapping[str, float] | Sequence[str] | str) -> dict[str, float]:
@@ -45,11 +47,11 @@ def locked_positions(lock: Mapping[str, float] | Sequence[str] | str) -> dict[st
     return dict(lock) if isinstance(lock, Mapping) else {}
 
 
-def check_mimics(tree: Tree, said: ModelStatements) -> None:
+def check_mimics(tree: Tree, statements: ModelStatements) -> None:
     """Raises `InputError` for a joint that follows another one while both move."""
-    for mimic in said.mimics:
+    for mimic in statements.mimics:
         if mimic.joint in tree.joint_names and mimic.leader in tree.joint_names:
-            place = said.places.get(mimic.joint, "the model")
+            place = statements.places.get(mimic.joint, "the model")
             raise InputError(
                 f"{place}: joint {mimic.joint!r} follows {mimic.leader!r}, and what follows a joint that moves is not "
                 f"supported; expected `lock: [{mimic.leader}]` in the scenario, which holds both"

@@ -42,13 +42,13 @@ def add_plant(
     """
     plant: MultibodyPlant
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step)
-    said = add_model(scenario, folder, plant)
+    statements = add_model(scenario, folder, plant)
     try:
         with capture_log():  # warnings about collision shapes, which are not used here
             plant.Finalize()
     except RuntimeError as error:
         raise InputError(f"the model cannot be finalized: {' '.join(str(error).split())}") from None
-    return plant, scene_graph, said
+    return plant, scene_graph, statements
 
 
 def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> ModelStatements:
@@ -57,7 +57,7 @@ def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> ModelS
     `folder` is where a relative model path starts. The rotor inertias that the files state are added to the plant; all
     that they state beyond it is returned. Raises `InputError` for what Drake's parser refuses.
     """
-    said = _Model(scenario, folder, plant).add()
+    statements = _Model(scenario, folder, plant).add()
     for i, weld in enumerate(scenario.weld):
         if not plant.HasBodyNamed(weld.body):
             names = ", ".join(_body_names(plant))
@@ -66,9 +66,9 @@ def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> ModelS
             plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(weld.body))
         except RuntimeError as error:
             raise InputError(f"weld[{i}].body is {weld.body!r}: {' '.join(str(error).split())}") from None
-    for name, inertia in said.rotor_inertias.items():
+    for name, inertia in statements.rotor_inertias.items():
         _add_rotor(plant, name, inertia)
-    for k, mesh in enumerate(said.shown):
+    for k, mesh in enumerate(statements.shown):
         X_BG = RigidTransform(RotationMatrix.ProjectToRotationMatrix(mesh.R), mesh.p)
         scale: Array = np.array(mesh.scale, dtype=float)
         color: Array = np.array(mesh.color, dtype=float)
@@ -76,7 +76,7 @@ def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> ModelS
         plant.RegisterVisualGeometry(body, X_BG, shape, f"mesh_{k}", color)
     gravity: Array = np.array(scenario.gravity, dtype=float)
     plant.mutable_gravity_field().set_gravity_vector(gravity)
-    return said
+    return statements
 
 
 def _add_rotor(plant: MultibodyPlant, name: str, inertia: float) -> None:

@@ -20,18 +20,18 @@ LEAST_INERTIA = 1e-15
 """kg m² (kg), least inertia of a joint; with less, its acceleration is not determined."""
 
 
-def model_effects(said: ModelStatements, tree: Tree, vocabulary: Sequence[type[Effect]]) -> list[Effect]:
+def model_effects(statements: ModelStatements, tree: Tree, vocabulary: Sequence[type[Effect]]) -> list[Effect]:
     """The frictions and springs that the files state, in the joints that move."""
-    acting = [effect for effect in said.acting if effect.at in tree.joint_names]
+    acting = [effect for effect in statements.acting if effect.at in tree.joint_names]
     return [effect_named(effect.effect, vocabulary)(effect.at, dict(effect.parameters)) for effect in acting]
 
 
-def with_effort_limits(tree: Tree, said: ModelStatements) -> Tree:
+def with_effort_limits(tree: Tree, statements: ModelStatements) -> Tree:
     """The tree with the effort limits that the files state for joints without an actuator in the plant."""
     return tree.with_joints(
-        replace(joint, effort_limit=said.effort_limits[joint.name])
+        replace(joint, effort_limit=statements.effort_limits[joint.name])
         for joint in tree.joints
-        if joint.effort_limit == np.inf and joint.name in said.effort_limits
+        if joint.effort_limit == np.inf and joint.name in statements.effort_limits
     )
 
 
@@ -64,7 +64,7 @@ def joints_beyond_limits(tree: Tree, recordings: Sequence[Recording]) -> list[st
     ]
 
 
-def check_inertias(tree: Tree, said: ModelStatements, source: str) -> None:
+def check_inertias(tree: Tree, statements: ModelStatements, source: str) -> None:
     """Raises `InputError` for a joint whose diagonal element of M, rotor included, is at most `LEAST_INERTIA`.
 
     M is evaluated at q = 0.3 in all joints, since at q = 0 all masses may lie on the axis.
@@ -76,7 +76,7 @@ def check_inertias(tree: Tree, said: ModelStatements, source: str) -> None:
     for joint, inertia in zip(tree.joints, np.diag(M[0]), strict=True):
         if inertia + joint.rotor_inertia <= LEAST_INERTIA:
             raise InputError(
-                f"{said.places.get(joint.name, source)}: joint {joint.name!r} moves {_carried_bodies(tree, joint)} "
+                f"{statements.places.get(joint.name, source)}: joint {joint.name!r} moves {_carried_bodies(tree, joint)} "
                 "without mass or inertia, expected some in the model, or the joint under `lock:`"
             )
 

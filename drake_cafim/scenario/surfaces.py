@@ -33,11 +33,11 @@ def contact_of(
         box = _box(moving, plant, scene_graph, tree)
         if sphere is None and box is None:
             continue
-        stands = ABOVE
+        p_WC = ABOVE
         if sphere is not None and not tree.floating:
             zero = np.zeros((1, len(tree.joints)))
-            stands = motion(tree, q[None], zero).point(sphere[0], sphere[1])[0][0]
-        plane = _plane(pair, still, plant, scene_graph, tree, stands)
+            p_WC = motion(tree, q[None], zero).point(sphere[0], sphere[1])[0][0]
+        plane = _plane(pair, still, plant, scene_graph, tree, p_WC)
         if plane is None:
             continue
         parameters = ContactParameters(
@@ -57,7 +57,7 @@ def contact_of(
         return BoxContact((moving, still), FREE, p_JG, 0.0, plane[0], plane[1], law, parameters, (), size, R_JG)
     raise InputError(
         f"{source}: contact {'/'.join(names)}: expected a body with one collision sphere that moves, or a floating one "
-        "with one collision box, against a body with one collision box or half-space that stands still, or ground:"
+        "with one collision box, against a body with one collision box or half-space that does not move, or ground:"
     )
 
 

@@ -122,18 +122,20 @@ class Scene:
         """The scene of a scenario whose relative paths start at `folder`; `name` is used in messages."""
         builder = DiagramBuilder()
         with naming(name):
-            plant, scene_graph, said = add_plant(scenario, folder, builder, time_step=0.0)
+            plant, scene_graph, statements = add_plant(scenario, folder, builder, time_step=0.0)
             diagram = builder.Build()
             _check_supported(plant, name)
-            scenario = replace(scenario, lock=resolve_lock(scenario.lock, plant, said))
-            tree = with_effort_limits(tree_of(plant, locked_positions(scenario.lock)), said)
+            scenario = replace(scenario, lock=resolve_lock(scenario.lock, plant, statements))
+            tree = with_effort_limits(tree_of(plant, locked_positions(scenario.lock)), statements)
             if scenario.lock != UNRECORDED:
-                check_mimics(tree, said)
-                check_inertias(tree, said, scenario.model or name)
+                check_mimics(tree, statements)
+                check_inertias(tree, statements, scenario.model or name)
             check_names(scenario, plant, tree)
         physics = Physics(tree, np.array(scenario.gravity, dtype=float))
         vocabulary = vocabulary_with(effects)
-        scene = cls(name, scenario, diagram, plant, scene_graph, tree, physics, (), (), folder, vocabulary, stated=said)
+        scene = cls(
+            name, scenario, diagram, plant, scene_graph, tree, physics, (), (), folder, vocabulary, stated=statements
+        )
         return scene.with_surfaces_at(np.zeros(len(tree.joints)))
 
     def with_surfaces_at(self, q: Array) -> "Scene":

@@ -25,7 +25,8 @@ class DiagramModel:
 
     `robot` lists the indices of the robot's positions, then of its velocities, in that state: they follow the
     prescribed motion, whatever forces act. The output port named `measurement_port` gives the measurement, which
-    depends on the state and on θ. Derivatives are computed by AutoDiffXd through the Diagram.
+    depends on the state and on θ. Derivatives are computed by AutoDiffXd through the Diagram. The methods are those of
+    `PlanningModel`.
     """
 
     diagram: Diagram

@@ -20,7 +20,10 @@ TRUE_MASS = 0.05  # kg, paper
 
 @dataclass(frozen=True)
 class Hefting:
-    """The planning model. Motion r is (3,): palm height m, velocity m/s, acceleration m/s² of the last period."""
+    """The planning model. Motion r is (3,): palm height m, velocity m/s, acceleration m/s² of the last period.
+
+    The methods are those of `PlanningModel`.
+    """
 
     parameters: Parameters = field(
         default_factory=lambda: Parameters(

@@ -16,7 +16,8 @@ class PointModel:
 
     With an `acceleration_limit` its velocity changes linearly over the period, to the command or as far as possible.
 
-    Motion r is (2 nu,): position m and velocity m/s. The environment is fixed: the state x is empty.
+    Motion r is (2 nu,): position m and velocity m/s. The environment is fixed: the state x is empty. The methods are
+    those of `PlanningModel`, for subclasses to complete.
     """
 
     period: float

@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.predict.inverse_dynamics import effort_residuals
 from drake_cafim.diagnosis.predict.quality import qualities_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.verdict import Quality
-from drake_cafim.numerics.computed import NotComputable, computed
+from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -23,10 +23,10 @@ def qualities(groups: Sequence[list[WeakForm]], scene: Scene, model: Model, cova
     """
     physics = model.physics(scene)
     forms = [form for group in groups for form in group]
-    filtered = computed(lambda: innovations(forms, physics, doubts(scene, model, covariance)))
-    simulated, shortly = (computed(partial(forecasts, forms, physics, horizon)) for horizon in (HORIZON, SHORT_HORIZON))
+    filtered = compute(lambda: innovations(forms, physics, doubts(scene, model, covariance)))
+    simulated, shortly = (compute(partial(forecasts, forms, physics, horizon)) for horizon in (HORIZON, SHORT_HORIZON))
     likelihoods = filtered if isinstance(filtered, NotComputable) else _likelihoods(forms, filtered)
-    efforts = [computed(partial(effort_residuals, group, physics)) for group in groups]
+    efforts = [compute(partial(effort_residuals, group, physics)) for group in groups]
     return qualities_of([len(group) for group in groups], likelihoods, simulated, shortly, efforts)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.predict.forecast import Forecast, divergence, root_mean_square
 from drake_cafim.diagnosis.verdict import EffortResidual, Quality
-from drake_cafim.numerics.computed import NotComputable
+from drake_cafim.numerics.computation import NotComputable
 from drake_cafim.typing import Array
 
 Figure = TypeVar("Figure")

@@ -16,7 +16,7 @@ from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORC
 from drake_cafim.diagnosis.thresholds import NAMED_EXCESS_SHARE, WIDER_WINDOW_RATIOS
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.verdict import Kind
-from drake_cafim.numerics.computed import NotComputable, computed
+from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.typing import Array
 
 
@@ -46,7 +46,7 @@ def judged(
     first = _of_search(outcome, settings, trace)
     if first.kind != "unexplained" or not settings.most_effects:
         return first
-    again = computed(lambda: search_again(outcome, settings, progress, trace.of_search(UNKNOWN_FORCES)))
+    again = compute(lambda: search_again(outcome, settings, progress, trace.of_search(UNKNOWN_FORCES)))
     if isinstance(again, NotComputable):
         first = _noted(first, f"a search that reckons with forces that nobody knows cannot be computed: {again.reason}")
     elif again is not None:
@@ -54,7 +54,7 @@ def judged(
         return Judgement(again, again.best, "explained", noise_remarks=remarks, search=UNKNOWN_FORCES)
     if first.best.model.effects:
         return first
-    wider = computed(lambda: _over_wider_windows(problem, settings, progress, trace))
+    wider = compute(lambda: _over_wider_windows(problem, settings, progress, trace))
     if isinstance(wider, NotComputable):
         return _noted(first, f"a search over wider windows cannot be computed: {wider.reason}")
     return wider or first

@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.tosses.initial_states import fit_initial_states
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack, unroll_rotation
 from drake_cafim.diagnosis.tosses.simulated_arcs import Shot
 from drake_cafim.diagnosis.verdict import Quality
-from drake_cafim.numerics.computed import computed
+from drake_cafim.numerics.computation import compute
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -24,8 +24,8 @@ LOST = 1.0
 def qualities(groups: Sequence[Sequence[PoseTrack]], noise: PoseNoise, physics: Physics, body: str) -> list[Quality]:
     """The quality of `physics` on each group of tracks; the recordings of all groups are simulated as one batch."""
     tracks = [track for group in groups for track in group]
-    likelihoods = computed(lambda: _negative_log_likelihoods(tracks, noise, physics))
-    simulated = computed(lambda: toss_forecasts(tracks, noise, physics, body))
+    likelihoods = compute(lambda: _negative_log_likelihoods(tracks, noise, physics))
+    simulated = compute(lambda: toss_forecasts(tracks, noise, physics, body))
     return qualities_of([len(group) for group in groups], likelihoods, simulated)
 
 

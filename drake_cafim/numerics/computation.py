@@ -16,8 +16,8 @@ class NotComputable:
     reason: str
 
 
-def computed(figure: Callable[[], Figure]) -> Figure | NotComputable:
-    """What `figure` returns, or why its arithmetic has no result.
+def compute(figure: Callable[[], Figure]) -> Figure | NotComputable:
+    """The result of `figure()`, or the reason why its arithmetic has no result.
 
     A singular matrix, eigenvalues that do not converge, an overflow and a division by zero are results here. Any other
     exception is a defect of the code and is passed on.
