@@ -149,7 +149,7 @@ def _check_found(
         if why:
             raise InputError(f"{path}: topics: {topic} of type {found[topic]} cannot be read: {why}")
     if not tracks:
-        sentences = f"; {'; '.join(notes)}" if notes else ""
+        why = f"; {'; '.join(notes)}" if notes else ""
         raise InputError(
-            f"{path}: no message of a type that is read, expected one of {', '.join(DECODERS)}; it has {listed}{sentences}"
+            f"{path}: no message of a type that is read, expected one of {', '.join(DECODERS)}; it has {listed}{why}"
         )

@@ -76,8 +76,9 @@ def check_inertias(tree: Tree, statements: ModelStatements, source: str) -> None
     for joint, inertia in zip(tree.joints, np.diag(M[0]), strict=True):
         if inertia + joint.rotor_inertia <= LEAST_INERTIA:
             raise InputError(
-                f"{statements.places.get(joint.name, source)}: joint {joint.name!r} moves {_carried_bodies(tree, joint)} "
-                "without mass or inertia, expected some in the model, or the joint under `lock:`"
+                f"{statements.places.get(joint.name, source)}: joint {joint.name!r} moves "
+                f"{_carried_bodies(tree, joint)} without mass or inertia, expected some in the model, or the joint "
+                "under `lock:`"
             )
 
 
