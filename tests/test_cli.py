@@ -1,14 +1,21 @@
 """The command line from outside: exit status, messages, files."""
 
+import io
 import json
 import subprocess
 import sys
+from collections.abc import Callable
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from pathlib import Path
+from shutil import copytree
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 from drake_cafim import recordings
+from drake_cafim.cli import run_cli
 from drake_cafim.recordings.recording import Recording
 
 PENDULUM = """<robot name="pendulum">
@@ -46,17 +53,38 @@ def pendulum_recording(name: str, *, damping: float, seed: int) -> Recording:
     return Recording(name, time, columns)
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
-    (tmp_path / "scenario.yaml").write_text(SCENARIO)
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("files")
+    (folder / "pendulum.urdf").write_text(PENDULUM)
+    (folder / "scenario.yaml").write_text(SCENARIO)
     for seed in (1, 2):
-        recordings.write(pendulum_recording("a", damping=0.15, seed=seed), tmp_path / f"damped_{seed}.parquet")
-        recordings.write(pendulum_recording("a", damping=0.0, seed=seed), tmp_path / f"free_{seed}.parquet")
-    return tmp_path
+        recordings.write(pendulum_recording("a", damping=0.15, seed=seed), folder / f"damped_{seed}.parquet")
+        recordings.write(pendulum_recording("a", damping=0.0, seed=seed), folder / f"free_{seed}.parquet")
+    return folder
+
+
+@pytest.fixture
+def folder(files: Path, tmp_path: Path) -> Path:
+    return copytree(files, tmp_path, dirs_exist_ok=True)
 
 
 def cafim(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """The command in this process, which has everything imported."""
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        chdir(folder),
+        redirect_stdout(out),
+        redirect_stderr(err),
+        patch.object(sys, "argv", ["cafim", *arguments]),
+        pytest.raises(SystemExit) as ended,
+    ):
+        run_cli()
+    return subprocess.CompletedProcess(sys.argv, int(ended.value.code or 0), out.getvalue(), err.getvalue())
+
+
+def cafim_process(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """The command in a process of its own."""
     command = [sys.executable, "-c", "from drake_cafim.cli import run_cli; run_cli()", *arguments]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
@@ -91,8 +119,9 @@ def test_diagnose_names_the_friction_and_the_gain_is_held_out(folder: Path) -> N
 
 
 def test_nothing_is_named_where_nothing_is_missing_and_bytes_repeat(folder: Path) -> None:
-    for out in ("one", "two"):
-        done = cafim(
+    run: Callable[..., Any]
+    for out, run in (("one", cafim), ("two", cafim_process)):
+        done = run(
             "diagnose", "scenario.yaml", "--recording", "free_1.parquet", "free_2.parquet", "--out", out, folder=folder
         )
         assert done.returncode == 0, done.stderr
@@ -124,7 +153,9 @@ def test_unusable_input_is_one_sentence_and_status_two(folder: Path, arguments: 
     (folder / "nan.csv").write_text("time,q.pivot,v.pivot,u.pivot\n0,0,0,0\nnan,0,0,0\n")
     (folder / "short.csv").write_text("time,q.pivot,v.pivot\n" + "".join(f"{k / 10},{k},\n" for k in range(10)))
     (folder / "broken.yaml").write_text(SCENARIO.replace("channels", "chanels"))
-    done = cafim(*arguments, folder=folder)
+    # one of them as from a shell
+    run: Callable[..., Any] = cafim_process if "nowhere.yaml" in arguments else cafim
+    done = run(*arguments, folder=folder)
     assert done.returncode == 2
     assert said in done.stderr.strip().splitlines()[-1] and "Traceback" not in done.stderr
     assert not list(folder.glob("cafim-out/*"))

@@ -1,6 +1,7 @@
 """`cafim discriminate` from outside: files, bytes, messages."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,12 @@ from click.testing import CliRunner, Result
 
 from drake_cafim import recordings
 from drake_cafim.cli import main
+from drake_cafim.commands import discriminate as discriminate_module
+from drake_cafim.design.planner import PlannerName
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.discrimination.design import Effort, default_effort
 from drake_cafim.discrimination.hypotheses import reported_pairs
+from drake_cafim.discrimination.motions import Shape
 from drake_cafim.report.next_experiment import next_experiment
 from drake_cafim.scene.scene import Scene
 
@@ -55,6 +60,17 @@ REPORT: dict[str, Any] = {
 
 
 @pytest.fixture
+def small_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hundreds of candidate motions instead of thousands."""
+
+    def small(shape: Shape, planner: PlannerName) -> Effort:
+        effort = default_effort(shape, planner)
+        return replace(effort, config=replace(effort.config, candidates=8), rounds=2, generations=4, rehearsals=1)
+
+    monkeypatch.setattr(discriminate_module, "default_effort", small)
+
+
+@pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "pendulum.urdf").write_text(PENDULUM)
     (tmp_path / "scenario.yaml").write_text(SCENARIO)
@@ -66,6 +82,7 @@ def discriminate(folder: Path, *arguments: str) -> Result:
     return CliRunner().invoke(main, ["discriminate", str(folder / "scenario.yaml"), *arguments])
 
 
+@pytest.mark.usefixtures("small_budget")
 def test_a_named_pair_gets_its_motion_and_the_same_seed_the_same_bytes(folder: Path) -> None:
     words = ["--between", "actuator_bias@pivot", "--between", "joint_spring@pivot", "--duration", "0.6", "--no-replay"]
     for out in ("one", "two"):
@@ -86,6 +103,7 @@ def test_a_named_pair_gets_its_motion_and_the_same_seed_the_same_bytes(folder: P
     assert again.exit_code == 2 and "not empty" in again.output
 
 
+@pytest.mark.usefixtures("small_budget")
 @pytest.mark.ci
 @pytest.mark.parametrize("planner", ["cem", "mppi", "gradient"])
 def test_every_planner_designs(folder: Path, planner: str) -> None:
@@ -94,6 +112,7 @@ def test_every_planner_designs(folder: Path, planner: str) -> None:
     assert result.exit_code == 0, result.output
 
 
+@pytest.mark.usefixtures("small_budget")
 @pytest.mark.ci
 def test_a_report_is_copied_with_its_next_experiment_and_a_replay(folder: Path) -> None:
     (folder / "report.html").write_text(f"<p>before</p>{next_experiment(None, 'cafim discriminate')}<p>after</p>")

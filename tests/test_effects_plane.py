@@ -14,7 +14,7 @@ from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.errors import InputError
 from drake_cafim.scene.scene import Scene
-from tests.concealed.make import make
+from tests.concealed.make import simulate
 
 VALUES = {"offset": 0.3, "stiffness": 500.0, "damping": 20.0, "nx": 0.6, "ny": 0.0, "nz": 0.8}
 
@@ -51,7 +51,7 @@ def test_slopes_are_those_of_the_force() -> None:
 
 @pytest.mark.ci
 def test_found_by_where_the_forces_point(tmp_path: Path) -> None:
-    case = make("single:unmodeled_contact", "arm6", 1)
+    case = simulate("single:unmodeled_contact", "arm6", 1)
     case.write(tmp_path)
     prepared = prepare(
         Scene.load(tmp_path / "scenario.yaml"), [recordings.read(tmp_path / f"train_{k}.parquet") for k in (1, 2, 3)]
@@ -68,7 +68,7 @@ def test_found_by_where_the_forces_point(tmp_path: Path) -> None:
 
 
 def test_an_effect_of_a_contact_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    case = make("null", "press", 301)
+    case = simulate("null", "press", 301)
     case.write(tmp_path)
     text = (tmp_path / "scenario.yaml").read_text()
     (tmp_path / "scenario.yaml").write_text(text + "effects:\n- {effect: surface_offset, at: floor, offset: 0.001}\n")

@@ -145,9 +145,20 @@ def test_hefting_is_calibrated():
     assert inside.mean() >= 0.90
 
 
-@pytest.mark.ci
-def test_rubbing_reaches_its_figures():
-    errors, _, flat, mean, _, busy = _many("rubbing", "contact-aware", range(20))
+def _seeds(few, many):
+    """The first few seeds for CI; all of them take minutes, and tell the same more surely."""
+    return pytest.mark.parametrize(
+        "seeds",
+        [
+            pytest.param(range(few), marks=pytest.mark.ci, id=f"{few} seeds"),
+            pytest.param(range(many), marks=pytest.mark.long, id=f"{many} seeds"),
+        ],
+    )
+
+
+@_seeds(8, 20)
+def test_rubbing_reaches_its_figures(seeds):
+    errors, _, flat, mean, _, busy = _many("rubbing", "contact-aware", seeds)
     _check_errors(errors, 3.0, 8.0)
     assert mean["contact_fraction"] >= 0.85 and mean["sliding_fraction"] >= 0.70
     first = [behaviour["first_contact"] for behaviour in flat]
@@ -155,18 +166,18 @@ def test_rubbing_reaches_its_figures():
     assert busy < 1.0
 
 
-@pytest.mark.ci
-def test_pinching_reaches_its_figures():
-    errors, _, _, mean, information, busy = _many("pinching", "contact-aware", range(40))
+@_seeds(16, 40)
+def test_pinching_reaches_its_figures(seeds):
+    errors, _, _, mean, information, busy = _many("pinching", "contact-aware", seeds)
     scripted = _many("pinching", "scripted", range(4))[4]
     _check_errors(errors, np.array([5.0, 11.0]))
     assert information / scripted >= 3 and mean["make_breaks"] >= 6
     assert busy < 1.0
 
 
-@pytest.mark.ci
-def test_contouring_reaches_its_figures():
-    errors, _, flat, _, information, busy = _many("contouring", "contact-aware", range(40))
+@_seeds(8, 40)
+def test_contouring_reaches_its_figures(seeds):
+    errors, _, flat, _, information, busy = _many("contouring", "contact-aware", seeds)
     scripted = _many("contouring", "scripted", range(4))[4]
     _check_errors(errors, np.array([3.5, 6.0]))
     assert information / scripted >= 8
