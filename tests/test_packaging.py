@@ -71,5 +71,5 @@ def test_wheel_runs_outside_the_tree(wheel: Path, tmp_path: Path) -> None:
         "plant.Finalize()\n"
         "assert plant.num_actuators() == 7\n"
     )
-    subprocess.run([str(python), "-c", script], check=True, cwd=tmp_path)
+    subprocess.run([str(python), "-I", "-c", script], check=True, cwd=tmp_path)
     subprocess.run([str(tmp_path / "env" / "bin" / "cafim"), "--help"], check=True, cwd=tmp_path, capture_output=True)

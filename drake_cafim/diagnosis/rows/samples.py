@@ -129,7 +129,10 @@ def noisier(samples: Samples, rng: np.random.Generator, fed_back: bool = False) 
 
 
 def retaken(samples: Samples, scene: Scene, recording: Recording) -> Samples:
-    """The samples of another `recording` that has the same times and the same noise; operators are shared."""
+    """The samples of another `recording` that has the same times and the same noise; operators are shared.
+
+    So are the smoothers of joints that move in both alike.
+    """
     names, slope = scene.tree.joint_names, samples.differentiate
     q = _filled(recording.matrix("q", names))
     v = _filled(recording.matrix("v", names)) if slope is None else np.asarray(slope @ q, dtype=float)
@@ -139,7 +142,12 @@ def retaken(samples: Samples, scene: Scene, recording: Recording) -> Samples:
         recording=recording,
         q=q,
         v=v,
-        kinked_v=tuple(resting(samples.time, q[:, j], v[:, j], of_joint) for j, of_joint in enumerate(noise)),
+        kinked_v=tuple(
+            samples.kinked_v[j]
+            if np.array_equal(q[:, j], samples.q[:, j]) and np.array_equal(v[:, j], samples.v[:, j])
+            else resting(samples.time, q[:, j], v[:, j], of_joint)
+            for j, of_joint in enumerate(noise)
+        ),
         u=_filled(recording.matrix("u", names)),
         wrenches=tuple(_filled(recording.wrench(sensor.name)) for sensor in scene.wrench_sensors),
     )

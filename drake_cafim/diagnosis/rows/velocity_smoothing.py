@@ -7,8 +7,10 @@ has a corner where friction changes its sign, and a bias there that the noise of
 several standard deviations of the widest one.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,7 +24,7 @@ from drake_cafim.diagnosis.thresholds import (
     VELOCITY_SMOOTHING_REACH,
 )
 from drake_cafim.numerics.local_polynomial import local_polynomial
-from drake_cafim.typing import Array, Flags
+from drake_cafim.typing import Array
 
 
 @dataclass(frozen=True)
@@ -61,20 +63,11 @@ class Velocity:
         """v̂ (N,) from measured `q` and `v` (N,)."""
         return np.asarray(self.from_v @ v + self.from_q @ q, dtype=float)
 
-    def where(self, chosen: Flags, other: "Velocity") -> "Velocity":
-        """The smoother that is `self` at the samples `chosen` (N,) and `other` elsewhere."""
-        inside, outside = sp.diags_array(chosen.astype(float)), sp.diags_array((~chosen).astype(float))
-        return Velocity(
-            sp.csr_matrix(inside @ self.from_v + outside @ other.from_v),
-            sp.csr_matrix(inside @ self.from_q + outside @ other.from_q),
-            np.where(chosen, self.std, other.std),
-        )
-
 
 def resting(time: Array, q: Array, v: Array, noise: VelocityNoise) -> Velocity:
     """The smoother for a joint with measured `q` and `v` (N,) at `time` (N,) s, over wider windows near rest."""
-    found = before = Velocity.over(VELOCITY_SMOOTHING_REACH, time, noise)
-    seen = before.of(q, v)
+    before = Velocity.over(VELOCITY_SMOOTHING_REACH, time, noise)
+    tried, chosen, seen = [before], np.zeros(len(time), dtype=np.int64), before.of(q, v)
     step = float(np.median(np.diff(time)))
     near = maximum_filter1d(
         np.abs(seen) < RESTING_VELOCITY_STDS * before.std, _samples(RESTING_SMOOTHING_REACHES[-1], step)
@@ -88,9 +81,24 @@ def resting(time: Array, q: Array, v: Array, noise: VelocityNoise) -> Velocity:
         # for nested least-squares windows the difference is no noisier than the narrower estimate
         agree = np.all([np.abs(seen - estimate) < limit for estimate, limit in narrower], axis=0)
         near &= minimum_filter1d(agree, _samples(reach, step))
-        found, before = before.where(near, found), wider
+        chosen[near] = len(tried) - 1
+        before = wider
+        tried.append(wider)
         narrower.append((seen, AGREEING_VELOCITY_STDS * wider.std))
-    return found
+    return _chosen(tried, chosen)
+
+
+def _chosen(smoothers: Sequence[Velocity], index: np.ndarray[Any, np.dtype[np.int64]]) -> Velocity:
+    """The smoother that is `smoothers[index[k]]` at sample k."""
+    if not np.any(index):
+        return smoothers[0]
+    used = smoothers[: int(index.max()) + 1]
+    row = index * len(index) + np.arange(len(index))
+    return Velocity(
+        sp.csr_matrix(sp.vstack([one.from_v for one in used], format="csr")[row]),
+        sp.csr_matrix(sp.vstack([one.from_q for one in used], format="csr")[row]),
+        np.concatenate([one.std for one in used])[row],
+    )
 
 
 def _samples(reach: float, step: float) -> int:
@@ -100,16 +108,28 @@ def _samples(reach: float, step: float) -> int:
 
 @lru_cache(maxsize=64)
 def _over(at: bytes, reach: float, noise: VelocityNoise) -> Velocity:
-    time = np.frombuffer(at)
-    slope = local_polynomial(time, reach, 3, 1, at_least=3)
-    smooth = local_polynomial(time, reach, 2, 0, at_least=2)
-    by_q = noise.q.std * filtered_std(slope, time, noise.q.memory)
+    slope, smooth = _fitted(at, reach)
+    by_q = noise.q.std * _unit_std(at, reach, noise.q.memory, of_slope=True)
     if noise.v is None:
         return Velocity(sp.csr_matrix(smooth.shape), slope, by_q)
-    by_v = noise.v.std * filtered_std(smooth, time, noise.v.memory)
+    by_v = noise.v.std * _unit_std(at, reach, noise.v.memory, of_slope=False)
     share = by_q**2 / np.maximum(by_q**2 + by_v**2, 1e-300)
     return Velocity(
         sp.csr_matrix(sp.diags_array(share) @ smooth),
         sp.csr_matrix(sp.diags_array(1.0 - share) @ slope),
         np.hypot(share * by_v, (1.0 - share) * by_q),
     )
+
+
+@lru_cache(maxsize=16)
+def _fitted(at: bytes, reach: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """The slope and the value (N, N) of local polynomials over `reach` s on either side, the same for all joints."""
+    time = np.frombuffer(at)
+    return local_polynomial(time, reach, 3, 1, at_least=3), local_polynomial(time, reach, 2, 0, at_least=2)
+
+
+@lru_cache(maxsize=64)
+def _unit_std(at: bytes, reach: float, memory: CorrelatedNoise | None, *, of_slope: bool) -> Array:
+    """Standard deviation (N,) of `_fitted`'s slope or value of unit noise."""
+    slope, smooth = _fitted(at, reach)
+    return filtered_std(slope if of_slope else smooth, np.frombuffer(at), memory)
