@@ -95,7 +95,7 @@ def test_gap_against_an_adaptive_integrator() -> None:
 
 def test_a_misfit_trial_stands_for_nothing() -> None:
     values = {"stiffness": 100.0, "damping": 1.0}
-    assert JointElasticity("j").scaled(values, -1.0) is None
-    half_as_soft = JointElasticity("j").scaled(values, 0.5)
+    assert JointElasticity("j").from_trial(values, -1.0) is None
+    half_as_soft = JointElasticity("j").from_trial(values, 0.5)
     assert half_as_soft is not None and half_as_soft.values["stiffness"] == pytest.approx(200.0)
-    assert JointBacklash("j").scaled({"gap": 0.001, **values}, 0.1) is None
+    assert JointBacklash("j").from_trial({"gap": 0.001, **values}, 0.1) is None

@@ -134,4 +134,4 @@ def test_sites() -> None:
 def test_writing_is_the_matrix_of_measured(effect: TimingEffect) -> None:
     time = np.cumsum(np.random.default_rng(0).uniform(0.001, 0.003, 400))
     true = np.sin(20.0 * time)[:, None]
-    np.testing.assert_allclose(effect.writing(time) @ true, effect.measured(time, true), atol=5e-4)
+    np.testing.assert_allclose(effect.filter_matrix(time) @ true, effect.measured(time, true), atol=5e-4)

@@ -20,7 +20,7 @@ from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.pulses import strongest_pushes
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
-from drake_cafim.diagnosis.search.law_shapes import reshaped
+from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import REGRESSOR_SIGNAL_SHARE
 from drake_cafim.effects.actuator import ActuatorDelay
@@ -274,7 +274,7 @@ def test_a_gap_is_found_past_the_impacts_that_stop_a_fit(tmp_path: Path) -> None
     problem, gap = prepared.problem(), values["gap"]
     start = problem.nominal().with_effects([JointBacklash(effect["at"], {**values, "gap": 1.5 * gap})])
     stopped = fit(problem, start)
-    found = reshaped(problem, stopped)
+    found = fit_shapes(problem, stopped)
     assert stopped.model.effects[0].values["gap"] > 1.3 * gap
     assert found.model.effects[0].values["gap"] == pytest.approx(gap, rel=0.02)
     assert found.chi_square < stopped.chi_square - 10.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.diagnose import Prepared, prepare
-from drake_cafim.diagnosis.predict.stepper import State, advance, driven
+from drake_cafim.diagnosis.predict.stepper import State, acting_efforts, advance
 from drake_cafim.effects.actuator import ActuatorDeadZone, ActuatorDelay, ActuatorLag, ActuatorSaturation, Effort
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
@@ -31,7 +31,7 @@ def _chi_square(prepared: Prepared) -> float:
 def _error(scene: Scene, run: Recording, ramped: bool) -> float:
     """How far a simulation from the recording's first sample is off after 0.4 s, rad."""
     time = run.time[:101]
-    knots, efforts = driven(scene.physics, time, run.matrix("u", two_links.JOINTS)[:101], (ramped, ramped))
+    knots, efforts = acting_efforts(scene.physics, time, run.matrix("u", two_links.JOINTS)[:101], (ramped, ramped))
     state = State(*(run.matrix(kind, two_links.JOINTS)[:1] for kind in "qv"))
     for effort, duration in zip(efforts, np.diff(knots), strict=False):
         state = advance(scene.physics, state, effort[None], np.array([duration]))

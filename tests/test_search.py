@@ -68,7 +68,7 @@ def _under_way(monkeypatch: pytest.MonkeyPatch, answers: dict[str, Fit]) -> Any:
     problem: Any = SimpleNamespace(scene=scene)
     problem.rewhitened = lambda model: SimpleNamespace(scene=scene)
     monkeypatch.setattr(search, "fit", lambda problem, model: SimpleNamespace(model=model))
-    monkeypatch.setattr(search, "reshaped", lambda problem, one: one)
+    monkeypatch.setattr(search, "fit_shapes", lambda problem, one: one)
     monkeypatch.setattr(search, "unbiased_fit", lambda problem, model: answers[model.effects[0].name])
     return search._State(problem, search.Settings(), (), 10, lambda text: None)
 

@@ -40,7 +40,7 @@ from drake_cafim.diagnosis.verdict import (
     Rival,
     Value,
     Verdict,
-    mistaken,
+    mistakes_sentence,
 )
 from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.computation import NotComputable, compute
@@ -236,7 +236,7 @@ class Estimate:
 
     def __str__(self) -> str:
         """What is to be known first, a line each, then the numbers."""
-        lines = [mistaken(self.data_mistakes), NO_ESTIMATES] if self.data_mistakes else []
+        lines = [mistakes_sentence(self.data_mistakes), NO_ESTIMATES] if self.data_mistakes else []
         lines += [f"{one.parameter} of {one.at}: {one.value:.6g} ± {one.std:.2g} {one.unit}" for one in self.parameters]
         lines += [f"{remark[0].upper()}{remark[1:]}." for remark in self.noise_remarks]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])

@@ -189,7 +189,7 @@ def sentence(verdict: Verdict) -> str:
     return " ".join([_finding(verdict), *remarks])
 
 
-def mistaken(mistakes: Sequence[str]) -> str:
+def mistakes_sentence(mistakes: Sequence[str]) -> str:
     """The sentence on `mistakes` of the data, which replaces every other finding."""
     return f"The recordings themselves look wrong: {'; '.join(mistakes)}."
 
@@ -197,7 +197,7 @@ def mistaken(mistakes: Sequence[str]) -> str:
 def _finding(verdict: Verdict) -> str:
     """What is missing in the model, or which mistake of the data makes that question void."""
     if verdict.data_mistakes:
-        return mistaken(verdict.data_mistakes)
+        return mistakes_sentence(verdict.data_mistakes)
     if verdict.kind == "none":
         return (
             "Nothing is missing: the recordings are as the model and its noise predict "

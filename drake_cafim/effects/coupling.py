@@ -103,7 +103,7 @@ class JointCoupling(Effect):
     def trials(self, drive: RotorDrive, prismatic: bool) -> Iterator[Mapping[str, float]]:
         """Parameter values to test in screening; `drive` holds all recordings, concatenated."""
 
-    def scaled(self, values: Mapping[str, float], coefficient: float) -> "JointCoupling | None":
+    def from_trial(self, values: Mapping[str, float], coefficient: float) -> "JointCoupling | None":
         """The effect for which `coefficient` times the change by `values` fits best; None if that is implausible."""
         # 1 if the trial values are right; a start of a fit need not be exact, hence the wide bounds
         return self.with_values(values) if 0.3 < coefficient < 3.0 else None
@@ -157,12 +157,12 @@ class JointElasticity(JointCoupling):
             for ratio in (0.05, 0.2):
                 yield {"stiffness": stiffness, "damping": 4.0 * np.pi * ratio * float(frequency) / mobility}
 
-    def reshaped(self) -> Iterator["JointElasticity"]:
+    def restarts(self) -> Iterator["JointElasticity"]:
         # while a joint's initial oscillation decays, each wrong frequency fits some periods: local optima
         for factor in (0.35, 0.6, 1.6, 2.8):
             yield self.with_values({**self.values, "stiffness": factor * self.values["stiffness"]})
 
-    def scaled(self, values: Mapping[str, float], coefficient: float) -> "JointElasticity | None":
+    def from_trial(self, values: Mapping[str, float], coefficient: float) -> "JointElasticity | None":
         # far above the motion's frequencies the twist is in proportion to the compliance
         if not 0.02 < coefficient < 3.0:
             return None
@@ -233,7 +233,7 @@ class JointBacklash(JointCoupling):
         flanks = (stiffness, damping, parts, steps / parts, flank, rest)
         return np.asarray(backlash_twist_rate(0.5 * gap, *flanks, push, mobility, twist, rates), dtype=float)
 
-    def reshaped(self) -> Iterator["JointBacklash"]:
+    def restarts(self) -> Iterator["JointBacklash"]:
         # impacts at wrong times make local optima, so the fit is restarted from distant gaps and stiffnesses
         for name, factors in (("gap", (0.5, 0.7, 1.4, 2.0)), ("stiffness", (0.4, 2.5))):
             for factor in factors:

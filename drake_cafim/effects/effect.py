@@ -198,7 +198,7 @@ class Effect(ABC):
     """Parameters of the law besides the strengths, such as the width of a smoothed sign function; chosen from their
     grid where they have one."""
     shapes_about_values: ClassVar[bool] = False
-    """Whether `reshaped` varies the effect's present values, so that a new fit gives new values to try."""
+    """Whether `restarts` varies the effect's present values, so that a new fit gives new values to try."""
     all_but_linear: ClassVar[bool] = False
     """Whether its force is nearly linear in its strengths for fixed shapes."""
     difference_step: ClassVar[float] = 1e-4
@@ -320,7 +320,7 @@ class Effect(ABC):
             {s.name: s.nominal + float(c) for s, c in zip(self.strengths, coefficients, strict=True)}
         )
 
-    def reshaped(self) -> Iterator[Self]:
+    def restarts(self) -> Iterator[Self]:
         """Further starts of a fit: the effect with each other value on the grid of each shape."""
         for shape in self.shapes:
             for value in shape.grid:

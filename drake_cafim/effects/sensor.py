@@ -65,11 +65,11 @@ class SensorEffect(Effect):
         """Matrix (N, N) with which `true` multiplies a channel's samples, and their noise; None for the identity."""
         return None
 
-    def facing(self, time: Array) -> sp.csr_matrix | None:
+    def kinematic_correction(self, time: Array) -> sp.csr_matrix | None:
         """Matrix (N, N) that replaces `correction` in the kinematic rows, which compare q with v; None to use that."""
         return None
 
-    def writing(self, time: Array) -> sp.csr_matrix | None:
+    def filter_matrix(self, time: Array) -> sp.csr_matrix | None:
         """Matrix (N, N) with which `measured` filters a channel's samples; None where samples do not mix."""
         return None
 

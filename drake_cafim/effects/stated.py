@@ -21,7 +21,7 @@ def stated_values(kind: type[Effect], given: Mapping[str, float], key: str) -> d
             found = bounds(numbers[name]).words(value)
             raise InputError(f"{key}.{name} is {found}, expected {_words(numbers[name])}")
     for strength in kind.strengths:
-        if strength.name not in given and needed(strength, kind):
+        if strength.name not in given and is_required(strength, kind):
             raise InputError(f"{key}: {kind.name} needs {strength.name}, expected {_words(strength)}")
     amounts = [s.name for s in kind.strengths if s.amplitude and not s.through]
     if not any(name in given for name in amounts):
@@ -40,7 +40,7 @@ def bounds(strength: Strength) -> Range:
     return Range(max(strength.lower, -LARGEST), min(strength.upper, LARGEST), unit)
 
 
-def needed(strength: Strength, kind: type[Effect]) -> bool:
+def is_required(strength: Strength, kind: type[Effect]) -> bool:
     """Whether a scenario must give the parameter: a payload's mass, but not its x, y, z, which default to 0."""
     return strength == kind.strengths[0] or not allows(strength, strength.nominal) or strength.required
 

@@ -102,9 +102,9 @@ class ShiftedSensor(TimingEffect):
         """The times s at which the values of `time` s are recorded."""
 
     def measured(self, time: Array, true: Array) -> Array:
-        return np.asarray(self.writing(time) @ true)
+        return np.asarray(self.filter_matrix(time) @ true)
 
-    def writing(self, time: Array) -> sp.csr_matrix:
+    def filter_matrix(self, time: Array) -> sp.csr_matrix:
         return interpolation(time, self.shown(time))
 
     def true(self, time: Array, measured: Array) -> Array:
@@ -168,7 +168,7 @@ class SensorLag(TimingEffect):
         band = np.stack([np.ones(len(time)), np.append(-np.exp(-np.diff(time) / tau), 0.0)])
         return np.asarray(solve_banded((1, 0), band, _input_matrix(time, tau) @ true, check_finite=False))
 
-    def writing(self, time: Array) -> sp.csr_matrix:
+    def filter_matrix(self, time: Array) -> sp.csr_matrix:
         tau = self.values["time_constant"]
         if tau <= 0.0:
             return sp.csr_matrix(sp.eye_array(len(time)))
@@ -189,7 +189,7 @@ class SensorLag(TimingEffect):
         slope = self.values["time_constant"] * _smooth_slope(time)
         return sp.csr_matrix(sp.eye_array(len(time)) + slope)
 
-    def facing(self, time: Array) -> sp.csr_matrix:
+    def kinematic_correction(self, time: Array) -> sp.csr_matrix:
         # to first order in τ a lag is a delay by the time constant
         return interpolation(time, time + self.values["time_constant"])
 

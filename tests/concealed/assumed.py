@@ -12,7 +12,7 @@ from drake_cafim.diagnosis.fit.evidence import scale_of
 from drake_cafim.diagnosis.fit.fitting import fit, unbiased_fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
-from drake_cafim.diagnosis.search.law_shapes import reshaped
+from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.scene.scene import Scene
 
@@ -39,10 +39,10 @@ def assumed(folder: Path, recordings: Sequence[str], effects: Sequence[Mapping[s
         looks = screen(problem, best, named)
         if not looks:
             return []
-        best = reshaped(problem, fit(problem, best.model.with_effects([looks[0].effect])))
+        best = fit_shapes(problem, fit(problem, best.model.with_effects([looks[0].effect])))
     for _ in range(ROUNDS):
         problem = problem.rewhitened(best.model)
-        best = unbiased_fit(problem, reshaped(problem, fit(problem, best.model)).model)
+        best = unbiased_fit(problem, fit_shapes(problem, fit(problem, best.model)).model)
     std = iter(standard_deviations(problem, best, scale_of(best))[len(best.model.unknown) :])
     return [
         {strength.name: (effect.values[strength.name], float(next(std))) for strength in effect.strengths}

@@ -195,7 +195,7 @@ def _coupling_looks(problem: WeakFormRows, physics: Physics, effect: JointCoupli
 
 
 def _scaled(effect: JointCoupling, values: Mapping[str, float], coefficients: Array) -> Effect | None:
-    return effect.scaled(values, float(coefficients[0]))
+    return effect.from_trial(values, float(coefficients[0]))
 
 
 def _body_force_columns(problem: WeakFormRows, physics: Physics, unit: BodyForce) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.predict.initial_state import LOOK_BACK, state_at
 from drake_cafim.diagnosis.predict.rotor_efforts import rotor_efforts
-from drake_cafim.diagnosis.predict.stepper import State, advance, driven
+from drake_cafim.diagnosis.predict.stepper import State, acting_efforts, advance
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.scenario.physics import Physics
@@ -105,7 +105,7 @@ class _Course:
 def _courses(weak: WeakForm, physics: Physics, horizon: float) -> list[_Course]:
     """The inputs of each window of `horizon` s; an interval ends at each sample and at each knot of the efforts."""
     time = weak.samples.time
-    knots, efforts = driven(physics, time, weak.measurement(physics).u, weak.samples.ramped)
+    knots, efforts = acting_efforts(physics, time, weak.measurement(physics).u, weak.samples.ramped)
     taken = rotor_efforts(weak, physics)
     result = []
     for start in window_starts(time, horizon):

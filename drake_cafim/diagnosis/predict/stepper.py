@@ -95,7 +95,7 @@ def _step_compiled(physics: Physics, state: State, force: Array, slope: Array, d
     return State(q, v, state.memory)
 
 
-def driven(physics: Physics, time: Array, u: Array, ramped: Sequence[bool]) -> tuple[Array, Array]:
+def acting_efforts(physics: Physics, time: Array, u: Array, ramped: Sequence[bool]) -> tuple[Array, Array]:
     """Knots (K,) s and the acting efforts (K, n) held from each knot to the next, from samples `u` (N, n) at `time`.
 
     The knots hold the steps of every joint's effort after its actuator effects. The efforts of `ramped` joints are

@@ -44,10 +44,10 @@ class KinematicRows:
         for lag in lags:
             kind, joint = lag.at.split(".", 1)
             partner, j = "v" if kind == "q" else "q", joints.index(joint)
-            ahead = cast(sp.csr_matrix, lag.facing(time))  # an effect with a settling time has one
+            ahead = cast(sp.csr_matrix, lag.kinematic_correction(time))  # an effect with a settling time has one
             channels[partner][:, j] = lag.measured(time, channels[partner][:, j : j + 1])[:, 0]
             as_noisy, noisy = np.zeros(len(windows)), np.zeros(len(windows))
-            for name, read in ((kind, ahead), (partner, sp.csr_matrix(ahead @ lag.writing(time)))):
+            for name, read in ((kind, ahead), (partner, sp.csr_matrix(ahead @ lag.filter_matrix(time)))):
                 channels[name][:, j] = ahead @ channels[name][:, j]
                 as_noisy += self._variance(f"{name}.{joint}", slopes[name])
                 noisy += self._variance(f"{name}.{joint}", sp.csr_matrix(slopes[name] @ read))

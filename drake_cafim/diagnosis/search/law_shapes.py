@@ -15,7 +15,7 @@ FINER = (1.5, 1.15, 1.04)
 """Ratios in which a shape is then changed, as long as it helps."""
 
 
-def reshaped(problem: SearchProblem, one: Fit) -> Fit:
+def fit_shapes(problem: SearchProblem, one: Fit) -> Fit:
     """The fit with the best shape of each effect, one after the other: from the grid, then between its values.
 
     A width that is off makes a sign change look like a law that falls or rises near rest.
@@ -24,7 +24,7 @@ def reshaped(problem: SearchProblem, one: Fit) -> Fit:
         first, before = one.chi_square, np.inf
         while before - one.chi_square > SHAPE_CHI_SQUARE_RANGE:
             before, effect = one.chi_square, one.model.effects[position]
-            one, worst = _best_shape(problem, one, position, effect.reshaped())
+            one, worst = _best_shape(problem, one, position, effect.restarts())
             if not effect.shapes_about_values:
                 # what is tried are values of a grid, the same ones again
                 break

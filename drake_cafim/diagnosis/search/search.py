@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions
 from drake_cafim.diagnosis.search.detection import detection_p_value
-from drake_cafim.diagnosis.search.law_shapes import reshaped
+from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.thresholds import (
     CANDIDATE_GAIN_SHARE_REFITTED,
@@ -184,7 +184,7 @@ class _State:
             problem, pool = problem.rewhitened(best.model), Pool()
             for one in (best, *(one for one in competing if key_of(one) != key_of(best))):
                 # the width of a sign change is chosen anew as well
-                pool.add(unbiased_fit(problem, reshaped(problem, fit(problem, one.model)).model))
+                pool.add(unbiased_fit(problem, fit_shapes(problem, fit(problem, one.model)).model))
                 if key_of(best) not in pool.fits:
                     self.trace.add(decisions.echo(best.model))
                     return None
@@ -261,7 +261,7 @@ def _expand(state: _State, depth: int) -> None:
             if state.problem.plausible(one.model):
                 found[key] = one
     ranked = state.ranked(found.values())
-    kept = [reshaped(state.problem, one) for one in ranked[: state.settings.beam]]
+    kept = [fit_shapes(state.problem, one) for one in ranked[: state.settings.beam]]
     for one in (*ranked[state.settings.beam :], *kept):
         state.pool.add(one)
     state.frontier = state.ranked(kept)
@@ -297,7 +297,7 @@ def _fit_rivals(state: _State, best: Fit) -> None:
             key = frozenset(effect.key for effect in model.effects)
             # a first look that gains far less than what was lost does not become a rival by refinement
             if key not in state.pool.fits and candidate.gain > GAIN_SHARE_FAR_LESS * needed:
-                one = reshaped(state.problem, fit(state.problem, model))
+                one = fit_shapes(state.problem, fit(state.problem, model))
                 if state.problem.plausible(one.model):
                     state.pool.add(one)
 
@@ -355,7 +355,7 @@ def _fit_equivalents(state: _State, best: Fit) -> None:
         looks = {one.effect.key: one.effect for one in state.screen(state.rest(rest))}
         for one in looks.values():
             if effect.excludes(one) and len(one.strengths) < len(effect.strengths):
-                state.pool.add(reshaped(state.problem, fit(state.problem, rest.with_effects([one]))))
+                state.pool.add(fit_shapes(state.problem, fit(state.problem, rest.with_effects([one]))))
         alike = [one for one in state.effects if one.name in effect.alike and one.at == effect.at]
         for first, second in itertools.combinations(alike, 2):
             if len(first.strengths) + len(second.strengths) != len(effect.strengths) or first.key not in looks:
@@ -363,7 +363,7 @@ def _fit_equivalents(state: _State, best: Fit) -> None:
             beside = fit(state.problem, rest.with_effects([looks[first.key]]))
             found = screen(state.problem, beside, [second])
             if found:
-                equivalent = reshaped(state.problem, fit(state.problem, beside.model.with_effects([found[0].effect])))
+                equivalent = fit_shapes(state.problem, fit(state.problem, beside.model.with_effects([found[0].effect])))
                 if state.problem.plausible(equivalent.model):
                     state.pool.add(equivalent)
 

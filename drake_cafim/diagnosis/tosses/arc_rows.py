@@ -124,13 +124,13 @@ class ArcRows(Problem):
 
     def rows_of(self, model: Model) -> Array:
         innovations = self.base.innovation(self.shot(model).rows[..., None])[0]
-        return np.asarray(self.ordered(innovations)[:, 0])
+        return np.asarray(self.order_rows(innovations)[:, 0])
 
     def jacobian(self, model: Model) -> Array:
         fitted = self._fitted_arcs(model)
         innovations, misfits = self.base.innovation(number_columns(self.scene, fitted.shot, model))
         self._linearisations[_kind(model)] = Linearisation(model.vector, fitted, misfits)
-        columns = self.ordered(innovations)
+        columns = self.order_rows(innovations)
         priors = np.zeros((len(model.unknown), columns.shape[1]))
         priors[:, : len(model.unknown)] = np.diag(1.0 / self.scene.priors.std)
         return np.concatenate([columns, priors])
@@ -142,9 +142,9 @@ class ArcRows(Problem):
 
     def innovations(self, rows: Array) -> Array:
         """Innovations (R, k) of whitened rows (B, S, 6, k), those that count."""
-        return self.ordered(self.base.innovation(rows)[0])
+        return self.order_rows(self.base.innovation(rows)[0])
 
-    def ordered(self, innovations: Array) -> Array:
+    def order_rows(self, innovations: Array) -> Array:
         """The innovations (R, k) that count of (B, S, 6, k), ordered by recording, arc and sample."""
         # the size is given in full: for a model without parameters k = 0, where reshape cannot infer it
         return np.asarray(innovations[innovation_mask(self.arcs)].reshape(self.rows, innovations.shape[3]), dtype=float)

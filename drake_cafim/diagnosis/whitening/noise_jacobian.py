@@ -42,7 +42,7 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
         for effect in reversed(physics.sensors):
             if name.startswith("wrench.") or not effect.channels((name,)):
                 continue
-            correction, facing = effect.correction(s.time), effect.facing(s.time)
+            correction, facing = effect.correction(s.time), effect.kinematic_correction(s.time)
             if correction is not None and facing is not None:
                 block = sp.csr_matrix(kinematic @ block @ facing + dynamic @ block @ correction)
             elif correction is not None:
@@ -106,7 +106,7 @@ def reading_windows(weak: WeakForm, physics: Physics, sensor: WrenchSensor, axis
     windows = weak.samples.windows.value
     for effect in reversed(physics.sensors):
         if effect.channels((f"wrench.{sensor.name}.{axis}",)):
-            writing = effect.writing(weak.samples.time)
+            writing = effect.filter_matrix(weak.samples.time)
             windows = windows if writing is None else sp.csr_matrix(windows @ writing)
     return windows
 
