@@ -11,19 +11,24 @@ import pytest
 from drake_cafim.contact.change import Touch
 from drake_cafim.contact.law import ContactParameters
 from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine
+from drake_cafim.diagnosis.tosses.flight import fly
+from drake_cafim.diagnosis.tosses.free_body import FreeBody
+from drake_cafim.diagnosis.tosses.state import State
 from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.dynamics.rotations import exponential
 from drake_cafim.dynamics.tree import Body, Tree
 from drake_cafim.effects.body import AerodynamicDrag, BodyForce
 from drake_cafim.effects.contact import ContactEffect, ContactLook
 from drake_cafim.effects.effect import Effect, Place, Strength
-from drake_cafim.effects.link import TreeEffect
-from drake_cafim.effects.sensor import SensorBias
+from drake_cafim.effects.link import Payload, TreeEffect
+from drake_cafim.effects.sensor import SensorBias, SensorEffect
+from drake_cafim.effects.timing import SensorDelay
 from drake_cafim.errors import InputError
-from drake_cafim.recordings.recording import Recording
+from drake_cafim.recordings.recording import POSE_COMPONENTS, Recording
 from drake_cafim.report.artifacts import write_artifacts
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
-from tests.tosses import BALL, BLOCK, thrown, thrown_scene
+from tests.tosses import BALL, BLOCK, beginnings, thrown, thrown_in_drake, thrown_scene
 
 HEAD = """
 model: body.urdf
@@ -174,7 +179,47 @@ def test_an_effect_of_one_s_own_is_found_in_a_throw(effect: Effect, tmp_path: Pa
     assert (known.effect, known.at) == effect.key
 
 
-def _written(recording: Recording, effect: WarpingTracker) -> Recording:
+@pytest.mark.parametrize(
+    "effect",
+    [*OWN, Payload("body", {"mass": 0.05, "x": 0.01, "y": 0.0, "z": 0.02}), SensorDelay("pose.body", {"delay": 0.02})],
+    ids=lambda one: one.name,
+)
+def test_drake_throws_a_body_as_the_diagnosis_does(effect: Effect, tmp_path: Path) -> None:
+    """Of one's own and of ours; each moves the body, or what is read of it, by more than a centimetre."""
+    bare = thrown_scene(tmp_path, scenario=HEAD + SLIPPING)
+    scene = bare.corrected(np.zeros(0), [effect])
+    (expected,) = thrown(scene.physics, 3, count=1, noise=(0.0, 0.0))
+    (without,) = thrown(bare.physics, 3, count=1, noise=(0.0, 0.0))
+    expected, without = expected.window(0.0, 0.4), without.window(0.0, 0.4)
+    if isinstance(effect, SensorEffect):
+        for column in effect.channels(["pose.body.x", "pose.body.y", "pose.body.z"]):
+            expected = _written(expected, replace(effect, at=column))
+    found = thrown_in_drake(scene, beginnings(np.random.default_rng(3), 1), expected.time)
+    poses = expected.matrix("pose.body", POSE_COMPONENTS)
+    np.testing.assert_allclose(found[:, :3], poses[:, :3], atol=3e-6)
+    np.testing.assert_allclose(np.linalg.norm(found[:, 3:], axis=1), 1.0, atol=1e-9)
+    if not isinstance(effect, SensorEffect):
+        np.testing.assert_allclose(np.abs(np.sum(found[:, 3:] * poses[:, 3:], axis=1)), 1.0, atol=1e-9)
+    moved = np.abs(poses[:, :3] - without.matrix("pose.body", POSE_COMPONENTS)[:, :3])
+    assert np.max(moved) > 0.01
+
+
+def test_drake_lets_a_block_land_on_its_corners(tmp_path: Path) -> None:
+    scene = thrown_scene(tmp_path, BLOCK, com="0.003 -0.002 0.001", scenario=HEAD + SLIPPING)
+    # flat, a little turned, so that the corners of its underside touch one after the other
+    turned = exponential(np.array([[0.02, 0.03, 0.5]]))
+    start = State.of(np.array([[0.0, 0.0, 0.035]]), turned, np.array([[0.3, 0.1, -0.4]]), np.array([[0.5, -0.5, 1.0]]))
+    times = np.linspace(0.0, 0.03, 4)
+    tight = np.array([1e-6] * 3 + [1e-5] * 3)
+    one = np.zeros(1, dtype=int)
+    flights = fly(FreeBody(scene.physics), start, times[None], one + len(times), one, ("a",), tight)
+    found = thrown_in_drake(scene, start, times)
+    np.testing.assert_allclose(found[:, :3], flights.at_samples.p, atol=3e-6)
+    np.testing.assert_allclose(np.abs(np.sum(found[:, 3:] * flights.at_samples.quaternion, axis=1)), 1.0, atol=1e-9)
+    assert np.count_nonzero(flights.fine.mode.any(axis=0)) > 1
+
+
+def _written(recording: Recording, effect: SensorEffect) -> Recording:
     column = effect.at
     values = effect.measured(recording.time, recording[column][:, None])[:, 0]
     return replace(recording, columns={**recording.columns, column: values})

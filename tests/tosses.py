@@ -3,14 +3,20 @@
 from pathlib import Path
 
 import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
 
 from drake_cafim.diagnosis.tosses.flight import fly
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.state import State
-from drake_cafim.dynamics.rotations import exponential, product
+from drake_cafim.dynamics.rotations import exponential, product, rotation_matrices
 from drake_cafim.recordings.recording import POSE_COMPONENTS, Recording
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene
+from drake_cafim.typing import Array
 
 BALL = '<sphere radius="0.04"/>'
 BLOCK = '<box size="0.1 0.08 0.06"/>'
@@ -38,17 +44,43 @@ def thrown_scene(folder: Path, shape: str = BALL, com: str = "0 0 0", scenario: 
     return Scene.load(folder / "scenario.yaml")
 
 
-def thrown(physics: Physics, seed: int, count: int = 3, noise: tuple[float, float] = (2e-4, 2e-3)) -> list[Recording]:
-    """Recordings of throws under `physics`, 4 ms apart, with white noise."""
-    rng = np.random.default_rng(seed)
-    time = np.arange(0.0, DURATION, STEP)
-    times = np.tile(time, (count, 1))
-    start = State.of(
+def beginnings(rng: np.random.Generator, count: int) -> State:
+    """States of bodies that turn, some 0.3 m above the ground."""
+    return State.of(
         np.stack([rng.uniform(-0.1, 0.1, 3) + np.array([0.0, 0.0, 0.3]) for _ in range(count)]),
         exponential(rng.normal(0.0, 1.0, (count, 3))),
         np.stack([rng.uniform(-1.0, 1.0, 3) * np.array([1.0, 1.0, 0.3]) for _ in range(count)]),
         rng.normal(0.0, 5.0, (count, 3)),
     )
+
+
+def thrown_in_drake(scene: Scene, start: State, times: Array) -> Array:
+    """(N, 7) measured poses at `times` (N,) s, simulated by Drake from `start` (1) with the effects of the scene."""
+    builder = DiagramBuilder()
+    corrected = scene.add_to(builder, MultibodyPlantConfig(time_step=0.0))
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    own, body = corrected.plant.GetMyMutableContextFromRoot(context), corrected.plant.GetBodyByName("body")
+    X_WB = RigidTransform(RotationMatrix(rotation_matrices(start.quaternion)[0]), start.p[0])
+    corrected.plant.SetFreeBodyPose(own, body, X_WB)
+    corrected.plant.SetFreeBodySpatialVelocity(own, body, SpatialVelocity(start.w[0], start.v[0]))
+    simulator.get_mutable_integrator().set_target_accuracy(1e-6)
+    simulator.get_mutable_integrator().set_maximum_step_size(2e-3)
+    simulator.Initialize()
+    port, poses = corrected.measured["pose.body"], []
+    for time in times:
+        simulator.AdvanceTo(time)
+        poses.append(np.array(port.Eval(port.get_system().GetMyContextFromRoot(context))))
+    return np.array(poses)
+
+
+def thrown(physics: Physics, seed: int, count: int = 3, noise: tuple[float, float] = (2e-4, 2e-3)) -> list[Recording]:
+    """Recordings of throws under `physics`, 4 ms apart, with white noise."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, DURATION, STEP)
+    times = np.tile(time, (count, 1))
+    start = beginnings(rng, count)
     names = tuple(f"toss_{k}" for k in range(count))
     tight = np.array([1e-6] * 3 + [1e-5] * 3)
     flights = fly(FreeBody(physics), start, times, np.full(count, len(time)), np.arange(count), names, tight)

@@ -10,7 +10,7 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_cafim.corrected.reading import array, read
-from drake_cafim.dynamics.motion import Motion, motion
+from drake_cafim.dynamics.motion import Motion, free_motion, motion
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.body import BodyForce
 from drake_cafim.typing import Array
@@ -25,9 +25,9 @@ class BodyForceSystem(LeafSystem):
         input_ports: [state]
         output_ports: [spatial_forces, force]
 
-    `state` (2n,) positions then velocities of the joints of `tree`; connect `spatial_forces` to the plant's
-    applied_spatial_force, or add `force` (n,) N m or N, its generalized force Jᵀf, to the plant's generalized force.
-    The Context's time is the recording's time.
+    `state` (2n,) positions then velocities of the joints of `tree`, or (13,) of a floating one;
+    connect `spatial_forces` to the plant's applied_spatial_force, or add `force` (n,) N m or N, its generalized force
+    Jᵀf, to the plant's generalized force. The Context's time is the recording's time.
     """
 
     def __init__(self, effect: BodyForce, tree: Tree, body: BodyIndex) -> None:
@@ -35,7 +35,7 @@ class BodyForceSystem(LeafSystem):
         self.effect, self._tree, self._index = effect, tree, body
         self._body = tree.body(effect.at)
         self._p_BP = effect.point(self._body)
-        self.DeclareVectorInputPort("state", 2 * len(tree.joints))
+        self.DeclareVectorInputPort("state", tree.state_size)
         allocate: Any = Value[list[ExternallyAppliedSpatialForce]]
         self.DeclareAbstractOutputPort("spatial_forces", allocate, self._calc_applied)
         self.DeclareVectorOutputPort("force", len(tree.joints), self._calc_force)
@@ -60,7 +60,9 @@ class BodyForceSystem(LeafSystem):
 
 
 def motion_at(tree: Tree, state: Array) -> Motion:
-    """The tree's kinematics (one sample) at the state (2n,), positions then velocities."""
+    """The tree's kinematics (one sample) at the state (2n,), positions then velocities; (13,) of a floating body."""
+    if tree.floating:
+        return free_motion(tree, state[None])
     n = len(tree.joints)
     return motion(tree, np.array(state[None, :n]), np.array(state[None, n:]))
 

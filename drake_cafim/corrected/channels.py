@@ -27,7 +27,7 @@ class TrueWrench(LeafSystem):
     def __init__(self, tree: Tree, sensor: WrenchSensor, count: int) -> None:
         LeafSystem.__init__(self)
         self._tree, self._sensor, self._count = tree, sensor, count
-        self.DeclareVectorInputPort("state", 2 * len(tree.joints))
+        self.DeclareVectorInputPort("state", tree.state_size)
         for k in range(count):
             self.DeclareVectorInputPort(f"wrench_{k}", 6)
         self.DeclareVectorOutputPort("wrench", 6, self._calc_wrench)
@@ -49,13 +49,14 @@ class TruePose(LeafSystem):
         input_ports: [state]
         output_ports: [pose]
 
-    `state` (2n,) positions then velocities of the joints of `tree`; `pose` (7,) is X_WB: x y z m, quaternion w x y z.
+    `state` (2n,) positions then velocities of the joints of `tree`, or (13,) of a floating one; `pose` (7,) is X_WB:
+    x y z m, quaternion w x y z.
     """
 
     def __init__(self, tree: Tree, body: Body) -> None:
         LeafSystem.__init__(self)
         self._tree, self._body = tree, body
-        self.DeclareVectorInputPort("state", 2 * len(tree.joints))
+        self.DeclareVectorInputPort("state", tree.state_size)
         self.DeclareVectorOutputPort("pose", 7, self._calc_pose)
 
     def _calc_pose(self, context: Context, output: BasicVector) -> None:

@@ -41,9 +41,10 @@ class ContactSystem(LeafSystem):
         input_ports: [state]
         output_ports: [spatial_forces, wrench]
 
-    `state` (2n,) positions then velocities of the joints of `tree`; connect `spatial_forces`, which acts on `link`,
-    to the plant's applied_spatial_force. `wrench` (6,) is the wrench on the link about the world's origin, moment N m
-    first. With `beside`, a contact that the plant already has, the outputs are the difference from that contact.
+    `state` (2n,) positions then velocities of the joints of `tree`, or (13,) of a floating one;
+    connect `spatial_forces`, which acts on `link`, to the plant's applied_spatial_force. `wrench` (6,) is the wrench on
+    the link about the world's origin, moment N m first. With `beside`, a contact that the plant already has, the
+    outputs are the difference from that contact.
     If the contact has a memory (m,), discrete state 0 (1 + m,) is the time s of its last update, then the memory; the
     time is NaN before the first update.
     """
@@ -60,7 +61,7 @@ class ContactSystem(LeafSystem):
         LeafSystem.__init__(self)
         self.contact, self._beside, self._tree = contact, beside, tree
         self._link, self._index = link, index
-        self.DeclareVectorInputPort("state", 2 * len(tree.joints))
+        self.DeclareVectorInputPort("state", tree.state_size)
         allocate: Any = Value[list[ExternallyAppliedSpatialForce]]
         self.DeclareAbstractOutputPort("spatial_forces", allocate, self._calc_applied)
         self.DeclareVectorOutputPort("wrench", 6, self._calc_wrench)

@@ -15,7 +15,8 @@ class CorrectedPlant:
     `effort` (n,) N m or N is the command of the joints' actuators, in the order of `joints`: connect a command here
     and not to the plant's actuation ports, which bypass the actuator effects. `measured` are the recording's channels
     with the sensor effects and without noise: "q", "v", "u" (n,), "wrench.<sensor>" (6,), "pose.<body>" (7,);
-    "channels" is their concatenation, in the order of `columns`.
+    "channels" is their concatenation, in the order of `columns`. A floating body has no joints: its `effort` is
+    (0,), and its poses alone are measured; `plant.SetFreeBodyPose` and `plant.SetFreeBodySpatialVelocity` throw it.
     """
 
     plant: MultibodyPlant

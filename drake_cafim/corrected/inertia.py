@@ -5,10 +5,10 @@ from typing import cast
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JointActuator, SpatialInertia, UnitInertia
+from pydrake.multibody.tree import Frame, JointActuator, SpatialInertia, UnitInertia
 
 from drake_cafim.corrected.reading import array
-from drake_cafim.dynamics.tree import OneAxisJoint, Tree
+from drake_cafim.dynamics.tree import FREE, OneAxisJoint, Tree
 from drake_cafim.typing import Array
 
 LEAST_MASS = 1e-9
@@ -43,25 +43,28 @@ def add_inertia(plant: MultibodyPlant, nominal: Tree, changed: Tree) -> None:
     """Adds the differences between `changed` and `nominal`, the plant's model: bodies' inertia and joints' damping.
 
     A parsed body's default inertia cannot be changed in Drake, so the difference, which may be negative, is welded to
-    each joint's child frame as an additional body named `change on <joint>`.
+    each joint's child frame as an additional body named `change on <joint>`, or to the floating body (`<body>`).
     """
     for k, (before, after) in enumerate(zip(nominal.joints, changed.joints, strict=True)):
         joint = joint_named(plant, after.name)
-        difference = lump(changed, k).minus(lump(nominal, k))
-        if not difference.nothing:
-            _add_body(plant, joint, difference)
+        _add_lump(plant, joint.name(), joint.frame_on_child(), lump(changed, k).minus(lump(nominal, k)))
         if after.damping != before.damping:
             joint.set_default_damping(after.damping)
+    if nominal.floating:
+        body = plant.GetBodyByName(nominal.free_body.name)
+        _add_lump(plant, body.name(), body.body_frame(), lump(changed, FREE).minus(lump(nominal, FREE)))
 
 
-def _add_body(plant: MultibodyPlant, joint: OneAxisJoint, change: Lump) -> None:
+def _add_lump(plant: MultibodyPlant, name: str, frame: Frame, change: Lump) -> None:
+    if change.nothing:
+        return
     mass = change.mass if abs(change.mass) > LEAST_MASS else LEAST_MASS
     G = change.inertia / mass
     unit = UnitInertia(Ixx=G[0, 0], Iyy=G[1, 1], Izz=G[2, 2], Ixy=G[0, 1], Ixz=G[0, 2], Iyz=G[1, 2])
     # the difference alone need not be physically valid; only its sum with the link's inertia is
     inertia = SpatialInertia(mass, array(change.moment / mass), unit, skip_validity_check=True)
-    body = plant.AddRigidBody(f"change on {joint.name()}", joint.model_instance(), inertia)
-    plant.WeldFrames(joint.frame_on_child(), body.body_frame())
+    body = plant.AddRigidBody(f"change on {name}", frame.model_instance(), inertia)
+    plant.WeldFrames(frame, body.body_frame())
 
 
 def set_rotor_inertia(plant: MultibodyPlant, joint: OneAxisJoint, inertia: float) -> None:

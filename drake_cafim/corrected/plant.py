@@ -52,6 +52,16 @@ def change_plant(plant: MultibodyPlant, nominal: Tree, physics: Physics) -> None
             set_rotor_inertia(plant, joint, inertia)
 
 
+def free_state_selection(plant: MultibodyPlant, body: str) -> Array:
+    """Selection matrix (13, nx) from the finalized plant's state to that of a floating body in `free_motion`."""
+    free = plant.GetBodyByName(body)
+    selection = np.zeros((13, plant.num_multibody_states()))
+    first, then = free.floating_positions_start(), plant.num_positions() + free.floating_velocities_start_in_v()
+    selection[np.arange(7), first + np.arange(7)] = 1.0
+    selection[7 + np.arange(6), then + np.arange(6)] = 1.0
+    return selection
+
+
 def state_selection(plant: MultibodyPlant, joints: Sequence[str]) -> Array:
     """Selection matrix (2n, nx) from the finalized plant's state to the joints' positions, then velocities.
 

@@ -5,6 +5,7 @@ Effects with a state are sampled with a period h: the time step of a discrete pl
 
 from collections.abc import Sequence
 from math import factorial
+from typing import ClassVar
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -13,6 +14,7 @@ from drake_cafim.corrected.clock import Clock
 from drake_cafim.corrected.reading import array, read, remembered
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.timing import POINTS, interpolation
+from drake_cafim.recordings.recording import POSE_COMPONENTS
 from drake_cafim.typing import Array
 
 LONGEST = 60.0
@@ -30,14 +32,19 @@ class SensorSystem(LeafSystem):
         input_ports: [true]
         output_ports: [measured]
 
-    Both hold the channels `columns`; those of the effect are transformed by `effect.measured`. The Context's time is
-    the recording's time.
+    Both hold the channels `columns`; those of the effect are transformed by `effect.measured`, but for the four numbers
+    of a quaternion. The Context's time is the recording's time.
     """
+
+    turns: ClassVar[bool] = False
+    """Whether quaternions are transformed as well, which are of unit length again afterwards."""
 
     def __init__(self, effect: SensorEffect, columns: Sequence[str]) -> None:
         LeafSystem.__init__(self)
         self.effect = effect
-        self._on = np.array([list(columns).index(column) for column in effect.channels(columns)])
+        on = [column for column in effect.channels(columns) if self.turns or not _of_quaternion(column)]
+        self._on = np.array([list(columns).index(column) for column in on], dtype=int)
+        self._quaternion = np.array([k for k, column in enumerate(columns) if _of_quaternion(column)], dtype=int)
         self.DeclareVectorInputPort("true", len(columns))
         self.DeclareVectorOutputPort("measured", len(columns), self._calc_measured)
 
@@ -51,6 +58,8 @@ class SensorSystem(LeafSystem):
     def _calc_measured(self, context: Context, output: BasicVector) -> None:
         channels = self._true(context)
         channels[self._on] = self._written(context, channels[self._on])
+        if self.turns and len(self._quaternion):
+            channels[self._quaternion] /= np.linalg.norm(channels[self._quaternion])
         output.SetFromVector(array(channels))
 
 
@@ -67,6 +76,8 @@ class ShiftedSensorSystem(SensorSystem):
     rows, then the channels. For a time before all of them the output is the oldest sample; for a time in the future,
     as of a fast clock, it is extrapolated by the parabola through the last three samples.
     """
+
+    turns: ClassVar[bool] = True
 
     def __init__(self, effect: SensorEffect, columns: Sequence[str], clock: Clock, past: int) -> None:
         super().__init__(effect, columns)
@@ -107,6 +118,8 @@ class LagSensor(SensorSystem):
     channels; and after them the last output (c,).
     """
 
+    turns: ClassVar[bool] = True
+
     def __init__(self, effect: SensorEffect, columns: Sequence[str], clock: Clock) -> None:
         super().__init__(effect, columns)
         self._constant = effect.settling or 0.0
@@ -134,6 +147,11 @@ class LagSensor(SensorSystem):
         # `measured` starts in steady state; the deviation of the last output from it decays exponentially
         kept = np.exp((time[-2] - now) / self._constant)
         return np.asarray(settled[-1] + kept * (written - settled[-2]))
+
+
+def _of_quaternion(column: str) -> bool:
+    """Whether a column is one of the four numbers of a pose's quaternion."""
+    return column.startswith("pose.") and column.rsplit(".", 1)[-1] in POSE_COMPONENTS[3:]
 
 
 def sensor_system(effect: SensorEffect, columns: Sequence[str], clock: Clock) -> SensorSystem:

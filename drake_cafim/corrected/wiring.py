@@ -25,13 +25,13 @@ from drake_cafim.corrected.contacts import ContactSystem
 from drake_cafim.corrected.drake_contact import DrakeContactWrench
 from drake_cafim.corrected.efforts import actuator_system
 from drake_cafim.corrected.joint_forces import JointForceSystem
-from drake_cafim.corrected.plant import state_selection
+from drake_cafim.corrected.plant import free_state_selection, state_selection
 from drake_cafim.corrected.reading import array
 from drake_cafim.corrected.rotors import rotor_system
 from drake_cafim.corrected.sensors import sensor_system
 from drake_cafim.corrected.sticking import StickingFriction, grows_with_load
 from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
-from drake_cafim.dynamics.tree import Tree
+from drake_cafim.dynamics.tree import Body, Tree
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.surroundings import SystemPlace
@@ -58,8 +58,13 @@ class Wiring:
 
     @classmethod
     def around(cls, builder: DiagramBuilder, plant: MultibodyPlant, tree: Tree, clock: Clock) -> "Wiring":
-        """A wiring for the joints of `tree` in the plant, with a system that selects their state."""
-        selected = builder.AddNamedSystem("joint state", MatrixGain(state_selection(plant, tree.joint_names)))
+        """A wiring for `tree` in the plant, with a system that selects the state of its joints or of what floats."""
+        if tree.floating:
+            selected = builder.AddNamedSystem(
+                "body state", MatrixGain(free_state_selection(plant, tree.free_body.name))
+            )
+        else:
+            selected = builder.AddNamedSystem("joint state", MatrixGain(state_selection(plant, tree.joint_names)))
         builder.Connect(plant.get_state_output_port(), selected.get_input_port())
         return cls(builder, plant, tree, clock, selected.get_output_port())
 
@@ -154,14 +159,24 @@ class Wiring:
         """
         wrenches = []
         for contact, beside in contacts:
-            name = self.plant.GetJointByName(self.tree.joints[contact.joint].name).child_body().name()
-            index = self.plant.GetBodyByName(name).index()
-            system = ContactSystem(contact, self.tree, self.tree.body(name), index, self.clock, beside)
-            self.builder.AddNamedSystem(f"contact {contact.name}", system)
-            self.builder.Connect(self.state, system.get_input_port())
-            self.spatial_forces.append(system.GetOutputPort("spatial_forces"))
-            wrenches.append((contact.joint, system.GetOutputPort("wrench")))
+            link = self._link(contact.joint)
+            index = self.plant.GetBodyByName(link.name).index()
+            several = contact.by_point()
+            besides = [None] * len(several) if beside is None else beside.by_point()
+            for k, (one, other) in enumerate(zip(several, besides, strict=True)):
+                system = ContactSystem(one, self.tree, link, index, self.clock, other)
+                point = f", point {k}" if len(several) > 1 else ""
+                self.builder.AddNamedSystem(f"contact {contact.name}{point}", system)
+                self.builder.Connect(self.state, system.get_input_port())
+                self.spatial_forces.append(system.GetOutputPort("spatial_forces"))
+                wrenches.append((contact.joint, system.GetOutputPort("wrench")))
         return wrenches
+
+    def _link(self, joint: int) -> Body:
+        """The body that the joint with this index moves, or the one that floats."""
+        if self.tree.floating:
+            return self.tree.free_body
+        return self.tree.body(self.plant.GetJointByName(self.tree.joints[joint].name).child_body().name())
 
     def add_drake_contacts(self, joints: Iterable[int]) -> list[tuple[int, OutputPort]]:
         """The wrenches (6,) of Drake's contacts on the bodies fixed to these joints, each with its joint index.
@@ -196,11 +211,12 @@ class Wiring:
     def close(self) -> None:
         """Connects the sums of all added forces to the plant's force ports; to be called last."""
         n = len(self.tree.joints)
-        total = self._total("joint forces")
-        places = state_selection(self.plant, self.tree.joint_names)[n:, self.plant.num_positions() :].T
-        spread = self.builder.AddNamedSystem("generalized forces", MatrixGain(array(places)))
-        self.builder.Connect(total, spread.get_input_port())
-        self.builder.Connect(spread.get_output_port(), self.plant.get_applied_generalized_force_input_port())
+        if n:
+            total = self._total("joint forces")
+            places = state_selection(self.plant, self.tree.joint_names)[n:, self.plant.num_positions() :].T
+            spread = self.builder.AddNamedSystem("generalized forces", MatrixGain(array(places)))
+            self.builder.Connect(total, spread.get_input_port())
+            self.builder.Connect(spread.get_output_port(), self.plant.get_applied_generalized_force_input_port())
         if self.spatial_forces:
             gathered = ExternallyAppliedSpatialForceMultiplexer(len(self.spatial_forces))
             self.builder.AddNamedSystem("spatial forces", gathered)
@@ -222,9 +238,11 @@ class Wiring:
         for a sensor effect on a channel that does not exist.
         """
         n = len(self.tree.joints)
-        halves = self.builder.AddNamedSystem("true q, v", Demultiplexer(2 * n, n))
-        self.builder.Connect(self.state, halves.get_input_port())
-        true = {"q": halves.get_output_port(0), "v": halves.get_output_port(1), "u": asked}
+        true: dict[str, OutputPort] = {}
+        if n:
+            halves = self.builder.AddNamedSystem("true q, v", Demultiplexer(2 * n, n))
+            self.builder.Connect(self.state, halves.get_input_port())
+            true = {"q": halves.get_output_port(0), "v": halves.get_output_port(1), "u": asked}
         names: dict[str, Sequence[str]] = dict.fromkeys(true, self.tree.joint_names)
         for sensor in sensors:
             acting = [port for joint, port in wrenches if joint == sensor.joint]

@@ -24,6 +24,11 @@ class BoxContact(SphereContact):
         corners = 0.5 * self.size * np.array(list(product((-1.0, 1.0), repeat=3)))
         return np.asarray(self.p_JC + corners @ self.R_JG.T, dtype=float)
 
+    def by_point(self) -> tuple[SphereContact, ...]:
+        """One contact of a point for each corner."""
+        rest = (self.point, self.normal, self.law, self.parameters, self.changes)
+        return tuple(SphereContact(self.bodies, self.joint, corner, 0.0, *rest) for corner in self.points)
+
     def with_parameter(self, name: str, value: float) -> "SphereContact":
         """The contact with one parameter replaced; the box's `length`, `width` and `height` are parameters too."""
         if name in EXTENTS:

@@ -49,6 +49,10 @@ class SphereContact:
         """(K, 3) m in frame J: centres of the spheres that may touch; those of radius 0 are points."""
         return self.p_JC[None]
 
+    def by_point(self) -> "tuple[SphereContact, ...]":
+        """One contact, of a sphere or a point, for each of `points`."""
+        return (self,)
+
     @cached_property
     def _axes(self) -> Array:
         """The plane's axes (3, 3), cached since the normal is constant."""

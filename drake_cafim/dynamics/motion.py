@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from drake_cafim.dynamics.recursions import balanced, equations, kinematics, projected
+from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.dynamics.tree import FIXED, Tree
 from drake_cafim.numerics.cross import cross
 from drake_cafim.typing import Array
@@ -93,6 +94,18 @@ def motion(tree: Tree, q: Array, v: Array) -> Motion:
     # the compiled function expects C-contiguous arrays
     q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
     return Motion(tree, q, v, *kinematics(*tree.frames, q, v))
+
+
+def free_motion(tree: Tree, state: Array) -> Motion:
+    """The motion of a floating tree's one frame J from states (N, 13).
+
+    A state is Drake's of a floating body: quaternion w x y z of any length and p_WJ m, then ω rad/s and v m/s of Jo.
+    """
+    quaternion, p, w, v = state[:, :4], state[:, 4:7], state[:, 7:10], state[:, 10:]
+    R = rotation_matrices(quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True))
+    velocity = np.concatenate([w, v - cross(w, p)], axis=1)
+    none = np.zeros((len(state), 0))
+    return Motion(tree, none, none, R[:, None], p[:, None].copy(), np.zeros((len(state), 0, 6)), velocity[:, None])
 
 
 @dataclass(frozen=True)

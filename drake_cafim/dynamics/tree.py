@@ -120,6 +120,16 @@ class Tree:
     def joint_names(self) -> tuple[str, ...]:
         return tuple(joint.name for joint in self.joints)
 
+    @property
+    def state_size(self) -> int:
+        """The length of a state: 2n, positions then velocities of n joints; 13 of a floating body (`free_motion`)."""
+        return 13 if self.floating else 2 * len(self.joints)
+
+    @property
+    def free_body(self) -> Body:
+        """The floating body, which has the frame `FREE`; others are welded to it."""
+        return next(body for body in self.bodies if body.joint == FREE)
+
     def joint_index(self, name: str) -> int:
         """The index of the joint of that name; `InputError` where there is none."""
         if name not in self.joint_names:
