@@ -73,11 +73,11 @@ class Stage:
 
         Raises `InputError` for a change of contacts in world `model`, which has the planner's law for them.
         """
-        together = [replace(one, contacts=self.contacts) for one in (*self.effects, *concealed)]
-        for one in together:
-            if one.touches and kind != "drake":
+        together = [replace(effect, contacts=self.contacts) for effect in (*self.effects, *concealed)]
+        for effect in together:
+            if effect.touches and kind != "drake":
                 raise InputError(
-                    f"{one.address}: found --world {kind}, expected drake: the other has no contact to change"
+                    f"{effect.address}: found --world {kind}, expected drake: the other has no contact to change"
                 )
         build = _WORLDS[self.name].build
         return build(self.config, self.task.truth, kind, seed=seed, concealed=together, meshcat=meshcat)

@@ -58,9 +58,9 @@ def known(entries: Sequence[EffectEntry], source: str) -> tuple[Concealed, ...]:
     A push that came in one recording does not come again.
     """
     return tuple(
-        Concealed(one.effect, one.at, {**one.parameters, **_interval(one)}, f"{source}: effects:")
-        for one in entries
-        if one.recording is None
+        Concealed(entry.effect, entry.at, {**entry.parameters, **_interval(entry)}, f"{source}: effects:")
+        for entry in entries
+        if entry.recording is None
     )
 
 
@@ -76,8 +76,8 @@ def conceal(plant: MultibodyPlant, robot: ModelInstanceIndex, effects: Sequence[
     """
     tree = _tree(plant.GetModelInstanceName(robot))
     gravity = np.array(plant.gravity_field().gravity_vector(), dtype=float)
-    contacts = next((one.contacts for one in effects if one.contacts), ())
-    physics = Physics(tree, gravity, contacts).with_effects([_effect(one, tree) for one in effects])
+    contacts = next((effect.contacts for effect in effects if effect.contacts), ())
+    physics = Physics(tree, gravity, contacts).with_effects([_effect(effect, tree) for effect in effects])
     affected = AffectedRobot(tree, physics, contacts)
     affected.prepare(plant)
     return affected
@@ -121,22 +121,22 @@ def _tree(model: str) -> Tree:
     return tree_of(plant)
 
 
-def _effect(one: Concealed, tree: Tree) -> Effect:
+def _effect(concealed: Concealed, tree: Tree) -> Effect:
     names = [kind.name for kind in EFFECTS if kind.name != "sensor_misalignment"]
-    if one.effect not in names:
-        raise InputError(f"{one.address}: a world cannot have this effect, expected one of {', '.join(names)}")
-    kind = effect_named(one.effect)
-    _check_place(one, kind, tree)
+    if concealed.effect not in names:
+        raise InputError(f"{concealed.address}: a world cannot have this effect, expected one of {', '.join(names)}")
+    kind = effect_named(concealed.effect)
+    _check_place(concealed, kind, tree)
     valid = [strength.name for strength in (*kind.strengths, *kind.shapes)]
-    lacking = [s.name for s in kind.strengths if _needed(s, kind) and s.name not in one.parameters]
-    if lacking or not set(one.parameters) <= set(valid):
-        found = ", ".join(sorted(one.parameters)) or "no parameters"
-        raise InputError(f"{one.address}: found {found}, expected {', '.join(valid)}")
-    values = {s.name: s.nominal for s in kind.strengths} | dict(one.parameters)
-    effect = kind(one.at, values)
+    lacking = [s.name for s in kind.strengths if _needed(s, kind) and s.name not in concealed.parameters]
+    if lacking or not set(concealed.parameters) <= set(valid):
+        found = ", ".join(sorted(concealed.parameters)) or "no parameters"
+        raise InputError(f"{concealed.address}: found {found}, expected {', '.join(valid)}")
+    values = {s.name: s.nominal for s in kind.strengths} | dict(concealed.parameters)
+    effect = kind(concealed.at, values)
     if not effect.plausible():
         bounds = ", ".join(f"{s.lower:g} <= {s.name} <= {s.upper:g}" for s in kind.strengths)
-        raise InputError(f"{one.address}: found {dict(one.parameters)}, expected {bounds}")
+        raise InputError(f"{concealed.address}: found {dict(concealed.parameters)}, expected {bounds}")
     return effect
 
 
@@ -146,12 +146,12 @@ def _needed(strength: Strength, kind: type[Effect]) -> bool:
     return timed or strength.inverse or not strength.amplitude or strength == kind.strengths[0]
 
 
-def _check_place(one: Concealed, kind: type[Effect], tree: Tree) -> None:
+def _check_place(concealed: Concealed, kind: type[Effect], tree: Tree) -> None:
     if issubclass(kind, OF_CONTACTS):
-        if not any(kind(one.at).meets(contact) for contact in one.contacts):
-            sites = dict.fromkeys(kind.site(contact) for contact in one.contacts)
+        if not any(kind(concealed.at).meets(contact) for contact in concealed.contacts):
+            sites = dict.fromkeys(kind.site(contact) for contact in concealed.contacts)
             raise InputError(
-                f"{one.address}: the scenario's contacts (contact:) have it at {', '.join(sites) or 'no place'}"
+                f"{concealed.address}: the scenario's contacts (contact:) have it at {', '.join(sites) or 'no place'}"
             )
         return
     bodies = [body.name for body in tree.bodies if body.joint >= 0]
@@ -164,5 +164,5 @@ def _check_place(one: Concealed, kind: type[Effect], tree: Tree) -> None:
         Place.WORLD: ("surroundings", ["world"]),
     }
     what, valid = places[kind.place]
-    if one.at not in valid:
-        raise InputError(f"{one.address}: the robot's {what} are {', '.join(valid)}")
+    if concealed.at not in valid:
+        raise InputError(f"{concealed.address}: the robot's {what} are {', '.join(valid)}")

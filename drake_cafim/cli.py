@@ -1,4 +1,4 @@
-"""The command `cafim`: arguments in, one call of `commands`, a summary out."""
+"""The command line `cafim`: parses arguments, calls a function of `commands`, and prints its summary or JSON."""
 
 import json
 import sys
@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def _refuse_scheduler(context: click.Context, option: click.Parameter, value: str | None) -> None:
-    """A cluster cannot be used yet, and nothing is ignored."""
+    """Raises `InputError`: a cluster cannot be used yet, and an option that has no effect must not be accepted."""
     if value is not None:
         raise InputError(f"--scheduler {value}: not supported by this version; --jobs spreads the work over processes")
 
@@ -49,18 +49,26 @@ def _refuse_scheduler(context: click.Context, option: click.Parameter, value: st
 def common(function: Command) -> Command:
     """The options that every command takes."""
     options = [
-        click.option("--out", type=click.Path(path_type=Path), help="Where to write; default cafim-out/<command>-<n>."),
-        click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same bytes."),
+        click.option(
+            "--out", type=click.Path(path_type=Path), help="Where to write; by default cafim-out/<command>-<n>."
+        ),
+        click.option(
+            "--seed",
+            type=int,
+            default=0,
+            show_default=True,
+            help="Of all random numbers; the same seed gives the same bytes.",
+        ),
         click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
-        click.option("--jobs", type=int, default=-1, show_default=True, help="Processes; -1: one a core."),
+        click.option("--jobs", type=int, default=-1, show_default=True, help="Processes; -1: one per core."),
         click.option(
             "--scheduler",
             callback=_refuse_scheduler,
             expose_value=False,
             help="A Dask cluster; not supported by this version.",
         ),
-        click.option("--resume", is_flag=True, help="Go on with what a killed run left in --out."),
-        click.option("--overwrite", is_flag=True, help="Write into a folder that holds files."),
+        click.option("--resume", is_flag=True, help="Continue an interrupted run in --out."),
+        click.option("--overwrite", is_flag=True, help="Write into a folder that is not empty."),
     ]
     for option in reversed(options):
         function = option(function)
@@ -72,7 +80,7 @@ def common(function: Command) -> Command:
 @click.option(
     "--world", default="drake", show_default=True, help="Contact: drake (hydroelastic) or model (the planner's)."
 )
-@click.option("--experiments", type=int, help="How many; default the scenario's.")
+@click.option("--experiments", type=int, help="How many; by default the scenario's number.")
 @click.option("--until-std", type=float, help="Stop when every std is below this fraction of its estimate.")
 @click.option(
     "--policy", default="contact-aware", show_default=True, help="Or finite-difference, asid, random, scripted, hold."
@@ -82,17 +90,25 @@ def common(function: Command) -> Command:
     "--criterion", default="logdet", show_default=True, help="Or trace, scaled_trace, a_optimal, min_eigenvalue."
 )
 @click.option(
-    "--belief-samples", type=int, default=1, show_default=True, help="Score plans over so many points of the belief."
+    "--belief-samples",
+    type=int,
+    default=1,
+    show_default=True,
+    help="Points of the belief over which a plan's score is averaged.",
 )
 @click.option(
     "--force-guard/--no-force-guard",
     default=None,
-    help="Cut commands so that measured forces keep the force limit.  [default: contact-aware, where there is one]",
+    help="Reduce commands so that forces stay within the limit.  [default: contact-aware, where there is a limit]",
 )
 @click.option("--fisher", default="tangent", show_default=True, help="Or autodiff, finite-difference.")
-@click.option("--prior-scale", type=float, default=1.3, show_default=True, help="The prior's mean over the truth.")
 @click.option(
-    "--conceal", multiple=True, help="EFFECT@PLACE parameter=value ...: physics in the world alone; repeatable."
+    "--prior-scale", type=float, default=1.3, show_default=True, help="The prior's mean as a multiple of the truth."
+)
+@click.option(
+    "--conceal",
+    multiple=True,
+    help="EFFECT@PLACE parameter=value ...: an effect of the world that the planner's model lacks; repeatable.",
 )
 @common
 def run(
@@ -122,10 +138,14 @@ def run(
 @main.command()
 @click.argument("scenario")
 @click.option("--recording", "recordings", multiple=True, help="Recordings to diagnose; repeat, or list after one.")
-@click.option("--held-out", multiple=True, help="Recordings to test the explanation on; nothing is fitted to them.")
-@click.option("--fleet", type=click.Path(path_type=Path, exists=True, file_okay=False), help="One report a folder.")
+@click.option("--held-out", multiple=True, help="Recordings that test the explanation; nothing is fitted to them.")
+@click.option(
+    "--fleet",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="A folder of folders with recordings: one report for each of them.",
+)
 @click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
-@click.option("--mcap", is_flag=True, help="Each recording as MCAP too, its residuals as channels.")
+@click.option("--mcap", is_flag=True, help="Write each recording as MCAP too, with its residuals as channels.")
 @package_option
 @common
 def diagnose(
@@ -171,9 +191,11 @@ def diagnose(
 @main.command()
 @click.argument("scenario")
 @click.argument("report", required=False, type=click.Path(path_type=Path, exists=True))
-@click.option("--between", multiple=True, help="EFFECT@PLACE EFFECT@PLACE: two explanations, instead of a report's.")
-@click.option("--duration", type=float, default=2.0, show_default=True, help="Of the motion, s.")
-@click.option("--criterion", default="odds", show_default=True, help="Odds at its end; or time, until odds are 20:1.")
+@click.option("--between", multiple=True, help="EFFECT@PLACE EFFECT@PLACE: the two explanations, instead of a report.")
+@click.option("--duration", type=float, default=2.0, show_default=True, help="Duration of the motion, s.")
+@click.option(
+    "--criterion", default="odds", show_default=True, help="odds: those at its end; time: until they are 20:1."
+)
 @click.option("--planner", default="predictive-sampling", show_default=True, help="Or cem, mppi, gradient.")
 @click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
 @package_option
@@ -219,8 +241,8 @@ def why(report: Path, effect: str | None, as_json: bool) -> None:
     """
     from drake_cafim.commands.why import in_words, why_command
 
-    told = why_command(report, effect)
-    _print(told, as_json, in_words(told))
+    answer = why_command(report, effect)
+    _print(answer, as_json, in_words(answer))
 
 
 @main.command()
@@ -249,7 +271,7 @@ def estimate(
 
 @main.command()
 @click.argument("name")
-@click.option("--short", is_flag=True, help="A few seeds, to see that it works.")
+@click.option("--short", is_flag=True, help="A few seeds only, to see that it works.")
 @click.option("--seeds", type=click.IntRange(min=1), help="At most so many seeds of each kind of run.")
 @common
 def study(
@@ -275,7 +297,7 @@ def study(
 
 @main.command(name="import")
 @click.argument("files", nargs=-1, required=True)
-@click.option("--scenario", help="A scenario file whose topics: says what foreign names mean.")
+@click.option("--scenario", help="A scenario file whose section topics: maps foreign names to columns.")
 @click.option("--period", type=float, help="Resample to this many seconds; left out, samples stay as they were taken.")
 @common
 def import_(
@@ -296,7 +318,7 @@ def import_(
 
     folder = _folder(out, "import", resume=resume, overwrite=overwrite)
     found = import_command(files, folder, scenario=scenario, period=period)
-    _print(found, as_json, "\n".join(one["text"] for one in found))
+    _print(found, as_json, "\n".join(file["text"] for file in found))
 
 
 @main.command()
@@ -317,10 +339,10 @@ def replay(
     overwrite: bool,
     **_: object,
 ) -> None:
-    """Show a recording beside what the model, and the corrected one, make of it.
+    """Show a recording beside simulations of it by the model and by the corrected model.
 
-    --out names a page, .html, or an .mcap: the recording with what each model misses of it as channels, for
-    Foxglove or PlotJuggler.
+    --out names a page, .html, or an .mcap: the recording with the residuals of each model as channels, for Foxglove
+    or PlotJuggler.
     """
     from drake_cafim.commands.replay import replay_command
     from drake_cafim.report.replay import make_meshcat
@@ -334,14 +356,14 @@ def replay(
         result = replay_command(scenario, recording, report, path, meshcat, packages)
     _print(result, as_json, str(path))
     if meshcat is not None:
-        # who reads the address may end it at once
+        # Ctrl-C may arrive while the address is printed
         with suppress(KeyboardInterrupt):
             click.echo(f"{meshcat.web_url()}  pause and speed: Open Controls, Animations; Ctrl-C ends it", err=True)
             threading.Event().wait()
 
 
 def _folder(out: Path | None, command: str, *, resume: bool, overwrite: bool) -> Path:
-    """The folder that a command writes to; where it comes to nothing, it leaves none behind."""
+    """The folder that a command writes to; it is removed at the end if nothing was written into it."""
     folder = prepare_folder(out, command, resume=resume, overwrite=overwrite)
 
     def leave_nothing_empty() -> None:
@@ -354,7 +376,7 @@ def _folder(out: Path | None, command: str, *, resume: bool, overwrite: bool) ->
 
 @contextmanager
 def progress_line() -> Iterator[Callable[[str], None]]:
-    """What is being done, on stderr: one line that changes, or a line a stage where stderr is no terminal."""
+    """A function that shows progress on stderr: one line that changes, or a line per stage where it is no terminal."""
     if not sys.stderr.isatty():
         yield lambda text: click.echo(f"cafim: {text} ...", err=True)
         return
@@ -367,7 +389,7 @@ def _print(result: Any, as_json: bool, text: str) -> None:
 
 
 def spread_values(arguments: list[str], options: tuple[str, ...]) -> list[str]:
-    """`--recording A B C` as `--recording A --recording B --recording C`, which is what click reads."""
+    """The arguments with `--recording A B C` as `--recording A --recording B --recording C`, the form click reads."""
     result: list[str] = []
     current: str | None = None
     for argument in arguments:
@@ -384,5 +406,5 @@ def spread_values(arguments: list[str], options: tuple[str, ...]) -> list[str]:
 
 
 def run_cli() -> None:
-    """The console script."""
+    """The entry point of the console script `cafim`."""
     main(args=spread_values(sys.argv[1:], ("--recording", "--held-out", "--between", "--conceal")))

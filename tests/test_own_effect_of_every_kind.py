@@ -231,7 +231,7 @@ def test_it_goes_all_the_way(effect: Effect, tmp_path: Path) -> None:
     write_artifacts(tmp_path / "out", verdict, outcome, [recording], [], ["a command"], replay=False)
     page = (tmp_path / "out" / "report.html").read_text()
     assert (type(effect).__doc__ or "").split("\n")[0] in page or effect.formula in page
-    assert DRAWN.get(effect.name, "what it gives") in page
+    assert DRAWN.get(effect.name, "what the effect gives") in page
     assert Scene.load(tmp_path / "out" / "scenario.corrected.yaml", effects=[type(effect)]).scenario.effects
 
 

@@ -26,7 +26,7 @@ from drake_cafim.report.link_geometry import extent, link_shapes
 from drake_cafim.report.recording_motion import (
     frame_times,
     lacking_arrows,
-    placed,
+    poses_at,
     recorded_frames,
     simulated_frames,
 )
@@ -128,7 +128,7 @@ def test_simulations_start_from_the_recording_and_only_the_right_one_follows_it(
 def test_arrows_show_the_missing_torque_as_a_push_on_its_link(replay: RecordingReplay) -> None:
     weak = replay.weak
     frames = frame_times(weak.samples.time)
-    moving = placed(replay.nominal, recorded_frames(weak, frames))
+    moving = poses_at(replay.nominal, recorded_frames(weak, frames))
     (arrow,) = lacking_arrows(weak, replay.nominal, moving, frames, extent(moving), beside=replay.nominal)
     assert arrow.name == "elbow"
     lever = arrow.points - moving.p_WJ[:, 1]
@@ -142,7 +142,7 @@ def test_arrows_show_the_missing_torque_as_a_push_on_its_link(replay: RecordingR
 
 
 def test_a_model_without_visuals_is_drawn(replay: RecordingReplay) -> None:
-    moving = placed(replay.nominal, np.zeros((2, 2)))
+    moving = poses_at(replay.nominal, np.zeros((2, 2)))
     shapes = link_shapes(replay.scene, moving, extent(moving))
     assert {shape.joint for shape in shapes} == {0, 1}
     assert len(shapes) >= 6  # two joints, two bars at least, two masses

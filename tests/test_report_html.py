@@ -167,7 +167,7 @@ def test_unexplained_shows_what_remains(tmp_path: Path, friction: tuple[Verdict,
     bare = outcome.problem.scene.corrected(np.zeros(0), [])
     left = replace(verdict, kind="unexplained", explanation=(), rivals=(), corrected=bare)
     html = page(tmp_path, left, outcome, held)
-    assert "How it looks What the model does not account for, against" in words(html)
+    assert "What is not explained The residual of the model, against" in words(html)
     assert "How well the model simulates" in html
     assert "against position, velocity, effort and time" in html
 

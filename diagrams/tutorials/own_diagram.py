@@ -169,7 +169,7 @@ def run(periods: int = 12, experiments: int = 2) -> tuple[CaMap, Context, list[B
 def told(belief: Belief) -> str:
     """The belief in words."""
     numbers = zip(PRIOR, belief.mean, belief.std, strict=True)
-    return ", ".join(f"{one.name} {mean:.2f} ± {std:.2f} {one.unit}" for one, mean, std in numbers)
+    return ", ".join(f"{parameter.name} {mean:.2f} ± {std:.2f} {parameter.unit}" for parameter, mean, std in numbers)
 
 
 if __name__ == "__main__":

@@ -23,9 +23,9 @@ held_out = read(last)
 verdict = diagnose(scene, [read(bag) for bag in bags], held_out=[held_out])
 print(verdict)
 
-for name, one in (("the URDF alone", scene), ("with what it lacks", verdict.corrected)):
+for name, variant in (("the URDF alone", scene), ("with what it lacks", verdict.corrected)):
     builder = DiagramBuilder()
-    robot = one.add_to(builder)  # a plant with its physics around it; a controller connects to `robot.effort`
+    robot = variant.add_to(builder)  # a plant with its physics around it; a controller connects to `robot.effort`
     effort = PiecewisePolynomial.ZeroOrderHold(held_out.time, held_out.matrix("u", robot.joints).T)
     builder.Connect(builder.AddSystem(TrajectorySource(effort)).get_output_port(), robot.effort)
     diagram = builder.Build()

@@ -1,4 +1,4 @@
-"""`cafim diagnose`: report.json, report.html, the corrected scenario and the replay."""
+"""`cafim diagnose`: reads recordings, diagnoses them, and writes report, page, corrected scenario and replay."""
 
 import json
 import shlex
@@ -17,7 +17,7 @@ from drake_cafim.report.artifacts import write_artifacts
 from drake_cafim.scene.scene import Scene
 
 FINISHED = "diagnosis.json"
-"""Written last, with the command line: where it is, all else is."""
+"""Written last, with the command line: where it exists, all other files are complete."""
 
 
 def diagnose_command(
@@ -32,10 +32,10 @@ def diagnose_command(
     packages: Mapping[str, str] | None = None,
     resume: bool = False,
 ) -> dict[str, Any]:
-    """The report, written into `out` with its page, the corrected scenario and what else is wanted.
+    """The report, written into `out` with its page, the corrected scenario, and replay and MCAP files if wanted.
 
-    With `resume` a diagnosis by the same command that `out` holds whole is not made again. Raises `InputError` where
-    it is one by another command.
+    With `resume`, a finished diagnosis by the same command is read from `out` instead of being repeated. Raises
+    `InputError` where `out` holds one by another command, and for a scenario or recordings that cannot be used.
     """
     command = ["cafim", "diagnose", address, "--recording", *recordings]
     command += ["--held-out", *held_out] if held_out else []
@@ -53,14 +53,14 @@ def diagnose_command(
 
 
 def _is_finished(out: Path, command: Sequence[str]) -> bool:
-    """Whether `out` holds all of a diagnosis. Raises `InputError` where `command` is not the one that made it."""
+    """Whether `out` holds a finished diagnosis. Raises `InputError` where another command than `command` made it."""
     if not ((out / FINISHED).is_file() and (out / "report.json").is_file()):
         return False
     made_by = json.loads((out / FINISHED).read_text(encoding="utf-8"))["command"]
     if made_by != list(command):
         raise InputError(
-            f"--out {out}: it holds what `{shlex.join(made_by)}` left, expected the same command with --resume; give "
-            "--overwrite, or another folder"
+            f"--out {out}: it holds the results of `{shlex.join(made_by)}`, expected the same command with --resume; "
+            "give --overwrite, or another folder"
         )
     return True
 

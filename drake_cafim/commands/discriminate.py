@@ -1,4 +1,4 @@
-"""`cafim discriminate`: the motion that tells rivals apart, and what a run of it in simulation says."""
+"""`cafim discriminate`: designs the motion that tells rival explanations apart, and simulates it with each as truth."""
 
 import json
 from collections.abc import Callable
@@ -34,12 +34,12 @@ SHORTEST, LONGEST = 0.5, 30.0
 """s of a motion."""
 CRITERIA = ("odds", "time")
 MOMENTS = 6
-"""How often along a run its odds are told."""
+"""Number of times along a run at which its odds are reported."""
 
 
 @dataclass(frozen=True)
 class DiscriminateRequest:
-    """What `cafim discriminate` was asked for."""
+    """The arguments of `cafim discriminate`."""
 
     scenario: str
     report: Path | None = None
@@ -79,7 +79,7 @@ def discriminate_command(
         return record
     request.check()
     scene = Scene.load(request.scenario, packages=dict(request.packages))
-    report, pairs = _asked(request, scene)
+    report, pairs = _report_and_pairs(request, scene)
     finished.unlink(missing_ok=True)
     random = np.random.default_rng(request.seed)
     shape = Shape.lasting(request.duration)
@@ -100,12 +100,12 @@ def discriminate_command(
         "file": TRAJECTORY,
         "duration": designer.shape.duration,
         "start": dict(zip(scene.tree.joint_names, planned.q[0].tolist(), strict=True)),
-        "simulated": [[_told(one, pair) for one in both] for both, pair in zip(trials, pairs, strict=True)],
+        "simulated": [[_outcome(trial, pair) for trial in both] for both, pair in zip(trials, pairs, strict=True)],
     }
     result["files"] = {**result.get("files", {}), "next_experiment": TRAJECTORY}
     if request.replay:
         progress("drawing the replay")
-        first, second = (_seen(one, pairs[0]) for one in trials[0])
+        first, second = (_rival_run(trial, pairs[0]) for trial in trials[0])
         write_rivals_replay(out / REPLAY, RivalsReplay(scene, planned.time, planned.q, (first, second)))
         result["files"]["next_experiment_replay"] = REPLAY
     if request.report is not None:
@@ -121,16 +121,17 @@ def _carry_page(source: Path, target: Path, found: dict[str, Any]) -> None:
 
 
 def in_words(result: dict[str, Any]) -> str:
-    """What is expected of the motion, and how its simulated runs went."""
+    """The summary for a terminal: the expected odds after the motion, and the odds along its simulated runs."""
     found = result["next_experiment"]
     lines = [f"{first} or {second}" for first, second in found["separates"]]
-    lines.append(f"expected odds for the true one after {found['duration']:.2f} s: {_odds(found['expected_log_odds'])}")
+    odds = _odds(found["expected_log_odds"])
+    lines.append(f"expected odds for the true explanation after {found['duration']:.2f} s: {odds}")
     for pair in found["simulated"]:
-        for one in pair:
-            when = one["settled_after"]
+        for run in pair:
+            when = run["settled_after"]
             settled = "20:1 is not reached" if when is None else f"20:1 after {when:.2f} s"
-            steps = ", ".join(f"{_odds(log_odds)} at {time:.2f} s" for time, log_odds in one["odds"])
-            lines.append(f"where {one['truth']} holds, the odds for it are {steps}; {settled}")
+            steps = ", ".join(f"{_odds(log_odds)} at {time:.2f} s" for time, log_odds in run["odds"])
+            lines.append(f"if {run['truth']} is true, the odds for it are {steps}; {settled}")
     return "\n".join(lines)
 
 
@@ -141,8 +142,8 @@ def _odds(log_odds: float) -> str:
     return f"{shown}:1" if log_odds >= 0.0 else f"1:{shown}"
 
 
-def _asked(request: DiscriminateRequest, scene: Scene) -> tuple[dict[str, Any], list[Pair]]:
-    """The report to go on with, and the pairs to tell apart."""
+def _report_and_pairs(request: DiscriminateRequest, scene: Scene) -> tuple[dict[str, Any], list[Pair]]:
+    """The report that the result is added to, and the pairs of explanations to tell apart."""
     if request.report is None:
         return report_of(None, (), None, {}), [named_pair(scene, *request.between)]
     path = report_file(request.report)
@@ -168,11 +169,11 @@ class _Runs:
     seed: int
 
     def run(self, truth: Model) -> Motion:
-        """The motion where `truth` holds."""
+        """The simulated motion with `truth` as the robot's physics."""
         return simulated(truth.physics(self.scene), self.scene.physics, self.designer.limits, self.planned)
 
     def problem(self, truth: Model, run: Motion, number: int) -> WeakProblem:
-        """What the sensors write of it, with noise."""
+        """The whitened rows of the run's recording, with measurement noise."""
         random = stream("trial noise", self.seed, number)
         noisy = measured(self.scene, truth.physics(self.scene), run, noise_of(self.scene), random, TRAJECTORY)
         return problem_of(self.scene, [noisy])
@@ -180,7 +181,7 @@ class _Runs:
 
 @dataclass(frozen=True)
 class _Trial:
-    """A run where the explanation `name` of a pair holds, and `sign`, which makes ln odds those for it."""
+    """A run in which the explanation `name` is true; `sign` times the pair's ln odds are those for it."""
 
     name: str
     sign: float
@@ -196,8 +197,8 @@ def _trials(runs: _Runs, pair: Pair) -> tuple[_Trial, _Trial]:
     )
 
 
-def _told(trial: _Trial, pair: Pair) -> dict[str, Any]:
-    """The odds for the explanation that holds along the run, and when they are settled."""
+def _outcome(trial: _Trial, pair: Pair) -> dict[str, Any]:
+    """The odds for the true explanation at `MOMENTS` times of the run, and the time after which they exceed 20:1."""
     time = trial.problem.runs[0].weak.samples.time
     along = course(trial.problem, pair, np.linspace(0.0, time[-1] - time[0], MOMENTS + 1)[1:].tolist())
     when = settled_after(trial.problem, pair, trial.sign)
@@ -205,6 +206,6 @@ def _told(trial: _Trial, pair: Pair) -> dict[str, Any]:
     return {"truth": trial.name, "odds": odds, "settled_after": when if np.isfinite(when) else None}
 
 
-def _seen(trial: _Trial, pair: Pair) -> RivalRun:
+def _rival_run(trial: _Trial, pair: Pair) -> RivalRun:
     along = odds_along(trial.problem, pair)
     return RivalRun(trial.name, trial.run.q, along.time, trial.sign * along.log_odds)

@@ -1,4 +1,4 @@
-"""`cafim estimate`: the scenario's unknown parameters from recordings, without a verdict."""
+"""`cafim estimate`: estimates the scenario's unknown parameters from recordings, without a verdict."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

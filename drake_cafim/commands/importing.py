@@ -1,4 +1,4 @@
-"""`cafim import`: what a foreign file holds, and the same as Parquet."""
+"""`cafim import`: describes the contents of bags, logs and tables, and converts them to Parquet."""
 
 from collections.abc import Sequence
 from pathlib import Path

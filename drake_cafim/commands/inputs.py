@@ -1,4 +1,4 @@
-"""Recordings from the command line."""
+"""Reads the recordings and reports that the command line names."""
 
 import json
 from collections.abc import Sequence
@@ -44,7 +44,7 @@ def report_file(path: Path) -> Path:
 
 
 def read_report(path: Path, source: str) -> dict[str, Any]:
-    """The report in the file `path`; `source` stands in messages. Raises `InputError` for a file that is none."""
+    """The report in the file `path`, called `source` in messages. Raises `InputError` for a file that is no report."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -1,4 +1,4 @@
-"""`cafim replay`: a recording, its model and its corrected model in step, as one page."""
+"""`cafim replay`: shows a recording beside simulations by the model and the corrected model, as one page."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -29,9 +29,8 @@ def replay_command(
 ) -> dict[str, Any]:
     """Write the page to `out`, an .html, or the recording and its residuals, an .mcap.
 
-    `report` is a report.json or the folder it is in. A page is drawn in `meshcat` where one is given, which then
-    shows it live. Raises `InputError` for a report that is none, or that lacks
-    its corrected scenario.
+    `report` is a report.json or the folder it is in. With `meshcat`, the page is drawn there, which shows it live.
+    Raises `InputError` for a file that is no report, and for a report without its corrected scenario.
     """
     if out.suffix not in (".html", ".mcap"):
         raise InputError(f"--out {out}: expected a page, .html, or a recording with its residuals, .mcap")
@@ -56,7 +55,7 @@ def replay_command(
 
 
 def _corrected(bare: RecordingReplay, report: Path, recording: Recording) -> RecordingReplay:
-    """The replay with what a report found: its corrected scenario, its parameters and where the misfit is."""
+    """The replay with a report's fitted parameters, its corrected model, its sentence, and the shares of the misfit."""
     path = report_file(report)
     content = read_report(path, f"--report {path}")
     scene, weak = bare.scene, bare.weak
@@ -73,9 +72,10 @@ def _corrected(bare: RecordingReplay, report: Path, recording: Recording) -> Rec
 
 
 def _parameters(scene: Scene, content: dict[str, Any], path: Path) -> Array:
-    """The scene's unknowns as the report has them."""
-    known = {(one["parameter"], one["at"], one.get("effect")): one["value"] for one in content.get("parameters", [])}
-    wanted = [one.key for one in scene.unknown]
+    """The fitted values (n,) of the scene's unknowns, from the report."""
+    entries = content.get("parameters", [])
+    known = {(entry["parameter"], entry["at"], entry.get("effect")): entry["value"] for entry in entries}
+    wanted = [unknown.key for unknown in scene.unknown]
     lacking = [f"{parameter} of {at}" for parameter, at, effect in wanted if (parameter, at, effect) not in known]
     if lacking:
         raise InputError(f"--report {path}: parameters lacks {', '.join(lacking)}; is it a report on this scenario?")

@@ -1,4 +1,4 @@
-"""`cafim run`: a scenario's experiments in its world, and what they leave: run.json, recordings, a replay, figures."""
+"""`cafim run`: carries out a scenario's experiments, and writes run.json, recordings, a replay and figures."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -36,7 +36,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class RunRequest:
-    """What `cafim run` was asked for."""
+    """The arguments of `cafim run`."""
 
     scenario: str
     world: WorldKind = "drake"
@@ -46,9 +46,10 @@ class RunRequest:
 
 
 def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: bool = False) -> dict[str, Any]:
-    """The contents of run.json, written into `out` after all that it names.
+    """The contents of run.json, written into `out` after all files that it names.
 
-    Raises `InputError` for a scenario that has no world and for options that mean nothing.
+    With `resume`, a finished run.json is read instead. Raises `InputError` for a scenario that has no world and for
+    options that are not valid.
     """
     finished = out / "run.json"
     if resume and finished.is_file():
@@ -62,7 +63,9 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     world = stage.world(request.world, request.options.seed, request.concealed)
     total = task.experiments if request.options.experiments is None else request.options.experiments
     progress(f"experiment 1 of {total}")
-    result = experiment.run(task, request.options, world, lambda number, one: _tell(progress, number, total, one))
+    result = experiment.run(
+        task, request.options, world, lambda number, done: _show_progress(progress, number, total, done)
+    )
     recordings = _write_recordings(request, result, world, out)
     progress("drawing")
     write_text(out / "error.svg", error_figure(result))
@@ -70,7 +73,9 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     progress("writing the replay")
     _write_replay(request, stage, result, out / "replay.html")
     record = run_record(result, recordings, FILES)
-    record["concealed"] = [{"effect": one.effect, "at": one.at, **one.parameters} for one in request.concealed]
+    record["concealed"] = [
+        {"effect": effect.effect, "at": effect.at, **effect.parameters} for effect in request.concealed
+    ]
     write_text(finished, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
     return record
 
@@ -102,39 +107,41 @@ def parse_concealed(words: Sequence[str]) -> tuple[Concealed, ...]:
 
 
 def table(record: dict[str, Any]) -> str:
-    """run.json for people, one line an experiment."""
+    """The summary of run.json for a terminal, one line per experiment."""
     truth = ", ".join(f"{name} {value:g}" for name, value in record["truth"].items())
     lines = [
         f"{record['scenario']}, world {record['world']}, {record['policy']}, seed {record['seed']}; truth: {truth}"
     ]
-    for number, one in enumerate(record["experiments"], start=1):
+    for number, row in enumerate(record["experiments"], start=1):
         known = ", ".join(
-            f"{name} {value:.4g} ± {one['std'][name]:.2g} ({one['error_percent'][name]:+.1f} %)"
-            for name, value in one["estimate"].items()
+            f"{name} {value:.4g} ± {row['std'][name]:.2g} ({row['error_percent'][name]:+.1f} %)"
+            for name, value in row["estimate"].items()
         )
         lines.append(
-            f"{number:2d}  {known};  contact {100 * one['contact_fraction']:.0f} %, reversals {one['reversals']}, "
-            f"largest force {one['max_force']:.1f} N, planning {one['planning_ms']['median']:.1f} ms"
+            f"{number:2d}  {known};  contact {100 * row['contact_fraction']:.0f} %, reversals {row['reversals']}, "
+            f"largest force {row['max_force']:.1f} N, planning {row['planning_ms']['median']:.1f} ms"
         )
-        lines += _not_plain(one.get("solver", {}))
+        lines += _solver_remarks(row.get("solver", {}))
     return "\n".join([*lines, *_unidentified(record["experiments"][-1])])
 
 
-def _not_plain(solver: dict[str, Any]) -> list[str]:
-    """What the estimator's solver said, where it is not plain success inside all bounds."""
+def _solver_remarks(solver: dict[str, Any]) -> list[str]:
+    """The estimator's message where it did not converge, and the parameters whose estimates are on their bounds."""
     said = [] if solver.get("solved", True) else [f"    the estimate: {solver['message']}"]
     on_bound = ", ".join(solver.get("on_bound", []))
     return [*said, *([f"    the estimate of {on_bound} stands at a bound of its range"] if on_bound else [])]
 
 
-def _unidentified(one: dict[str, Any]) -> list[str]:
-    """Where the measurements cannot tell all unknowns apart, the sentence that says what they do tell."""
-    known = [c for c in one.get("combinations", []) if c["identified"]]
-    if len(known) == len(one["estimate"]) or "combinations" not in one:
+def _unidentified(row: dict[str, Any]) -> list[str]:
+    """Where the measurements do not determine all unknowns, a line with the combinations that they do determine."""
+    known = [c for c in row.get("combinations", []) if c["identified"]]
+    if len(known) == len(row["estimate"]) or "combinations" not in row:
         return []
-    told = " and ".join(f"{c['text']}, to {c['std_percent']:.2g} %" for c in known) or "nothing"
-    unknowns = ", ".join(one["estimate"])
-    return [f"    only this is known: {told}; these measurements cannot tell {unknowns} apart, the rest is the prior"]
+    products = " and ".join(f"{c['text']}, to {c['std_percent']:.2g} %" for c in known) or "nothing"
+    unknowns = ", ".join(row["estimate"])
+    return [
+        f"    only this is known: {products}; these measurements cannot tell {unknowns} apart, the rest is the prior"
+    ]
 
 
 def _number(name: str, text: str) -> float:
@@ -145,7 +152,7 @@ def _number(name: str, text: str) -> float:
 
 
 def check_request(request: RunRequest) -> None:
-    """Raises `InputError` for a scenario that cannot be run and for options that mean nothing."""
+    """Raises `InputError` for a scenario that cannot be run and for options that are not valid."""
     load_stage(request.scenario)
     options = request.options
     check_kind(request.world)
@@ -176,13 +183,13 @@ def _names(literal: Any) -> tuple[str, ...]:
 
 
 def _clear(out: Path) -> None:
-    """An older run's files: none may be taken for this one's."""
+    """Delete an older run's files, so that none can be taken for this run's."""
     for path in (out / "run.json", out / "replay.html", *out.glob("experiment_*.parquet"), *out.glob("*.svg")):
         path.unlink(missing_ok=True)
 
 
-def _tell(progress: Progress, number: int, total: int, one: ExperimentResult) -> None:
-    known = ", ".join(f"{name} {error:+.1f} %" for name, error in one.error_percent.items())
+def _show_progress(progress: Progress, number: int, total: int, result: ExperimentResult) -> None:
+    known = ", ".join(f"{name} {error:+.1f} %" for name, error in result.error_percent.items())
     after = f"experiment {number + 2} of {total}" if number + 1 < total else "done"
     progress(f"{after}; error after {number + 1}: {known}")
 
@@ -198,7 +205,7 @@ def _write_recordings(request: RunRequest, result: RunResult, world: World, out:
 
 
 def _write_replay(request: RunRequest, stage: Stage, result: RunResult, path: Path) -> None:
-    """The first and the last experiment; all of them would be long to watch and heavy to load."""
+    """Write the replay of the first and the last experiment; with all of them it would be long, and the file large."""
     meshcat = make_meshcat()
     diagram = stage.diagram(request.world, request.options.seed, concealed=request.concealed, meshcat=meshcat)
     shown = sorted({0, len(result.experiments) - 1})

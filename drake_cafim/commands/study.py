@@ -1,4 +1,4 @@
-"""`cafim study`: many runs, resumable, and one page with what they say."""
+"""`cafim study`: repeats a study of many runs, resumably, and writes its findings as one page and as JSON."""
 
 import json
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from drake_cafim.errors import InputError
 from drake_cafim.output import write_text
 from drake_cafim.studies.catalogue import STUDIES, Study
 from drake_cafim.studies.page import as_text, render
-from drake_cafim.studies.sweep import fewer, sweep
+from drake_cafim.studies.sweep import limit_seeds, sweep
 
 
 def find_study(name: str) -> Study:
@@ -35,7 +35,7 @@ def study_command(
     alone. Raises `InputError` for a study that there is not.
     """
     study = find_study(name)
-    cells = study.cells(short) if seeds is None else fewer(study.cells(short), seeds)
+    cells = study.cells(short) if seeds is None else limit_seeds(study.cells(short), seeds)
     results = sweep(cells, out / "runs", jobs, progress)
     findings = study.conclude(results)
     command = f"cafim study {name}{' --short' if short else ''}{'' if seeds is None else f' --seeds {seeds}'}"

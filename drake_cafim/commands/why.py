@@ -1,4 +1,4 @@
-"""`cafim why`: why an effect was named in a finished report, or was not."""
+"""`cafim why`: says from a finished report why an effect was named, or was not."""
 
 import json
 from dataclasses import dataclass
@@ -8,16 +8,16 @@ from typing import Any
 
 from drake_cafim.diagnosis.trace import Record
 from drake_cafim.errors import InputError
-from drake_cafim.report.reasons import Reasons, asked_about, number, reasons_of, story_of
+from drake_cafim.report.reasons import Reasons, effects_looked_for, number, reasons_of, story_of
 
 SCHEMA = "drake_cafim.why/1"
 LISTED = 12
-"""Valid choices that a message lists."""
+"""Largest number of valid choices that a message lists."""
 
 
 @dataclass(frozen=True)
 class Traced:
-    """What `cafim why` reads of a report."""
+    """The parts of a report that `cafim why` reads: its sentence, its trace, and the named effects."""
 
     sentence: str
     records: tuple[Record, ...]
@@ -30,17 +30,17 @@ def why_command(report: Path, asked: str | None) -> dict[str, Any]:
     Raises `InputError` for a report that cannot be read, and for an effect that was not looked for.
     """
     traced = read_trace(report)
-    told: dict[str, Any] = {"schema": SCHEMA, "verdict": traced.sentence}
+    answer: dict[str, Any] = {"schema": SCHEMA, "verdict": traced.sentence}
     if asked is None:
         story = story_of(traced.records, traced.named)
-        return told | {
-            "named": [_told(item) for item in story.named],
-            "refused": [_told(item) for item in story.refused],
+        return answer | {
+            "named": [_as_json(item) for item in story.named],
+            "refused": [_as_json(item) for item in story.refused],
             "no_more": None if story.no_more is None else story.no_more.as_json(),
             "left": [item.as_json() for item in story.left],
         }
-    _check(asked, report, asked_about(traced.records))
-    return told | _told(reasons_of(traced.records, asked, traced.named))
+    _check(asked, report, effects_looked_for(traced.records))
+    return answer | _as_json(reasons_of(traced.records, asked, traced.named))
 
 
 def read_trace(report: Path) -> Traced:
@@ -64,21 +64,21 @@ def read_trace(report: Path) -> Traced:
     return Traced(str(content.get("sentence", "")), records, named)
 
 
-def in_words(told: dict[str, Any]) -> str:
-    """What is printed."""
-    if "asked" in told:
-        return "\n".join(_lines(told))
-    lines = [told["verdict"], ""]
+def in_words(answer: dict[str, Any]) -> str:
+    """The answer of `why_command` as text for a terminal."""
+    if "asked" in answer:
+        return "\n".join(_lines(answer))
+    lines = [answer["verdict"], ""]
     for title, key in (("Why", "named"), ("Why not", "refused")):
-        if told[key]:
-            lines += [title, *(f"  {item['sentence']}{_turn(item)}" for item in told[key]), ""]
-    if told["no_more"]:
-        lines += ["Why no further effect", f"  {told['no_more']['words']}", ""]
-    lines += ["What is left", *(f"  {item['words']}" for item in told["left"])]
+        if answer[key]:
+            lines += [title, *(f"  {item['sentence']}{_turn(item)}" for item in answer[key]), ""]
+    if answer["no_more"]:
+        lines += ["Why no further effect", f"  {answer['no_more']['words']}", ""]
+    lines += ["What is left", *(f"  {item['words']}" for item in answer["left"])]
     return "\n".join(lines)
 
 
-def _told(reasons: Reasons) -> dict[str, Any]:
+def _as_json(reasons: Reasons) -> dict[str, Any]:
     return {
         "asked": reasons.asked,
         "named": reasons.named,
@@ -89,21 +89,21 @@ def _told(reasons: Reasons) -> dict[str, Any]:
     }
 
 
-def _lines(told: dict[str, Any]) -> list[str]:
-    lines = [told["sentence"], *([f"For the other outcome: {told['turning']}."] if told["turning"] else []), ""]
-    for item in told["records"]:
+def _lines(answer: dict[str, Any]) -> list[str]:
+    lines = [answer["sentence"], *([f"For the other outcome: {answer['turning']}."] if answer["turning"] else []), ""]
+    for item in answer["records"]:
         numbers = ""
         if item["statistic"] is not None and item["threshold"] is not None:
             numbers = f" [{number(item['statistic'])} against {number(item['threshold'])}]"
         lines.append(f"  {'+' if item['passed'] else '-'} {item['step']}: {item['words']}{numbers}")
-    if told["rivals"]:
-        lines += ["", "Its rivals" if told["named"] else "What was chosen instead"]
-        lines += [f"  {item['asked']}: {item['words']}" for item in told["rivals"]]
+    if answer["rivals"]:
+        lines += ["", "Its rivals" if answer["named"] else "What was chosen instead"]
+        lines += [f"  {item['asked']}: {item['words']}" for item in answer["rivals"]]
     return lines
 
 
-def _turn(told: dict[str, Any]) -> str:
-    return f" For the other outcome: {told['turning']}." if told["turning"] else ""
+def _turn(answer: dict[str, Any]) -> str:
+    return f" For the other outcome: {answer['turning']}." if answer["turning"] else ""
 
 
 def _check(asked: str, report: Path, valid: list[str]) -> None:

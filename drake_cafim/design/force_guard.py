@@ -87,9 +87,9 @@ def _away(
     # as strong as it may be: a hypothesis that has been felt to push little turns the robot little
     strong = np.maximum(mean, 0.0) + np.sqrt(variance)
     gain = np.divide(strong, size, out=np.zeros_like(size), where=size > 0)
-    felt = np.einsum("m,mbs,mbsi->bi", belief.weight, gain, forces)
-    length = np.linalg.norm(felt, axis=-1, keepdims=True)
-    return np.asarray(np.divide(felt, length, out=np.zeros_like(felt), where=length > 0))
+    expected = np.einsum("m,mbs,mbsi->bi", belief.weight, gain, forces)
+    length = np.linalg.norm(expected, axis=-1, keepdims=True)
+    return np.asarray(np.divide(expected, length, out=np.zeros_like(expected), where=length > 0))
 
 
 def _approach(

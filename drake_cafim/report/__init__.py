@@ -1,1 +1,1 @@
-"""What a run leaves to look at: the replay, and later the figures and pages."""
+"""Output for people: report.json and report.html of a diagnosis, replays in Meshcat, figures, residuals as MCAP."""

@@ -1,4 +1,4 @@
-"""What a diagnosis leaves in a folder: the report as numbers and as a page, the corrected scenario, the replay."""
+"""Writes the files of a diagnosis: report.json, report.html, scenario.corrected.yaml, replay.html, and MCAP."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -34,10 +34,11 @@ def write_artifacts(
     mcap: bool = False,
     progress: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Write the report, its page and the corrected scenario into `out`; the report comes back.
+    """Write the report, its page and the corrected scenario into `out`; returns the report as a mapping.
 
-    `command` is the line that makes it again. The replay shows the first held-out recording, or the first one where
-    none was held out. With `mcap` every recording is written as MCAP too, its residuals as channels.
+    `command` is the command line that reproduces it, shown on the page. The replay shows the first held-out recording,
+    or the first one where none was held out. With `mcap` every recording is written as MCAP too, with its residuals as
+    channels. What cannot be drawn or written is a sentence in the report's notes.
     """
     progress("writing the report")
     shown = compute(lambda: replay_of(verdict, outcome, [*held_out, *recordings][0])) if replay or mcap else None
@@ -50,7 +51,7 @@ def write_artifacts(
     scene = verdict.corrected
     files = {"corrected_scenario": CORRECTED, "html": PAGE}
     write_text(out / CORRECTED, as_yaml(scene.scenario, scene.folder, out))
-    # pictures come after the verdict is on disk: whatever becomes of them, it is not lost
+    # the report is written before the pictures, so that a failure to draw them cannot lose the verdict
     write_text(out / REPORT, as_text(report_of(verdict, (), None, files, notes=notes)))
     notes += write_report_page(out / PAGE, verdict, outcome, held_out, command)
     if replay and shown is not None:
@@ -77,14 +78,14 @@ def write_artifacts(
 
 
 def replay_of(verdict: Verdict, outcome: Outcome, recording: Recording) -> RecordingReplay | None:
-    """The recording beside the model with its unknowns as fitted, without and with the effects.
+    """The recording, the model with its unknowns as fitted, and that model with the accepted effects, for a replay.
 
-    None where there are no joints to draw.
+    None where the recording has no joints to draw, as of a thrown body.
     """
     scene, weak = outcome.problem.scene, outcome.problem.pictures.laid_out(recording)
     if weak is None:
         return None
-    nominal = scene.physics_at(np.array([one.value for one in verdict.parameters]))
+    nominal = scene.physics_at(np.array([parameter.value for parameter in verdict.parameters]))
     corrected = verdict.corrected.physics if verdict.explanation else None
     shares: dict[str, float] = {}
     for location in verdict.mismatch.standing:

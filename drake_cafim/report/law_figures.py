@@ -1,4 +1,4 @@
-"""Pictures of a law over the data: what is missing without an effect, and what the effect gives."""
+"""Figures of a law over the data: the force that the model lacks without an effect, and the effect's force."""
 
 from collections.abc import Callable
 from typing import cast
@@ -13,20 +13,20 @@ from drake_cafim.effects.actuator import ActuatorEffect, Effort
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.report.colours import CORRECTED, MUTED, NOMINAL
-from drake_cafim.report.evidence import Picture, fit_limits, law_line, points, thinned
+from drake_cafim.report.evidence import Picture, draw_law, draw_points, drawn_indices, fit_limits
 from drake_cafim.report.svg import as_svg, page_style
 from drake_cafim.report.time_picture import over_time
 from drake_cafim.typing import Array
 
 
 def law_picture(evidence: Evidence) -> Picture:
-    """The law over what it depends on where that is one number, else over time."""
+    """The law over its variable where it depends on one alone, else over time."""
     with page_style():
         return PICTURES[evidence.effect.shown_over](evidence)
 
 
 def _over_its_variable(evidence: Evidence) -> Picture:
-    """Over the one of position, velocity and effort that moves the law."""
+    """Over velocity or position where the law depends on it alone, and of a hard stop over position; else over time."""
     effect = cast(JointForce, evidence.effect)
     q, v, u = (_joint_data(evidence, variable)[1] for variable in "qvu")
     law = effect.force(JointSamples(q, v, u))
@@ -46,7 +46,9 @@ def _over_velocity(evidence: Evidence, effect: JointForce) -> Picture:
         grid = np.unique(np.concatenate([grid, near]))
     law = effect.force(JointSamples(np.zeros_like(grid), grid, np.zeros_like(grid))).value
     svg = _law_over(x, y, grid, law, f"velocity of {joint} ({rate})", f"missing force ({unit})")
-    return Picture(svg, _each_point(evidence) + "the line is the law. Windows with a reversal in them lie between.")
+    return Picture(
+        svg, _each_point(evidence) + "the line is the law. A window with a reversal averages over both signs."
+    )
 
 
 def _over_position(evidence: Evidence, effect: JointForce) -> Picture:
@@ -54,11 +56,11 @@ def _over_position(evidence: Evidence, effect: JointForce) -> Picture:
     grid = _grid(x, 400)
     label = f"position of {joint} ({_joint(evidence).position_unit})"
     caption = _each_point(evidence)
-    if effect.name == "joint_hard_stop":  # it damps too: what it gives is no single line
+    if effect.name == "joint_hard_stop":  # it damps too: its force is no function of the position alone
         v = _joint_data(evidence, "v")[1]
         given = effect.force(JointSamples(x, v, np.zeros_like(x))).value
         svg = _dots_over(x, y, given, label, f"missing force ({unit})")
-        return Picture(svg, caption + "blue is what the law gives in that window.")
+        return Picture(svg, caption + "blue is the law's force in the same window.")
     law = effect.force(JointSamples(grid, np.zeros_like(grid), np.zeros_like(grid))).value
     svg = _law_over(x, y, grid, law, label, f"missing force ({unit})")
     return Picture(svg, caption + "the line is the law.")
@@ -74,7 +76,7 @@ def _over_load(evidence: Evidence) -> Picture:
     ones = np.ones_like(grid)
     law = -effect.force(JointSamples(0.0 * ones, 1e3 * ones, grid)).value
     svg = _law_over(x, y, grid, law, f"size of the effort at {joint} ({unit})", f"force against the motion ({unit})")
-    return Picture(svg, "Each point is a window in which the joint moves: the missing force that opposes it.")
+    return Picture(svg, "Each point is the missing force against the motion, in a window in which the joint moves.")
 
 
 def _over_acceleration(evidence: Evidence) -> Picture:
@@ -93,20 +95,20 @@ def _over_effort(evidence: Evidence) -> Picture:
     law = effect.drive(Effort(np.arange(len(grid), dtype=float), grid)).values
     figure, axes = _single()
     axes.plot(grid, grid, color=NOMINAL, linewidth=1.2, linestyle=(0, (4, 3)), label="as the model has it")
-    law_line(axes, grid, law)
-    points(axes, x, x + y)
+    draw_law(axes, grid, law)
+    draw_points(axes, x, x + y)
     axes.set_xlabel(f"effort asked of {joint} ({unit})")
     axes.set_ylabel(f"effort that acted ({unit})")
     axes.legend(loc="upper left")
     svg = as_svg(figure, f"Effort that acted against effort asked for at {joint}")
-    return Picture(svg, "Each point is a window: the effort that the motion shows to have acted.")
+    return Picture(svg, "Each point is the effort that acted in a window, as inverse dynamics of its motion gives it.")
 
 
 def _law_over(x: Array, y: Array, grid: Array, law: Array, x_label: str, y_label: str) -> str:
     figure, axes = _single()
     axes.axhline(0.0, color=MUTED, linewidth=0.8)
-    law_line(axes, grid, law)
-    points(axes, x, y)
+    draw_law(axes, grid, law)
+    draw_points(axes, x, y)
     axes.set_xlabel(x_label)
     axes.set_ylabel(y_label)
     fit_limits(axes, np.concatenate([y, law]))
@@ -116,9 +118,9 @@ def _law_over(x: Array, y: Array, grid: Array, law: Array, x_label: str, y_label
 def _dots_over(x: Array, y: Array, given: Array, x_label: str, y_label: str) -> str:
     figure, axes = _single()
     axes.axhline(0.0, color=MUTED, linewidth=0.8)
-    chosen = thinned(len(x))
+    chosen = drawn_indices(len(x))
     axes.plot(x[chosen], given[chosen], "o", color=CORRECTED, markersize=4.5, markeredgewidth=0.0, alpha=0.45)
-    points(axes, x, y)
+    draw_points(axes, x, y)
     axes.set_xlabel(x_label)
     axes.set_ylabel(y_label)
     fit_limits(axes, np.concatenate([y, given]))
@@ -161,4 +163,4 @@ PICTURES: dict[str, Callable[[Evidence], Picture]] = {
     "acceleration": _over_acceleration,
     "effort": _over_effort,
 }
-"""By what an effect is `shown_over`."""
+"""Drawing functions by an effect's `shown_over`."""

@@ -1,4 +1,4 @@
-"""The vocabulary in words and formulas, for readers who have not met it."""
+"""The law of an effect as a formula and in words, for the report's page."""
 
 from dataclasses import dataclass
 from html import escape
@@ -8,7 +8,7 @@ from drake_cafim.effects.effect import Effect
 
 @dataclass(frozen=True)
 class Law:
-    """What an effect does, as an HTML formula and as a sentence's end."""
+    """An effect's law: `formula` as HTML, and `words` that complete a sentence that begins with "It"."""
 
     formula: str
     words: str

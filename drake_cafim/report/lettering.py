@@ -1,4 +1,4 @@
-"""Words as flat meshes, since Meshcat draws none."""
+"""Text as flat triangle meshes, since Meshcat cannot draw text."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,7 +19,7 @@ class FlatMesh:
 
 
 def letter(text: str, *, height: float, bold: bool = False, bands: int = 28) -> FlatMesh:
-    """`text` in capitals of about `height` m, starting at the origin, on the line y = 0.
+    """The mesh of `text`, capitals about `height` m tall, from the origin along x, on the line y = 0.
 
     The outlines are cut into `bands` horizontal strips, and each strip into quadrilaterals by the even-odd rule:
     it needs no triangulation library and draws the holes of letters right.

@@ -1,4 +1,4 @@
-"""What a model looks like: its own visuals, or joints, links and centres of mass where it has none."""
+"""The shapes by which a replay draws a model: its visuals, or joints, links and centres of mass where it has none."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -36,16 +36,21 @@ class LinkShape:
 
 
 def link_shapes(scene: Scene, moving: Motion, size: float) -> list[LinkShape]:
-    """The shapes of the scene's bodies; `size` (m) of the whole is what drawn joints and links are measured by.
+    """The shapes of the scene's bodies; drawn joints and links are scaled by the `size` m of the whole.
 
-    Where a model has no visuals: slides as long as its `moving` needs, bars, joints, masses, and what it touches with.
+    A model without visuals is drawn by its joints, bars between them, centres of mass, collision geometry, and rails
+    that are as long as the motion `moving` of prismatic joints.
     """
     visuals = [] if too_large(scene) else list(_geometries(scene, visual=True))
     if any(shape.joint != FIXED for shape in visuals):
         drawn = visuals
     else:
         touching = list(_geometries(scene, visual=False))
-        tips = [bar for one in touching for bar in _bar(one.joint, np.array(one.X_JG.translation()), 0.014 * size)]
+        tips = [
+            bar
+            for collision in touching
+            for bar in _bar(collision.joint, np.array(collision.X_JG.translation()), 0.014 * size)
+        ]
         drawn = [*visuals, *_sticks(scene.tree, size), *_rails(moving, size), *tips, *touching]
     standing = any(shape.joint == FIXED for shape in drawn)
     return drawn if standing else [*drawn, *_grounds(scene, size)]
@@ -93,7 +98,7 @@ def _geometries(scene: Scene, *, visual: bool) -> Iterator[LinkShape]:
 
 
 def too_large(scene: Scene) -> bool:
-    """Whether the model's meshes would make a page that nobody can open."""
+    """Whether the model's visual meshes exceed `MOST_MESH` bytes: browsers fail to open a page that holds them."""
     inspector, plant = scene.scene_graph.model_inspector(), scene.plant
     bodies = [plant.GetBodyByName(body.name) for body in scene.tree.bodies]
     shapes = [inspector.GetShape(i) for body in bodies for i in plant.GetVisualGeometriesForBody(body)]
@@ -159,8 +164,8 @@ def _grounds(scene: Scene, size: float) -> Iterator[LinkShape]:
 
 def _upright(axis: Array) -> RotationMatrix:
     """The rotation that takes z to a unit `axis` (3,)."""
-    one: Array = np.asarray(axis, dtype=float)
-    return RotationMatrix.MakeFromOneVector(one, 2)
+    unit: Array = np.asarray(axis, dtype=float)
+    return RotationMatrix.MakeFromOneVector(unit, 2)
 
 
 def _pose(R: RotationMatrix, p: Array | None = None) -> RigidTransform:

@@ -1,4 +1,4 @@
-"""The next experiment on a report's page: put in when the motion has been designed, which is after the verdict."""
+"""The section of a report's page on the next experiment, replaced once `cafim discriminate` has designed it."""
 
 import re
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ BEGIN, END = "<!-- next experiment -->", "<!-- end of next experiment -->"
 
 
 def next_experiment(found: Mapping[str, Any] | None, command: str = "") -> str:
-    """The part of the page; without an experiment the `command` that designs one, if there is need of it."""
+    """The section as HTML; where `found` is None, the `command` that designs the experiment, if it is not empty."""
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
         autoescape=True,
@@ -27,5 +27,5 @@ def next_experiment(found: Mapping[str, Any] | None, command: str = "") -> str:
 
 
 def with_next_experiment(page: str, found: Mapping[str, Any]) -> str:
-    """The page of a report with `found`, its `next_experiment`, in place of what stood there."""
+    """The page of a report with its section on the next experiment replaced by that of `found`."""
     return re.sub(f"{BEGIN}.*?{END}", lambda _: next_experiment(found), page, count=1, flags=re.DOTALL)

@@ -1,4 +1,4 @@
-"""The belief as a bell curve on a board beside the robot; it grows taller and narrower as the belief does."""
+"""A board in Meshcat with the density of the belief over one parameter, drawn anew after each update."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -63,7 +63,7 @@ def draw_text(
 
 
 def draw_panel(meshcat: Meshcat, path: str, belief: BeliefHistory, board: Board) -> None:
-    """Draws the whole history at `path`; the state shown is the first, `animate_panel` turns the pages."""
+    """Draws one page for each belief of the history at `path`, the first one visible; see `animate_panel`."""
     meshcat.SetTransform(path, board.X_WB)
     back = shifted(0.5 * board.width, 0.5 * board.height, -0.006)
     meshcat.SetObject(f"{path}/board", Box(board.width, board.height, 0.008), BOARD)
@@ -75,7 +75,7 @@ def draw_panel(meshcat: Meshcat, path: str, belief: BeliefHistory, board: Board)
     across, base = _across(grid, low, high, board), BASE * board.height
     for index, (mean, std) in enumerate(zip(belief.mean, belief.std, strict=True)):
         density = np.exp(-0.5 * ((grid - mean) / std) ** 2) / std
-        # the square root keeps the wide prior visible beside the narrow last belief
+        # the square root of the density: without it the wide prior would be flat beside the narrow last belief
         heights = 0.58 * board.height * np.sqrt(density / peak)
         page = f"{path}/page{index}"
         _draw_hill(meshcat, f"{page}/hill", across, base, heights, CURVE, depth=0.002)

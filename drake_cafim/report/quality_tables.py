@@ -1,4 +1,4 @@
-"""The figures that say how well three models do: as given, unknowns fitted, and with the effects."""
+"""Tables of the prediction errors of three models: as given, with the unknowns fitted, and with the effects too."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -12,8 +12,8 @@ UNREPORTED = "–"
 
 
 def quality_tables(verdict: Verdict, unit_of: Callable[[str], str]) -> list[dict[str, Any]]:
-    """A table for what was held out and one for what was fitted to; `unit_of` gives a column's unit."""
-    sets = [("held out: nothing was chosen or fitted on these", verdict.held_out), ("fitted to", verdict.train)]
+    """Tables for the recordings held out, if any, and for those fitted to; `unit_of` gives a column's unit."""
+    sets = [("held out (nothing was chosen or fitted on them)", verdict.held_out), ("fitted to", verdict.train)]
     return [_table(title, comparison, unit_of) for title, comparison in sets if comparison is not None]
 
 
@@ -46,7 +46,7 @@ def _errors(
     *,
     with_divergence: bool,
 ) -> list[dict[str, Any]]:
-    """A row for each column; what a simulation reached before it diverged is said beside its error."""
+    """A row for each column; where a simulation diverged, its cell says after how many seconds."""
     rows = []
     for column in dict.fromkeys(column for error in errors for column in error):
         joint = column.partition(".")[2]

@@ -1,6 +1,6 @@
-"""Why an effect was named, or was not, and why no further one: what the trace of a report says.
+"""The reasons of a verdict, from the trace of its report: why an effect was named or refused, and why no further one.
 
-Reads records alone, so that a finished report is enough and nothing of the diagnosis is loaded.
+Only the trace's records are read, so that a finished report is enough and no numerical code is loaded.
 """
 
 from collections.abc import Sequence
@@ -10,25 +10,25 @@ from drake_cafim.diagnosis.trace import Record, spoken
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 SHOWN = 5
-"""Refused effects that are told one by one."""
+"""Largest number of refused effects and of rivals that are listed."""
 DECIDE = ("screen", "fit", "admit", "choose", "prune")
-"""Steps that can end what speaks for an effect."""
+"""Steps whose outcome can refuse an effect."""
 
 
 @dataclass(frozen=True)
 class Reasons:
-    """What speaks for an effect and against it."""
+    """The decisions about one effect, and what would have changed their outcome."""
 
     asked: str
     named: bool
     sentence: str
     """Whether it was named, and the decision that settled it."""
     turning: str
-    """What would have to be smaller, or larger, for the other outcome."""
+    """What would have to be smaller, or larger, for the other outcome; empty where no number was compared."""
     records: tuple[Record, ...]
     """The decisions about it, in order."""
     rivals: tuple[Record, ...]
-    """The explanations that it was chosen over, or that it lost to."""
+    """Of a named effect, the explanations that lost to it; of a refused one, the explanation that was chosen."""
 
 
 @dataclass(frozen=True)
@@ -41,20 +41,20 @@ class Story:
     left: tuple[Record, ...]
 
 
-def standing(records: Sequence[Record]) -> list[Record]:
-    """The records of the search that the verdict stands by, and those about the data."""
+def records_of_verdict(records: Sequence[Record]) -> list[Record]:
+    """The records of the search that led to the verdict (there may be further ones), and those of data mistakes."""
     search = next((record.search for record in reversed(records) if record.step == "verdict"), "")
     return [record for record in records if record.search == search or record.step == "data_mistake"]
 
 
-def asked_about(records: Sequence[Record]) -> list[str]:
-    """Every `effect@place` that was looked for, in alphabetical order."""
+def effects_looked_for(records: Sequence[Record]) -> list[str]:
+    """Every `effect@place` in the records, in alphabetical order."""
     return sorted({name for record in records for name in (*record.effects, *record.others)})
 
 
 def story_of(records: Sequence[Record], named: Sequence[str]) -> Story:
     """The reasons of the whole verdict; `named` are the accepted effects."""
-    own = standing(records)
+    own = records_of_verdict(records)
     refused: list[str] = []
     for step in ("rival", "choose", "admit", "fit", "screen"):
         for record in own:
@@ -72,25 +72,27 @@ def story_of(records: Sequence[Record], named: Sequence[str]) -> Story:
 
 
 def reasons_of(records: Sequence[Record], asked: str, named: Sequence[str]) -> Reasons:
-    """What the records say of `asked`, which is one of `asked_about` them; `named` are the accepted effects."""
-    own = [record for record in standing(records) if asked in record.effects or asked in record.others]
+    """The reasons for or against `asked`, one of `effects_looked_for`; `named` are the accepted effects."""
+    own = [record for record in records_of_verdict(records) if asked in record.effects or asked in record.others]
     about = own or [record for record in records if asked in record.effects or asked in record.others]
     is_named = asked in named
-    settled = decisive(about, is_named)
+    settled = deciding_record(about, is_named)
     if is_named:
         sentence = f"{spoken(asked)} is named"
         steps = ("rival", "choose")
-        others = [record for record in standing(records) if record.step in steps and asked not in record.effects]
+        others = [
+            record for record in records_of_verdict(records) if record.step in steps and asked not in record.effects
+        ]
         rivals = sorted(others, key=lambda record: steps.index(record.step))[:SHOWN]
     else:
         sentence = f"{spoken(asked)} is not named"
-        rivals = [record for record in standing(records) if record.step == "choose" and record.passed]
+        rivals = [record for record in records_of_verdict(records) if record.step == "choose" and record.passed]
     sentence += f": {settled.words}" if settled else ""
     return Reasons(asked, is_named, sentence, turning(settled), tuple(about), tuple(rivals))
 
 
 def turning(record: Record | None) -> str:
-    """What would have to be smaller, or larger, for a decision to go the other way."""
+    """What would have to be smaller, or larger, for the other outcome; empty where no number was compared."""
     if record is None or record.statistic is None or record.threshold is None:
         return ""
     side = "below" if record.statistic >= record.threshold else "above"
@@ -112,14 +114,14 @@ def number(value: float | None) -> str:
     return text.replace("-", "−")
 
 
-def decisive(about: Sequence[Record], named: bool) -> Record | None:
-    """The record that settled it: of a named effect its admission, else the last one that refused it."""
+def deciding_record(about: Sequence[Record], named: bool) -> Record | None:
+    """The record that decided: of a named effect its admission, else the refusal at the latest stage it reached."""
     steps = ("admit", "choose", "prune") if named else DECIDE
     found = [record for record in about if record.step in steps and record.passed == named]
     if named:
         return next((record for step in steps for record in found if record.step == step), None)
     alone = [record for record in found if record.step not in ("choose", "fit") or len(record.effects) == 1]
-    # the deepest stage that it came to says most; of several the first, which is the best explanation with it
+    # the latest stage is compared with the strongest rivals; of several records the first, the best explanation with it
     for step in ("prune", "admit", "choose", "fit"):
         for record in [*alone, *found]:
             if record.step == step:

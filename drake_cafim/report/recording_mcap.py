@@ -1,4 +1,4 @@
-"""A recording as MCAP with what the models' simulations miss of it, for Foxglove and PlotJuggler."""
+"""Writes a recording as MCAP, with the residuals of the models' simulations, for Foxglove and PlotJuggler."""
 
 from pathlib import Path
 
@@ -30,7 +30,7 @@ def write_recording_mcap(path: Path, replay: RecordingReplay) -> None:
 
 
 def residuals(weak: WeakForm, physics: Physics) -> dict[str, Array]:
-    """By column (N,): the recording less the model's simulation, which starts anew every second.
+    """By column (N,): measured − simulated, for simulations over 1 s that each start from the measured state.
 
     NaN where nothing is simulated: before the first start, after the last whole window, and where a simulation has
     diverged.
@@ -40,7 +40,7 @@ def residuals(weak: WeakForm, physics: Physics) -> dict[str, Array]:
     result = {}
     for column, predicted in simulated.predicted.items():
         values = np.full(time.shape, np.nan)
-        # a stamp at which one window ends and the next begins belongs to the end, where the error has grown
+        # where one window ends and the next starts, the last assignment must be the end's, where the error has grown
         rows = np.searchsorted(time, simulated.time)[::-1]
         values[rows] = np.where(simulated.counted, simulated.measured[column] - predicted, np.nan)[::-1]
         result[column] = values

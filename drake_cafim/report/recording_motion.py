@@ -1,4 +1,4 @@
-"""A recording and its simulations as frames of a replay: where the joints are, and which forces act."""
+"""The frames of a replay: joint positions of a recording and of its simulations, and arrows for the forces."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -44,33 +44,33 @@ def recorded_frames(weak: WeakForm, frames: Array) -> Array:
 
 
 def simulated_frames(weak: WeakForm, physics: Physics, frames: Array) -> Array:
-    """Positions (F, n) of simulations that start anew every second; as recorded where none runs."""
-    return _laid(forecast(weak, physics), physics.tree.joint_names, recorded_frames(weak, frames), frames)
+    """Positions (F, n) of simulations over 1 s that each start from the measured state; as recorded between them."""
+    return _onto_frames(forecast(weak, physics), physics.tree.joint_names, recorded_frames(weak, frames), frames)
 
 
-def _laid(one: Forecast, names: Sequence[str], recorded: Array, frames: Array) -> Array:
+def _onto_frames(simulated: Forecast, names: Sequence[str], recorded: Array, frames: Array) -> Array:
     result = recorded.copy()
-    for window in np.unique(one.window):
-        inside = one.window == window
-        time = one.time[inside]
+    for window in np.unique(simulated.window):
+        inside = simulated.window == window
+        time = simulated.time[inside]
         shown = (frames >= time[0]) & (frames <= time[-1])
         for j, name in enumerate(names):
-            result[shown, j] = np.interp(frames[shown], time, one.predicted[f"q.{name}"][inside])
+            result[shown, j] = np.interp(frames[shown], time, simulated.predicted[f"q.{name}"][inside])
     return result
 
 
-def placed(physics: Physics, q: Array) -> Motion:
-    """Poses of all joints at positions `q` (F, n), at rest."""
+def poses_at(physics: Physics, q: Array) -> Motion:
+    """The poses of all joints at positions `q` (F, n); velocities are zero."""
     return motion(physics.tree, q, np.zeros_like(q))
 
 
 def lacking_arrows(
     weak: WeakForm, physics: Physics, moving: Motion, frames: Array, size: float, *, beside: Physics
 ) -> list[Arrow]:
-    """What `physics` lacks: forces at prismatic joints, torques as the push on their link, and at each sensor.
+    """Arrows for the residual of `physics`: forces at prismatic joints, torques as a force on their link, and readings.
 
-    Drawn to the scale of what the model `beside` lacks, or of a quarter of the largest effort or reading, if that is
-    larger: noise must not look like a force.
+    The longest arrow stands for the largest residual of the model `beside`, or for a quarter of the largest effort or
+    reading, if that is larger: otherwise noise alone would fill the picture.
     """
     rows, other, centers = missing(weak, physics), missing(weak, beside), weak.samples.windows.centers
     arrows = []
@@ -105,13 +105,13 @@ def _where_it_pushes(moving: Motion, j: int, size: float) -> tuple[Array, Array]
     levers = [np.asarray(end - joint.axis * (joint.axis @ end), dtype=float) for end in ends]
     longest = max(levers, key=lambda lever: float(np.linalg.norm(lever)), default=np.zeros(3))
     if np.linalg.norm(longest) < 1e-3:
-        return here, axis  # nothing sticks out: the torque's own axis is all there is
+        return here, axis  # everything is on the axis: there is no lever, so the torque is drawn along its axis
     lever = moving.R_WJ[:, j] @ longest
     return here + lever, np.cross(axis, lever) / np.linalg.norm(longest)
 
 
 def contact_arrows(weak: WeakForm, physics: Physics, moving: Motion, frames: Array, size: float) -> list[Arrow]:
-    """Contact forces as the sensors read them; without a sensor, as the model's contact laws have them."""
+    """Contact forces as measured by the wrench sensors; without a sensor, those of the model's contact laws."""
     if weak.sensors:
         time, arrows = weak.samples.time, []
         for i, sensor in enumerate(weak.sensors):
@@ -131,7 +131,7 @@ def contact_arrows(weak: WeakForm, physics: Physics, moving: Motion, frames: Arr
 
 
 def _at_sensor(weak: WeakForm, index: int, name: str, moving: Motion, vector_S: Array) -> Arrow:
-    """A vector (F, 3) of the sensor's frame, at the sensor."""
+    """The arrow at the sensor's origin of a vector (F, 3) given in the sensor's frame S."""
     sensor = weak.sensors[index]
     R_WS = sensor.R_JS if sensor.joint == FIXED else moving.R_WJ[:, sensor.joint] @ sensor.R_JS
     p_WS, _ = moving.point(sensor.joint, sensor.p_JS)

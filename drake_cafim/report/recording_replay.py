@@ -1,4 +1,4 @@
-"""A recording in Meshcat beside what the models make of it, as one page that needs no network."""
+"""The replay of a recording beside simulations of it, in Meshcat, as one HTML page that needs no network."""
 
 import html
 import re
@@ -24,7 +24,7 @@ from drake_cafim.report.recording_motion import (
     contact_arrows,
     frame_times,
     lacking_arrows,
-    placed,
+    poses_at,
     recorded_frames,
     simulated_frames,
 )
@@ -45,14 +45,14 @@ FRAME_RATE = 32.0
 
 @dataclass(frozen=True)
 class RecordingReplay:
-    """What is to be seen: a recording, its model, the corrected model where a report has one, and shares by place."""
+    """The contents of a replay: a recording, its nominal model, the corrected model or None, and shares by place."""
 
     scene: Scene
     weak: WeakForm
     nominal: Physics
     corrected: Physics | None = None
     shares: dict[str, float] = field(default_factory=dict)
-    """Joint, body or channel to its share of the misfit."""
+    """Share of the misfit by the name of a joint, body, contact or channel."""
     sentence: str = ""
 
 
@@ -70,7 +70,7 @@ def render(replay: RecordingReplay, meshcat: Meshcat) -> str:
     if weak.samples.recording.duration <= 0.0:
         raise InputError(f"{weak.samples.recording.name}: it lasts no time, expected at least two samples")
     frames = frame_times(weak.samples.time)
-    moving = placed(replay.scene.physics, recorded_frames(weak, frames))
+    moving = poses_at(replay.scene.physics, recorded_frames(weak, frames))
     size = extent(moving)
     shapes = link_shapes(replay.scene, moving, size)
     meshcat.Delete(ROOT)
@@ -93,29 +93,29 @@ def render(replay: RecordingReplay, meshcat: Meshcat) -> str:
     if replay.corrected is not None:
         remaining = lacking_arrows(weak, replay.corrected, moving, frames, size, beside=replay.nominal)
         arrows.append((rgba(CORRECTED), "remaining", remaining))
-    for color_, kind, those in arrows:
-        _draw_arrows(meshcat, f"{ROOT}/{kind}", those, color_, clock, size)
+    for color_, kind, group in arrows:
+        _draw_arrows(meshcat, f"{ROOT}/{kind}", group, color_, clock, size)
     _draw_places(meshcat, replay, moving, clock, size)
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    legend = _legend(replay, {kind for _, kind, those in arrows if those})
+    legend = _legend(replay, {kind for _, kind, group in arrows if group})
     transport = (Path(__file__).parent / "transport.html").read_text(encoding="utf-8")
     head, _, tail = str(meshcat.StaticHtml()).rpartition("</body>")
     return f"{head}{legend}{transport}</body>{tail}"
 
 
 def _simulated(replay: RecordingReplay, physics: Physics, frames: Array) -> Motion:
-    return placed(physics, simulated_frames(replay.weak, physics, frames))
+    return poses_at(physics, simulated_frames(replay.weak, physics, frames))
 
 
 def draw_model(meshcat: Meshcat, path: str, shapes: Sequence[LinkShape], color: str | None) -> None:
     """The shapes under one path a joint; in one transparent `color` where it is given."""
-    for index, one in enumerate(shapes):
-        place = f"{path}/joint{one.joint}/shape{index}"
-        meshcat.SetObject(place, one.shape, one.color if color is None else rgba(color, GHOST))
-        meshcat.SetTransform(place, one.X_JG)
-        if color is not None:  # within the recording's own shapes where the two coincide
-            slimmer = [0.8, 0.8, 0.995] if isinstance(one.shape, Cylinder) else [0.92, 0.92, 0.92]
+    for index, drawn in enumerate(shapes):
+        place = f"{path}/joint{drawn.joint}/shape{index}"
+        meshcat.SetObject(place, drawn.shape, drawn.color if color is None else rgba(color, GHOST))
+        meshcat.SetTransform(place, drawn.X_JG)
+        if color is not None:  # slightly smaller, so that it is inside the recording's shapes where the two coincide
+            slimmer = [0.8, 0.8, 0.995] if isinstance(drawn.shape, Cylinder) else [0.92, 0.92, 0.92]
             meshcat.SetProperty(place, "scale", slimmer)
 
 
@@ -142,7 +142,7 @@ def _draw_arrows(meshcat: Meshcat, path: str, arrows: Sequence[Arrow], color: Rg
 
 
 def _draw_places(meshcat: Meshcat, replay: RecordingReplay, moving: Motion, clock: Array, size: float) -> None:
-    """A halo at each place of the misfit, darker the larger its share."""
+    """Draw a transparent sphere at each place of the misfit, larger and darker with its share."""
     colours = LinearSegmentedColormap.from_list("share", RESIDUAL[1:])
     for index, (name, share) in enumerate(replay.shares.items()):
         found = _place(replay, name)
@@ -158,7 +158,7 @@ def _draw_places(meshcat: Meshcat, replay: RecordingReplay, moving: Motion, cloc
 
 
 def _place(replay: RecordingReplay, name: str) -> tuple[int, Array] | None:
-    """The joint that a place rides and where in its frame it is, (3,) m; None for what is nowhere."""
+    """The joint that moves a place, and its point in the joint's frame, (3,) m; None where it has no position."""
     tree = replay.scene.tree
     parts = name.split("/")[0]
     joint = parts.removeprefix("q.").removeprefix("v.").removeprefix("u.")
@@ -199,20 +199,20 @@ def rgba(color: str, opacity: float = 1.0) -> Rgba:
 
 
 def _legend(replay: RecordingReplay, kinds: set[str]) -> str:
-    """What the colours mean, over the scene."""
+    """The legend as HTML: the verdict's sentence, the meaning of the colours, and the shares of the misfit."""
     rows = [("#5d6b7a", f"the recording, {short(replay.weak.samples.recording.name)}")]
     without = "the model without the effects" if replay.corrected else "the model"
-    rows.append((NOMINAL, f"{without}, started anew every second"))
+    rows.append((NOMINAL, f"{without}, simulated from the measured state anew every second"))
     if replay.corrected:
-        rows.append((CORRECTED, "the model with them, likewise; unseen where it is within the recording"))
+        rows.append((CORRECTED, "the model with the effects, likewise; hidden where it coincides with the recording"))
     if too_large(replay.scene):
         rows.append(("#5d6b7a", "bars along the links: the model's meshes are too large for a page"))
     if "contact" in kinds:
         rows.append(("#c2291d", "arrow: contact force"))
     if "lacking" in kinds:
-        rows.append((NOMINAL, "arrow: force that the model lacks; a torque as the push on its link"))
+        rows.append((NOMINAL, "arrow: force that the model lacks; a torque is drawn as a force on its link"))
     if "remaining" in kinds:
-        rows.append((CORRECTED, "arrow: what is still lacking with the effects"))
+        rows.append((CORRECTED, "arrow: force that is still lacking with the effects"))
     colours = LinearSegmentedColormap.from_list("share", RESIDUAL[1:])
     for name, share in replay.shares.items():
         red, green, blue, _ = (int(255 * c) for c in colours(share))

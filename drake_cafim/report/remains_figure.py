@@ -1,11 +1,11 @@
-"""What remains after the explanation, against all that it might depend on."""
+"""The figure of the unexplained force or reading at a place, against position, velocity, effort and time."""
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from drake_cafim.diagnosis.fit.pictures import Remains
 from drake_cafim.report.colours import ALARM, INK, MUTED
-from drake_cafim.report.evidence import thinned
+from drake_cafim.report.evidence import drawn_indices
 from drake_cafim.report.svg import as_svg, page_style
 from drake_cafim.typing import Array
 
@@ -13,11 +13,11 @@ BINS = 24
 
 
 def remains_figure(remains: Remains, place: str) -> str:
-    """The force or reading that a model leaves unexplained at a place, against all that it is shown with."""
+    """SVG: the residual at a place against each variable of `remains.against`, with medians by bins."""
     y, panels = remains.values, remains.against
     with page_style():
         figure = Figure(figsize=(9.4, 2.5), layout="constrained")
-        chosen = thinned(len(y))
+        chosen = drawn_indices(len(y))
         low, high = np.quantile(y, [0.005, 0.995])
         margin = 0.15 * max(float(high - low), 1e-12)
         for axes, (label, x) in zip(figure.subplots(1, len(panels), sharey=True), panels, strict=True):

@@ -1,4 +1,4 @@
-"""A run as one self-contained HTML page: Meshcat with the motion, the forces, the plans and the belief."""
+"""The replay of a run as one self-contained HTML page: Meshcat with the motion, forces, plans and beliefs."""
 
 import logging
 from pathlib import Path
@@ -27,7 +27,7 @@ def make_meshcat() -> Meshcat:
     """A Meshcat server that only this machine can reach; its address is `web_url()`."""
     log = logging.getLogger("drake")
     level = log.level
-    log.setLevel(logging.WARNING)  # most pages are files: nobody needs to hear where they were drawn
+    log.setLevel(logging.WARNING)  # Drake would log the server's address, which is of no use where a file is written
     try:
         return Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
     finally:
@@ -59,7 +59,7 @@ def render(replay: Replay, diagram: Diagram, meshcat: Meshcat) -> str:
 
 
 def set_stage(meshcat: Meshcat, camera: Camera) -> None:
-    """A calm background without grid and axes, and the eye where `camera` has it."""
+    """Set the background, without grid and axes, and the camera."""
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     meshcat.SetProperty("/Background", "top_color", [0.78, 0.85, 0.93])

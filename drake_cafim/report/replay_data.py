@@ -1,4 +1,4 @@
-"""What a replay shows, as plain data."""
+"""The contents of a run's replay as plain data: motion, forces, candidate plans, beliefs, camera."""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,4 @@
-"""report.html: the verdict as one page that needs no network."""
+"""Writes report.html: the verdict as one page that needs no network."""
 
 import re
 import shlex
@@ -21,7 +21,7 @@ from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.output import write_text
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report import colours, wording
-from drake_cafim.report.forecast_figure import Contest, forecast_figure, telling_columns
+from drake_cafim.report.forecast_figure import Forecasts, forecast_figure, telling_columns
 from drake_cafim.report.law_figures import law_picture
 from drake_cafim.report.laws import law_of
 from drake_cafim.report.next_experiment import next_experiment
@@ -33,7 +33,7 @@ from drake_cafim.scenario.physics import Physics
 
 TEMPLATE, REPORT = "report.html.j2", "report.json"
 SUSPECT = 3.0
-"""Prior standard deviations beyond which an unknown is itself a mismatch."""
+"""Prior standard deviations beyond which an unknown is marked as a mismatch; the verdict does not depend on it."""
 Picture = TypeVar("Picture")
 BADGES = {"none": "nothing missing", "explained": "explained", "unexplained": "not all explained"}
 
@@ -41,9 +41,9 @@ BADGES = {"none": "nothing missing", "explained": "explained", "unexplained": "n
 def write_report_page(
     path: Path, verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], command: Sequence[str]
 ) -> tuple[str, ...]:
-    """Write the page to `path`, whole or not at all; `command` is the line that makes it again.
+    """Write the page to `path`, whole or not at all; `command` is the command line that reproduces it.
 
-    What comes back are sentences on pictures that cannot be drawn.
+    Returns a sentence for each picture that cannot be drawn.
     """
     text, undrawn = page_of(verdict, outcome, held_out, command)
     write_text(path, text)
@@ -57,7 +57,7 @@ def render(verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], co
 
 @dataclass
 class Drawing:
-    """Pictures, and a sentence for each whose numbers cannot be computed."""
+    """Calls drawing functions; `undrawn` gathers a sentence for each picture whose numbers cannot be computed."""
 
     undrawn: list[str] = field(default_factory=list)
 
@@ -72,7 +72,7 @@ class Drawing:
 def page_of(
     verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], command: Sequence[str]
 ) -> tuple[str, tuple[str, ...]]:
-    """The page as text, and sentences on pictures that cannot be drawn, which stand in it as well."""
+    """The page as text, and a sentence for each picture that cannot be drawn; the page holds them as well."""
     folder = Path(__file__).parent
     environment = Environment(
         loader=FileSystemLoader(folder),
@@ -82,9 +82,9 @@ def page_of(
         lstrip_blocks=True,
     )
     corrected = verdict.corrected.physics
-    without = _without(verdict, outcome)
-    unknown = np.array([one.value for one in verdict.parameters])
-    pictures, effects = outcome.problem.pictures, tuple(one.effect for one in verdict.explanation)
+    without = _nominal_physics(verdict, outcome)
+    unknown = np.array([parameter.value for parameter in verdict.parameters])
+    pictures, effects = outcome.problem.pictures, tuple(accepted.effect for accepted in verdict.explanation)
     changed, drawn = bool(verdict.explanation), Drawing()
     maps = drawn("the map of misfits", lambda: pictures.maps(Model(unknown), Model(unknown, effects))) or []
     shown = worst_first(maps)
@@ -114,37 +114,37 @@ def page_of(
         **figures,
         held_out=held_out,
         tables=quality_tables(verdict, lambda column: unit_of(verdict, column)),
-        parameters=[_parameter(one) for one in verdict.parameters],
+        parameters=[_parameter(parameter) for parameter in verdict.parameters],
         files=_files(outcome, held_out),
         command=shlex.join(command),
         why=why_section(verdict),
-        next_experiment=next_experiment(verdict.next_experiment, _design(verdict)),
+        next_experiment=next_experiment(verdict.next_experiment, _design_command(verdict)),
         versions=f"drake_cafim {version('drake_cafim')}, Drake {version('drake')}",
     )
     return text, tuple(drawn.undrawn)
 
 
-def _design(verdict: Verdict) -> str:
+def _design_command(verdict: Verdict) -> str:
     """The command that designs the motion which tells the rivals apart, where there are any."""
     return shlex.join(["cafim", "discriminate", verdict.corrected.name, REPORT]) if verdict.rivals else ""
 
 
 def _headline(sentence: str) -> Markup:
-    """The sentence with what stands in brackets in lighter letters."""
+    """The sentence as HTML, with what is in brackets in a lighter colour."""
     return Markup(re.sub(r"\([^()]*\)", r'<span class="aside">\g<0></span>', str(escape(sentence))))
 
 
-def _without(verdict: Verdict, outcome: Outcome) -> Physics:
-    """The nominal physics at the unknowns of the verdict."""
-    return outcome.problem.scene.physics_at(np.array([one.value for one in verdict.parameters]))
+def _nominal_physics(verdict: Verdict, outcome: Outcome) -> Physics:
+    """The physics without the accepted effects, at the fitted values of the unknowns."""
+    return outcome.problem.scene.physics_at(np.array([parameter.value for parameter in verdict.parameters]))
 
 
 def _tiles(verdict: Verdict) -> list[dict[str, str]]:
-    """The few figures that say how much the verdict is worth."""
+    """The figures at the top of the page: χ², simulation error, residual of inverse dynamics, p-value."""
     before, after = verdict.reduced_chi_square
     changed = bool(verdict.explanation)
     fit = wording.rounded(before) + (f" → {wording.rounded(after)}" if changed else "")
-    tiles = [{"figure": fit, "what": "mean square misfit, 1 is what noise alone gives"}]
+    tiles = [{"figure": fit, "what": "mean square misfit in units of the noise variance; noise alone gives 1"}]
     comparison = verdict.held_out or verdict.train
     column = _telling_column(comparison)
     if column is not None:
@@ -155,15 +155,20 @@ def _tiles(verdict: Verdict) -> list[dict[str, str]]:
     effort = effort_summary(comparison, changed)
     if effort is not None:
         below = f"below {wording.rounded(effort[1], 3)} Hz, median of joints"
-        what = f"of the effort is missed by inverse dynamics ({below})"
+        what = f"residual of inverse dynamics over the rms of the effort ({below})"
         tiles.append({"figure": effort[0], "what": what})
     p = wording.p_value(verdict.mismatch.p_value)
-    tiles.append({"figure": f"p {p}", "what": "probability that noise alone does so, for all that was looked at"})
+    tiles.append(
+        {
+            "figure": f"p {p}",
+            "what": "probability of so large a misfit by noise alone, corrected for the number of hypotheses",
+        }
+    )
     return tiles
 
 
 def _telling_column(comparison: Comparison) -> str | None:
-    """The position that gains most by the effects, or another column where no position does."""
+    """The position whose error the effects reduce most, or another column where no position gains 20 %."""
     before, after = comparison.nominal.rmse, comparison.corrected.rmse
     known = [c for c in before if np.isfinite([before[c], after.get(c, np.nan)]).all()]
     gain = {c: before[c] / max(after[c], 1e-300) for c in known}
@@ -188,50 +193,51 @@ def unit_of(verdict: Verdict, column: str) -> str:
 
 
 def _places(locations: Sequence[Location]) -> list[dict[str, Any]]:
-    """Locations by place, the shares of their recordings added up."""
-    kinds = {"environment": "the world around it"}
+    """The locations by place, with shares and durations summed over the recordings; the largest share first."""
     places: dict[tuple[str, str], dict[str, Any]] = {}
-    for one in locations:
-        new = {"name": one.name, "kind": kinds.get(one.kind, one.kind), "share": 0.0, "seconds": 0.0, "where": []}
-        place = places.setdefault((one.kind, one.name), {**new, "recordings": 0})
-        place["share"] += one.share
-        place["seconds"] += sum(stop - start for start, stop in one.intervals)
+    for location in locations:
+        new = {"name": location.name, "kind": location.kind, "share": 0.0, "seconds": 0.0, "where": []}
+        place = places.setdefault((location.kind, location.name), {**new, "recordings": 0})
+        place["share"] += location.share
+        place["seconds"] += sum(stop - start for start, stop in location.intervals)
         place["recordings"] += 1
-        if one.where and one.where not in place["where"]:
-            place["where"].append(one.where)
+        if location.where and location.where not in place["where"]:
+            place["where"].append(location.where)
     return sorted(places.values(), key=lambda place: -place["share"])
 
 
 def _effects(
     verdict: Verdict, outcome: Outcome, without: Physics, corrected: Physics, drawn: Drawing
 ) -> list[dict[str, Any]]:
-    """Each accepted effect with its law, its strengths and the picture of the law over the data."""
-    everything = [one.effect for one in verdict.explanation]
+    """Each accepted effect with its law, its parameters and the figure of the law over the data."""
+    everything = [accepted.effect for accepted in verdict.explanation]
     effects = []
-    for one in verdict.explanation:
-        others = without.with_effects([effect for effect in everything if effect is not one.effect])
-        law, pictures = law_of(one.effect), outcome.problem.pictures
-        evidence = drawn(f"the data of {one.effect.name}", partial(pictures.evidence, one.effect, others, corrected))
+    for accepted in verdict.explanation:
+        others = without.with_effects([effect for effect in everything if effect is not accepted.effect])
+        law, pictures = law_of(accepted.effect), outcome.problem.pictures
+        evidence = drawn(
+            f"the data of {accepted.effect.name}", partial(pictures.evidence, accepted.effect, others, corrected)
+        )
         picture = None
         if evidence is not None:
-            picture = drawn(f"the law of {one.effect.name}", partial(law_picture, evidence))
+            picture = drawn(f"the law of {accepted.effect.name}", partial(law_picture, evidence))
         effects.append(
             {
-                "name": wording.spoken(one.effect.name),
-                "identifier": one.effect.name,
-                "at": one.effect.at,
+                "name": wording.spoken(accepted.effect.name),
+                "identifier": accepted.effect.name,
+                "at": accepted.effect.at,
                 "law": law,
-                "probability": wording.probability(one.probability),
+                "probability": wording.probability(accepted.probability),
                 "strengths": [
                     {
                         "name": wording.spoken(name),
                         "value": wording.with_interval(value.value, value.std),
-                        "unit": _unit(verdict, one.effect, value.unit),
+                        "unit": _unit(verdict, accepted.effect, value.unit),
                     }
-                    for name, value in one.values.items()
+                    for name, value in accepted.values.items()
                 ],
                 "picture": picture,
-                "reference": one.effect.reference,
+                "reference": accepted.effect.reference,
             }
         )
     return effects
@@ -244,30 +250,30 @@ def _unit(verdict: Verdict, effect: Effect, unit: str) -> str:
 
 
 def _remains(verdict: Verdict, outcome: Outcome, corrected: Physics) -> list[dict[str, str]]:
-    """What is left at the places where most of it is, for a verdict that leaves something."""
+    """Figures of the residual at the two places of largest share, for an unexplained verdict."""
     if verdict.kind != "unexplained":
         return []
-    names = list(dict.fromkeys(one["name"] for one in _places(verdict.mismatch.standing)))
+    names = list(dict.fromkeys(place["name"] for place in _places(verdict.mismatch.standing)))
     left = [(name, outcome.problem.pictures.remains(corrected, name)) for name in names[:2]]
-    return [{"name": name, "svg": remains_figure(one, name)} for name, one in left if one is not None]
+    return [{"name": name, "svg": remains_figure(remains, name)} for name, remains in left if remains is not None]
 
 
 def _forecast(
     verdict: Verdict, outcome: Outcome, held_out: Sequence[Recording], corrected: Physics
 ) -> dict[str, Any] | None:
-    """The picture of simulations of a second each, on the first held-out recording or else the first one fitted to."""
+    """The figure of simulations over 1 s, on the first held-out recording, else on the first one fitted to."""
     comparison = verdict.held_out if held_out and verdict.held_out is not None else verdict.train
     if not comparison.nominal.rmse:
         return None
     pictures = outcome.problem.pictures
     recording = held_out[0] if comparison is verdict.held_out else pictures.recordings[0]
     nominal = pictures.forecast(recording, outcome.nominal.model.physics(outcome.problem.scene))
-    contest = Contest(nominal, pictures.forecast(recording, corrected) if verdict.explanation else None)
+    forecasts = Forecasts(nominal, pictures.forecast(recording, corrected) if verdict.explanation else None)
     corrected_quality = comparison.corrected if verdict.explanation else None
-    columns = telling_columns(comparison.nominal, corrected_quality, contest.nominal.measured, 3)
+    columns = telling_columns(comparison.nominal, corrected_quality, forecasts.nominal.measured, 3)
     units = {column: unit_of(verdict, column) for column in columns}
     return {
-        "svg": forecast_figure(contest, columns, units),
+        "svg": forecast_figure(forecasts, columns, units),
         "recording": wording.short(recording.name),
         "channels": len(comparison.nominal.rmse),
         "shown": len(columns),
@@ -275,23 +281,32 @@ def _forecast(
 
 
 def _files(outcome: Outcome, held_out: Sequence[Recording]) -> list[str]:
-    """What each recording is, in words."""
+    """A line for each recording: its name, samples, duration, sampling interval, and whether it was held out."""
     fitted = outcome.problem.pictures.recordings
-    told = []
-    for one, use in [*((one, "") for one in fitted), *((one, "; held out") for one in held_out)]:
-        step = f", every {wording.rounded(1e3 * float(np.median(np.diff(one.time))))} ms" if len(one) > 1 else ""
-        told.append(f"{one.name}: {len(one)} samples over {wording.rounded(one.duration)} s{step}{use}")
-    return told
+    lines = []
+    for recording, use in [
+        *((recording, "") for recording in fitted),
+        *((recording, "; held out") for recording in held_out),
+    ]:
+        step = (
+            f", every {wording.rounded(1e3 * float(np.median(np.diff(recording.time))))} ms"
+            if len(recording) > 1
+            else ""
+        )
+        lines.append(
+            f"{recording.name}: {len(recording)} samples over {wording.rounded(recording.duration)} s{step}{use}"
+        )
+    return lines
 
 
-def _parameter(one: NominalParameter) -> dict[str, Any]:
-    shift = (one.value - one.prior_mean) / one.prior_std if one.prior_std > 0.0 else 0.0
+def _parameter(unknown: NominalParameter) -> dict[str, Any]:
+    shift = (unknown.value - unknown.prior_mean) / unknown.prior_std if unknown.prior_std > 0.0 else 0.0
     return {
-        "name": wording.spoken(one.parameter) + (f" of {wording.spoken(one.effect)}" if one.effect else ""),
-        "at": one.at,
-        "value": wording.with_interval(one.value, one.std),
-        "prior": wording.with_interval(one.prior_mean, one.prior_std),
-        "unit": "" if one.unit == "1" else one.unit,
+        "name": wording.spoken(unknown.parameter) + (f" of {wording.spoken(unknown.effect)}" if unknown.effect else ""),
+        "at": unknown.at,
+        "value": wording.with_interval(unknown.value, unknown.std),
+        "prior": wording.with_interval(unknown.prior_mean, unknown.prior_std),
+        "unit": "" if unknown.unit == "1" else unknown.unit,
         "shift": f"{shift:+.1f}".replace("-", "−"),
         "suspect": abs(shift) > SUSPECT,
     }

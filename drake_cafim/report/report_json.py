@@ -1,4 +1,4 @@
-"""report.json: the verdict as the contract of the command line writes it."""
+"""The contents of report.json: a verdict or an estimation as a mapping of plain values."""
 
 import json
 import math
@@ -19,10 +19,10 @@ def report_of(
     noticed: Estimate | None = None,
     notes: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """The report as a mapping; an estimation has no verdict, a diagnosis brings its own parameters and fit.
+    """The report as a mapping: of a diagnosis, by its `verdict`; of an estimation, by `parameters` and `fit`.
 
-    `noticed` is the estimation, for what was noticed while its recordings were read; `notes` are more of them. A number
-    that is not finite is null, and the notes say which.
+    `noticed` is the estimation, for its sentence and the remarks on its recordings; `notes` are added to those of
+    either. A number that is not finite becomes null, and a note names it.
     """
     return _with_nulls(_report_of(verdict, parameters, fit, files, noticed, notes))
 
@@ -61,33 +61,33 @@ def _report_of(
             "p_value": verdict.mismatch.p_value,
             "locations": [
                 {
-                    "kind": one.kind,
-                    "name": one.name,
-                    "share": one.share,
-                    "intervals": [list(i) for i in one.intervals],
-                    "recording": one.recording,
-                    "where": one.where,
+                    "kind": location.kind,
+                    "name": location.name,
+                    "share": location.share,
+                    "intervals": [list(i) for i in location.intervals],
+                    "recording": location.recording,
+                    "where": location.where,
                 }
-                for one in verdict.mismatch.locations
+                for location in verdict.mismatch.locations
             ],
         },
         "data_mistakes": list(verdict.data_mistakes),
         "noise_remarks": list(verdict.noise_remarks),
         "explanation": [
             {
-                "effect": one.effect.name,
-                "at": one.effect.at,
-                "probability": one.probability,
+                "effect": accepted.effect.name,
+                "at": accepted.effect.at,
+                "probability": accepted.probability,
                 "parameters": {
-                    name: {"value": v.value, "std": v.std, "unit": v.unit} for name, v in one.values.items()
+                    name: {"value": v.value, "std": v.std, "unit": v.unit} for name, v in accepted.values.items()
                 },
-                "sentence": one.sentence,
+                "sentence": accepted.sentence,
             }
-            for one in verdict.explanation
+            for accepted in verdict.explanation
         ],
         "rivals": [
-            {"effect": one.effect, "at": one.at, "probability": one.probability, "why_alike": one.why_alike}
-            for one in verdict.rivals
+            {"effect": rival.effect, "at": rival.at, "probability": rival.probability, "why_alike": rival.why_alike}
+            for rival in verdict.rivals
         ],
         "parameters": parameters_of(verdict.parameters),
         "fit": {
@@ -103,11 +103,11 @@ def _report_of(
 
 
 def _with_nulls(report: dict[str, Any]) -> dict[str, Any]:
-    """The report with null for what is not finite; of each that no note speaks of, one is added."""
+    """The report with null for numbers that are not finite, and a note for each that no note mentions yet."""
     found: list[str] = []
     plain: dict[str, Any] = _finite(report, "", found)
-    told = " ".join(str(note) for note in plain["notes"])
-    plain["notes"] += [f"{path} cannot be computed: no finite number comes out" for path in found if path not in told]
+    noted = " ".join(str(note) for note in plain["notes"])
+    plain["notes"] += [f"{path} cannot be computed: no finite number comes out" for path in found if path not in noted]
     return plain
 
 
@@ -131,14 +131,20 @@ def as_text(report: Mapping[str, Any]) -> str:
 def parameters_of(parameters: Sequence[NominalParameter]) -> list[dict[str, Any]]:
     """The `parameters` of a report."""
     return [
-        {"parameter": one.parameter, "at": one.at, "value": one.value, "std": one.std, "unit": one.unit}
-        | ({} if one.effect is None else {"effect": one.effect})
-        for one in parameters
+        {
+            "parameter": parameter.parameter,
+            "at": parameter.at,
+            "value": parameter.value,
+            "std": parameter.std,
+            "unit": parameter.unit,
+        }
+        | ({} if parameter.effect is None else {"effect": parameter.effect})
+        for parameter in parameters
     ]
 
 
 def comparison_of(comparison: Comparison) -> dict[str, Any]:
-    """One set's part of the `fit` of a report."""
+    """The entry `train` or `held_out` of a report's `fit`."""
     return {
         "nominal_as_given": _quality(comparison.nominal_as_given),
         "nominal": _quality(comparison.nominal),

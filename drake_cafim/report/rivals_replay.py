@@ -1,4 +1,4 @@
-"""A motion that tells two explanations apart, as a page: how it goes where either holds, and the odds as they grow."""
+"""The replay of a motion that tells two explanations apart: simulated with each as the truth, with odds over time."""
 
 import html
 import json
@@ -13,7 +13,7 @@ from drake_cafim.dynamics.tree import FIXED
 from drake_cafim.output import write_text
 from drake_cafim.report.colours import CORRECTED, NOMINAL
 from drake_cafim.report.link_geometry import extent, link_shapes
-from drake_cafim.report.recording_motion import frame_times, placed
+from drake_cafim.report.recording_motion import frame_times, poses_at
 from drake_cafim.report.recording_replay import FRAME_RATE, ROOT, STYLE, camera_for, draw_model, move_model
 from drake_cafim.report.replay import make_meshcat, set_stage
 from drake_cafim.scene.scene import Scene
@@ -22,17 +22,17 @@ from drake_cafim.typing import Array
 COLOURS = (CORRECTED, NOMINAL)
 PLANNED = "#5d6b7a"
 SEEN = 0.25
-"""Of the model's size, by which departures from the plan are drawn at most; they are too small to be seen else."""
+"""Fraction of the model's size to which departures from the plan are magnified at most; true to scale, few are seen."""
 TIMES = tuple(float(m * 10**k) for k in range(5) for m in (1, 2, 5))
 FLOOR, CEILING = float(np.log(1.0 / 50.0)), float(np.log(1e4))
-"""ln odds between which the picture of them is drawn."""
+"""Limits of ln odds in the figure."""
 WIDTH, HEIGHT, LEFT, BOTTOM = 320.0, 120.0, 52.0, 18.0
 POINTS = 250
 
 
 @dataclass(frozen=True)
 class RivalRun:
-    """A run where the explanation `name` holds: positions `q` (T, n), and ln odds (W,) for it after `known` (W,) s."""
+    """A run where explanation `name` is true: positions `q` (T, n), and ln odds (W,) for it after `known` (W,) s."""
 
     name: str
     q: Array
@@ -42,7 +42,7 @@ class RivalRun:
 
 @dataclass(frozen=True)
 class RivalsReplay:
-    """The planned positions `q` (T, n) at `time` (T,) s, and a run of the motion where either explanation holds."""
+    """The planned positions `q` (T, n) at `time` (T,) s, and for each explanation a run in which it is true."""
 
     scene: Scene
     time: Array
@@ -60,7 +60,7 @@ def render_rivals(replay: RivalsReplay, meshcat: Meshcat) -> str:
     scene, frames = replay.scene, frame_times(replay.time)
     clock = frames - frames[0]
     planned = _at(frames, replay.time, replay.q)
-    moving = placed(scene.physics, planned)
+    moving = poses_at(scene.physics, planned)
     size = extent(moving)
     shapes = link_shapes(scene, moving, size)
     carried = [shape for shape in shapes if shape.joint != FIXED]
@@ -75,7 +75,7 @@ def render_rivals(replay: RivalsReplay, meshcat: Meshcat) -> str:
     move_model(meshcat, f"{ROOT}/planned", moving, clock)
     for number, (departure, colour) in enumerate(zip(departures, COLOURS, strict=True)):
         draw_model(meshcat, f"{ROOT}/rival{number}", carried, colour)
-        move_model(meshcat, f"{ROOT}/rival{number}", placed(scene.physics, planned + times * departure), clock)
+        move_model(meshcat, f"{ROOT}/rival{number}", poses_at(scene.physics, planned + times * departure), clock)
     meshcat.StopRecording()
     meshcat.PublishRecording()
     transport = (Path(__file__).parent / "transport.html").read_text(encoding="utf-8")
@@ -84,17 +84,17 @@ def render_rivals(replay: RivalsReplay, meshcat: Meshcat) -> str:
 
 
 def magnified(scene: Scene, planned: Array, departures: list[Array], size: float) -> float:
-    """How many times departures (F, n) from the planned positions (F, n) are drawn: a round number, at least one."""
-    here = placed(scene.physics, planned)
+    """The factor by which departures (F, n) from the planned positions are magnified: a round number, at least 1."""
+    here = poses_at(scene.physics, planned)
     farthest = 0.0
     for departure in departures:
-        there = placed(scene.physics, planned + departure)
+        there = poses_at(scene.physics, planned + departure)
         # a link's end is as far from its joint as the size at most
         turned = 0.5 * size * np.max(np.abs(there.R_WJ - here.R_WJ))
         farthest = max(farthest, float(np.max(np.abs(there.p_WJ - here.p_WJ))), float(turned))
     if farthest == 0.0:
         return 1.0
-    return max((one for one in TIMES if one * farthest <= SEEN * size), default=1.0)
+    return max((factor for factor in TIMES if factor * farthest <= SEEN * size), default=1.0)
 
 
 def _at(frames: Array, time: Array, q: Array) -> Array:
@@ -104,18 +104,18 @@ def _at(frames: Array, time: Array, q: Array) -> Array:
 def _legend(replay: RivalsReplay, times: float) -> str:
     first, second = (html.escape(run.name) for run in replay.runs)
     rows = [(PLANNED, "the planned motion")]
-    rows += [(colour, f"where {run.name} holds") for run, colour in zip(replay.runs, COLOURS, strict=True)]
+    rows += [(colour, f"if {run.name} is true") for run, colour in zip(replay.runs, COLOURS, strict=True)]
     if times > 1.0:
-        rows.append(("none", f"departures from the plan are drawn {times:.0f} times as large"))
+        rows.append(("none", f"departures from the plan are magnified {times:.0f} times"))
     items = "".join(f'<li><i style="background:{color}"></i>{html.escape(text)}</li>' for color, text in rows)
     values = "".join(
-        f'<li><i style="background:{colour}"></i>for {html.escape(run.name)}, where it holds: <b></b></li>'
+        f'<li><i style="background:{colour}"></i>for {html.escape(run.name)}, if it is true: <b></b></li>'
         for run, colour in zip(replay.runs, COLOURS, strict=True)
     )
     apart, departures = _departure_picture(replay)
     return (
-        f'{STYLE}<div id="legend"><p>The motion that tells {first} from {second}, run in simulation where either '
-        f"holds.</p><ul>{items}</ul><p>{html.escape(apart)}</p>{departures}<p>Odds for the true one</p>"
+        f'{STYLE}<div id="legend"><p>The motion that tells {first} from {second}, simulated with each of them '
+        f"as the truth.</p><ul>{items}</ul><p>{html.escape(apart)}</p>{departures}<p>Odds for the true explanation</p>"
         f'{_odds_picture(replay)}<ul id="odds">{values}</ul></div>'
     )
 
@@ -129,7 +129,7 @@ def _odds_picture(replay: RivalsReplay) -> str:
 
 
 def _departure_picture(replay: RivalsReplay) -> tuple[str, str]:
-    """The joint whose motions are most apart, in words, and how far from the plan it is over time."""
+    """The title and the figure of the departures from the plan over time, of the joint whose two runs differ most."""
     joints, (first, second) = replay.scene.tree.joints, replay.runs
     j = int(np.argmax(np.max(np.abs(first.q - second.q), axis=0)))
     clock = replay.time - replay.time[0]
@@ -147,7 +147,7 @@ def _picture(
     bounds: tuple[float, float],
     marks: Sequence[tuple[float, str]],
 ) -> str:
-    """Courses over time in the rivals' colours, cut at the bounds, with a stroke for each mark and one for now."""
+    """SVG: courses over time in the rivals' colours, clipped to `bounds`, a line for each mark and one for the time."""
     duration, tall = float(replay.time[-1] - replay.time[0]), HEIGHT - BOTTOM
 
     def up(values: Array) -> Array:
@@ -170,13 +170,13 @@ def _picture(
 
 
 def _from_start(run: RivalRun) -> tuple[Array, Array]:
-    """Before anything is known the two are equally probable."""
+    """Time and ln odds of the run, from ln odds 0 at time 0: the explanations are equally probable a priori."""
     return np.concatenate([[0.0], run.known]), np.concatenate([[0.0], run.log_odds])
 
 
 def _cursor(replay: RivalsReplay) -> str:
-    """The script that keeps the picture of the odds in step with the motion."""
-    courses = [[one.round(4).tolist() for one in _from_start(run)] for run in replay.runs]
+    """The script that shows the odds at the animation's time."""
+    courses = [[series.round(4).tolist() for series in _from_start(run)] for run in replay.runs]
     duration = float(replay.time[-1] - replay.time[0])
     return f"""<script>
 (function () {{

@@ -1,4 +1,4 @@
-"""What a run learned, drawn: error and information against the number of experiments."""
+"""Figures of a run: each estimate's error and standard deviation against the number of experiments."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -34,7 +34,7 @@ def error_figure(result: RunResult) -> str:
 
 
 def information_figure(result: RunResult) -> str:
-    """SVG: the standard deviation that is left of each parameter, and what each experiment alone would leave."""
+    """SVG: each parameter's posterior standard deviation, and the one by each experiment's Fisher information alone."""
     time, _, std = _beliefs(result)
     alone = np.array([_alone(experiment.fisher) for experiment in result.experiments])
     with page_style():
@@ -63,7 +63,7 @@ def _panels(result: RunResult) -> tuple[Figure, list[Axes]]:
 
 
 def _beliefs(result: RunResult) -> tuple[Array, Array, Array]:
-    """When, means and stds: the prior, then each experiment's; within it where estimation is online, in s."""
+    """Times, means and stds: of the prior, then after each experiment; of all updates, in s, if it estimates online."""
     rows = [(0.0, result.prior.mean, result.prior.std)]
     for number, experiment in enumerate(result.experiments):
         if result.task.estimate_every:
@@ -75,7 +75,7 @@ def _beliefs(result: RunResult) -> tuple[Array, Array, Array]:
 
 
 def _alone(fisher: Array) -> Array:
-    """Standard deviations (n,) that F alone leaves; infinite where it says nothing."""
+    """√diag(F⁻¹) (n,), by the eigenvalues of F; infinite where F is singular along a parameter."""
     values, vectors = np.linalg.eigh(fisher)
     inverse = np.where(values > 1e-12 * max(float(values.max()), 1e-300), 1.0 / np.maximum(values, 1e-300), np.inf)
     with np.errstate(invalid="ignore"):

@@ -1,4 +1,4 @@
-"""Arrows, tubes and flat figures in Meshcat, typed as its stubs want them."""
+"""Draws meshes, polylines, tubes and arrows in Meshcat."""
 
 from typing import Any
 

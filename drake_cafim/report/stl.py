@@ -1,4 +1,4 @@
-"""STL meshes as OBJ, which is what a page can show."""
+"""Converts STL meshes to OBJ, since Meshcat's pages cannot show STL."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -13,7 +13,7 @@ _HEADER = 84
 
 @lru_cache(maxsize=64)
 def obj_of(path: Path) -> str:
-    """The OBJ text of a binary or ASCII STL file; corners that coincide are one."""
+    """The OBJ text of a binary or ASCII STL file; coincident corners are merged."""
     corners = triangles(path.read_bytes()).reshape(-1, 3)
     points, index = np.unique(corners, axis=0, return_inverse=True)
     lines = [f"v {x:.6g} {y:.6g} {z:.6g}" for x, y, z in points]
@@ -22,7 +22,7 @@ def obj_of(path: Path) -> str:
 
 
 def triangles(content: bytes) -> Array:
-    """The triangles' corners, (N, 3, 3); none in what is no STL."""
+    """The triangles' corners (N, 3, 3) of an STL file's bytes; N = 0 where it is no STL."""
     count = int.from_bytes(content[80:_HEADER], "little")
     if len(content) == _HEADER + count * _TRIANGLE.itemsize:
         return np.asarray(np.frombuffer(content, _TRIANGLE, count, _HEADER)["corners"], dtype=float)

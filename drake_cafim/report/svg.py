@@ -1,4 +1,4 @@
-"""Figures as SVG text that stands inside a page: the same bytes for the same numbers."""
+"""Matplotlib figures as SVG elements for a page, byte-identical for equal numbers."""
 
 import io
 import re
@@ -39,13 +39,13 @@ STYLE: dict[Any, Any] = {
 
 @contextmanager
 def page_style() -> Iterator[None]:
-    """The library's own look, for figures that are made and written within it."""
+    """A context in which figures are made and written in the pages' style."""
     with rc_context(STYLE):
         yield
 
 
 def as_svg(figure: Figure, description: str) -> str:
-    """The figure as an `<svg>` element as wide as its place; `description` is for those who cannot see it."""
+    """The figure as an `<svg>` element of full width; `description` is its text for screen readers."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     text = buffer.getvalue()
@@ -62,7 +62,7 @@ def as_svg(figure: Figure, description: str) -> str:
     return head + text[text.index(">") + 1 :].strip()
 
 
-def quiet(axes: Axes) -> None:
-    """No grid and no ticks' strokes."""
+def hide_grid(axes: Axes) -> None:
+    """Remove the grid and the tick marks."""
     axes.grid(visible=False)
     axes.tick_params(length=0)

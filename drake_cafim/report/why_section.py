@@ -1,4 +1,4 @@
-"""The part of a report's page that says why each effect was named, and why others were not."""
+"""The section of a report's page on why each effect was named, and why others were not."""
 
 from math import log10
 from pathlib import Path
@@ -8,11 +8,11 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from drake_cafim.diagnosis.trace import Record, spoken
 from drake_cafim.diagnosis.verdict import Verdict
 from drake_cafim.report import colours
-from drake_cafim.report.reasons import Reasons, decisive, number, standing, story_of
+from drake_cafim.report.reasons import Reasons, deciding_record, number, records_of_verdict, story_of
 
 TEMPLATE = "why.html.j2"
 DECADE = 1.0 / 6.0
-"""Of a bar's length, beside its middle, that a factor of ten takes."""
+"""Fraction of a bar's length for a factor of ten."""
 
 
 def why_section(verdict: Verdict) -> str:
@@ -28,7 +28,7 @@ def why_section(verdict: Verdict) -> str:
     )
     named = [f"{item.effect.name}@{item.effect.at}" for item in verdict.explanation]
     story = story_of(verdict.trace, named)
-    remains = [item for item in standing(verdict.trace) if item.step == "remains" and item not in story.left]
+    remains = [item for item in records_of_verdict(verdict.trace) if item.step == "remains" and item not in story.left]
     return environment.get_template(TEMPLATE).render(
         kind=verdict.kind,
         named=[_named(item) for item in story.named],
@@ -44,21 +44,21 @@ def _named(reasons: Reasons) -> dict[str, object]:
 
 
 def _refused(reasons: Reasons) -> dict[str, object]:
-    settled = decisive(reasons.records, named=False)
+    settled = deciding_record(reasons.records, named=False)
     row = _row(settled) if settled else {"words": "", "statistic": "", "threshold": ""}
     return {"name": spoken(reasons.asked), **row}
 
 
 def _row(record: Record) -> dict[str, object]:
     first = record.words[:1]
-    # a capital chi looks like an X
+    # a capital χ would look like an X
     words = f"{first.upper() if first.isascii() else first}{record.words[1:]}."
     numbers = {"statistic": number(record.statistic), "threshold": number(record.threshold)}
     return {"words": words, "bar": _bar(record), **numbers}
 
 
 def _bar(record: Record) -> str:
-    """A bar as SVG, as long as the statistic is beside the threshold in its middle, both on a scale of decades."""
+    """A bar as SVG whose length is the statistic on a logarithmic scale, with the threshold in the middle."""
     if not record.statistic or not record.threshold or min(record.statistic, record.threshold) <= 0.0:
         return ""
     reach = min(max(0.5 + DECADE * log10(record.statistic / record.threshold), 0.02), 1.0)

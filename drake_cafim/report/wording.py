@@ -1,4 +1,4 @@
-"""Numbers, names and verdicts as a reader meets them."""
+"""Formats numbers, probabilities, intervals and names for readers."""
 
 from collections.abc import Sequence
 from pathlib import PurePath
@@ -68,5 +68,5 @@ def short(recording: str) -> str:
 
 
 def sentence_size(text: str) -> str:
-    """The class of lettering that suits a sentence of this length."""
+    """The page's CSS class for a headline of this length."""
     return "brief" if len(text) < 160 else "long" if len(text) < 420 else "very-long"

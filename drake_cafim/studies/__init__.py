@@ -1,1 +1,1 @@
-"""Studies: many runs from one seed, and what they say of the paper's claims."""
+"""Studies: tables, figures and claims from many runs that differ in seed, policy, prior, noise or world."""

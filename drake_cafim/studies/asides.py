@@ -1,4 +1,4 @@
-"""What the paper says of its own mathematics in passing, each computed and held against it; no runs are needed."""
+"""Tests of the paper's mathematical remarks (Fisher information, step, condition number, saltation), without runs."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from drake_cafim.typing import Array
 
 
 def aside_claims() -> list[Claim]:
-    """Theorem 1 read literally, the steepest step, the bound on the condition number, saltation, co-dependence."""
+    """Claims on Theorem 1, the step F⁻¹∇L, the bound on the condition number, saltation, co-dependent parameters."""
     return [_literal_theorem(), _steepest_step(), _condition_bound(), _saltation(), *_codependent()]
 
 
@@ -30,7 +30,7 @@ def _commands(axes: int, steps: int, speed: float, seed: int) -> Array:
 
 
 def _literal_theorem() -> Claim:
-    """−∂²L/∂θ² with τ and α fixed is Σ g_θᵀ Σ⁻¹ g_θ: what of the measurement depends on θ directly."""
+    """−∂²L/∂θ² with τ and α fixed is Σ g_θᵀ Σ⁻¹ g_θ: with partial derivatives, not total ones along the motion."""
     task = hefting()
     model, theta = task.model, task.theta
     motion = model.motion(task.robot_start, _commands(1, 60, 1.0, 1))
@@ -46,7 +46,7 @@ def _literal_theorem() -> Claim:
 
 
 def _steepest_step() -> Claim:
-    """From the prior's mean, δθ = F⁻¹∇L against the best step along the gradient alone."""
+    """The decrease of the cost from the prior's mean by δθ = F⁻¹∇L, and by the best step along the gradient."""
     task = pinching()
     model, theta = task.model, task.theta
     motion = model.motion(task.robot_start, _commands(1, 50, 0.3, 2))
@@ -79,7 +79,7 @@ def _lowest(problem: MapProblem, theta: Array) -> float:
 
 
 def _condition_bound() -> Claim:
-    """(κ + 1/κ)² ≤ (‖F‖²‖F⁻¹‖² − (n − 2))² is true, and does not know the trace: F and 10 F have the same bound."""
+    """(κ + 1/κ)² ≤ (‖F‖²‖F⁻¹‖² − (n − 2))² holds, but is independent of the trace: F and 10 F have the same bound."""
     random = np.random.default_rng(4)
     broken, moved = 0, 0.0
     for _ in range(1000):
@@ -101,7 +101,7 @@ def _bound(fisher: Array) -> float:
 
 
 def _saltation() -> Claim:
-    """Tangents through lost and regained contact, without any jump term, against differences of whole rollouts."""
+    """Sensitivities through lost and regained contact without jump terms, against finite differences of rollouts."""
     model, theta = CompliantHefting(), np.array([TRUE_MASS])
     differences, ratios = [], []
     evaluators: tuple[Evaluator, ...] = (

@@ -1,4 +1,4 @@
-"""Whether it pays to plan for the whole belief instead of its mode: the first experiment, seed by seed."""
+"""Study `belief-averaging`: plans scored over points of the belief against plans at its mode, paired by seed."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -22,7 +22,7 @@ CASES = (  # scenario, the prior's mean over the truth
 
 
 def averaging_cells(short: bool) -> list[Cell]:
-    """One experiment by the mode and one by the belief, 24 seeds."""
+    """The first experiment planned at the mode and over the belief, for each case and 24 seeds."""
     seeds = range(2 if short else 24)
     return [
         Cell(name, seed, prior_scale=scale, belief_samples=samples, experiments=1)
@@ -33,7 +33,7 @@ def averaging_cells(short: bool) -> list[Cell]:
 
 
 def averaging(results: Mapping[Cell, Any]) -> Findings:
-    """Information, error, largest force and planning time of belief-averaged plans beside those of the mode."""
+    """Information, error, largest force and planning time of belief-averaged plans and of plans at the mode."""
     rows, claims = [], []
     for name, scale in CASES:
         case = {c: kept for c, kept in results.items() if (c.scenario, c.prior_scale) == (name, scale)}
@@ -46,7 +46,7 @@ def averaging(results: Mapping[Cell, Any]) -> Findings:
             (
                 label,
                 str(gain),
-                *(f"{np.median(one):.2f}" for one in (by_mode, by_belief)),
+                *(f"{np.median(errors):.2f}" for errors in (by_mode, by_belief)),
                 "{:+.2f} ({:+.2f} to {:+.2f})".format(*difference),
                 *(f"{np.median([_force(run) for run in runs]):.1f}" for runs in (mode, averaged)),
                 *(f"{np.median(_of(runs, 'planning_ms')):.2f}" for runs in (mode, averaged)),

@@ -1,4 +1,4 @@
-"""The paper's four questions on emergent behaviour, answered by counting."""
+"""Study `behaviour`: contacts, reversals and touched faces of informative motions, for the paper's Q1 and Q2."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,7 +13,7 @@ COUNTS = ("contact_fraction", "sliding_fraction", "airborne_fraction", "reversal
 
 
 def behaviour_cells(short: bool) -> list[Cell]:
-    """Contact-aware beside random, 20 seeds."""
+    """Runs of contact-aware and of random in every scenario, 20 seeds."""
     seeds = range(1 if short else 20)
     return [Cell(name, seed, policy) for name in SCENARIOS for policy in ("contact-aware", "random") for seed in seeds]
 
@@ -25,7 +25,7 @@ def behaviour(results: Mapping[Cell, Any]) -> Findings:
         (f"{name}, {policy}", *(f"{value:.2f}" for value in found.values())) for (name, policy), found in mean.items()
     ]
     table = Table("Counts of one experiment", ("", *COUNTS, "faces"), tuple(rows))
-    about = "Nothing of this is in the objective but information and the costs of force and of leaving contact."
+    about = "The objective holds only information and the costs of force and of leaving contact."
     figures = tuple(time_series(name) for name in SCENARIOS)
     return Findings("Emergent behaviour", about, tuple(_answers(mean)), (table,), figures)
 

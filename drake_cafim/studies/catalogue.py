@@ -34,7 +34,7 @@ from drake_cafim.studies.worlds import hefting_table, hefting_table_cells
 
 @dataclass(frozen=True)
 class Study:
-    """Which runs it needs, in full or in short, and what they say."""
+    """A study: `cells(short)` lists its runs, in full or few of them; `conclude(results)` gives its findings."""
 
     cells: Callable[[bool], list[Cell]]
     conclude: Callable[[Mapping[Cell, Any]], Findings]

@@ -1,4 +1,4 @@
-"""One run of a study: what was varied, and the numbers that are kept of it."""
+"""One run of a study: its options, and the numbers that are stored of it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from drake_cafim.experiment.world import World
 from drake_cafim.information import Criterion
 from drake_cafim.scenario.schema import load
 from drake_cafim.scene.scene import resolve
-from drake_cafim.studies.diagnosed import diagnosed
+from drake_cafim.studies.diagnosed import diagnose_run
 from drake_cafim.studies.other_laws import other_laws
 from drake_cafim.tasks.contouring import contouring
 from drake_cafim.tasks.hefting import hefting
@@ -38,7 +38,7 @@ POINT = "pinching_point"
 
 @dataclass(frozen=True)
 class Cell:
-    """A run with everything that chooses it; the same cell gives the same numbers, planning times aside."""
+    """All options of a run; equal cells give equal numbers, planning times aside."""
 
     scenario: str
     seed: int
@@ -58,13 +58,13 @@ class Cell:
 
     @property
     def key(self) -> str:
-        """A file name that no other cell has."""
+        """The stem of its file's name, unique among cells."""
         world = "kinematic" if self.world is None else self.world
         parts = [self.scenario, world, self.policy, self.planner, self.criterion, f"prior{self.prior_scale:g}"]
         parts += [f"noise{self.noise:g}", f"of{self.experiments or 'all'}", f"seed{self.seed}"]
         parts += [f"belief{self.belief_samples}"] if self.belief_samples != 1 else []
         parts += ["guarded"] if self.force_guard else []
-        # nothing is guarded in the kinematic world unless it is said
+        # in the kinematic world the guard is off by default, so only other worlds need to say so
         parts += ["unguarded"] if self.force_guard is False and self.world is not None else []
         parts += [f"{name}{value:g}" for name, value in self.believed]
         parts += [f"process{self.process_noise:g}"] if self.process_noise else []
@@ -73,8 +73,8 @@ class Cell:
         return "_".join(parts)
 
 
-def varying(results: Mapping[Cell, Any], *names: str) -> dict[Cell, Any]:
-    """Of `results` those whose cells are the default runs of their scenario and seed but for the fields `names`."""
+def select_varied(results: Mapping[Cell, Any], *names: str) -> dict[Cell, Any]:
+    """The results of cells whose fields other than scenario, seed and `names` have their default values."""
     return {
         cell: kept
         for cell, kept in results.items()
@@ -83,7 +83,7 @@ def varying(results: Mapping[Cell, Any], *names: str) -> dict[Cell, Any]:
 
 
 def measure(cell: Cell) -> dict[str, Any]:
-    """The numbers of the run that `cell` describes, as they are kept in its file."""
+    """Carry out the run of `cell`; returns the numbers that are stored in its file."""
     task, world = _task_and_world(cell)
     options = Options(
         policy=cell.policy,
@@ -97,13 +97,13 @@ def measure(cell: Cell) -> dict[str, Any]:
     result = run(task, options, world)
     kept = {} if cell.scenario != POINT else {"laws": other_laws(result)}
     if cell.diagnosed:
-        kept["diagnosis"] = diagnosed(result, cell.scenario, world)
+        kept["diagnosis"] = diagnose_run(result, cell.scenario, world)
     return {
         **kept,
         "parameters": list(task.model.parameters.names),
         "prior_error": (100.0 * (result.prior.mean - task.theta) / task.theta).tolist(),
         "period": task.model.period,
-        "experiments": [_kept(result, one) for one in result.experiments],
+        "experiments": [_stored_numbers(result, experiment) for experiment in result.experiments],
     }
 
 
@@ -119,7 +119,9 @@ def _task_and_world(cell: Cell) -> tuple[Task, World]:
     true, model = task, cast(Any, task.model)
     task = replace(task, model=replace(model, **dict(cell.believed)))
     if stage is None or cell.world is None:
-        return task, kinematic_world(_moved(true, cell.outside), seed=cell.seed, process_std=cell.process_noise)
+        return task, kinematic_world(
+            _with_contact_outside(true, cell.outside), seed=cell.seed, process_std=cell.process_noise
+        )
     world = stage.world(cell.world, cell.seed)
     if cell.diagnosed:
         return task, world
@@ -127,8 +129,8 @@ def _task_and_world(cell: Cell) -> tuple[Task, World]:
     return task, replace(world, recorded=("true_force",) if cell.world == "model" else ("true_force", "contacts"))
 
 
-def _moved(task: Task, outside: float) -> Task:
-    """The task in whose model what touches stands out by `outside` m; hefting has no place for that."""
+def _with_contact_outside(task: Task, outside: float) -> Task:
+    """The task with the radius of the tip or ball enlarged by `outside` m; unchanged where the model has none."""
     model: Any = task.model
     for radius in ("tip_radius", "ball_radius"):
         if outside and hasattr(model, radius):
@@ -136,25 +138,25 @@ def _moved(task: Task, outside: float) -> Task:
     return task
 
 
-def _kept(result: RunResult, one: ExperimentResult) -> dict[str, Any]:
+def _stored_numbers(result: RunResult, experiment: ExperimentResult) -> dict[str, Any]:
     theta = result.task.theta
-    eigenvalues = np.linalg.eigvalsh(one.fisher / np.outer(1.0 / theta, 1.0 / theta))
+    eigenvalues = np.linalg.eigvalsh(experiment.fisher / np.outer(1.0 / theta, 1.0 / theta))
     return {
-        "error": list(one.error_percent.values()),
-        "inside": (np.abs(one.belief.mean - theta) <= 1.96 * one.belief.std).tolist(),
-        "std": (100.0 * one.belief.std / theta).tolist(),
-        "information": one.scaled_trace,
-        **describe_combinations(result.prior, one.belief),
+        "error": list(experiment.error_percent.values()),
+        "inside": (np.abs(experiment.belief.mean - theta) <= 1.96 * experiment.belief.std).tolist(),
+        "std": (100.0 * experiment.belief.std / theta).tolist(),
+        "information": experiment.scaled_trace,
+        **describe_combinations(result.prior, experiment.belief),
         "condition": float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 0 else None,
-        "behaviour": dict(one.behaviour),
-        "tracking_error": one.tracking_error,
-        "planning_ms": float(np.median(one.planning_ms)),
-        "hydroelastic": _hydroelastic(one),
+        "behaviour": dict(experiment.behaviour),
+        "tracking_error": experiment.tracking_error,
+        "planning_ms": float(np.median(experiment.planning_ms)),
+        "hydroelastic": _hydroelastic(experiment),
     }
 
 
-def _hydroelastic(one: ExperimentResult) -> float | None:
-    """The share of the plant's steps in contact at which the contact is hydroelastic; None without a contact."""
-    contacts = one.recorded.get("contacts", np.zeros((0, 2)))
+def _hydroelastic(experiment: ExperimentResult) -> float | None:
+    """The fraction of the plant's steps in contact at which the contact is hydroelastic; None without a contact."""
+    contacts = experiment.recorded.get("contacts", np.zeros((0, 2)))
     touching = contacts[contacts.sum(axis=1) > 0]
     return float((touching[:, 0] > 0).mean()) if len(touching) else None

@@ -1,4 +1,4 @@
-"""Every claim of the paper in one table, its asides and its limitations among them, each with a verdict."""
+"""Study `claims`: every claim of the paper, including its remarks and limitations, in one table with its standing."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,12 +8,12 @@ import numpy as np
 from drake_cafim.design.policies import PolicyName
 from drake_cafim.studies.asides import aside_claims
 from drake_cafim.studies.behaviour import behaviour_claims
-from drake_cafim.studies.cell import SCENARIOS, Cell, varying
+from drake_cafim.studies.cell import SCENARIOS, Cell, select_varied
 from drake_cafim.studies.comparisons import CRITERIA, POLICIES, criteria_claims, policy_claims
 from drake_cafim.studies.disturbances import disturbance_cells, disturbance_claims
 from drake_cafim.studies.findings import Claim, Findings, Ratio, Standing, final_errors, ratio_of_medians
 from drake_cafim.studies.landscapes import landscape_claims
-from drake_cafim.studies.one_rub import one_rub_claims, rubbed
+from drake_cafim.studies.one_rub import one_rub_claims, run_one_rub
 from drake_cafim.studies.priors import prior_claims, robustness_cells
 
 QUIET = 0.1  # times the sensor's noise
@@ -34,16 +34,16 @@ def claim_cells(short: bool) -> list[Cell]:
 
 def claims(results: Mapping[Cell, Any]) -> Findings:
     """The table; Q1 to Q4 are the paper's questions."""
-    policies = varying(results, "policy")
-    priors = varying(results, "prior_scale")
+    policies = select_varied(results, "policy")
+    priors = select_varied(results, "prior_scale")
     found = [
         *behaviour_claims(policies),
         *policy_claims(policies),
         _pinching_gains_least(policies),
         *prior_claims(priors),
-        *(Claim(f"Q4: {one.claim}", one.found, one.standing) for one in landscape_claims()),
-        *one_rub_claims(rubbed()),
-        *criteria_claims(varying(results, "criterion")),
+        *(Claim(f"Q4: {claim.claim}", claim.found, claim.standing) for claim in landscape_claims()),
+        *one_rub_claims(run_one_rub()),
+        *criteria_claims(select_varied(results, "criterion")),
         *aside_claims(),
         _over_approximates(priors),
         *_quiet_hefting(results),
@@ -64,7 +64,7 @@ def _errors(results: Mapping[Cell, Any], name: str, policy: str) -> list[float]:
 
 
 def _gain(results: Mapping[Cell, Any], name: str, policy: str) -> Ratio:
-    """The error of `policy` over that of contact-aware."""
+    """The ratio of median errors of `policy` and of contact-aware."""
     return ratio_of_medians(_errors(results, name, policy), _errors(results, name, "contact-aware"))
 
 
@@ -78,7 +78,7 @@ def _pinching_gains_least(policies: Mapping[Cell, Any]) -> Claim:
 
 
 def _over_approximates(priors: Mapping[Cell, Any]) -> Claim:
-    """Mean square error in units of the claimed variance, from priors whose mean is the truth: below one if over."""
+    """Mean squared error over the claimed variance, from priors with the true mean; below 1 if that is too large."""
     squares = []
     for cell, kept in priors.items():
         if cell.prior_scale == 1.0:
@@ -91,7 +91,7 @@ def _over_approximates(priors: Mapping[Cell, Any]) -> Claim:
 
 
 def _quiet_hefting(results: Mapping[Cell, Any]) -> list[Claim]:
-    quiet = {cell: kept for cell, kept in varying(results, "policy", "noise").items() if cell.noise == QUIET}
+    quiet = {cell: kept for cell, kept in select_varied(results, "policy", "noise").items() if cell.noise == QUIET}
     found = []
     for rival in RIVALS:
         gain = _gain(quiet, "hefting", rival)
@@ -105,7 +105,7 @@ def _real_time(policies: Mapping[Cell, Any]) -> Claim:
     said, holds = [], True
     for name in SCENARIOS:
         runs = [k for cell, k in policies.items() if cell.scenario == name and cell.policy == "contact-aware"]
-        planning = float(np.median([one["planning_ms"] for run in runs for one in run["experiments"]]))
+        planning = float(np.median([experiment["planning_ms"] for run in runs for experiment in run["experiments"]]))
         period = 1e3 * float(runs[0]["period"])
         holds &= planning < period
         said.append(f"{name} {planning:.2f} of {period:g} ms")

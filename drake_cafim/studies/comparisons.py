@@ -1,4 +1,4 @@
-"""One choice varied, all else alike: policies, planners, criteria."""
+"""Studies `convergence`, `planners` and `criteria`: policies, planners or criteria compared, all else equal."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, get_args
@@ -18,7 +18,7 @@ CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 
 
 def convergence_cells(short: bool) -> list[Cell]:
-    """Six policies, 20 seeds."""
+    """Runs of all six policies, 20 seeds."""
     return [Cell(name, seed, policy) for name in SCENARIOS for policy in POLICIES for seed in range(2 if short else 20)]
 
 
@@ -46,13 +46,13 @@ def policy_claims(results: Mapping[Cell, Any]) -> list[Claim]:
 
 
 def planner_cells(short: bool) -> list[Cell]:
-    """Four planners on about the same budget of rollouts, 20 seeds."""
+    """Runs of all four planners with about the same number of rollouts, 20 seeds."""
     seeds = range(1 if short else 20)
     return [Cell(name, seed, planner=planner) for name in SCENARIOS for planner in PLANNERS for seed in seeds]
 
 
 def planners(results: Mapping[Cell, Any]) -> Findings:
-    """What each planner finds with about ten rollouts a step."""
+    """Error, information and behaviour by planner, with about ten rollouts per step."""
     groups = {name: _groups(results, name, PLANNERS, lambda cell: cell.planner) for name in SCENARIOS}
     tables = tuple(_table(name, by, "predictive-sampling") for name, by in groups.items())
     about = f"The same score; rollouts a planning step: {rollouts_in_words()}."
@@ -60,7 +60,7 @@ def planners(results: Mapping[Cell, Any]) -> Findings:
 
 
 def rollouts_in_words(axes: Sequence[int] = (1, 2)) -> str:
-    """How many rollouts each planner spends a step, for motions along one axis and along two."""
+    """The number of rollouts of each planner per step, for motions along one axis and along two, in words."""
     config, found = PlannerConfig(), []
     for name in PLANNERS:
         counts = dict.fromkeys(str(make_planner(name, config).rollouts(config.knots * nu)) for nu in axes)
@@ -69,14 +69,14 @@ def rollouts_in_words(axes: Sequence[int] = (1, 2)) -> str:
 
 
 def criteria_cells(short: bool) -> list[Cell]:
-    """Five criteria where there are two unknowns, 20 seeds."""
+    """Runs of all five criteria in the scenarios with two unknowns, 20 seeds."""
     seeds = range(1 if short else 20)
     names = ("pinching", "contouring")
     return [Cell(name, seed, criterion=criterion) for name in names for criterion in CRITERIA for seed in seeds]
 
 
 def criteria(results: Mapping[Cell, Any]) -> Findings:
-    """What each scalar of the information leads to; condition numbers in units of the truth."""
+    """Error, information and condition number by criterion; condition numbers of F scaled by the truth."""
     names = ("pinching", "contouring")
     tables = [_table(name, _groups(results, name, CRITERIA, lambda cell: cell.criterion), "logdet") for name in names]
     about = "In units of the truth: F is scaled by θ before its condition number is taken."
@@ -130,7 +130,7 @@ def _table(scenario: str, groups: Mapping[str, Sequence[dict[str, Any]]], refere
                 f"{np.mean(behaviours(runs, 'contact_fraction')):.2f}",
                 f"{np.mean(behaviours(runs, 'airborne_fraction')):.2f}",
                 f"{np.max(behaviours(runs, 'max_force')):.1f}",
-                f"{np.median([one['planning_ms'] for run in runs for one in run['experiments']]):.2f}",
+                f"{np.median([experiment['planning_ms'] for run in runs for experiment in run['experiments']]):.2f}",
             )
         )
     return Table(f"{scenario}: {len(next(iter(groups.values())))} seeds", header, tuple(rows))
@@ -138,7 +138,7 @@ def _table(scenario: str, groups: Mapping[str, Sequence[dict[str, Any]]], refere
 
 def _condition(runs: Sequence[dict[str, Any]]) -> float:
     """Median condition number of an experiment's information; infinite where it is singular."""
-    values = [one["condition"] for run in runs for one in run["experiments"]]
+    values = [experiment["condition"] for run in runs for experiment in run["experiments"]]
     return float(np.median([np.inf if value is None else value for value in values]))
 
 

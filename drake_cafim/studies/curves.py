@@ -1,4 +1,4 @@
-"""Error and information against experiments, a colour a policy: medians and quartiles over seeds."""
+"""Figures of error and information against the number of experiments: medians and quartiles over seeds by policy."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Curve:
 
 
 def quartile_figure(scenario: str, curves: Sequence[Curve]) -> str:
-    """SVG of two panels."""
+    """SVG of two panels: error and information so far, median and quartiles over seeds, one colour for each curve."""
     with page_style():
         figure = Figure(figsize=(7.2, 2.7), layout="constrained")
         left, right = figure.subplots(1, 2)

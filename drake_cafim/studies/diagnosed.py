@@ -1,4 +1,4 @@
-"""A run's recordings, diagnosed: what the scenario's model lacks, and how much better it predicts with it."""
+"""Diagnosis of a run's recordings: the effects that the scenario's model lacks, and its prediction errors with them."""
 
 from typing import Any
 
@@ -13,8 +13,8 @@ from drake_cafim.experiment.world import World
 from drake_cafim.scene.scene import Scene
 
 
-def diagnosed(result: RunResult, scenario: str, world: World) -> dict[str, Any]:
-    """The verdict on the first experiments of `result`, the last one held out."""
+def diagnose_run(result: RunResult, scenario: str, world: World) -> dict[str, Any]:
+    """The verdict on all experiments of `result` but the last, which is held out, as plain values."""
     assert isinstance(world.system, Diagram)
     scene, joints = Scene.load(scenario), joint_names(world.system)
     recordings = recordings_of(result, scene, joints, step=world.recording_period)
@@ -25,12 +25,12 @@ def diagnosed(result: RunResult, scenario: str, world: World) -> dict[str, Any]:
         "sentence": str(verdict),
         "effects": [
             {
-                "effect": one.effect.name,
-                "at": one.effect.at,
-                "probability": one.probability,
-                "values": {name: [value.value, value.std] for name, value in one.values.items()},
+                "effect": accepted.effect.name,
+                "at": accepted.effect.at,
+                "probability": accepted.probability,
+                "values": {name: [value.value, value.std] for name, value in accepted.values.items()},
             }
-            for one in verdict.explanation
+            for accepted in verdict.explanation
         ],
         "nominal": _quality(verdict.held_out.nominal),
         "corrected": _quality(verdict.held_out.corrected),

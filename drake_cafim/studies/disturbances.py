@@ -1,11 +1,11 @@
-"""The limitations that the paper names: a world that is not deterministic, and contact outside the planned frame."""
+"""Study `disturbances`: the paper's limitations, process noise and contact outside the planned frame."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from drake_cafim.studies.cell import SCENARIOS, Cell, varying
+from drake_cafim.studies.cell import SCENARIOS, Cell, select_varied
 from drake_cafim.studies.findings import Claim, Findings, Table, behaviours, final_errors, ratio_of_medians
 
 PROCESS = (0.1, 0.3)  # m/s, against commands of up to 1 m/s (hefting, rubbing), 0.5 (contouring) and 0.3 (pinching)
@@ -14,7 +14,7 @@ FIXED = ("rubbing", "pinching", "contouring")  # scenarios in which what touches
 
 
 def disturbance_cells(short: bool, count: int = 20) -> list[Cell]:
-    """Contact-aware from 20 seeds: undisturbed, shaken at two strengths, and touching 2 mm too early."""
+    """Contact-aware runs, 20 seeds: undisturbed, with process noise at two levels, and with contact 2 mm too early."""
     seeds = range(1 if short else count)
     cells = [Cell(name, seed) for name in SCENARIOS for seed in seeds]
     cells += [Cell(name, seed, process_noise=std) for name in SCENARIOS for std in PROCESS for seed in seeds]
@@ -24,8 +24,8 @@ def disturbance_cells(short: bool, count: int = 20) -> list[Cell]:
 def disturbances(results: Mapping[Cell, Any]) -> Findings:
     """Errors with each disturbance beside those without."""
     about = (
-        "The robot does not go where it is sent, by white noise on the commanded velocity, but says where it is; or "
-        "what touches stands out 2 mm before the frame that is planned and estimated with."
+        "Either white noise is added to the commanded velocity, while the robot's position is measured without error; "
+        "or the surface that touches stands out 2 mm from where planning and estimation assume it."
     )
     header = ("", "seeds", "median errors, %", "interval holds", "contact", "largest force, N")
     rows = []
@@ -38,7 +38,7 @@ def disturbances(results: Mapping[Cell, Any]) -> Findings:
 
 
 def disturbance_claims(results: Mapping[Cell, Any]) -> list[Claim]:
-    """Whether each limitation limits."""
+    """Whether each disturbance increases the errors: claims with the ratio of median errors."""
     claims = []
     for name in SCENARIOS:
         groups = _groups(results, name)
@@ -54,8 +54,8 @@ def disturbance_claims(results: Mapping[Cell, Any]) -> list[Claim]:
 
 def _groups(results: Mapping[Cell, Any], name: str) -> dict[str, list[dict[str, Any]]]:
     own = {cell: kept for cell, kept in results.items() if cell.scenario == name}
-    shaken, moved = varying(own, "process_noise"), varying(own, "outside")
-    groups = {"undisturbed": list(varying(own).values())}
+    shaken, moved = select_varied(own, "process_noise"), select_varied(own, "outside")
+    groups = {"undisturbed": list(select_varied(own).values())}
     for std in PROCESS:
         groups[f"process noise of {std:g} m/s"] = [k for cell, k in shaken.items() if cell.process_noise == std]
     groups["contact 2 mm outside the planned frame"] = [k for cell, k in moved.items() if cell.outside == OUTSIDE]
@@ -67,7 +67,7 @@ def _errors(runs: Sequence[dict[str, Any]]) -> list[float]:
 
 
 def _coverage(runs: Sequence[dict[str, Any]]) -> str:
-    """How often each parameter's interval holds the truth."""
+    """For each parameter, the fraction of runs whose 95 % interval contains the truth."""
     inside = np.mean([run["experiments"][-1]["inside"] for run in runs], axis=0)
     return ", ".join(f"{share:.2f}" for share in inside)
 

@@ -1,4 +1,4 @@
-"""What a study found: tables, figures, and claims with a verdict."""
+"""The findings of a study: tables, figures and claims, and the statistics that decide a claim's standing."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ Standing: TypeAlias = Literal["holds", "ties", "does not hold", "cannot be repea
 
 @dataclass(frozen=True)
 class Claim:
-    """Something that was claimed or required, what was found instead of it, and how it stands."""
+    """A claim or requirement, the result found for it, and whether it holds."""
 
     claim: str
     found: str
@@ -63,19 +63,19 @@ class Ratio:
 
     @property
     def alike(self) -> bool:
-        """Within .8–1.25."""
+        """Whether the ratio is between 0.8 and 1.25."""
         return 0.8 <= self.value <= 1.25
 
     @property
     def standing(self) -> Standing:
-        """`holds` where the first is more; `ties` if alike, and where the interval does not tell which is more."""
+        """`ties` between 0.8 and 1.25 or where the interval contains 1; else `holds` where the first is larger."""
         if self.alike or self.low <= 1.0 <= self.high:
             return "ties"
         return "holds" if self.value > 1.25 else "does not hold"
 
 
 def ratio_of_medians(first: Sequence[float], second: Sequence[float], draws: int = 2000) -> Ratio:
-    """Median of `first` over that of `second`, each drawn again with replacement; the draws are always the same."""
+    """Median of `first` over median of `second`, with its 95 % interval by bootstrap with a fixed seed."""
     a, b = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
     random = np.random.default_rng(0)
     above = np.median(random.choice(a, (draws, len(a))), axis=1)
@@ -94,16 +94,16 @@ def final_errors(results: Sequence[dict[str, Any]]) -> Array:
 
 def information(results: Sequence[dict[str, Any]]) -> list[float]:
     """Scaled trace of an experiment's Fisher information, its mean over each run's experiments."""
-    return [float(np.mean([one["information"] for one in result["experiments"]])) for result in results]
+    return [float(np.mean([experiment["information"] for experiment in result["experiments"]])) for result in results]
 
 
 def behaviours(results: Sequence[dict[str, Any]], name: str) -> list[Any]:
-    """One kind of behaviour of all experiments of all runs."""
-    return [one["behaviour"][name] for result in results for one in result["experiments"]]
+    """The behaviour `name` of each experiment of each run."""
+    return [experiment["behaviour"][name] for result in results for experiment in result["experiments"]]
 
 
 def world_name(results: Mapping[Cell, Any]) -> str:
-    """Where the runs were made, in words: the kinematic world, or `model`."""
+    """The world of the runs in words: the kinematic one, or `model`."""
     if any(cell.world == "model" for cell in results):
         return "world `model`: robots in Drake, pushed by the planner's own law"
-    return "the kinematic world, which tracks perfectly"
+    return "the kinematic world, where commands are tracked perfectly"

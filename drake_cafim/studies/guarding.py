@@ -1,4 +1,4 @@
-"""Whether the force limit holds in execution when the model is too soft: with the guard and without it."""
+"""Study `force-guard`: violations of the force limit with a model that is too soft, with and without the guard."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,14 +19,14 @@ CASES: Mapping[str, Cell] = {
 
 
 def guarding_cells(short: bool) -> list[Cell]:
-    """Contact-aware with the guard, 40 seeds, and without it, 10."""
+    """Contact-aware runs with the guard, 40 seeds, and without it, 10 seeds."""
     guarded, bold = (range(1), range(1)) if short else (range(40), range(10))
     cells = [replace(case, seed=seed, force_guard=False) for case in CASES.values() for seed in bold]
     return cells + [replace(case, seed=seed, force_guard=True) for case in CASES.values() for seed in guarded]
 
 
 def guarding(results: Mapping[Cell, Any]) -> Findings:
-    """Violations of the limit by true force, and what keeping it costs."""
+    """Violations of the limit by the true force, and contact, information and error with and without the guard."""
     rows, claims = [], []
     for name, case in CASES.items():
         for guard in (False, True):
@@ -63,7 +63,7 @@ def guarding(results: Mapping[Cell, Any]) -> Findings:
     )
     table = Table(f"Limit {LIMIT:g} N in true force", header, tuple(rows))
     about = (
-        "The guard reads measured forces and does not trust the model, and plans know what it lets through; "
+        "The guard limits commands by measured forces and allows for errors of the model; plans account for it. "
         "cafim run --force-guard, --no-force-guard."
     )
     return Findings("Force limits in execution", about, tuple(claims), (table,))

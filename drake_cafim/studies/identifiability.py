@@ -1,4 +1,4 @@
-"""Friction and stiffness of a wall together: with both forces measured, and with the tangential one alone."""
+"""Study `identifiability`: friction and stiffness together, from both forces or from the tangential one alone."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -25,26 +25,29 @@ def identifiability(results: Mapping[Cell, Any]) -> Findings:
     for name, sensor in SENSORS.items():
         runs = [kept for cell, kept in results.items() if cell.scenario == name]
         last = [run["experiments"][-1] for run in runs]
-        ranks = sorted({one["rank"] for one in last})
+        ranks = sorted({experiment["rank"] for experiment in last})
         expected = 2 if name == "rubbing_two" else 1
         found = ", ".join(map(str, ranks))
         claims.append(Claim(f"{sensor}: rank {expected}", found, "holds" if ranks == [expected] else "does not hold"))
         errors = final_errors(runs)
         for index, parameter in enumerate(runs[0]["parameters"]):
-            inside = float(np.mean([one["inside"][index] for one in last]))
-            std = float(np.median([one["std"][index] for one in last]))
+            inside = float(np.mean([experiment["inside"][index] for experiment in last]))
+            std = float(np.median([experiment["std"][index] for experiment in last]))
             rows.append(_row(sensor, parameter, errors[:, index], std, inside))
             if expected == 2:
                 claims.append(require(f"{sensor}: coverage of {parameter}", inside, 0.9))
-        product = np.array([_product_error(one) for one in last])
+        product = np.array([_product_error(experiment) for experiment in last])
         if expected == 1:
-            stds = np.array([one["combinations"][0]["std_percent"] for one in last])
+            stds = np.array([experiment["combinations"][0]["std_percent"] for experiment in last])
             inside = float(np.mean(np.abs(product) <= 1.96 * stds))
             rows.append(
                 _row(sensor, last[0]["combinations"][0]["text"], np.abs(product), float(np.median(stds)), inside)
             )
-            same = all(np.allclose(list(one["combinations"][0]["exponents"].values()), 1.0, atol=1e-3) for one in last)
-            text = " | ".join(sorted({one["combinations"][0]["text"] for one in last}))
+            same = all(
+                np.allclose(list(experiment["combinations"][0]["exponents"].values()), 1.0, atol=1e-3)
+                for experiment in last
+            )
+            text = " | ".join(sorted({experiment["combinations"][0]["text"] for experiment in last}))
             claims.append(Claim(f"{sensor}: what is known is the product", text, "holds" if same else "does not hold"))
             claims.append(require(f"{sensor}: coverage of the product", inside, 0.9))
     header = ("measured", "of", "median error, %", "95th percentile, %", "stated std, %", "95 % interval holds it")
@@ -58,6 +61,6 @@ def _row(sensor: str, what: str, errors: Array, std: float, inside: float) -> tu
     return (sensor, what, *(f"{figure:.2f}" for figure in figures), f"{inside:.2f}")
 
 
-def _product_error(one: Mapping[str, Any]) -> float:
-    """Of friction times stiffness, percent."""
-    return 100.0 * (float(np.prod([1.0 + 0.01 * error for error in one["error"]])) - 1.0)
+def _product_error(experiment: Mapping[str, Any]) -> float:
+    """The error of the product of friction and stiffness, percent."""
+    return 100.0 * (float(np.prod([1.0 + 0.01 * error for error in experiment["error"]])) - 1.0)

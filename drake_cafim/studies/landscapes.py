@@ -1,4 +1,4 @@
-"""What one touch tells, by how it is done: information over penetration and velocity."""
+"""Study `landscapes`: Fisher information of one sample as a function of penetration and velocity."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,7 +21,7 @@ SPEED = np.linspace(-0.3, 0.3, 61)  # m/s
 
 
 def landscape_cells(short: bool) -> list[Cell]:
-    """None: a landscape needs no run."""
+    """No cells: landscapes are computed without runs."""
     return []
 
 
@@ -41,7 +41,7 @@ def landscapes(results: Mapping[Cell, Any]) -> Findings:
 
 
 def landscape_claims() -> tuple[Claim, ...]:
-    """What the paper says of each landscape (its A4), held against it."""
+    """Tests of the paper's statements on each landscape (its A4)."""
     pinch, rub, heft = _pinching(), _rubbing(), _hefting()
     linear = _linearity(heft)
     _, across = np.unravel_index(int(heft.argmax()), heft.shape)
@@ -86,13 +86,13 @@ def _claim(claim: str, found: str, holds: bool) -> Claim:
 
 
 def _place(values: Array, up: Array, across: Array) -> tuple[float, float]:
-    """Where the largest of `values` (up, across) stands."""
+    """The coordinates of the largest of `values` (up, across)."""
     row, column = np.unravel_index(int(values.argmax()), values.shape)
     return float(up[row]), float(across[column])
 
 
 def _linearity(values: Array) -> float:
-    """The share of the variance of `values` (up, across) that a plane explains."""
+    """R² of a plane fitted to `values` (up, across)."""
     up, across = np.meshgrid(*(np.linspace(-1.0, 1.0, size) for size in values.shape), indexing="ij")
     columns = np.stack([np.ones(values.size), up.ravel(), across.ravel()], axis=-1)
     fitted = columns @ np.linalg.lstsq(columns, values.ravel(), rcond=None)[0]
@@ -104,23 +104,23 @@ _RATE, _PENETRATION = np.linspace(-1.0, 1.0, 41), np.linspace(0.0, 0.01, 21)
 
 
 def _pinching() -> Array:
-    """(depths, speeds)."""
+    """Information (depths, speeds)."""
     depth, speed = np.meshgrid(DEPTH, SPEED, indexing="ij")
     motion = np.stack([0.020 - depth, speed], axis=-1)
     return _of_one_sample_grid(Pinching(), motion, np.array([TRUE_STIFFNESS, TRUE_DAMPING]))
 
 
 def _rubbing() -> Array:
-    """(normal, tangential) at 1 cm depth."""
+    """Information (normal velocities, tangential velocities) at 1 cm depth."""
     normal, tangential = np.meshgrid(_NORMAL, _TANGENTIAL, indexing="ij")
     place = [np.full_like(normal, 0.03), np.full_like(normal, 0.7)]
     return _of_one_sample_grid(Rubbing(), np.stack([*place, normal, tangential], axis=-1), np.array([TRUE_FRICTION]))
 
 
 def _hefting() -> Array:
-    """(depths, velocities): the palm so deep in a ball at rest, and moving so against it; the mean over 10 ms.
+    """Information (depths, velocities) of a palm that meets a ball at rest, mean over the samples of 10 ms.
 
-    The force itself does not depend on the mass; what it tells comes through how the ball gives way.
+    The force does not depend on the mass directly; the information comes from the ball's acceleration.
     """
     model, theta = CompliantHefting(period=2.5e-4, substeps=1), np.array([0.05])
     depth, rate = np.meshgrid(_PENETRATION, _RATE, indexing="ij")

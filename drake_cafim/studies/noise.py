@@ -1,4 +1,4 @@
-"""The sensor's noise from a tenth to three times: what is left of the policies' differences."""
+"""Study `noise`: errors and information of three policies, with the sensor's noise scaled by 0.1 to 3."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,7 +17,7 @@ POLICIES: tuple[PolicyName, ...] = ("contact-aware", "finite-difference", "rando
 
 
 def noise_cells(short: bool) -> list[Cell]:
-    """The sensor's noise times 0.1 to 3, three policies, 20 seeds."""
+    """Runs of three policies with the sensor's noise times 0.1 to 3, 20 seeds."""
     seeds = range(1 if short else 20)
     return [Cell(n, s, p, noise=sigma) for n in SCENARIOS for sigma in SIGMAS for p in POLICIES for s in seeds]
 
@@ -34,8 +34,8 @@ def noise(results: Mapping[Cell, Any]) -> Findings:
         "holds" if gain.alike else "does not hold",
     )
     about = (
-        "The sensor's noise scaled in the world and in the model; errors are medians over seeds, of the mean over what "
-        "is unknown. Nothing guards the force in this world: random motions press as hard as it happens."
+        "The sensor's noise is scaled in the world and in the model; errors are medians over seeds of the mean over "
+        "the unknowns. There is no force guard in this world, so random motions may exceed the force limit."
     )
     return Findings("Noise", about, (claim,), tables, (_figure(results),))
 

@@ -1,4 +1,4 @@
-"""Belief and information within one rub of the wall: the paper's second figure."""
+"""Study `one-rub`: belief and information over time within one rub of the wall (the paper's second figure)."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -17,15 +17,15 @@ from drake_cafim.typing import Array
 
 
 def one_rub_cells(short: bool) -> list[Cell]:
-    """None: the one run is made with the figure."""
+    """No cells: its one run is carried out with the figure."""
     return []
 
 
 def one_rub(results: Mapping[Cell, Any]) -> Findings:
     """The belief after every fifth step of one experiment, the force, and the information so far."""
-    result = rubbed()
+    result = run_one_rub()
     about = (
-        "One contact-aware rub, prior 30 % too high with a standard deviation of 1. The belief is renewed every "
+        "One contact-aware rub, prior 30 % too high with a standard deviation of 1. The belief is updated every "
         "0.1 s from all samples so far."
     )
     return Findings(
@@ -33,22 +33,22 @@ def one_rub(results: Mapping[Cell, Any]) -> Findings:
     )
 
 
-def rubbed(seed: int = 0) -> RunResult:
-    """One rub, estimated as it goes."""
+def run_one_rub(seed: int = 0) -> RunResult:
+    """The result of one rubbing experiment with an estimate after every fifth step."""
     return run(replace(rubbing().with_prior_mean(1.3), estimate_every=5), Options(seed=seed, experiments=1))
 
 
 def one_rub_claims(result: RunResult) -> list[Claim]:
-    """That the belief collapses through contact, by sliding."""
-    (one,) = result.experiments
+    """Claims that the belief narrows only after contact, and faster while sliding faster."""
+    (experiment,) = result.experiments
     time, mean, std = history(result)
-    first = float(one.behaviour["first_contact"])
+    first = float(experiment.behaviour["first_contact"])
     before, after = std[time <= first], std[time > first]
     narrowed = float(after[-1] / result.prior.std[0])
     still = bool(np.allclose(before, result.prior.std[0]))
     gained = np.diff(information(std), prepend=information(std)[:1])
-    speed = np.abs(one.robot_states[1:, 3]).reshape(-1, 5).mean(axis=1)
-    normal = one.true_force[:, 0].reshape(-1, 5)
+    speed = np.abs(experiment.robot_states[1:, 3]).reshape(-1, 5).mean(axis=1)
+    normal = experiment.true_force[:, 0].reshape(-1, 5)
     touching = (normal > 0).any(axis=1)
     slow, fast = (gained[touching & side].mean() for side in (speed < np.median(speed), speed >= np.median(speed)))
     return [
@@ -67,7 +67,7 @@ def one_rub_claims(result: RunResult) -> list[Claim]:
 
 
 def history(result: RunResult) -> tuple[Array, Array, Array]:
-    """Times (N,) s, and mean and std (N,) of the friction after each renewal."""
+    """Times (N,) s, and mean and std (N,) of the friction after each update."""
     rows = result.experiments[0].history
     return tuple(np.array([np.ravel(row[column])[0] for row in rows]) for column in range(3))  # type: ignore[return-value]
 
@@ -82,21 +82,21 @@ def _claim(claim: str, found: str, holds: bool) -> Claim:
 
 
 def _figure(result: RunResult) -> str:
-    (one,) = result.experiments
+    (experiment,) = result.experiments
     time, mean, std = history(result)
     with page_style():
         figure = Figure(figsize=(7.2, 4.6), layout="constrained")
-        belief, told, felt = np.atleast_1d(figure.subplots(3, sharex=True))
+        belief, inverse_variance, force = np.atleast_1d(figure.subplots(3, sharex=True))
         belief.fill_between(time, mean - 1.96 * std, mean + 1.96 * std, color=COLOURS[0], alpha=0.2, linewidth=0)
         belief.plot(time, mean, color=COLOURS[0])
         belief.axhline(TRUE_FRICTION, color="black", linewidth=0.8)
         belief.set_ylim(0.0, 1.2)
         belief.set_ylabel("friction")
-        told.plot(time, information(std), color=COLOURS[1])
-        told.set_ylabel("1/variance")
-        for column, colour, label in zip(one.true_force.T, COLOURS[2:], ("normal", "tangential"), strict=False):
-            felt.step(one.time[1:], column, where="pre", color=colour, linewidth=1.0, label=label)
-        felt.set_ylabel("force, N")
-        felt.set_xlabel("time, s")
-        felt.legend(fontsize=7)
+        inverse_variance.plot(time, information(std), color=COLOURS[1])
+        inverse_variance.set_ylabel("1/variance")
+        for column, colour, label in zip(experiment.true_force.T, COLOURS[2:], ("normal", "tangential"), strict=False):
+            force.step(experiment.time[1:], column, where="pre", color=colour, linewidth=1.0, label=label)
+        force.set_ylabel("force, N")
+        force.set_xlabel("time, s")
+        force.legend(fontsize=7)
         return as_svg(figure, "Belief, information and force within one rub")

@@ -1,4 +1,4 @@
-"""One run's data estimated again with other contact laws than the one it was planned with."""
+"""Estimates from one run's data under other contact laws than the one it was planned with."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,13 +15,13 @@ from drake_cafim.tasks.pinching import Pinching, hunt_crossley_pinching
 
 
 def other_laws(result: RunResult) -> Mapping[str, dict[str, Any]]:
-    """By law: what each makes of all experiments of a pinching run but the last, and χ² a sample of the last."""
-    data = [Data(one.robot_states, one.measured_force) for one in result.experiments]
+    """By law: the estimate from all experiments of a pinching run but the last, and χ² per sample of the last."""
+    data = [Data(experiment.robot_states, experiment.measured_force) for experiment in result.experiments]
     return {law: _estimated(_model(law, result), data) for law in NORMAL_LAWS}  # type: ignore[arg-type]
 
 
 def _model(law: NormalLaw, result: RunResult) -> Pinching:
-    """The model of `law`; the stiffness has the run's prior, what damps has its own default."""
+    """The model of `law`: the stiffness with the run's prior, damping or dissipation with its default prior."""
     model = hunt_crossley_pinching() if law == "hunt_crossley" else Pinching(law=law)
     stiffness, damping = model.parameters.free
     prior = replace(stiffness, mean=float(result.prior.mean[0]))

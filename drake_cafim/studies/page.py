@@ -1,4 +1,4 @@
-"""A study's findings as one HTML page and as text."""
+"""Writes a study's findings as one HTML page and as text."""
 
 from pathlib import Path
 from typing import get_args
@@ -12,7 +12,7 @@ SHADE = {"holds": "holds", "ties": "other", "does not hold": "fails", "cannot be
 
 
 def render(findings: Findings, command: str) -> str:
-    """The page, the same bytes for the same findings; `command` makes it again."""
+    """The page, byte-identical for equal findings; `command` is the command line that reproduces it."""
     folder = Path(__file__).parents[1] / "report"
     environment = Environment(loader=FileSystemLoader(folder), autoescape=True, undefined=StrictUndefined)
     return environment.get_template("study.html.j2").render(
@@ -33,15 +33,15 @@ def as_text(findings: Findings) -> str:
     blocks = [findings.title]
     if findings.claims:
         blocks.append(", ".join(f"{standing}: {count}" for standing, count in _counts(findings).items()))
-        blocks.append(_columns([(one.standing, one.claim, one.found) for one in findings.claims]))
+        blocks.append(_columns([(claim.standing, claim.claim, claim.found) for claim in findings.claims]))
     for table in findings.tables:
         blocks.append(f"{table.title}\n{_columns([table.header, *table.rows])}")
     return "\n\n".join(blocks)
 
 
 def _counts(findings: Findings) -> dict[str, int]:
-    """How many claims stand how, those that none does left out."""
-    stand = [one.standing for one in findings.claims]
+    """The number of claims by standing, without those that occur in none."""
+    stand = [claim.standing for claim in findings.claims]
     return {standing: stand.count(standing) for standing in get_args(Standing) if standing in stand}
 
 

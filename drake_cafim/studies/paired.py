@@ -1,4 +1,4 @@
-"""Two ways of doing the same runs, compared seed by seed."""
+"""Paired comparison of two sets of runs with the same seeds, with bootstrap intervals."""
 
 from collections.abc import Sequence
 

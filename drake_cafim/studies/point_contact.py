@@ -1,4 +1,4 @@
-"""Compliant point contact, where stiffness and dissipation have true values: Drake's law, and the paper's."""
+"""Study `point-contact`: estimates in Drake's compliant point contact, by its own law and by the paper's."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -17,7 +17,7 @@ LACKING = "contact_hunt_crossley_dissipation"
 def point_contact_cells(short: bool) -> list[Cell]:
     """20 seeds in each world, and one run whose recordings are diagnosed."""
     seeds, experiments = (range(2), 2) if short else (range(20), None)
-    # how the parameters are estimated is asked here, not how forces are kept
+    # without the force guard: the study is on estimation, and the guard would change the motions
     bold = Cell(POINT, 0, experiments=experiments, force_guard=False)
     cells = [replace(bold, seed=seed, world=kind) for kind in ("drake", "model") for seed in seeds]
     return [*cells, replace(bold, world="drake", experiments=3, diagnosed=True)]
@@ -51,7 +51,8 @@ def point_contact(results: Mapping[Cell, Any]) -> Findings:
     about = (
         "A ball of Drake's compliant point contact, K = 800 N/m, dissipation 2.5 s/m, pinched by the gripper; the "
         "estimator has Hunt and Crossley's law. The other laws then estimate from the same data, all experiments but "
-        f"the last, and predict the last. The diagnosis knows the paper's law. It says: {verdict['sentence']}"
+        "the last, and predict the last. The diagnosis has the paper's law as its nominal one. Its verdict: "
+        f"{verdict['sentence']}"
     )
     tables = (Table("Drake's law", header, rows), _law_table(runs["drake"]))
     return Findings("Compliant point contact", about, tuple(claims), tables)
@@ -83,9 +84,9 @@ def _of_laws(runs: Sequence[dict[str, Any]]) -> list[Claim]:
 
 
 def _of_diagnosis(verdict: Mapping[str, Any]) -> list[Claim]:
-    named = [one for one in verdict["effects"] if one["effect"] == LACKING]
+    named = [effect for effect in verdict["effects"] if effect["effect"] == LACKING]
     said = ", ".join(
-        f"{one['at']}: {value:.2f} ± {std:.2f} s/m" for one in named for value, std in one["values"].values()
+        f"{effect['at']}: {value:.2f} ± {std:.2f} s/m" for effect in named for value, std in effect["values"].values()
     )
     before, after = verdict["nominal"]["nll"], verdict["corrected"]["nll"]
     return [
@@ -99,7 +100,7 @@ def _law_table(runs: Sequence[dict[str, Any]]) -> Table:
     for law in runs[0]["laws"]:
         found = [run["laws"][law] for run in runs]
         names = list(found[0]["estimate"])
-        values = [f"{name} {np.median([one['estimate'][name] for one in found]):.4g}" for name in names]
+        values = [f"{name} {np.median([estimate['estimate'][name] for estimate in found]):.4g}" for name in names]
         scaled = _stiffness_errors(runs, law)
         rows.append(
             (
@@ -107,7 +108,7 @@ def _law_table(runs: Sequence[dict[str, Any]]) -> Table:
                 "; ".join(values),
                 f"{scaled.mean():+.2f} ± {scaled.std() / np.sqrt(len(scaled)):.2f}",
                 f"{np.mean(np.abs(scaled) < 1.96):.2f}",
-                f"{np.mean([one['held_out'] for one in found]):.3f}",
+                f"{np.mean([estimate['held_out'] for estimate in found]):.3f}",
             )
         )
     header = ("law", "median estimates", "error of K, std", "interval holds K", "χ² a sample, held out")

@@ -1,4 +1,4 @@
-"""Whether a plan of a fifth of a second finds a wall half a metre away, and how soon."""
+"""Study `reaching`: whether and when planners with a horizon of 0.2 s find a wall that is half a metre away."""
 
 from collections.abc import Mapping
 from typing import Any, get_args
@@ -15,14 +15,14 @@ UNSOUGHT = (("seeking", 0.0),)
 
 
 def reaching_cells(short: bool) -> list[Cell]:
-    """One experiment of rubbing by each planner, and by the paper's without the cost of distance, 40 seeds."""
+    """The first rubbing experiment by each planner, and by predictive sampling without cost of distance, 40 seeds."""
     seeds = range(1 if short else 40)
     cells = [Cell("rubbing", seed, planner=planner, experiments=1) for planner in PLANNERS for seed in seeds]
     return cells + [Cell("rubbing", seed, experiments=1, believed=UNSOUGHT) for seed in seeds]
 
 
 def reaching(results: Mapping[Cell, Any]) -> Findings:
-    """The share of seeds that find contact, and the time that it takes them."""
+    """The fraction of seeds that find contact, and the time until then."""
     task = rubbing()
     start = float(task.robot_start[0])
     model: Any = task.model
@@ -43,7 +43,7 @@ def reaching(results: Mapping[Cell, Any]) -> Findings:
 
 
 def _times(runs: list[dict[str, Any]]) -> list[float]:
-    """Of the first contact of each run, s; infinite without one."""
+    """The time of the first contact of each run, s; infinite without one."""
     return [np.inf if time is None else float(time) for time in behaviours(runs, "first_contact")]
 
 

@@ -1,4 +1,4 @@
-"""The figures that each scenario has to reach with the planner's own law, and whether it does."""
+"""Study `requirements`: the errors, information and behaviour that each scenario must reach, and whether it does."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_cafim.design.policies import PolicyName
 from drake_cafim.diagrams.world import WorldKind
-from drake_cafim.studies.cell import SCENARIOS, Cell, varying
+from drake_cafim.studies.cell import SCENARIOS, Cell, select_varied
 from drake_cafim.studies.findings import (
     Claim,
     Findings,
@@ -29,7 +29,7 @@ BASELINE: Mapping[str, tuple[PolicyName, float]] = {
 
 
 def requirement_cells(short: bool, world: WorldKind | None = None) -> list[Cell]:
-    """Contact-aware from 200 seeds or more and from seven priors; four of what its information is compared with."""
+    """The cells of `calibration` and `robustness`, and four seeds of each baseline policy of `BASELINE`."""
     baselines = [
         Cell(name, seed, policy, world=world)
         for name, (policy, _) in BASELINE.items()
@@ -39,9 +39,9 @@ def requirement_cells(short: bool, world: WorldKind | None = None) -> list[Cell]
 
 
 def requirements(results: Mapping[Cell, Any]) -> Findings:
-    """One claim for each figure that is required."""
+    """One claim for each requirement."""
     claims: list[Claim] = []
-    default = varying(results, "world")
+    default = select_varied(results, "world")
     for name in SCENARIOS:
         runs = [kept for cell, kept in default.items() if cell.scenario == name]
         found = _claims(name, runs)
@@ -52,10 +52,10 @@ def requirements(results: Mapping[Cell, Any]) -> Findings:
             found.append(require(f"{name}: information over {policy}", ratio, least))
         claims += found
     about = (
-        f"Contact-aware, prior 30 % too high but where seven are told apart, in {world_name(results)}. Studies "
-        "robustness and calibration draw their figures from the same runs, and show more of them."
+        f"Contact-aware, prior 30 % too high unless seven priors are compared, in {world_name(results)}. The studies "
+        "robustness and calibration use the same runs and show more of them."
     )
-    seven = prior_claims(varying(results, "world", "prior_scale"))
+    seven = prior_claims(select_varied(results, "world", "prior_scale"))
     return Findings("Required figures", about, (*claims, *calibration(default).claims, *seven))
 
 
@@ -70,7 +70,7 @@ def _claims(name: str, runs: Sequence[dict[str, Any]]) -> list[Claim]:
         worst = float(np.percentile(errors, 95))
         claims.append(require(f"{name}: 95th percentile of the error, %", worst, WORST[name], at_most=True))
     period = 1e3 * float(runs[0]["period"])
-    slowest = float(np.median([one["planning_ms"] for run in runs for one in run["experiments"]]))
+    slowest = float(np.median([experiment["planning_ms"] for run in runs for experiment in run["experiments"]]))
     claims.append(require(f"{name}: median planning step, ms", slowest, period, at_most=True))
     return claims + _behaviour(name, runs)
 

@@ -1,4 +1,4 @@
-"""All four scenarios with their robots in Drake's own contact: what is left of the method there."""
+"""Study `worlds`: all four scenarios with their robots in Drake's hydroelastic contact."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
@@ -18,17 +18,17 @@ from drake_cafim.studies.findings import (
     require,
 )
 
-# the cheapest first: what was left out when time ran out is the dearest
+# the cheapest first, so that an interrupted study lacks only the most expensive runs
 ORDER = ("contouring", "pinching", "rubbing", "hefting")
 LIMITED = ("contouring", "pinching")  # scenarios with a force limit
 OTHERS: Mapping[PolicyName, int] = {"finite-difference": 10, "asid": 10, "scripted": 1}
-"""Seeds of the other policies, for their forces; the script's motion knows no seed."""
+"""Number of seeds of the other policies, run for their forces; the scripted motion does not depend on the seed."""
 
 
 def world_cells(short: bool) -> list[Cell]:
     """Contact-aware from 40 seeds, from 20 with a prior 30 % too low, random from 20.
 
-    Where a force is limited, contact-aware is behind the force guard; without it, and the others, for their forces.
+    Where the force is limited, these are with the force guard; runs without it, and of `OTHERS`, show their forces.
     """
     some, many = (range(1), range(1)) if short else (range(20), range(40))
     cells = []
@@ -56,7 +56,7 @@ Group: TypeAlias = tuple[PolicyName, float, bool | None]
 
 
 def worlds(results: Mapping[Cell, Any]) -> Findings:
-    """A table a scenario, whatever it says; required are contact, the force limit, and planning in time."""
+    """A table for each scenario, and claims on hydroelastic contact, the force limit and the planning time."""
     tables, claims = [], []
     for name in SCENARIOS:
         groups: dict[Group, list[dict[str, Any]]] = {}
@@ -66,10 +66,10 @@ def worlds(results: Mapping[Cell, Any]) -> Findings:
         tables.append(_table(name, groups))
         claims += _claims(name, groups)
     about = (
-        "Arm, gripper and hand follow the plans through their joints; what they touch is compliant, in Drake's "
-        "hydroelastic contact, which is not the planner's law. Errors are medians, the 95th percentile in parentheses; "
-        "intervals are those of 95 %; behaviour is the mean of an experiment's; forces are true ones, at every step of "
-        "the plant."
+        "Arm, gripper and hand follow the plans by joint control; the touched objects are compliant, in Drake's "
+        "hydroelastic contact, which is not the planner's law. Errors are medians, with the 95th percentile in "
+        "parentheses; intervals are at 95 %; behaviour is the mean over experiments; forces are the true ones, at "
+        "every step of the plant."
     )
     return Findings("The scenarios with robots, in hydroelastic contact", about, tuple(claims), tuple(tables))
 
@@ -77,12 +77,18 @@ def worlds(results: Mapping[Cell, Any]) -> Findings:
 def _table(name: str, groups: Mapping[Group, Sequence[dict[str, Any]]]) -> Table:
     parameters = next(iter(groups.values()))[0]["parameters"]
     limit = force_limit(name)
-    header = ("policy, prior", "seeds", *(f"error of {one}, %" for one in parameters), "interval holds", "information")
+    header = (
+        "policy, prior",
+        "seeds",
+        *(f"error of {parameter}, %" for parameter in parameters),
+        "interval holds",
+        "information",
+    )
     header = (*header, *BEHAVIOUR[name], "largest force, N", *(() if limit is None else ("over the limit",)))
     header = (*header, "tracking, m/s", "planning, ms")
     rows = []
     for group, runs in groups.items():
-        flat = [one for run in runs for one in run["experiments"]]
+        flat = [experiment for run in runs for experiment in run["experiments"]]
         inside = np.mean([run["experiments"][-1]["inside"] for run in runs], axis=0)
         forces = np.array(behaviours(runs, "max_force"))
         rows.append(
@@ -92,11 +98,14 @@ def _table(name: str, groups: Mapping[Group, Sequence[dict[str, Any]]]) -> Table
                 *(f"{np.median(column):.1f} ({np.percentile(column, 95):.1f})" for column in final_errors(runs).T),
                 ", ".join(f"{share:.2f}" for share in inside),
                 short(float(np.median(information(runs))), 3),
-                *(f"{np.mean([_number(one) for one in behaviours(runs, k)]):.2f}" for k in BEHAVIOUR[name].values()),
+                *(
+                    f"{np.mean([_number(count) for count in behaviours(runs, k)]):.2f}"
+                    for k in BEHAVIOUR[name].values()
+                ),
                 f"{forces.max():.1f}",
                 *(() if limit is None else (f"{int((forces > limit).sum())} of {len(forces)}",)),
-                f"{np.median([one['tracking_error'] for one in flat]):.3f}",
-                f"{np.median([one['planning_ms'] for one in flat]):.2f}",
+                f"{np.median([experiment['tracking_error'] for experiment in flat]):.3f}",
+                f"{np.median([experiment['planning_ms'] for experiment in flat]):.2f}",
             )
         )
     return Table(name, header, tuple(rows))
@@ -109,7 +118,7 @@ def _group_name(group: Group) -> str:
 
 
 def _number(behaviour: Any) -> float:
-    """What is counted of a kind of behaviour: of faces, how many."""
+    """A behaviour as a number: of a list, such as the faces touched, its length."""
     return float(len(behaviour) if isinstance(behaviour, list) else behaviour)
 
 
@@ -122,12 +131,12 @@ def force_limit(name: str) -> float | None:
 def _claims(name: str, groups: Mapping[Group, Sequence[dict[str, Any]]]) -> list[Claim]:
     by_prior = {group: runs for group, runs in groups.items() if group[0] == "contact-aware" and group[2] is None}
     own = [run for runs in by_prior.values() for run in runs]
-    flat = [one for run in own for one in run["experiments"]]
-    felt = [0.0 if one["hydroelastic"] is None else float(one["hydroelastic"]) for one in flat]
+    flat = [experiment for run in own for experiment in run["experiments"]]
+    shares = [0.0 if experiment["hydroelastic"] is None else float(experiment["hydroelastic"]) for experiment in flat]
     period = 1e3 * float(own[0]["period"])
-    planning = float(np.median([one["planning_ms"] for one in flat]))
+    planning = float(np.median([experiment["planning_ms"] for experiment in flat]))
     claims = [
-        require(f"{name}: smallest share of hydroelastic among steps in contact", min(felt), 1.0),
+        require(f"{name}: smallest share of hydroelastic among steps in contact", min(shares), 1.0),
         require(f"{name}: median planning step, ms", planning, period, at_most=True),
     ]
     limit = force_limit(name)

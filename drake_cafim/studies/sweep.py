@@ -1,4 +1,4 @@
-"""The runs of a study, spread over the cores and kept one by one, so that a killed study goes on where it was."""
+"""Carries out the runs of a study in parallel and stores each in a file, so that an interrupted study can continue."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -13,7 +13,7 @@ from drake_cafim.studies.cell import Cell, measure
 
 
 def sweep(cells: Sequence[Cell], folder: Path, jobs: int, progress: Callable[[str], None]) -> dict[Cell, Any]:
-    """What `measure` keeps of each cell; those whose file is in `folder` already are read and not run again."""
+    """The result of `measure` for each cell; a cell whose file is in `folder` already is read instead of run."""
     unique = list(dict.fromkeys(cells))
     waiting = [cell for cell in unique if not _file(folder, cell).is_file()]
     done = len(unique) - len(waiting)
@@ -25,8 +25,8 @@ def sweep(cells: Sequence[Cell], folder: Path, jobs: int, progress: Callable[[st
     return {cell: json.loads(_file(folder, cell).read_text(encoding="utf-8")) for cell in unique}
 
 
-def fewer(cells: Sequence[Cell], seeds: int) -> list[Cell]:
-    """The first `seeds` of those cells that differ in the seed alone, for each such group."""
+def limit_seeds(cells: Sequence[Cell], seeds: int) -> list[Cell]:
+    """The cells with at most `seeds` of each group that differs in the seed alone, the first ones."""
     groups: dict[Cell, list[Cell]] = {}
     for cell in dict.fromkeys(cells):
         groups.setdefault(replace(cell, seed=0), []).append(cell)

@@ -1,4 +1,4 @@
-"""One contact-aware experiment of a scenario over time: where the robot is, how it moves, and what it feels."""
+"""The figure of one contact-aware experiment over time: position, velocity and contact force."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,13 +15,13 @@ FORCES = {"hefting": ("normal",), "rubbing": ("normal", "tangential"), "pinching
 def time_series(name: str, seed: int = 0) -> str:
     """SVG of position (m), velocity (m/s) and force (N) of the first experiment in the kinematic world."""
     task = TASKS[name]().with_prior_mean(1.3)
-    (one,) = run(task, Options(seed=seed, experiments=1)).experiments
-    size = one.commands.shape[1]
-    states = one.robot_states
+    (experiment,) = run(task, Options(seed=seed, experiments=1)).experiments
+    size = experiment.commands.shape[1]
+    states = experiment.robot_states
     rows = (
-        ("position, m", one.time, states[:, :size], AXES[name]),
-        ("velocity, m/s", one.time[1:], states[1:, size:], AXES[name]),
-        ("force, N", one.time[1:], one.true_force, FORCES.get(name, AXES[name])),
+        ("position, m", experiment.time, states[:, :size], AXES[name]),
+        ("velocity, m/s", experiment.time[1:], states[1:, size:], AXES[name]),
+        ("force, N", experiment.time[1:], experiment.true_force, FORCES.get(name, AXES[name])),
     )
     with page_style():
         figure = Figure(figsize=(7.2, 4.2), layout="constrained")

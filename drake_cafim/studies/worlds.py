@@ -1,4 +1,4 @@
-"""A scenario with its robot in a Diagram: the contact of the planner's law beside Drake's own."""
+"""Study `hefting-table`: hefting with its robot under the planner's contact law and under Drake's."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,14 +13,14 @@ KINDS: tuple[WorldKind, ...] = ("model", "drake")
 
 
 def hefting_table_cells(short: bool) -> list[Cell]:
-    """Hefting in both worlds, and holding still for comparison."""
+    """Hefting in both worlds, and the policy `hold` in both for comparison."""
     seeds, experiments = (range(1), 1) if short else (range(1, 21), None)
     cells = [Cell("hefting", seed, world=kind, experiments=experiments) for seed in seeds for kind in KINDS]
     return [*cells, *(Cell("hefting", 1, "hold", world=kind, experiments=1) for kind in KINDS)]
 
 
 def hefting_table(results: Mapping[Cell, Any]) -> Findings:
-    """The table of hefting in both worlds beside what is required of world `model`."""
+    """The table of hefting in both worlds, and the requirements on world `model`."""
     rows, claims = [], []
     for kind in KINDS:
         runs = [kept for cell, kept in results.items() if cell.world == kind and cell.policy == "contact-aware"]
@@ -35,7 +35,7 @@ def hefting_table(results: Mapping[Cell, Any]) -> Findings:
 
 def _figures(runs: Sequence[dict[str, Any]], held: Sequence[dict[str, Any]]) -> dict[str, float]:
     errors = final_errors(runs)[:, 0]
-    flat = [one for run in runs for one in run["experiments"]]
+    flat = [experiment for run in runs for experiment in run["experiments"]]
     return {
         "median error, %": float(np.median(errors)),
         "95th percentile, %": float(np.percentile(errors, 95)),
@@ -43,8 +43,8 @@ def _figures(runs: Sequence[dict[str, Any]], held: Sequence[dict[str, Any]]) -> 
         "airborne": float(np.mean(behaviours(runs, "airborne_fraction"))),
         "reversals": float(np.mean(behaviours(runs, "reversals"))),
         "95 % interval holds the truth": float(np.mean([run["experiments"][-1]["inside"][0] for run in runs])),
-        "tracking error, m/s": float(np.median([one["tracking_error"] for one in flat])),
-        "planning, ms": float(np.median([one["planning_ms"] for one in flat])),
+        "tracking error, m/s": float(np.median([experiment["tracking_error"] for experiment in flat])),
+        "planning, ms": float(np.median([experiment["planning_ms"] for experiment in flat])),
     }
 
 
