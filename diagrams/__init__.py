@@ -1,1 +1,1 @@
-"""Packaged scenarios: each module builds a Drake Diagram, its YAML beside it."""
+"""Packaged scenarios as Drake Diagrams: robots, contact, control and sensors; each scenario has a YAML file."""

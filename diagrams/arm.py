@@ -1,4 +1,4 @@
-"""The seven-joint arm: in the plant of a world, and as its controller knows it."""
+"""Adds the seven-joint arm to a plant, and builds the plant by which its controller computes inverse dynamics."""
 
 from collections.abc import Sequence
 
@@ -35,9 +35,9 @@ def add_arm(plant: MultibodyPlant, *, floor_height: float) -> ModelInstanceIndex
 
 
 def make_control_plant(time_step: float, *, payload: SpatialInertia, X_FlangeTool: RigidTransform) -> MultibodyPlant:
-    """The arm alone, with a frame `TOOL` and what it carries as one rigid body.
+    """A finalized plant of the arm alone, with everything that it carries as one rigid body, and a frame `TOOL`.
 
-    `payload` is the inertia of all that is fixed to the flange, about and in the flange frame.
+    `payload` is the inertia of all bodies fixed to the flange, about and in the flange frame.
     """
     plant = MultibodyPlant(time_step)
     arm = add_model(plant, "arm7")

@@ -1,4 +1,4 @@
-"""Numbers as the one array type that Drake's type stubs accept."""
+"""Converts numbers to the array type that Drake's type stubs accept."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The packaged worlds by name, each with the planner's task that is carried out in it."""
+"""The packaged worlds by name, each with the planner's task in it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram
 
 from drake_cafim.diagrams import contouring, hefting, pinching, rubbing
-from drake_cafim.diagrams.concealing import Concealed, known
+from drake_cafim.diagrams.concealing import Concealed, scenario_effects
 from drake_cafim.diagrams.configured import configured
 from drake_cafim.diagrams.showing import View
 from drake_cafim.diagrams.world import WorldKind, start_context
@@ -36,7 +36,7 @@ class _Packaged:
 
 
 def _soft_hefting() -> Task:
-    """On a palm as soft as the worlds' are: a planner that takes the ball for rigid throws it an eighth of the time."""
+    """Hefting with a compliant palm, as in the worlds; plans with a rigid one throw the ball 1/8 of the time."""
     return hefting_task(CompliantHefting())
 
 
@@ -50,16 +50,16 @@ _WORLDS: Mapping[str, _Packaged] = {
 
 @dataclass(frozen=True)
 class Stage:
-    """What `cafim run` needs of a scenario: its task, its world's configuration, and how it is looked at."""
+    """A scenario that `cafim run` can carry out: its task, its world's configuration, and the view of its replay."""
 
     name: str
     task: Task
     config: Any
     view: View
     effects: tuple[Concealed, ...] = ()
-    """`effects:` of the scenario, which its world has."""
+    """Effects under `effects:` of the scenario, which are part of its world."""
     contacts: tuple[SphereContact, ...] = ()
-    """`contact:` of the scenario."""
+    """Contacts under `contact:` of the scenario."""
 
     def diagram(
         self,
@@ -69,21 +69,21 @@ class Stage:
         concealed: Sequence[Concealed] = (),
         meshcat: Meshcat | None = None,
     ) -> Diagram:
-        """A world of this kind, as the scenario's `build_world` documents it.
+        """A world of this kind, see `build_world` of the scenario's module.
 
-        Raises `InputError` for a change of contacts in world `model`, which has the planner's law for them.
+        Raises `InputError` for an effect on a contact in world `model`, where contact is the planner's law.
         """
         together = [replace(effect, contacts=self.contacts) for effect in (*self.effects, *concealed)]
         for effect in together:
             if effect.touches and kind != "drake":
                 raise InputError(
-                    f"{effect.address}: found --world {kind}, expected drake: the other has no contact to change"
+                    f"{effect.address}: found --world {kind}, expected drake: effects on contacts need Drake's contact"
                 )
         build = _WORLDS[self.name].build
         return build(self.config, self.task.truth, kind, seed=seed, concealed=together, meshcat=meshcat)
 
     def world(self, kind: WorldKind, seed: int, concealed: Sequence[Concealed] = ()) -> World:
-        """The same as a world for `experiment.run`, its joints recorded at every step of the plant."""
+        """The diagram as a world for `experiment.run`, with the joints recorded at every step of the plant."""
         diagram = self.diagram(kind, seed, concealed=concealed)
         return World(
             kind,
@@ -107,7 +107,7 @@ def joint_names(diagram: Diagram) -> tuple[str, ...]:
 def stage_of(scenario: Scenario, source: str) -> Stage:
     """The stage that the sections `diagram:` and `task:` of `scenario` describe.
 
-    Raises `InputError` that names `source` where there is no such world, or a number has no place.
+    Raises `InputError`, which names `source`, for an unknown world and for keys that its configuration does not have.
     """
     name = str(scenario.diagram.get("world", ""))
     if name not in _WORLDS:
@@ -122,4 +122,4 @@ def stage_of(scenario: Scenario, source: str) -> Stage:
     model = configure(task.model, values.pop("model", {}), f"{source}: task: model")
     task = replace(configure(task, values, f"{source}: task"), model=model)
     contacts = Scene.load(source).nominal_contacts if scenario.contact else ()
-    return Stage(name, task, config, packaged.view(config), known(scenario.effects, source), contacts)
+    return Stage(name, task, config, packaged.view(config), scenario_effects(scenario.effects, source), contacts)

@@ -1,4 +1,4 @@
-"""Physics put into a world's plant and into nothing else: what a diagnosis of its recordings has to find."""
+"""Adds effects to a world's plant but not to its controllers, for a diagnosis of its recordings to find."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -37,25 +37,25 @@ class Concealed:
     at: str
     parameters: Mapping[str, float] = field(default_factory=dict)
     asked: str = "--conceal"
-    """Where it stands, as messages say it."""
+    """The option or file that asked for it, for messages."""
     contacts: tuple[SphereContact, ...] = ()
-    """`contact:` of the scenario; effects of contacts and surfaces change one of them."""
+    """Contacts under `contact:` of the scenario, one of which an effect on contacts or surfaces changes."""
 
     @property
     def touches(self) -> bool:
-        """Whether it is a change of a contact or of a surface."""
+        """Whether it is an effect on a contact or on a surface."""
         return any(kind.name == self.effect and issubclass(kind, OF_CONTACTS) for kind in EFFECTS)
 
     @property
     def address(self) -> str:
-        """What was asked for, as messages say it."""
+        """The effect, its place and what asked for it, for messages."""
         return f"{self.asked} {self.effect}@{self.at}"
 
 
-def known(entries: Sequence[EffectEntry], source: str) -> tuple[Concealed, ...]:
-    """What a scenario's `effects:` put into its world; `source` names the file.
+def scenario_effects(entries: Sequence[EffectEntry], source: str) -> tuple[Concealed, ...]:
+    """The effects that a scenario's `effects:` add to its world; `source` names the file in messages.
 
-    A push that came in one recording does not come again.
+    Effects of a single recording, such as a push, are left out.
     """
     return tuple(
         Concealed(entry.effect, entry.at, {**entry.parameters, **_interval(entry)}, f"{source}: effects:")
@@ -69,10 +69,10 @@ def _interval(entry: EffectEntry) -> dict[str, float]:
 
 
 def conceal(plant: MultibodyPlant, robot: ModelInstanceIndex, effects: Sequence[Concealed]) -> AffectedRobot:
-    """The robot with `effects`, those that change the plant put into it before it is finalized.
+    """The robot with `effects`; those that are parameters of the plant are applied to it, before it is finalized.
 
-    Raises `InputError` for an effect that worlds cannot conceal, a joint, body, contact or channel that there is not,
-    and for parameters that are not the effect's own.
+    Raises `InputError` for an effect that a world cannot have, an unknown joint, body, contact or channel, and for
+    missing, unknown or implausible parameters.
     """
     tree = _tree(plant.GetModelInstanceName(robot))
     gravity = np.array(plant.gravity_field().gravity_vector(), dtype=float)
@@ -86,25 +86,25 @@ def conceal(plant: MultibodyPlant, robot: ModelInstanceIndex, effects: Sequence[
 def connect_concealed(
     builder: DiagramBuilder, plant: MultibodyPlant, affected: AffectedRobot
 ) -> list[tuple[int, OutputPort]]:
-    """Forces of what is concealed, beside those of the robot's control, which is in the builder.
+    """Connects the forces of the concealed effects to the plant; the builder must hold the robot's control already.
 
-    The output is the wrenches (6,) of concealed changes of contacts, as `AffectedRobot.connect` has them.
+    Returns the wrenches (6,) that effects on contacts add, see `AffectedRobot.connect`.
     """
     control = cast(InverseDynamicsController, builder.GetSubsystemByName("joint_control"))
     return affected.connect(builder, plant, control.get_output_port_control())
 
 
-def felt_at(
-    builder: DiagramBuilder, link: int, wrenches: Sequence[tuple[int, OutputPort]], axes: Array, felt: OutputPort
+def total_force(
+    builder: DiagramBuilder, link: int, wrenches: Sequence[tuple[int, OutputPort]], axes: Array, force: OutputPort
 ) -> OutputPort:
-    """The force (ny,) N along `axes` (ny, 3) of W that is `felt` otherwise, with what `wrenches` exert on the link."""
+    """`force` (ny,) N along `axes` (ny, 3) in W, plus the forces of those `wrenches` (6,) that act on the link."""
     own = [wrench for joint, wrench in wrenches if joint == link]
     if not own:
-        return felt
+        return force
     total = builder.AddNamedSystem("force with what is concealed", Adder(1 + len(own), len(axes)))
-    builder.Connect(felt, total.get_input_port(0))
+    builder.Connect(force, total.get_input_port(0))
     for number, wrench in enumerate(own, start=1):
-        gain = MatrixGain(as_array(np.pad(axes, ((0, 0), (3, 0)))))  # forces stand behind moments
+        gain = MatrixGain(as_array(np.pad(axes, ((0, 0), (3, 0)))))  # a wrench is the moment, then the force
         along = builder.AddNamedSystem(f"concealed force {number}", gain)
         builder.Connect(wrench, along.get_input_port())
         builder.Connect(along.get_output_port(), total.get_input_port(number))
@@ -112,7 +112,7 @@ def felt_at(
 
 
 def _tree(model: str) -> Tree:
-    """The robot of that model by itself, its base in the world."""
+    """The tree of that model's robot alone, its base welded to the world."""
     plant = MultibodyPlant(0.0)
     robot = add_model(plant, model)
     base = plant.get_body(plant.GetBodyIndices(robot)[0])
@@ -141,7 +141,7 @@ def _effect(concealed: Concealed, tree: Tree) -> Effect:
 
 
 def _needed(strength: Strength, kind: type[Effect]) -> bool:
-    """Whether the effect means nothing without this parameter: a payload does without x, y and z."""
+    """Whether this parameter must be given: of a payload the mass, while x, y and z default to 0."""
     timed = issubclass(kind, ExternalDisturbance) and not strength.amplitude
     return timed or strength.inverse or not strength.amplitude or strength == kind.strengths[0]
 

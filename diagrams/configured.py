@@ -1,4 +1,4 @@
-"""The section of a scenario file that configures its world."""
+"""Reads the section `diagram:` of a scenario file into a configuration dataclass."""
 
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,15 +13,15 @@ Config = TypeVar("Config")
 
 
 def load_section(path: Path, defaults: Config) -> Config:
-    """The section `diagram:` of the scenario file at `path`; what it lacks keeps its value in `defaults`.
+    """`defaults` with the values of the section `diagram:` of the scenario file at `path`.
 
-    Raises `InputError` that names the file for what the section cannot hold.
+    Raises `InputError`, which names the file, for a key or value that the configuration does not have.
     """
     return configured(load(path).diagram, defaults, str(path))
 
 
 def configured(section: dict[str, Any], defaults: Config, source: str) -> Config:
-    """`defaults` with the values of `section`; its key `world`, which says whose it is, is not among them."""
+    """`defaults` with the values of `section`, except its key `world`, the name of the packaged world."""
     values = {key: value for key, value in section.items() if key != "world"}
     try:
         config: Config = yaml_load_typed(schema=type(defaults), data=yaml.safe_dump(values), defaults=defaults)

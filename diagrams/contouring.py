@@ -1,4 +1,4 @@
-"""Contouring: an arm feels its way around a box on a table; its size is unknown (paper, "Shape Estimation")."""
+"""Contouring: an arm touches a box on a table, whose size is unknown (paper, "Shape Estimation")."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -54,7 +54,7 @@ class ContouringConfig:
 
 
 def load_config(path: Path | None = None) -> ContouringConfig:
-    """From the section `diagram:` of the packaged `contouring.yaml`, or of the scenario file at `path`."""
+    """The configuration in the section `diagram:` of `contouring.yaml`, or of the scenario file at `path`."""
     return load_section(Path(__file__).with_name("contouring.yaml") if path is None else path, ContouringConfig())
 
 
@@ -103,7 +103,7 @@ def _coordinates() -> Coordinates:
 
 
 def view(config: ContouringConfig) -> View:
-    """From above and before the box, the arm behind it."""
+    """The view of the replay: from above and in front of the box, the arm behind it."""
     coordinates = _coordinates()
     return View(
         axes=coordinates.axes,

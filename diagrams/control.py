@@ -1,4 +1,4 @@
-"""From a Diagram's `command` to a robot's efforts: velocity tracking, then Drake's computed-torque control."""
+"""Tracks a commanded tool velocity: a joint reference, then Drake's inverse dynamics (computed-torque) control."""
 
 from dataclasses import dataclass
 
@@ -61,7 +61,7 @@ def add_velocity_control(
 def _connect_efforts(
     builder: DiagramBuilder, plant: MultibodyPlant, robot: ModelInstanceIndex, efforts: OutputPort
 ) -> None:
-    """The controller's efforts to the joints' own actuators; brakes, which were added after them, get none."""
+    """Connects the controller's efforts to the joints' actuators; brakes, which are actuators added later, get zero."""
     count, own = plant.num_actuators(robot), efforts.size()
     if count == own:
         builder.Connect(efforts, plant.get_actuation_input_port(robot))

@@ -1,4 +1,4 @@
-"""Hefting: an arm and a hand, palm up, carry a ball; its mass is unknown (paper, "Mass Estimation Experiments")."""
+"""Hefting: an arm with a hand carries a ball of unknown mass on its palm (paper, "Mass Estimation Experiments")."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -99,7 +99,7 @@ class HeftingConfig:
     mass: float = 0.05  # kg, the truth unless given
     # Drake's contact with about the planner's stiffness and damping under the ball's weight at rest:
     # on a flat palm F = pi E d^2, hence dF/dd = 2 sqrt(pi E F) = 500 N/m, and damping F * dissipation = 5 N s/m
-    felt: Surface = field(
+    ball: Surface = field(
         default_factory=lambda: Surface(modulus=4.0e4, dissipation=10.0, friction=0.6, resolution=0.01)
     )
     # rad; the palm faces up, its fingers 5 degrees down, so that the ball leans on them and never squeezes
@@ -113,13 +113,13 @@ class HeftingConfig:
 
 
 def load_config(path: Path | None = None) -> HeftingConfig:
-    """From the section `diagram:` of the packaged `hefting.yaml`, or of the scenario file at `path`."""
+    """The configuration in the section `diagram:` of `hefting.yaml`, or of the scenario file at `path`."""
     return load_section(Path(__file__).with_name("hefting.yaml") if path is None else path, HeftingConfig())
 
 
 @dataclass(frozen=True)
 class _Robot:
-    """What the plant of the world holds."""
+    """The world's plant, and the parts of it that the builder functions share."""
 
     plant: MultibodyPlant
     scene_graph: SceneGraph
@@ -153,7 +153,7 @@ def build_world(
     height m and velocity m/s of the palm's face under the ball, read from the plant; the forces (1,) N are the
     vertical force of the hand on the ball. `truth` may give `mass` (kg). In world `model` the ball moves up and
     down over the palm, pushed by the planner's own law (stiffness, damping) alone.
-    `concealed` is in the plant and in no controller.
+    The effects `concealed` are in the plant, but no controller accounts for them.
     `contacts` (2,), only in world `drake`, counts hydroelastic and point contacts.
     """
     check_kind(world)
@@ -179,7 +179,7 @@ def build_world(
 
 
 def view(config: HeftingConfig) -> View:
-    """From the front: the hand rises and sinks at the right, plans fan out to the left, where the belief stands."""
+    """The view of the replay: from the front, with the hand at the right, plans and belief to its left."""
     tool = pose_at(_control_plant(config), TOOL, config.posture).translation()
     return View(
         axes=UP,
@@ -226,7 +226,7 @@ def _add_bodies(
     palm = plant.GetBodyByName("palm", hand)
     plant.WeldFrames(plant.GetFrameByName("flange", arm), palm.body_frame(), X_FLANGE_PALM)
     _hold_hand(builder, plant, hand, config.hand)
-    ball = add_ball(plant, mass=mass, radius=BALL_RADIUS, surface=config.felt if world == "drake" else None)
+    ball = add_ball(plant, mass=mass, radius=BALL_RADIUS, surface=config.ball if world == "drake" else None)
     X_WPalm = pose_at(control_plant, "flange", config.posture) @ X_FLANGE_PALM
     affected = conceal(plant, arm, concealed)
     robot = _Robot(plant, scene_graph, arm, hand, palm, ball, X_WPalm, control_plant, affected)
@@ -255,7 +255,7 @@ def _lay_ball(config: HeftingConfig, robot: _Robot, mass: float, world: WorldKin
     plant, weight = robot.plant, mass * 9.81
     p_WT = robot.X_WPalm @ _palm_point(config)
     if world == "drake":
-        depth = np.sqrt(weight / (np.pi * config.felt.modulus))
+        depth = np.sqrt(weight / (np.pi * config.ball.modulus))
         up_W = robot.X_WPalm.rotation().matrix()[:, 0]
         plant.SetDefaultFloatingBaseBodyPose(robot.ball, RigidTransform(p_WT + (BALL_RADIUS - depth) * up_W))
         return

@@ -1,4 +1,4 @@
-"""How a robot's joints move so that its tool moves with a given velocity: an arm, and the jaws of a gripper."""
+"""Differential inverse kinematics: joint velocities for a tool velocity, of an arm and of the jaws of a gripper."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -27,7 +27,7 @@ class Mover(Protocol):
 
     @property
     def coordinates(self) -> int:
-        """nu."""
+        """Number nu of the tool's coordinates."""
         ...
 
     def position(self, q: Array) -> Array:
@@ -42,8 +42,8 @@ class Mover(Protocol):
 class ArmMover:
     """A tool frame T moves along `axes`, rows of unit vectors in W (nu, 3), counted from `origin` (3,) m in W.
 
-    Its other directions and its orientation stay where `q_start` has them. The joint limits of `plant`
-    (positions, velocities) hold: what they forbid slows the tool and does not turn it aside.
+    Along other directions and in orientation it stays as at `q_start`. The position and velocity limits of `plant`
+    are kept: where they would be exceeded, the tool moves more slowly in the same direction.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class ArmMover:
         hold_gain: float = 10.0,
         centering_gain: float = 0.5,
     ) -> None:
-        """`hold_gain` (1/s) pulls back what is held, `centering_gain` (1/s) the redundant motion to the start."""
+        """`hold_gain` (1/s) corrects drift along held directions, `centering_gain` (1/s) drift of the null space."""
         self._plant, self._tool, self._axes, self._origin, self._hold_gain = plant, tool, axes, origin, hold_gain
         self._context = plant.CreateDefaultContext()
         self._q_start = as_array(q_start)
@@ -78,7 +78,7 @@ class ArmMover:
         return as_array(self._axes @ (as_array(self._pose(q).translation()) - self._origin))
 
     def joint_velocity(self, q: Array, velocity: Array) -> Array:
-        """By Drake's `DoDifferentialInverseKinematics`; zero where it finds nothing."""
+        """Joint velocities (n,) by Drake's `DoDifferentialInverseKinematics`; zero where it finds no solution."""
         X_WT = self._pose(q)
         drift: Array = as_array(self._X_WT_start.translation()) - as_array(X_WT.translation())
         turn = rotation_error(X_WT.rotation(), self._X_WT_start.rotation())

@@ -1,4 +1,4 @@
-"""Objects whose properties are the unknown truth of an experiment, and so are made in code and not in a file."""
+"""Adds balls, boxes and fixtures whose properties are the true parameters of an experiment to a plant."""
 
 from dataclasses import dataclass
 
@@ -46,7 +46,7 @@ def proximity(surface: Surface) -> ProximityProperties:
 
 
 def add_ball(plant: MultibodyPlant, *, mass: float, radius: float, surface: Surface | None) -> RigidBody:
-    """A thin shell named `ball`, of `mass` kg and `radius` m; without `surface` nothing touches it."""
+    """A thin spherical shell named `ball`, of `mass` kg and `radius` m; without `surface` it has no contact."""
     instance = plant.AddModelInstance("ball")
     inertia = SpatialInertia(mass, as_array(np.zeros(3)), UnitInertia.HollowSphere(radius))
     ball = plant.AddRigidBody("ball", instance, inertia)

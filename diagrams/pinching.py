@@ -1,4 +1,4 @@
-"""Pinching: a parallel gripper squeezes a ball; stiffness and damping are unknown (paper, "Material Property ...")."""
+"""Pinching: a gripper squeezes a ball of unknown stiffness and damping (paper, "Material Property ...")."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from drake_cafim.diagrams.arm import add_model
 from drake_cafim.diagrams.arrays import as_array
-from drake_cafim.diagrams.concealing import Concealed, conceal, connect_concealed, felt_at
+from drake_cafim.diagrams.concealing import Concealed, conceal, connect_concealed, total_force
 from drake_cafim.diagrams.configured import load_section
 from drake_cafim.diagrams.control import JointGains, add_velocity_control
 from drake_cafim.diagrams.movers import JawMover
@@ -61,14 +61,14 @@ class PinchingConfig:
 
 
 def load_config(path: Path | None = None) -> PinchingConfig:
-    """From the section `diagram:` of the packaged `pinching.yaml`, or of the scenario file at `path`."""
+    """The configuration in the section `diagram:` of `pinching.yaml`, or of the scenario file at `path`."""
     return load_section(Path(__file__).with_name("pinching.yaml") if path is None else path, PinchingConfig())
 
 
 def ball_surface(
     config: PinchingConfig, stiffness: float, damping: float = 0.0, dissipation: float | None = None
 ) -> Surface:
-    """A surface that Drake presses with about K d + C ḋ at the working force F = K d₀.
+    """A surface whose contact force in Drake is about K d + C ḋ near the working force F = K d₀.
 
     Point contact: K exactly, and K d₀ · dissipation = C unless `dissipation` s/m is given. Hydroelastic:
     π E d₀² = F, dissipation as well.
@@ -103,7 +103,7 @@ def build_world(
     `command` (1,) m/s opens both jaws; `measured_state` (2,) is the left jaw's distance from the middle m and its
     velocity m/s; forces (1,) N push the left jaw outwards. `truth` may give `stiffness` N/m, and `damping` N s/m or
     `dissipation` s/m; with the latter the planner's law is Hunt and Crossley's.
-    `concealed` is in the plant and in no controller.
+    The effects `concealed` are in the plant, but no controller accounts for them.
     `contacts` (2,), only in world `drake`, counts hydroelastic and point contacts.
     """
     check_kind(world)
@@ -138,7 +138,7 @@ def build_world(
     else:
         force = _add_planner_contact(builder, plant, model, model.parameters.vector(theta), jaws, face, state)
     added = connect_concealed(builder, plant, affected)
-    force = felt_at(builder, affected.nominal.body("left_jaw").joint, added, OUTWARDS, force)
+    force = total_force(builder, affected.nominal.body("left_jaw").joint, added, OUTWARDS, force)
     export_force(builder, force, std=model.noise_std.tolist(), period=model.period, seed=seed)
     export_joints(builder, plant, gripper, affected)
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")
@@ -159,7 +159,7 @@ def _control_plant(config: PinchingConfig) -> MultibodyPlant:
 
 
 def _add_ball(plant: MultibodyPlant, radius: float, surface: Surface | None) -> None:
-    """The ball on a thin post between the jaws: what is pinched is held, so that both jaws feel the same."""
+    """The ball on a thin post between the jaws, fixed in the world, so that both jaws have the same contact force."""
     ball = add_fixture(plant, "ball", RigidTransform(as_array([0.0, 0.0, FINGER])))
     add_shape(plant, ball, Sphere(radius), RigidTransform(), surface, color=(0.30, 0.62, 0.86, 0.85))
     post = RigidTransform(as_array([0.0, 0.0, 0.06]))
@@ -195,7 +195,7 @@ def _add_planner_contact(
 
 
 def view(config: PinchingConfig) -> View:
-    """Close to the jaws; plans rise from the left jaw, a second to 0.15 m."""
+    """The view of the replay: close to the jaws, with plans drawn upwards over time from the left jaw."""
     return View(
         axes=OUTWARDS,
         origin=as_array([0.0, -0.02, FINGER]),

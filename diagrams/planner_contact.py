@@ -1,4 +1,4 @@
-"""The planner's own contact law as a force on the tool: the contact of world `model`."""
+"""The planner's contact law as a Drake system that applies its force to the tool: the contact of world `model`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class TouchedPoint:
-    """A point T of a body at p_BT (3,) m that feels the contact; its components act along `directions` (nλ, 3) in W."""
+    """A point T of a body, at p_BT (3,) m, where the contact force acts, along `directions` (nλ, 3) in W."""
 
     body: BodyIndex
     p_BT: Array
@@ -26,7 +26,7 @@ class TouchedPoint:
 
 
 class PlannerContact(LeafSystem):
-    """λ = contact(r, θ) of a planning model whose touched thing does not move, applied to the tool.
+    """The force λ = contact(r, θ) of a planning model whose touched object is fixed, applied to the tool.
 
     .. pydrake_system::
 

@@ -1,4 +1,4 @@
-"""An arm with a round-tipped rod that touches something fixed: what rubbing and contouring have in common."""
+"""The Diagram of an arm with a round-tipped rod that touches a fixed obstacle, for rubbing and contouring."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ from pydrake.systems.primitives import MatrixGain
 
 from drake_cafim.diagrams.arm import TOOL, add_arm, make_control_plant, pose_at
 from drake_cafim.diagrams.arrays import as_array
-from drake_cafim.diagrams.concealing import Concealed, conceal, connect_concealed, felt_at
+from drake_cafim.diagrams.concealing import Concealed, conceal, connect_concealed, total_force
 from drake_cafim.diagrams.control import JointGains, add_velocity_control
 from drake_cafim.diagrams.movers import ArmMover
 from drake_cafim.diagrams.objects import Surface, add_shape
@@ -31,7 +31,7 @@ ROD_RADIUS = 0.008  # m
 
 @dataclass
 class ProbingArm:
-    """The arm, the rod in its flange, and how they move."""
+    """Configuration of the arm, of the rod in its flange, and of their motion control."""
 
     posture: list[float] = field(default_factory=list)  # rad, at the start
     rod: float = 0.15  # m, from the flange to the centre of the tip
@@ -66,7 +66,7 @@ def build_probing_world(
     meshcat: Meshcat | None,
     concealed: Sequence[Concealed],
 ) -> Diagram:
-    """The Diagram, its start state the default Context's (see `world.start_context`).
+    """The Diagram of arm, rod and obstacle; its start state is the default Context's (see `world.start_context`).
 
     .. pydrake_system::
 
@@ -76,8 +76,9 @@ def build_probing_world(
             joint_effort, contacts]
 
     `command` (nu,) m/s; `measured_state` (2 nu,), position and velocity of the tip's centre; forces (ny,) N on the
-    tip. `add_obstacle` adds what is touched, with contact if its second argument is true; in world `model` the
-    planner's `model` at the true `theta` pushes the tip instead. `concealed` is in the plant and in no controller.
+    tip. `add_obstacle` adds the obstacle, with contact if its second argument is true; in world `model` the contact
+    law of the planner's `model` at the true `theta` acts on the tip instead. The effects `concealed` are in the plant,
+    but no controller accounts for them.
     `contacts` (2,), only in world `drake`, counts hydroelastic and point contacts.
     """
     builder = DiagramBuilder()
@@ -125,7 +126,7 @@ def build_probing_world(
         builder.Connect(law.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
         force = law.GetOutputPort("contact_force")
     added = connect_concealed(builder, plant, affected)
-    force = felt_at(builder, affected.nominal.body("flange").joint, added, coordinates.directions, force)
+    force = total_force(builder, affected.nominal.body("flange").joint, added, coordinates.directions, force)
     reading = MatrixGain(_measured_rows(model))
     builder.AddNamedSystem("sensor_axes", reading)
     builder.Connect(force, reading.get_input_port())
@@ -141,7 +142,7 @@ def build_probing_world(
 
 
 def make_probing_control_plant(arm: ProbingArm, time_step: float) -> MultibodyPlant:
-    """The arm with its rod, as the controller knows it; the frame `TOOL` is the tip's centre."""
+    """The plant of arm and rod by which the controller computes; its frame `TOOL` is at the tip's centre."""
     rod = SpatialInertia(ROD_MASS, as_array([0.0, 0.0, 0.5 * arm.rod]), _rod_inertia(arm))
     return make_control_plant(time_step, payload=rod, X_FlangeTool=_tip_in_flange(arm))
 
@@ -156,7 +157,7 @@ def _tip_in_flange(arm: ProbingArm) -> RigidTransform:
 
 
 def _rod_inertia(arm: ProbingArm) -> UnitInertia:
-    """About the flange, of a rod from there to the tip."""
+    """The unit inertia about the flange of a rod from there to the tip."""
     centre = as_array([0.0, 0.0, 0.5 * arm.rod])
     about_centre = UnitInertia.SolidCylinder(ROD_RADIUS, arm.rod, as_array([0.0, 0.0, 1.0]))
     return about_centre.ShiftFromCenterOfMass(centre)
@@ -179,7 +180,7 @@ def _add_probe(plant: MultibodyPlant, arm: ProbingArm, *, touches: bool) -> Rigi
 
 
 def _measured_rows(model: PlanningModel) -> Array:
-    """What of the contact force is measured, as a matrix (ny, nλ): the model's own derivative."""
+    """The measurement matrix (ny, nλ): ∂(measured force)/∂λ of the planner's model."""
     state, motion = np.zeros(0), np.zeros(2 * len(model.velocity_bounds[0]))
     theta = model.parameters.mean
     force = model.contact(state, motion, theta)

@@ -1,4 +1,4 @@
-"""Rubbing: an arm presses a round tip on a wall; friction is unknown (paper, "Friction Estimation Experiments")."""
+"""Rubbing: an arm slides a round tip on a wall of unknown friction (paper, "Friction Estimation Experiments")."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -54,12 +54,12 @@ class RubbingConfig:
     # with `truth: stiffness`, its point stiffness is that, and the tip's modulus in proportion
     wall: Surface = field(default_factory=lambda: Surface(point_stiffness=100.0, dissipation=0.5))
     damping: float = Rubbing.damping  # N s/m, of world `model`
-    measures_normal: bool = True  # else the sensor feels the tangential force alone
+    measures_normal: bool = True  # else the sensor measures the tangential force alone
     along: float = 0.45239  # m, x of W where the tip meets the wall
 
 
 def load_config(path: Path | None = None) -> RubbingConfig:
-    """From the section `diagram:` of the packaged `rubbing.yaml`, or of the scenario file at `path`."""
+    """The configuration in the section `diagram:` of `rubbing.yaml`, or of the scenario file at `path`."""
     return load_section(Path(__file__).with_name("rubbing.yaml") if path is None else path, RubbingConfig())
 
 
@@ -120,7 +120,7 @@ def _coordinates(config: RubbingConfig) -> Coordinates:
 
 
 def view(config: RubbingConfig) -> View:
-    """From the side of the wall: the arm at the left, the wall at the right."""
+    """The view of the replay: along the wall, with the arm at the left and the wall at the right."""
     coordinates = _coordinates(config)
     return View(
         axes=coordinates.axes,

@@ -1,4 +1,4 @@
-"""What the world's sensors read: the end effector's motion, the contact force, and the noise on it."""
+"""Sensors of the worlds as Drake systems: the tool's motion, the contact force, and measurement noise."""
 
 from collections.abc import Sequence
 from typing import cast
@@ -17,7 +17,7 @@ from drake_cafim.typing import Array
 
 
 def contacts_of(results: ContactResults, plant: MultibodyPlant, body: BodyIndex) -> tuple[int, int]:
-    """How many hydroelastic and how many point contacts `body` has."""
+    """The numbers of hydroelastic and of point contacts of `body`."""
     geometries = set(plant.GetCollisionGeometriesForBody(plant.get_body(body)))
     surfaces = [
         results.hydroelastic_contact_info(i).contact_surface() for i in range(results.num_hydroelastic_contacts())
@@ -30,7 +30,7 @@ def contacts_of(results: ContactResults, plant: MultibodyPlant, body: BodyIndex)
 
 
 def contact_force_on(results: ContactResults, plant: MultibodyPlant, body: BodyIndex) -> Array:
-    """Sum (3,) in W, N, of the contact forces, hydroelastic and point, that act on `body`."""
+    """The sum (3,) N in W of the contact forces, hydroelastic and point, on `body`."""
     geometries = set(plant.GetCollisionGeometriesForBody(plant.get_body(body)))
     total = np.zeros(3)
     for index in range(results.num_hydroelastic_contacts()):
@@ -119,8 +119,8 @@ class SensorNoise(LeafSystem):
         input_ports: [true]
         output_ports: [measured]
 
-    The draw is a function of the seed, the numeric parameter 0 (the number of the experiment) and the sample's
-    index, so that a Context can be copied, replayed and evaluated twice, and reads the same.
+    The draw is a function of the seed, numeric parameter 0 (the number of the experiment) and the sample's index, so
+    that a copied or replayed Context, or one that is evaluated twice, gives the same noise.
     """
 
     def __init__(self, *, std: Sequence[float], period: float, seed: int) -> None:

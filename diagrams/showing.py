@@ -1,4 +1,4 @@
-"""From a finished run to its replay: its commands run again in the same world, and everything is placed in W."""
+"""The replay of a finished run: its motion, recorded or simulated again, with plans, forces and beliefs placed in W."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ PAUSE = 0.5  # s, between two experiments
 
 @dataclass(frozen=True)
 class View:
-    """How a scenario is looked at.
+    """The view of a scenario: the map from planner coordinates to W, the arrows of forces, the camera and the panel.
 
-    The tool's point T at planner coordinates p stands at `origin` + p·`axes` in W (axes (nu, 3), unit rows); plans
-    are drawn from there, drawn out along `spread` (3,) m a second ahead, or one-dimensional ones would lie on
-    each other. Arrows show the measured forces along `force_directions` (ny, 3) in W, from T + `force_offset`.
+    The tool's point T at planner coordinates p is at `origin` + p·`axes` in W (axes (nu, 3), unit rows). Plans are
+    drawn from there, shifted by `spread` (3,) m per second ahead: otherwise one-dimensional plans would coincide.
+    Arrows show the measured forces along `force_directions` (ny, 3) in W, from T + `force_offset`.
     """
 
     axes: Array
@@ -43,7 +43,7 @@ class View:
 
 @dataclass(frozen=True)
 class Execution:
-    """One experiment, run again: times (N,) s, plant positions (N, nq), tool positions (N, nu), forces (N, ny)."""
+    """One experiment's motion: times (N,) s, plant positions (N, nq), tool positions (N, nu) m, forces (N, ny) N."""
 
     time: Array
     positions: Array
@@ -52,7 +52,7 @@ class Execution:
 
 
 def execute(diagram: Diagram, context: Context, commands: Array, period: float) -> Execution:
-    """Runs `commands` (T, nu) m/s, each held for `period` s, from `context` on, sampled 32 times a second."""
+    """Simulates `commands` (T, nu) m/s, each held for `period` s, from `context`, sampled 32 times a second."""
     simulator = Simulator(diagram, context)
     plant = diagram.GetSubsystemByName("plant")
     assert isinstance(plant, MultibodyPlant)
@@ -74,7 +74,7 @@ def execute(diagram: Diagram, context: Context, commands: Array, period: float) 
 
 
 def recorded_execution(experiment: ExperimentResult, positions: int, period: float) -> Execution:
-    """The same from what the run recorded of its plant, of `positions` generalized positions."""
+    """The execution from the plant's states that the run recorded; the plant has `positions` generalized positions."""
     recorded, nu = experiment.recorded, experiment.commands.shape[1]
     parts = max(1, round(32.0 * period))
     wanted: Array = period / parts * np.arange(parts * len(experiment.commands), dtype=float)
@@ -95,11 +95,10 @@ def make_replay(
     *,
     experiments: Sequence[int] | None = None,
 ) -> Replay:
-    """The replay of the given experiments of a run, one after the other (all of them, if none are named).
+    """The replay of the experiments with the numbers `experiments`, one after the other; by default of all.
 
-    `diagram` is a world like the one of the run, with the same truth and seed, but not part of another Diagram and,
-    for speed, without a Meshcat; the executed commands are given to it once more, unless the run recorded its
-    plant.
+    `diagram` is a world with the truth and seed of the run, not part of another Diagram and, for speed, without a
+    Meshcat. The executed commands are simulated in it again, unless the run recorded its plant.
     """
     period = result.task.model.period
     chosen = range(len(result.experiments)) if experiments is None else experiments
@@ -147,7 +146,7 @@ def _execution(
 
 
 def _candidates(experiment: ExperimentResult, view: View, period: float) -> Candidates:
-    """Where each candidate would take the tool if it were followed to the letter."""
+    """The paths of the tool under each candidate's commands, with perfect tracking."""
     steps, nu = experiment.commands.shape
     plans = experiment.plans.reshape(steps, 1, -1, nu)
     commands = experiment.candidates.reshape(steps, -1, plans.shape[2], nu)
@@ -161,7 +160,7 @@ def _candidates(experiment: ExperimentResult, view: View, period: float) -> Cand
 
 
 def _beliefs(result: RunResult, numbers: Sequence[int], offsets: Sequence[float]) -> tuple[BeliefHistory, ...]:
-    """What was known when, per parameter: before each shown experiment, within it, and at its end."""
+    """The belief over each parameter before, during and after each shown experiment."""
     states = [result.prior, *(experiment.belief for experiment in result.experiments)]
     rows: list[tuple[float, Array, Array]] = []
     for number, offset in zip(numbers, offsets, strict=True):

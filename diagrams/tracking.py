@@ -1,4 +1,4 @@
-"""A commanded tool velocity, turned into a joint reference that the robot can follow."""
+"""The joint reference for a commanded tool velocity, limited in acceleration and to the workspace."""
 
 from dataclasses import dataclass
 
@@ -60,7 +60,7 @@ class VelocityTracking(LeafSystem):
         self._slices = np.split(np.arange(3 * n + 3 * nu + 1), np.cumsum([n, n, n, nu, nu, nu]))
         self.DeclareDiscreteState(as_array(np.concatenate([mover.q_start, np.zeros(2 * n + 3 * nu + 1)])))
         self.DeclareVectorInputPort("command", nu)
-        # no input is asked of these two, or the loop through the plant would look algebraic
+        # without these sources Drake would assume direct feedthrough, and the loop through the plant be algebraic
         sources = {self.xd_ticket(), self.time_ticket()}
         self.DeclareVectorOutputPort("desired_state", 2 * n, self._calc_desired_state, sources)
         self.DeclareVectorOutputPort("desired_acceleration", n, self._calc_desired_acceleration, sources)

@@ -1,4 +1,4 @@
-"""The box that a commanded motion stays in: commands are cut so that the robot can still brake inside it."""
+"""Limits commanded velocities so that the tool can brake before the bounds of its workspace."""
 
 from dataclasses import dataclass, field
 
@@ -9,7 +9,7 @@ from drake_cafim.typing import Array
 
 @dataclass
 class Workspace:
-    """Bounds of the tool's position in the planner's coordinates, and how hard it may brake before them."""
+    """Bounds of the tool's position in the planner's coordinates, and the deceleration available before them."""
 
     lower: list[float] = field(default_factory=list)  # m, one a coordinate
     upper: list[float] = field(default_factory=list)  # m
@@ -17,7 +17,7 @@ class Workspace:
     braking_at_upper: float = 20.0  # m/s²
 
     def allowed(self, command: Array, position: Array, velocity: Array, *, period: float, ramp: float) -> Array:
-        """`command` (nu,) m/s cut off so that a tool at `position` m with `velocity` m/s stays in the box.
+        """`command` (nu,) m/s reduced so that a tool at `position` m with `velocity` m/s stays within the bounds.
 
         The velocity takes `ramp` s to get from `velocity` to the command, which lasts `period` s.
         """

@@ -1,4 +1,4 @@
-"""What the four worlds have in common: two kinds of contact, named ports, a fresh start for each experiment."""
+"""Functions that the four worlds share: their kinds of contact, their output ports, and the start of an experiment."""
 
 from collections.abc import Mapping
 from typing import Literal, TypeAlias, get_args
@@ -26,9 +26,9 @@ def check_kind(world: str) -> None:
 
 
 def check_truth(scenario: str, defaults: Mapping[str, float], truth: Mapping[str, float]) -> dict[str, float]:
-    """The true parameters by name, `defaults` where `truth` is silent.
+    """The true parameters by name: `defaults`, replaced by the values of `truth`.
 
-    Raises `InputError` on a name that is none of the scenario's, and on a value that is not positive.
+    Raises `InputError` for a name that is not in `defaults`, and for a value that is not positive.
     """
     unknown = sorted(set(truth) - set(defaults))
     if unknown:
@@ -40,7 +40,7 @@ def check_truth(scenario: str, defaults: Mapping[str, float], truth: Mapping[str
 
 
 def export_force(builder: DiagramBuilder, force: OutputPort, *, std: list[float], period: float, seed: int) -> None:
-    """Outputs `true_force` and `measured_force` of the Diagram for the noiseless signal `force`."""
+    """Exports the noiseless `force` as `true_force`, and with noise of `std` as `measured_force`."""
     noise = builder.AddNamedSystem(NOISE, SensorNoise(std=std, period=period, seed=seed))
     builder.Connect(force, noise.get_input_port())
     builder.ExportOutput(force, "true_force")
@@ -56,7 +56,7 @@ def export_tool_state(
     axes: Array,
     origin: Array | None = None,
 ) -> ToolState:
-    """Output `measured_state` of the Diagram: motion of the point T of `body`, as `ToolState` has it."""
+    """Adds a `ToolState` of the point T of `body`, and exports its output as `measured_state`."""
     state = ToolState(body=body.index(), p_BT=p_BT, axes=axes, origin=origin)
     builder.AddNamedSystem("tool_state", state)
     builder.Connect(plant.get_body_poses_output_port(), state.GetInputPort("body_poses"))
@@ -68,10 +68,10 @@ def export_tool_state(
 def export_joints(
     builder: DiagramBuilder, plant: MultibodyPlant, robot: ModelInstanceIndex, concealed: AffectedRobot
 ) -> None:
-    """Outputs `joint_state`, positions then velocities, and `joint_effort`, what acts at the joints, of the Diagram.
+    """Exports `joint_state`, positions then velocities, and `joint_effort`, the net actuation at the joints.
 
-    The effort is what the last step of the plant applied, within the limits: it belongs to the sample before. The
-    state is what the joints' sensors write of it.
+    The effort is the one that the plant's last step applied, within the limits: it belongs to the sample before. The
+    state includes concealed sensor effects.
     """
     builder.ExportOutput(concealed.measured(builder, plant, plant.get_state_output_port(robot)), "joint_state")
     builder.ExportOutput(plant.get_net_actuation_output_port(robot), "joint_effort")
@@ -81,7 +81,7 @@ def start_context(diagram: Diagram, experiment: int = 0) -> Context:
     """A Context at time 0 in the start state; `experiment` chooses the noise that its sensor will have."""
     context = diagram.CreateDefaultContext()
     noise = diagram.GetSubsystemByName(NOISE)
-    # relative to this Diagram, which may by now be a part of another
+    # by the Diagram, not from the root: it may have become part of another Diagram
     noise_context = diagram.GetMutableSubsystemContext(noise, context)
     noise_context.get_mutable_numeric_parameter(0)[0] = float(experiment)
     return context

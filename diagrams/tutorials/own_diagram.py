@@ -112,7 +112,7 @@ def set_theta(diagram: Any, context: Any, theta: Any) -> None:
 
 
 def build_world(model: DiagramModel, *, periods: int, experiments: int) -> tuple[Diagram, CaOed, CaMap]:
-    """The real cart, whose finger is a velocity servo; what plans its motion; and what learns from what it felt."""
+    """The Diagram of the real cart, its finger a velocity servo, with the controller that plans and the estimator."""
     builder = DiagramBuilder()
     plant, contact = add_cart(builder)
     motor = plant.AddJointActuator("motor", plant.GetJointByName("finger"))
@@ -166,13 +166,13 @@ def run(periods: int = 12, experiments: int = 2) -> tuple[CaMap, Context, list[B
     return estimator, own, beliefs
 
 
-def told(belief: Belief) -> str:
-    """The belief in words."""
+def in_words(belief: Belief) -> str:
+    """The belief's means and standard deviations as text."""
     numbers = zip(PRIOR, belief.mean, belief.std, strict=True)
     return ", ".join(f"{parameter.name} {mean:.2f} ± {std:.2f} {parameter.unit}" for parameter, mean, std in numbers)
 
 
 if __name__ == "__main__":
     for number, belief in enumerate(run()[2]):
-        print(f"after {number} experiments: {told(belief)}")
+        print(f"after {number} experiments: {in_words(belief)}")
     print(f"the truth: stiffness {TRUTH['stiffness']} N/m, mass {TRUTH['mass']} kg")
