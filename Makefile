@@ -28,11 +28,11 @@ demo: $(STAMPS)/package
 
 # What a change must pass: at most ten minutes on two cores.
 test: $(STAMPS)/test
-	$(RUN)/python -m pytest -q -n 2 -m "not ci and not long" tests
+	$(RUN)/python -m pytest -q -n 2 --dist worksteal -m "not ci and not long" tests
 
 # What CI adds: style, types, and the tests that take minutes.
 ci: $(STAMPS)/test lint
-	$(RUN)/python -m pytest -q -n 2 -m "not long" tests
+	$(RUN)/python -m pytest -q -n 2 --dist worksteal -m "not long" tests
 
 # Studies, proofs and bags of gigabytes: hours.
 long: $(STAMPS)/test
