@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Callable
@@ -40,11 +41,11 @@ def pendulum_recording(name: str, *, damping: float, seed: int) -> Recording:
     inertia, weight = 0.02 + 0.25, 0.5 * 9.81
 
     def acceleration(q: float, v: float, effort: float) -> float:
-        return float((effort - weight * np.sin(q) - damping * v) / inertia)
+        return float((effort - weight * math.sin(q) - damping * v) / inertia)
 
     q, v, h = np.zeros(1000), np.zeros(1000), 0.0004
     for k in range(999):
-        x, w = q[k], v[k]
+        x, w = float(q[k]), float(v[k])
         for _ in range(10):
             middle_x, middle_w = x + 0.5 * h * w, w + 0.5 * h * acceleration(x, w, u[k])
             x, w = x + h * middle_w, w + h * acceleration(middle_x, middle_w, u[k])

@@ -1,5 +1,6 @@
 """Friction laws are told apart by their forces near rest: a sign change of any width is still Coulomb's."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +27,10 @@ def _recording(name: str, width: float, seed: int) -> Recording:
     q, v = np.zeros(len(time)), np.zeros(len(time))
     h = STEP / FINE
     for k in range(len(time) - 1):
-        x, rate = q[k], v[k]
+        x, rate, effort = float(q[k]), float(v[k]), float(u[k])
         for _ in range(FINE):
-            half = rate + 0.5 * h * (u[k] - TORQUE * np.tanh(rate / width)) / 2.0
-            x, rate = x + h * half, rate + h * (u[k] - TORQUE * np.tanh(half / width)) / 2.0
+            half = rate + 0.5 * h * (effort - TORQUE * math.tanh(rate / width)) / 2.0
+            x, rate = x + h * half, rate + h * (effort - TORQUE * math.tanh(half / width)) / 2.0
         q[k + 1], v[k + 1] = x, rate
     noisy = {"q.rail": q + STD["q"] * rng.normal(size=len(q)), "v.rail": v + STD["v"] * rng.normal(size=len(v))}
     return Recording(name, time, noisy | {"u.rail": u})

@@ -13,13 +13,13 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.effects.timing import SensorDelay, SensorLag
 from drake_cafim.scene.scene import Scene
-from tests.concealed.make import make, simulate
+from tests.concealed.make import simulate
 from tests.concealed_case import written
 
 
 def _problem(kind: str, rig: str, seed: int, folder: Path) -> tuple[WeakProblem, Scene, dict[str, Any]]:
     """Of three recordings, and the effect that is concealed in them."""
-    case = make(kind, rig, seed)
+    case = simulate(kind, rig, seed)
     scene, read = written(case, folder)
     prepared = prepare(scene, read)
     assert isinstance(prepared, Prepared)

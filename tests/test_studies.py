@@ -241,7 +241,8 @@ def test_force_guard_and_reaching_fail_where_they_should() -> None:
         assert [one.standing for one in claims] == ["does not hold"] * failing == ["does not hold"] * len(claims)
 
 
-@pytest.mark.ci
+# what it claims of few seeds is tested of made-up runs above, and of more seeds in test_experiment
+@pytest.mark.long
 def test_a_few_seeds_of_each_scenario_do_what_is_required(tmp_path: Path) -> None:
     """Behaviour, information, planning time, intervals; of the errors, which few seeds tell badly, one may be off.
 
