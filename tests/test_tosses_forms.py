@@ -182,7 +182,7 @@ def test_an_effect_of_one_s_own_goes_all_the_way_in_a_throw(effect: Effect, tmp_
     assert report["explanation"][0]["effect"] == effect.name
     page = (tmp_path / "report.html").read_text()
     assert escape((type(effect).__doc__ or "").split("\n")[0]) in page or effect.formula in page
-    assert "what it gives" in page and "innovation of " in page
+    assert "what the effect gives" in page and "innovation of " in page
     again = Scene.load(tmp_path / "scenario.corrected.yaml", effects=[type(effect)])
     (known,) = again.scenario.effects
     assert (known.effect, known.at) == effect.key
