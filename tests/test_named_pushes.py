@@ -1,4 +1,4 @@
-"""A push that is named tells when it was by its own ends, and has its part of what is explained."""
+"""A named push is located in time by its own interval, and has its share of the misfit that is explained."""
 
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,7 @@ class Told:
         return REST
 
     def rows_of(self, model: Model) -> Any:
-        left = sum(WORTH.values()) - sum(WORTH[one.at] for one in model.effects)
+        left = sum(WORTH.values()) - sum(WORTH[effect.at] for effect in model.effects)
         return np.array([np.sqrt(10.0 + left)])
 
 
@@ -52,13 +52,13 @@ def test_pushes_have_their_part_of_what_is_explained() -> None:
     problem: Any = Told()
     best = Model(np.zeros(0), (_push("b"), FRICTION, _push("a")))
     found = locate_named(problem, best, Model(np.zeros(0)))
-    assert [(one.kind, one.name, one.recording) for one in found] == [
+    assert [(location.kind, location.name, location.recording) for location in found] == [
         ("body", "a", "a.csv"),
         ("joint", "elbow", "a.csv"),
         ("body", "b", "b.csv"),
         ("joint", "wrist", "a.csv"),
     ]
-    assert [one.share for one in found] == pytest.approx([3 / 6, 0.7 / 3, 1 / 6, 0.1])
+    assert [location.share for location in found] == pytest.approx([3 / 6, 0.7 / 3, 1 / 6, 0.1])
     assert found[0].intervals == ((1.0, 1.2),)
     # the others are looked for beside the pushes
     assert [effect.at for effect in problem.asked[0].effects] == ["b", "a"]
@@ -79,19 +79,19 @@ def pushes_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         WeakProblem,
         "hypotheses",
-        lambda problem: tuple(one for one in every(problem) if isinstance(one, ExternalDisturbance)),
+        lambda problem: tuple(effect for effect in every(problem) if isinstance(effect, ExternalDisturbance)),
     )
 
 
 def _overlap(verdict: Verdict, at: str, recording: str, interval: tuple[float, float]) -> float:
     """Intersection over union of a push with what is told of its body in its recording."""
-    assert [one.effect.key for one in verdict.explanation] == [("external_disturbance", at)]
-    assert sum(one.share for one in verdict.mismatch.locations) <= 1.0 + 1e-9
+    assert [item.effect.key for item in verdict.explanation] == [("external_disturbance", at)]
+    assert sum(item.share for item in verdict.mismatch.locations) <= 1.0 + 1e-9
     [(start, stop)] = [
         interval
-        for one in verdict.mismatch.locations
-        if (one.kind, one.name, one.recording) == ("body", at, recording)
-        for interval in one.intervals
+        for item in verdict.mismatch.locations
+        if (item.kind, item.name, item.recording) == ("body", at, recording)
+        for interval in item.intervals
     ]
     return (min(stop, interval[1]) - max(start, interval[0])) / (max(stop, interval[1]) - min(start, interval[0]))
 

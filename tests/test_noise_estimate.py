@@ -1,4 +1,4 @@
-"""The noise of a channel whose std nobody states: the same for a joint as for a tracked body."""
+"""The estimated noise of a channel without a stated std, the same for a joint as for a tracked body."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The noise that is expected of the rows, against more of the same noise in the samples."""
+"""The covariance that is computed for the whitened rows, against the spread of rows with simulated noise."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -103,7 +103,7 @@ def test_rows_are_as_noisy_as_expected_where_friction_jumps(tmp_path: Path) -> N
     problem = WeakProblem.of(scene, prepared.weak, model)
     physics, run = model.physics(scene), problem.runs[0]
     samples = run.weak.samples
-    exact = tuple(replace(one, std=np.zeros_like(one.std)) for one in samples.kinked_v)
+    exact = tuple(replace(kink, std=np.zeros_like(kink.std)) for kink in samples.kinked_v)
     known = WeakForm(replace(samples, kinked_v=exact), run.weak.sensors).residual(physics)
     changes = []
     for draw in range(24):

@@ -1,4 +1,4 @@
-"""Where nothing is missing nothing is found: white, coloured and quantised noise, uneven clocks, noisy feedback."""
+"""No effect is named where none is missing: white, coloured, quantised noise, uneven clocks, noisy feedback."""
 
 from pathlib import Path
 

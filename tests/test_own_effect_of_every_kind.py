@@ -207,7 +207,7 @@ def _error(scene: Scene, recording: Recording) -> float:
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("effect", OWN, ids=lambda one: one.name)
+@pytest.mark.parametrize("effect", OWN, ids=lambda item: item.name)
 def test_it_goes_all_the_way(effect: Effect, tmp_path: Path) -> None:
     truth, bare = (_scene(tmp_path, effect, with_it=with_it) for with_it in (True, False))
     # some millimetres into the wall, held there by a stiff controller, or in the air above it
@@ -227,7 +227,7 @@ def test_it_goes_all_the_way(effect: Effect, tmp_path: Path) -> None:
     else:
         builder = DiagramBuilder()
         verdict.corrected.add_to(builder)
-        assert any("bent_sensor at v.z" in one.get_name() for one in builder.GetSystems())
+        assert any("bent_sensor at v.z" in item.get_name() for item in builder.GetSystems())
     write_artifacts(tmp_path / "out", verdict, outcome, [recording], [], ["a command"], replay=False)
     page = (tmp_path / "out" / "report.html").read_text()
     assert (type(effect).__doc__ or "").split("\n")[0] in page or effect.formula in page

@@ -37,11 +37,11 @@ def test_practice_case(case: str, data_folder: Path) -> None:
         assert verdict.explanation == (), str(verdict)
     if expected != "explained":
         return
-    named = sorted((one.effect.name, one.effect.at) for one in verdict.explanation)
+    named = sorted((accepted.effect.name, accepted.effect.at) for accepted in verdict.explanation)
     assert named == sorted((effect["effect"], effect["at"]) for effect in truth["effects"])
-    for one in verdict.explanation:
-        (effect,) = (e for e in truth["effects"] if e["effect"] == one.effect.name)
+    for accepted in verdict.explanation:
+        (effect,) = (e for e in truth["effects"] if e["effect"] == accepted.effect.name)
         for name, (value, _) in effect["parameters"].items():
-            assert abs(one.values[name].value - value) < 5.0 * one.values[name].std + 1e-3 * abs(value), name
+            assert abs(accepted.values[name].value - value) < 5.0 * accepted.values[name].std + 1e-3 * abs(value), name
     assert verdict.held_out is not None
     assert verdict.held_out.corrected.nll < verdict.held_out.nominal.nll

@@ -1,4 +1,4 @@
-"""Rounding that lasts: recognised, with the memory that the errors of a slow channel really have."""
+"""Quantised channels are recognised, and the autocorrelation of a slow channel's rounding errors is estimated."""
 
 import numpy as np
 import pytest

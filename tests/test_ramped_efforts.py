@@ -1,4 +1,4 @@
-"""Efforts that go straight from sample to sample, `hold: first_order`, in rows, forecasts and actuator effects."""
+"""Efforts interpolated linearly between samples (`hold: first_order`) in rows, forecasts and actuator effects."""
 
 from pathlib import Path
 

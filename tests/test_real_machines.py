@@ -27,7 +27,7 @@ def _diagnosed(folder: Path, held_out: set[str], only: set[str] | None = None) -
 def test_emps_drive_lacks_its_published_friction(data_folder: Path) -> None:
     """Published: viscous 203.5034 N s/m, Coulomb 20.3935 N, offset −3.1648 N (Janot, Gautier, Brunot, 2019)."""
     verdict = _diagnosed(data_folder / "data" / "emps_drive", {"ident_2"})
-    found = {one.effect.name: one.values for one in verdict.explanation}
+    found = {accepted.effect.name: accepted.values for accepted in verdict.explanation}
     assert found["joint_viscous_friction"]["coefficient"].value == pytest.approx(203.5034, rel=0.1)
     asymmetric = found["joint_asymmetric_coulomb_friction"]
     positive, negative = asymmetric["torque_positive"].value, asymmetric["torque_negative"].value
@@ -52,7 +52,7 @@ def test_double_pendulum_lacks_friction_at_both_joints(
     held_out: set[str], only: set[str] | None, data_folder: Path
 ) -> None:
     verdict = _diagnosed(data_folder / "data" / "double_pendulum_A0", held_out, only)
-    rubbing = {one.effect.at for one in verdict.explanation if one.effect.name in FRICTION}
+    rubbing = {accepted.effect.at for accepted in verdict.explanation if accepted.effect.name in FRICTION}
     assert rubbing == {"shoulder", "elbow"}
     # the measured torque lags the command, which nothing here explains away
     assert verdict.kind == "unexplained"
@@ -70,13 +70,13 @@ def test_simple_pendulum_lacks_its_motors_friction_and_inertia(data_folder: Path
     Published, with another load: Coulomb friction 0.1839 N m (Wiebe et al., JOSS, 2022).
     """
     verdict = _diagnosed(data_folder / "data" / "simple_pendulum", {"ilqr"})
-    found = {one.effect.name: one.values for one in verdict.explanation}
+    found = {item.effect.name: item.values for item in verdict.explanation}
     assert set(found) == {"joint_coulomb_friction", "rotor_inertia"}
     assert found["joint_coulomb_friction"]["torque"].value == pytest.approx(0.1839, rel=0.1)
     assert verdict.kind == "unexplained"
     # in these two stretches of `energy`
-    shaking = [one for one in verdict.mismatch.standing if one.recording is not None and "energy" in one.recording]
-    assert any(start < 4.0 and stop > 5.0 for one in shaking for start, stop in one.intervals)
+    shaking = [item for item in verdict.mismatch.standing if item.recording is not None and "energy" in item.recording]
+    assert any(start < 4.0 and stop > 5.0 for item in shaking for start, stop in item.intervals)
     assert any("averaged out" in note for note in verdict.notes)
     assert verdict.held_out is not None
     given, corrected = verdict.held_out.nominal_as_given, verdict.held_out.corrected

@@ -16,7 +16,7 @@ def test_thrown_cube_has_its_published_friction_and_lacks_more_than_is_known(dat
     tosses = [recordings.read(path) for path in sorted((folder / "runs").glob("*.parquet"))]
     verdict = diagnose(Scene.load(folder / "scenario.yaml"), tosses[:14], held_out=tosses[-5:])
     assert verdict.kind == "unexplained"
-    friction = next(one for one in verdict.parameters if one.parameter == "friction")
+    friction = next(parameter for parameter in verdict.parameters if parameter.parameter == "friction")
     assert friction.value == pytest.approx(0.18, abs=0.01)
     assert verdict.mismatch.locations[0].name == "cube/ground"
     assert verdict.held_out is not None

@@ -1,4 +1,4 @@
-"""The replay of a recording beside its simulations: what is drawn, what the arrows mean, what a report adds."""
+"""The replay of a recording beside its simulations: geometry, arrows of forces, and the contents from a report."""
 
 import json
 import re

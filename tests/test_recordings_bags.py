@@ -99,7 +99,9 @@ def test_an_unknown_type_is_listed_and_left_alone(tmp_path: Path) -> None:
                 writer.write_message(topic, known, holds | {"header": header}, log_time=log)
         writer.finish()
     description = recordings.describe(path)
-    assert [(one.topic, one.kind, one.count) for one in description.left_alone] == [("/oven", "lab_msgs/msg/Oven", 20)]
+    assert [(entry.topic, entry.kind, entry.count) for entry in description.left_alone] == [
+        ("/oven", "lab_msgs/msg/Oven", 20)
+    ]
     read = recordings.read(path)
     assert "/oven: lab_msgs/msg/Oven, 20 messages left alone (unknown type)" in read.notes and len(read) == 20
     with pytest.raises(InputError, match=r"topics: /oven of type lab_msgs/msg/Oven cannot be read: unknown type"):
@@ -178,7 +180,7 @@ def test_import_maps_names_and_resamples_where_asked(tmp_path: Path) -> None:
     path = WRITERS["mcap"](tmp_path, messages(twin()))
     (tmp_path / "s.yaml").write_text("model: arm.urdf\ntopics: {/joint_states: {joints: {motor_1: shoulder}}}\n")
     (found,) = import_command([str(path)], tmp_path / "out", scenario=str(tmp_path / "s.yaml"))
-    assert "q.shoulder" in found["columns"] and "/ft/raw" in [one["topic"] for one in found["left_alone"]]
+    assert "q.shoulder" in found["columns"] and "/ft/raw" in [entry["topic"] for entry in found["left_alone"]]
     assert recordings.read(tmp_path / "out" / "a.parquet").joints() == ("shoulder", "motor_2", "gripper")
     (found,) = import_command([str(path)], tmp_path / "out", period=0.002)
     even = recordings.read(tmp_path / "out" / "a.parquet")

@@ -17,7 +17,7 @@ from tests.bags.written import TOPICS, WRITERS, messages, twin
 def test_a_bag_cut_in_the_middle(tmp_path: Path, writer: str, kept: float) -> None:
     expected = twin(2000)
     path = WRITERS[writer](tmp_path, messages(expected))
-    file = next(one for one in path.iterdir() if one.suffix in (".mcap", ".db3")) if path.is_dir() else path
+    file = next(child for child in path.iterdir() if child.suffix in (".mcap", ".db3")) if path.is_dir() else path
     file.write_bytes(file.read_bytes()[: int(kept * file.stat().st_size)])
     try:
         read = recordings.read(path, TOPICS)

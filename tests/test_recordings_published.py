@@ -141,7 +141,7 @@ def tensor_file(path: Path, values: np.ndarray, old_format: bool) -> None:
     tensor = Call(Named("torch._utils", "_rebuild_tensor_v2"), arguments)
     if old_format:
         head = [MAGIC, 1001, {"little_endian": True}]
-        parts = [pickled(one) for one in head] + [pickled(tensor), pickled(["0"])]
+        parts = [pickled(item) for item in head] + [pickled(tensor), pickled(["0"])]
         path.write_bytes(b"".join(parts) + struct.pack("<q", values.size) + values.tobytes())
     else:
         with zipfile.ZipFile(path, "w") as archive:
@@ -185,7 +185,7 @@ def test_the_hash_sees_names_and_numbers() -> None:
     def of(**columns: np.ndarray) -> str:
         return content_hash(recordings.Recording(name="a", time=np.arange(2.0), columns=columns))
 
-    one = of(a=np.array([1.0, -0.0]))
-    assert one == of(a=np.array([1.0 + 1e-12, 0.0]))
-    assert len({one, of(b=np.array([1.0, 0.0])), of(a=np.array([1.0, 1e-8]))}) == 3
-    assert Run(source="a", sha256=one).rows == (0, None)
+    digest = of(a=np.array([1.0, -0.0]))
+    assert digest == of(a=np.array([1.0 + 1e-12, 0.0]))
+    assert len({digest, of(b=np.array([1.0, 0.0])), of(a=np.array([1.0, 1e-8]))}) == 3
+    assert Run(source="a", sha256=digest).rows == (0, None)

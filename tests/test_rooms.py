@@ -40,7 +40,7 @@ def test_no_file_and_no_class_of_the_diagnosis_grows_too_large(path: Path) -> No
     assert len(text.splitlines()) <= MOST_LINES
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.ClassDef):
-            methods = [one.name for one in node.body if isinstance(one, ast.FunctionDef)]
+            methods = [member.name for member in node.body if isinstance(member, ast.FunctionDef)]
             assert len(methods) <= MOST_METHODS, f"{node.name}: {len(methods)}"
 
 
@@ -56,10 +56,10 @@ def test_nobody_asks_what_class_an_effect_or_a_problem_is_of(path: Path) -> None
         return
     tree = ast.parse(path.read_text())
     effects = {
-        one.asname or one.name
+        leaf.asname or leaf.name
         for node in ast.walk(tree)
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("drake_cafim.effects.")
-        for one in node.names
+        for leaf in node.names
     } | {"WeakProblem", "TossProblem", "Prepared", "PreparedTosses"}
     for node in ast.walk(tree):
         if (
@@ -67,5 +67,5 @@ def test_nobody_asks_what_class_an_effect_or_a_problem_is_of(path: Path) -> None
             and isinstance(node.func, ast.Name)
             and node.func.id in ("isinstance", "issubclass")
         ):
-            asked = {one.id for one in ast.walk(node.args[1]) if isinstance(one, ast.Name)}
+            asked = {leaf.id for leaf in ast.walk(node.args[1]) if isinstance(leaf, ast.Name)}
             assert not asked & effects, f"line {node.lineno}: {', '.join(asked & effects)}"

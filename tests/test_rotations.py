@@ -15,9 +15,9 @@ def _random(count: int) -> np.ndarray:
 
 def test_matrices_and_products_are_drakes() -> None:
     a, b = _random(5), _random(10)[5:]
-    for one, other, both in zip(a, b, product(a, b), strict=True):
-        R = RotationMatrix(Quaternion(one)).matrix()
-        np.testing.assert_allclose(rotation_matrices(one[None])[0], R, atol=1e-14)
+    for first, other, both in zip(a, b, product(a, b), strict=True):
+        R = RotationMatrix(Quaternion(first)).matrix()
+        np.testing.assert_allclose(rotation_matrices(first[None])[0], R, atol=1e-14)
         np.testing.assert_allclose(
             rotation_matrices(both[None])[0], R @ RotationMatrix(Quaternion(other)).matrix(), atol=1e-14
         )

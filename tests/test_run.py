@@ -46,8 +46,8 @@ def finished(short: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def untimed(path: Path) -> dict[str, Any]:
     record: dict[str, Any] = json.loads(path.read_text())
-    for one in record["experiments"]:
-        del one["planning_ms"]
+    for experiment_record in record["experiments"]:
+        del experiment_record["planning_ms"]
     return record
 
 
@@ -56,7 +56,7 @@ def test_files_and_record(finished: Path) -> None:
     assert record["schema"] == "drake_cafim.run/1"
     assert record["world"] == "model" and record["truth"] == {"mass": 0.05}
     assert record["prior"]["mass"]["mean"] == pytest.approx(0.065)
-    assert [one["recording"] for one in record["experiments"]] == ["experiment_1.parquet", "experiment_2.parquet"]
+    assert [entry["recording"] for entry in record["experiments"]] == ["experiment_1.parquet", "experiment_2.parquet"]
     named = [record["files"]["replay"], *record["files"]["figures"], *(e["recording"] for e in record["experiments"])]
     assert {path.name for path in finished.iterdir()} == {"run.json", *named}
     assert (finished / "error.svg").read_text().startswith("<?xml")
@@ -72,9 +72,9 @@ def test_the_same_seed_gives_the_same_bytes(finished: Path, short: str, tmp_path
 def test_recording_is_one_continuous_motion(short: str) -> None:
     stage = load_stage(short)
     world = stage.world("model", 1)
-    (one,) = experiment.run(stage.task, Options(seed=1, experiments=1), world).experiments
+    (result,) = experiment.run(stage.task, Options(seed=1, experiments=1), world).experiments
     names = Scene.load(short).tree.joint_names
-    recording = joint_recording(one, "x", names, step=0.002, std={}, random=np.random.default_rng(0))
+    recording = joint_recording(result, "x", names, step=0.002, std={}, random=np.random.default_rng(0))
     q, v, u = (recording.matrix(kind, names) for kind in "qvu")
     assert recording.time[1] == pytest.approx(0.002) and len(q) == pytest.approx(250, abs=8)
     assert np.abs(v).max() > 0.3
@@ -113,7 +113,7 @@ def test_an_older_runs_files_go(finished: Path, short: str, tmp_path: Path) -> N
         Concealed("actuator_gain_error", "joint2", {"gain": 0.9}),
         Concealed("aerodynamic_drag", "link4", {"coefficient": 40.0}),
     ],
-    ids=lambda one: one.effect,
+    ids=lambda effect: effect.effect,
 )
 def test_concealed_effect_is_in_the_world_and_in_no_model(
     concealed: Concealed, finished: Path, short: str, tmp_path: Path

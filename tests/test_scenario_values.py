@@ -102,7 +102,7 @@ def leaves(raw: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 def test_the_scenario_itself_is_accepted(folder: Path) -> None:
     (folder / "arm.yaml").write_text(SCENARIO)
     scene = Scene.load(folder / "arm.yaml")
-    assert [one.parameter for one in scene.unknown] == ["mass", "damping", "stiffness", "torque"]
+    assert [unknown.parameter for unknown in scene.unknown] == ["mass", "damping", "stiffness", "torque"]
 
 
 @pytest.mark.parametrize("value", NEVER, ids=[str(value)[:12] for value in NEVER])

@@ -1,4 +1,4 @@
-"""The search's own steps, on problems that answer as they are told to."""
+"""The steps of the search for effects, on stand-in problems with prescribed answers."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -68,7 +68,7 @@ def _under_way(monkeypatch: pytest.MonkeyPatch, answers: dict[str, Fit]) -> Any:
     problem: Any = SimpleNamespace(scene=scene)
     problem.rewhitened = lambda model: SimpleNamespace(scene=scene)
     monkeypatch.setattr(search, "fit", lambda problem, model: SimpleNamespace(model=model))
-    monkeypatch.setattr(search, "fit_shapes", lambda problem, one: one)
+    monkeypatch.setattr(search, "fit_shapes", lambda problem, fitted_model: fitted_model)
     monkeypatch.setattr(search, "unbiased_fit", lambda problem, model: answers[model.effects[0].name])
     return search._State(problem, search.Settings(), (), 10, lambda text: None)
 

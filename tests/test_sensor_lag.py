@@ -1,4 +1,4 @@
-"""A lagging sensor in the diagnosis: undoing the lag must not pass for noise, nor noise for a misfit."""
+"""Sensors with a lag: the noise that inverting the lag amplifies is accounted for in the rows' covariance."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -50,7 +50,7 @@ def test_a_lag_and_a_delay_see_the_same_noise(tmp_path: Path) -> None:
     delay = unbiased_fit(problem, Model(mean, (SensorDelay(effect["at"], {"delay": late}),)))
     joint = scene.tree.joint_index(effect["at"].split(".")[1])
     width = problem.runs[0].weak.rows_per_window
-    rows = [one.residual[: problem.rows].reshape(-1, width)[:, joint] for one in (lag, delay)]
+    rows = [model.residual[: problem.rows].reshape(-1, width)[:, joint] for model in (lag, delay)]
     assert np.corrcoef(*rows)[0, 1] > 0.95
     assert lag.chi_square < delay.chi_square
 
@@ -97,8 +97,12 @@ def test_how_far_a_sensor_was_behind_at_first_is_not_known(seed: int, at: str, t
     """Of recordings that begin in the middle of a motion; were lags taken as settled, 200 and 3.7 would be left."""
     scene, read = written(simulate("single:sensor_lag", "arm2", seed), tmp_path)
     late = [
-        replace(one, time=one.time[500:], columns={name: values[500:] for name, values in one.columns.items()})
-        for one in read
+        replace(
+            recording,
+            time=recording.time[500:],
+            columns={name: values[500:] for name, values in recording.columns.items()},
+        )
+        for recording in read
     ]
     prepared = prepare(scene, late)
     assert isinstance(prepared, Prepared)

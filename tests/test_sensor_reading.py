@@ -1,4 +1,4 @@
-"""Channels that are read between their samples: polynomials smooth, and no model may gain χ² by that."""
+"""Channels interpolated between samples: smoothing by the polynomials must not lower the χ² of any model."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A soft stop in the diagnosis: told where noise is all that is left, and no patch for a law that is wrong."""
+"""A soft `joint_hard_stop` is named only where it leaves noise alone, not as a substitute for another law."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ def test_a_soft_stop_is_one_where_only_noise_is_left(tmp_path: Path) -> None:
     problem, [truth] = prepared.problem(), case.truth["effects"]
     stop = JointHardStop(truth["at"], {name: value for name, (value, _) in truth["parameters"].items()})
     known = case.truth["nominal_parameters_true"]
-    unknown = np.array([known[f"{one.parameter}.{one.at}"] for one in scene.unknown])
+    unknown = np.array([known[f"{parameter.parameter}.{parameter.at}"] for parameter in scene.unknown])
     assert problem.plausible(Model(unknown, (stop,)))
     wrong = JointViscousFriction(truth["at"], {"coefficient": 1.0})
     assert not problem.plausible(Model(unknown, (stop, wrong)))

@@ -48,7 +48,7 @@ def made_up(cell: Cell, error: float = 1.0) -> dict[str, Any]:
         "faces": ["+x", "-y"],
         "max_force": 3.0,
     }
-    one = {
+    experiment = {
         "error": [error] * len(names),
         "inside": [True] * len(names),
         "std": [1.0] * len(names),
@@ -61,7 +61,12 @@ def made_up(cell: Cell, error: float = 1.0) -> dict[str, Any]:
         "rank": 1 if cell.scenario == "rubbing_tangential" else 2,
         "combinations": [PRODUCT],
     }
-    run = {"parameters": names, "prior_error": [30.0] * len(names), "period": 0.02, "experiments": [one, one]}
+    run = {
+        "parameters": names,
+        "prior_error": [30.0] * len(names),
+        "period": 0.02,
+        "experiments": [experiment, experiment],
+    }
     return run if cell.scenario != "pinching_point" else {**run, "laws": LAWS, "diagnosis": DIAGNOSIS}
 
 
@@ -71,7 +76,7 @@ def test_conclusion_and_page(name: str, tmp_path: Path, monkeypatch: pytest.Monk
     record, text = study_command(name, tmp_path, 1, lambda line: None, short=True)
     page = (tmp_path / "study.html").read_text()
     assert record["study"] == name and record["title"] in text and record["title"] in page
-    assert all(one["claim"] in unescape(page) for one in record["claims"])
+    assert all(item["claim"] in unescape(page) for item in record["claims"])
     assert page.count("<svg") == {"convergence": 4, "landscapes": 3, "behaviour": 4, "one-rub": 1, "noise": 1}.get(
         name, 0
     )
@@ -90,17 +95,17 @@ def test_requirements_fail_where_they_should() -> None:
     study = STUDIES["requirements"]
     cells = study.cells(True)
     good = study.conclude({cell: made_up(cell) for cell in cells})
-    assert {one.standing for one in good.claims} == {"holds"}
+    assert {item.standing for item in good.claims} == {"holds"}
     bad = study.conclude({cell: made_up(cell, error=5.2) for cell in cells})
-    failed = [one.claim for one in bad.claims if one.standing == "does not hold"]
+    failed = [item.claim for item in bad.claims if item.standing == "does not hold"]
     assert len(failed) == 4  # pinching's damping may be 11 % off, contouring's width 6 %
     astray = study.conclude({cell: made_up(cell, error=9.5 if cell.prior_scale == 0.5 else 1.0) for cell in cells})
-    failed = [one.claim for one in astray.claims if one.standing == "does not hold"]
+    failed = [item.claim for item in astray.claims if item.standing == "does not hold"]
     assert len(failed) == 6 and all("largest of seven medians" in claim for claim in failed)
     unsure = {cell: made_up(cell) for cell in cells}
     for kept in unsure.values():
         kept["experiments"][-1]["inside"] = [False] * len(kept["parameters"])
-    failed = [one.claim for one in study.conclude(unsure).claims if one.standing == "does not hold"]
+    failed = [item.claim for item in study.conclude(unsure).claims if item.standing == "does not hold"]
     assert len(failed) == 6 and all("coverage" in claim for claim in failed)
 
 
@@ -108,14 +113,14 @@ def test_requirements_fail_where_they_should() -> None:
 def test_what_drakes_world_must_show_fails_where_it_should(name: str) -> None:
     study = STUDIES[name]
     results = {cell: made_up(cell) for cell in study.cells(True)}
-    assert {one.standing for one in study.conclude(results).claims} == {"holds"}
+    assert {item.standing for item in study.conclude(results).claims} == {"holds"}
     for kept in results.values():
-        for one in kept["experiments"]:
-            one["behaviour"]["max_force"], one["hydroelastic"], one["planning_ms"] = 11.0, None, 100.0
+        for item in kept["experiments"]:
+            item["behaviour"]["max_force"], item["hydroelastic"], item["planning_ms"] = 11.0, None, 100.0
         if "laws" in kept:
             kept["laws"] = dict.fromkeys(LAWS, LAWS["hunt_crossley"])
             kept["diagnosis"] = {**DIAGNOSIS, "effects": [], "corrected": {"nll": 200.0, "rmse": {}}}
-    failed = [one for one in study.conclude(results).claims if one.standing == "does not hold"]
+    failed = [item for item in study.conclude(results).claims if item.standing == "does not hold"]
     assert len(failed) == {"worlds": 12, "point-contact": 3}[name]
 
 
@@ -127,12 +132,12 @@ def test_calibration_tells_where_the_errors_lie_and_fails_where_it_should(name: 
         size = len(kept["parameters"])
         kept["experiments"][-1] |= {"error": [2.0 + number % 3] * size, "std": [2.0] * size, "inside": [True] * size}
     found = study.conclude(results)
-    assert {one.standing for one in found.claims} == {"holds"} and where in found.about
+    assert {item.standing for item in found.claims} == {"holds"} and where in found.about
     for row in found.tables[0].rows:  # errors of 1, 1.5 and 2 std
         assert row[4:] == ("2.0", "1.50", "0.41")
     for kept in results.values():
         kept["experiments"][-1]["inside"] = [False] * len(kept["parameters"])
-    assert {one.standing for one in study.conclude(results).claims} == {"does not hold"}
+    assert {item.standing for item in study.conclude(results).claims} == {"does not hold"}
 
 
 @pytest.mark.parametrize(("name", "where"), [("robustness", "kinematic"), ("robustness-robots", "`model`")])
@@ -140,21 +145,21 @@ def test_robustness_fails_where_one_prior_leads_astray(name: str, where: str) ->
     study = STUDIES[name]
     results = {cell: made_up(cell) for cell in study.cells(True)}
     found = study.conclude(results)
-    assert {one.standing for one in found.claims} == {"holds"} and where in found.about
+    assert {item.standing for item in found.claims} == {"holds"} and where in found.about
     for cell, kept in results.items():
         if (cell.scenario, cell.prior_scale) == ("pinching", 0.5):
             kept["experiments"][-1]["error"] = [1.0, 30.0]
-    failed = [one.claim for one in study.conclude(results).claims if one.standing != "holds"]
+    failed = [item.claim for item in study.conclude(results).claims if item.standing != "holds"]
     assert failed == ["pinching: damping, largest of seven medians, %: at most 9"]
 
 
 def test_identifiability_fails_where_it_should() -> None:
     study = STUDIES["identifiability"]
     results = {cell: made_up(cell) for cell in study.cells(True)}
-    assert {one.standing for one in study.conclude(results).claims} == {"holds"}
+    assert {item.standing for item in study.conclude(results).claims} == {"holds"}
     for kept in results.values():
         kept["experiments"][-1] |= {"rank": 0, "error": [30.0, 30.0], "inside": [False, False]}
-    assert {one.claim.split(": ", 1)[1] for one in study.conclude(results).claims if one.standing != "holds"} == {
+    assert {item.claim.split(": ", 1)[1] for item in study.conclude(results).claims if item.standing != "holds"} == {
         "rank 1",
         "rank 2",
         "coverage of friction: at least 0.9",
@@ -168,7 +173,7 @@ def test_disturbances_tell_each_interval_by_itself() -> None:
     results = {cell: made_up(cell) for cell in study.cells(True)}
     for kept in results.values():
         kept["experiments"][-1]["inside"] = [True, False][: len(kept["parameters"])]
-    found = {one.claim: one.found for one in study.conclude(results).claims}
+    found = {item.claim: item.found for item in study.conclude(results).claims}
     assert found["pinching: process noise of 0.1 m/s limits"].endswith("95 % intervals hold 1.00, 0.00")
     assert found["rubbing: process noise of 0.1 m/s limits"].endswith("95 % intervals hold 1.00")
 
@@ -209,8 +214,8 @@ def test_killed_study_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_a_cell_is_a_run() -> None:
     cell = Cell("pinching", 3, experiments=1)
     kept, again = measure(cell), measure(cell)
-    for one in (*kept["experiments"], *again["experiments"]):
-        del one["planning_ms"]
+    for experiment in (*kept["experiments"], *again["experiments"]):
+        del experiment["planning_ms"]
     assert kept == again
     assert kept["prior_error"] == pytest.approx([30.0, 30.0])
     quiet = measure(Cell("pinching", 3, noise=0.1, experiments=1))
@@ -234,11 +239,11 @@ def test_force_guard_and_reaching_fail_where_they_should() -> None:
     for name, key, value, failing in (("force-guard", "max_force", 10.1, 4), ("reaching", "first_contact", None, 4)):
         study = STUDIES[name]
         results = {cell: made_up(cell) for cell in study.cells(True)}
-        assert {one.standing for one in study.conclude(results).claims} == {"holds"}
+        assert {item.standing for item in study.conclude(results).claims} == {"holds"}
         for kept in results.values():
             kept["experiments"][-1]["behaviour"][key] = value
         claims = study.conclude(results).claims
-        assert [one.standing for one in claims] == ["does not hold"] * failing == ["does not hold"] * len(claims)
+        assert [item.standing for item in claims] == ["does not hold"] * failing == ["does not hold"] * len(claims)
 
 
 # what it claims of few seeds is tested of made-up runs above, and of more seeds in test_experiment
@@ -249,7 +254,7 @@ def test_a_few_seeds_of_each_scenario_do_what_is_required(tmp_path: Path) -> Non
     From a single seed of each of seven priors, two.
     """
     record, text = study_command("requirements", tmp_path, 2, lambda line: None, short=True)
-    failed = [one["claim"] for one in record["claims"] if one["standing"] == "does not hold"]
+    failed = [item["claim"] for item in record["claims"] if item["standing"] == "does not hold"]
     assert len(record["claims"]) == 35
     errors = [claim for claim in failed if "error" in claim]
     seven = [claim for claim in failed if "seven medians" in claim]

@@ -1,4 +1,4 @@
-"""The assertion that a laboratory's tests make of its robot and its model."""
+"""`drake_cafim.testing.assert_explained`, for a laboratory's own tests of its robot and model."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Numbers that steer a verdict stand in one file, with meaning, unit and source; what moving one changes is told."""
+"""Thresholds of the diagnosis are in one file, with meaning, unit and calibration; `make thresholds` moves each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Diagrams of rubbing, contouring and pinching: ports, tracking, and contact that is really there."""
+"""The Diagrams of rubbing, contouring and pinching: ports, tracking, and contact forces."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Every decision that shaped a verdict is on record, with what would have turned it."""
+"""The trace of a verdict: every decision with its statistic, threshold and outcome."""
 
 import json
 import math
@@ -30,23 +30,23 @@ def verdict() -> Verdict:
 
 
 def of_step(verdict: Verdict, step: str) -> list[Record]:
-    return [one for one in verdict.trace if one.step == step]
+    return [decision for decision in verdict.trace if decision.step == step]
 
 
 def test_records_stay_in_order_and_say_which_search_they_are_of() -> None:
     trace = Trace()
     trace.add(ADMIT)
     trace.of_search("windows of 0.24 s").add(replace(ADMIT, passed=False), ADMIT)
-    assert [one.search for one in trace.records] == ["", "windows of 0.24 s", "windows of 0.24 s"]
-    assert [one.passed for one in trace.records] == [True, False, True]
+    assert [decision.search for decision in trace.records] == ["", "windows of 0.24 s", "windows of 0.24 s"]
+    assert [decision.passed for decision in trace.records] == [True, False, True]
 
 
 def test_a_record_comes_back_from_json_and_what_is_empty_is_left_out() -> None:
-    told = ADMIT.as_json()
-    assert list(told) == ["step", "asked", "statistic", "threshold", "passed", "words", "test"]
+    entry = ADMIT.as_json()
+    assert list(entry) == ["step", "asked", "statistic", "threshold", "passed", "words", "test"]
     full = replace(ADMIT, beside="payload@link3", search="windows of 0.24 s", others=("payload@link2",))
-    for one in (ADMIT, full):
-        assert Record.from_json(json.loads(json.dumps(one.as_json()))) == one
+    for decision in (ADMIT, full):
+        assert Record.from_json(json.loads(json.dumps(decision.as_json()))) == decision
     assert replace(ADMIT, statistic=math.inf).as_json()["statistic"] is None
     with pytest.raises(KeyError, match="passed"):
         Record.from_json({"step": "admit", "asked": NAMED, "statistic": 1.0, "threshold": 2.0})
@@ -61,21 +61,28 @@ def test_explanations_are_named_in_alphabetical_order() -> None:
 
 def test_what_was_named_was_admitted_by_every_test(verdict: Verdict) -> None:
     assert verdict.kind == "explained"
-    tests = [one for one in of_step(verdict, "test") if one.asked == NAMED]
-    (admit,) = (one for one in of_step(verdict, "admit") if one.asked == NAMED)
-    assert {one.test for one in tests} >= {"gain", "gain for its numbers", "distance from absent"}
-    for one in (*tests, admit):
-        assert one.passed and one.statistic is not None and one.threshold is not None
-        assert one.statistic > one.threshold
-    assert admit.test in {one.test for one in tests}
+    tests = [decision for decision in of_step(verdict, "test") if decision.asked == NAMED]
+    (admit,) = (decision for decision in of_step(verdict, "admit") if decision.asked == NAMED)
+    assert {decision.test for decision in tests} >= {"gain", "gain for its numbers", "distance from absent"}
+    for decision in (*tests, admit):
+        assert decision.passed and decision.statistic is not None and decision.threshold is not None
+        assert decision.statistic > decision.threshold
+    assert admit.test in {decision.test for decision in tests}
 
 
 def test_rivals_that_were_fitted_are_refused_by_the_criterion(verdict: Verdict) -> None:
-    refused = [one for one in of_step(verdict, "choose") if not one.passed]
-    assert {one.asked for one in refused} & {"joint_coulomb_friction@elbow", "joint_asymmetric_coulomb_friction@elbow"}
-    for one in refused:
-        assert one.statistic is not None and one.threshold is not None and one.statistic < one.threshold
-    (chosen,) = (one for one in of_step(verdict, "choose") if one.passed)
+    refused = [decision for decision in of_step(verdict, "choose") if not decision.passed]
+    assert {decision.asked for decision in refused} & {
+        "joint_coulomb_friction@elbow",
+        "joint_asymmetric_coulomb_friction@elbow",
+    }
+    for decision in refused:
+        assert (
+            decision.statistic is not None
+            and decision.threshold is not None
+            and decision.statistic < decision.threshold
+        )
+    (chosen,) = (decision for decision in of_step(verdict, "choose") if decision.passed)
     assert chosen.asked == NAMED and chosen.beside == refused[0].asked
 
 
@@ -83,15 +90,19 @@ def test_what_is_left_is_on_record(verdict: Verdict) -> None:
     adequate = of_step(verdict, "adequacy")[-1]
     assert adequate.asked == NAMED and adequate.passed
     assert adequate.statistic is not None and adequate.statistic > 0.01 == adequate.threshold
-    assert {one.test for one in of_step(verdict, "remains")} == {"stretch", "neighbours", "row"}
-    for one in of_step(verdict, "remains"):
-        assert one.statistic is not None and one.threshold is not None and one.statistic < one.threshold
+    assert {decision.test for decision in of_step(verdict, "remains")} == {"stretch", "neighbours", "row"}
+    for decision in of_step(verdict, "remains"):
+        assert (
+            decision.statistic is not None
+            and decision.threshold is not None
+            and decision.statistic < decision.threshold
+        )
     assert verdict.trace[-1].step == "verdict" and verdict.trace[-1].asked == "explained"
 
 
 def test_every_hypothesis_is_on_record_once_a_look_and_few_at_length(verdict: Verdict) -> None:
-    first = [one for one in of_step(verdict, "screen") if not one.beside]
-    asked = [name for one in first for name in (one.others if one.asked == OTHERS else one.effects)]
+    first = [decision for decision in of_step(verdict, "screen") if not decision.beside]
+    asked = [name for decision in first for name in (decision.others if decision.asked == OTHERS else decision.effects)]
     assert len(asked) == len(set(asked)) > 30
     assert "actuator_delay@shoulder" in asked and "sensor_bias@q.elbow" in asked
     assert len(first) < 12 and len(verdict.trace) < 120
@@ -106,10 +117,10 @@ def test_the_search_ends_where_nothing_more_is_beyond_luck(verdict: Verdict) -> 
 def test_the_report_holds_it_and_the_same_bytes_again(verdict: Verdict) -> None:
     scene = Scene.from_model(ARM, channels=NOISE, weld=["base"])
     again = diagnose(scene, [record(stiff_grease, 1)])
-    texts = [as_text(report_of(one, (), None, {})) for one in (verdict, again)]
+    texts = [as_text(report_of(item, (), None, {})) for item in (verdict, again)]
     assert texts[0] == texts[1]
-    told = json.loads(texts[0])["trace"]
-    assert tuple(Record.from_json(one) for one in told) == verdict.trace
+    entries = json.loads(texts[0])["trace"]
+    assert tuple(Record.from_json(item) for item in entries) == verdict.trace
 
 
 @pytest.mark.parametrize("louder", [1.0, 4.0])
@@ -118,7 +129,7 @@ def test_the_worst_of_what_is_left_decides_as_the_p_value_does(louder: float) ->
     rows[160:176] *= louder  # eight windows of two rows in the first recording
     passes = adequacy(RUNS, rows, 0).p_value > 0.01
     parts = misfits(RUNS, rows, 0, 0.01)
-    assert passes == (louder == 1.0) == all(one.statistic < one.threshold for one in parts)
+    assert passes == (louder == 1.0) == all(decision.statistic < decision.threshold for decision in parts)
     if not passes:
-        (stretch,) = (one for one in parts if one.kind == "stretch")
+        (stretch,) = (decision for decision in parts if decision.kind == "stretch")
         assert (stretch.run, stretch.windows) == (0, (80, 87)) and stretch.failing >= 1

@@ -1,4 +1,4 @@
-"""The motion that a contact remembers: no smoother than its noise asks for, and no less smooth than that."""
+"""The smoothed motion that a contact with memory integrates: its smoothness is that which the noise requires."""
 
 import numpy as np
 import pytest

@@ -113,12 +113,14 @@ def test_a_diagnosis_fits_it_reports_it_and_puts_it_back(tmp_path: Path) -> None
     scene = scene_of(tmp_path, model, effect, unknown)
     verdict = diagnose(scene, [recording])
     assert verdict.kind == "none" and not verdict.explanation
-    [told] = parameters_of(verdict.parameters)
-    assert told["parameter"] == "coefficient" and told["at"] == "pivot" and told["effect"] == "joint_viscous_friction"
-    assert told["value"] == pytest.approx(truth, rel=0.02)
+    [entry] = parameters_of(verdict.parameters)
+    assert (
+        entry["parameter"] == "coefficient" and entry["at"] == "pivot" and entry["effect"] == "joint_viscous_friction"
+    )
+    assert entry["value"] == pytest.approx(truth, rel=0.02)
     (tmp_path / "corrected.yaml").write_text(as_yaml(verdict.corrected.scenario, tmp_path, tmp_path))
     again = load(tmp_path / "corrected.yaml")
-    assert again.effects[0].parameters["coefficient"] == pytest.approx(told["value"])
-    assert again.unknown[0].mean == pytest.approx(told["value"])
+    assert again.effects[0].parameters["coefficient"] == pytest.approx(entry["value"])
+    assert again.unknown[0].mean == pytest.approx(entry["value"])
     assert yaml.safe_load((tmp_path / "corrected.yaml").read_text())["unknown"][0]["effect"] == effect["effect"]
-    assert Scene.load(tmp_path / "corrected.yaml").priors.mean[0] == pytest.approx(told["value"])
+    assert Scene.load(tmp_path / "corrected.yaml").priors.mean[0] == pytest.approx(entry["value"])

@@ -1,4 +1,4 @@
-"""Forces that nobody knows: how strong they are, and what is found beside them."""
+"""Unknown random forces: the estimate of their strength, and the effects that are found beside them."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -23,18 +23,18 @@ DENSITY = 2e-4
 """(N m)² s: 0.06 N m over 60 ms."""
 
 
-def _shaken(one: Recording, joint: str, seed: int) -> Recording:
+def _shaken(recording: Recording, joint: str, seed: int) -> Recording:
     """A recording whose efforts at `joint` leave out a white part of what acted there."""
-    std = float(np.sqrt(DENSITY / np.median(np.diff(one.time))))
-    hidden = std * np.random.default_rng(seed).standard_normal(len(one.time))
-    return replace(one, columns={**one.columns, f"u.{joint}": one[f"u.{joint}"] - hidden})
+    std = float(np.sqrt(DENSITY / np.median(np.diff(recording.time))))
+    hidden = std * np.random.default_rng(seed).standard_normal(len(recording.time))
+    return replace(recording, columns={**recording.columns, f"u.{joint}": recording[f"u.{joint}"] - hidden})
 
 
 def _problem(folder: Path, shaken: bool) -> tuple[WeakProblem, str]:
     scene, read = written(simulate("null", "arm2", 11), folder)
     joint = scene.tree.joint_names[0]
     if shaken:
-        read = [_shaken(one, joint, seed) for seed, one in enumerate(read)]
+        read = [_shaken(recording, joint, seed) for seed, recording in enumerate(read)]
     problem = prepare(scene, read).problem()
     assert isinstance(problem, WeakProblem)
     return problem, joint
@@ -67,7 +67,9 @@ def test_an_effect_is_told_from_the_forces_beside_it(tmp_path: Path) -> None:
     scene, read = written(simulate("single:joint_viscous_friction", "arm7", FRICTION_SHAKEN), tmp_path)
     verdict = diagnose(scene, read[:1])
     assert verdict.kind == "explained"
-    assert [(one.effect.name, one.effect.at) for one in verdict.explanation] == [("joint_viscous_friction", "joint_7")]
+    assert [(accepted.effect.name, accepted.effect.at) for accepted in verdict.explanation] == [
+        ("joint_viscous_friction", "joint_7")
+    ]
     assert any("nobody knows" in remark for remark in verdict.noise_remarks)
 
 

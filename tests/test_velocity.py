@@ -1,4 +1,4 @@
-"""The velocity that kinked laws see, of a joint that creeps at rest, slips and comes to rest again."""
+"""The velocity estimate for kinked friction laws, of a joint that creeps at rest, slips and stops again."""
 
 import numpy as np
 import pytest

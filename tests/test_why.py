@@ -45,7 +45,7 @@ def report(tmp_path: Path) -> Path:
 
 
 def why(*arguments: object) -> Result:
-    return CliRunner().invoke(main, ["why", *(str(one) for one in arguments)])
+    return CliRunner().invoke(main, ["why", *(str(argument) for argument in arguments)])
 
 
 def test_why_it_was_named_and_what_would_have_turned_it(report: Path) -> None:
@@ -78,11 +78,11 @@ def test_without_an_effect_it_says_why_the_verdict(report: Path) -> None:
 
 
 def test_the_same_as_json(report: Path) -> None:
-    told = json.loads(why(report, NAMED, "--json").output)
-    assert (told["schema"], told["asked"], told["named"]) == ("drake_cafim.why/1", NAMED, True)
-    assert [one["step"] for one in told["records"]] == ["admit", "choose", "adequacy"]
+    answer = json.loads(why(report, NAMED, "--json").output)
+    assert (answer["schema"], answer["asked"], answer["named"]) == ("drake_cafim.why/1", NAMED, True)
+    assert [item["step"] for item in answer["records"]] == ["admit", "choose", "adequacy"]
     whole = json.loads(why(report, "--json").output)
-    assert [one["asked"] for one in whole["refused"]] == [RIVAL] and whole["no_more"]["threshold"] == 24.0
+    assert [item["asked"] for item in whole["refused"]] == [RIVAL] and whole["no_more"]["threshold"] == 24.0
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from tests.test_why import NAMED, RECORDS, RIVAL
 
 def verdict(records: list[dict[str, Any]]) -> Any:
     effect = SimpleNamespace(name=NAMED.partition("@")[0], at="elbow")
-    trace = tuple(Record.from_json(one) for one in records)
+    trace = tuple(Record.from_json(record) for record in records)
     return SimpleNamespace(trace=trace, kind="unexplained", explanation=[SimpleNamespace(effect=effect)])
 
 
@@ -34,7 +34,7 @@ def test_named_refused_no_further_and_what_remains() -> None:
 
 
 def test_a_bar_ends_before_the_middle_where_a_number_is_below_its_threshold() -> None:
-    lengths = [float(one) for one in re.findall(r'width="([0-9]+[.][0-9])"', why_section(verdict(RECORDS)))]
+    lengths = [float(text) for text in re.findall(r'width="([0-9]+[.][0-9])"', why_section(verdict(RECORDS)))]
     assert min(lengths) < 50.0 < max(lengths)
 
 
@@ -43,7 +43,7 @@ def test_without_a_trace_there_is_no_section() -> None:
 
 
 def test_what_was_asked_is_no_markup() -> None:
-    odd = [{**one, "words": "<b>bold</b> & more"} if one["asked"] == RIVAL else one for one in RECORDS]
+    odd = [{**record, "words": "<b>bold</b> & more"} if record["asked"] == RIVAL else record for record in RECORDS]
     assert "<b>bold" not in why_section(verdict(odd))
 
 

@@ -1,4 +1,4 @@
-"""The weak form's integrals against exact ones."""
+"""The weak form's integrals over windows against exact integrals."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -110,10 +110,14 @@ def test_fewer_samples_than_powers_are_fitted_as_they_are() -> None:
 def test_wider_windows_cover_what_the_narrow_ones_do(tmp_path: Path) -> None:
     """No sample that is missing, or too near to one."""
     simulate("null", "arm2", 11).write(tmp_path)
-    one = recordings.read(tmp_path / "train_1.parquet")
+    recording = recordings.read(tmp_path / "train_1.parquet")
     q = f"q.{Scene.load(tmp_path / 'scenario.yaml').tree.joint_names[0]}"
-    holes = np.where((one.time > one.time[0] + 2.0) & (one.time < one.time[0] + 2.1), np.nan, one[q])
-    prepared = prepare(Scene.load(tmp_path / "scenario.yaml"), [replace(one, columns={**one.columns, q: holes})])
+    holes = np.where(
+        (recording.time > recording.time[0] + 2.0) & (recording.time < recording.time[0] + 2.1), np.nan, recording[q]
+    )
+    prepared = prepare(
+        Scene.load(tmp_path / "scenario.yaml"), [replace(recording, columns={**recording.columns, q: holes})]
+    )
     assert isinstance(prepared, Prepared)
     problem = prepared.problem()
     found = problem.over_wider_windows(4.0)

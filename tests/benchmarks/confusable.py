@@ -1,4 +1,4 @@
-"""Explanations that are easily taken for one another, each group on a machine where they are.
+"""Groups of explanations that are hard to tell apart, each with the machine on which they are.
 
 Each explanation has the size at which, were it true, ten seconds of a random motion would be expected to leave every
 other a likelihood of one in twenty at its best: rivals, as a recording that shows too little leaves them. Presliding,
@@ -185,7 +185,7 @@ def random_motion(designer: Designer, random: np.random.Generator) -> Motion:
 def models(group: Group, designer: Designer, random: np.random.Generator) -> tuple[Model, ...]:
     """The group's explanations with their numbers."""
     motions = [random_motion(designer, random) for _ in range(RANDOM_MOTIONS)]
-    problems = [designer.problem(one) for one in motions]
+    problems = [designer.problem(item) for item in motions]
     effects = [parsed(designer.scene, word) for word in group.explanations]
     unknown = designer.scene.priors.mean
     found = []
@@ -194,7 +194,8 @@ def models(group: Group, designer: Designer, random: np.random.Generator) -> tup
         for _ in range(HALVINGS):
             size = float(np.exp(0.5 * (low + high)))
             truth, *rivals = (
-                Model(unknown, (sized(one, size, designer.scene),)) for one in (effect, *effects[:k], *effects[k + 1 :])
+                Model(unknown, (sized(item, size, designer.scene),))
+                for item in (effect, *effects[:k], *effects[k + 1 :])
             )
             if _worth(problems, truth, rivals) < TWENTY_TO_ONE:
                 low = np.log(size)
@@ -206,14 +207,16 @@ def models(group: Group, designer: Designer, random: np.random.Generator) -> tup
 
 def _worth(problems: Sequence[WeakProblem], truth: Model, rivals: Sequence[Model]) -> float:
     """The median of what the motions are expected to bring for `truth`."""
-    return float(np.median([min(_worth_of(one, truth, rival) for rival in rivals) for one in problems]))
+    return float(np.median([min(_worth_of(problem, truth, rival) for rival in rivals) for problem in problems]))
 
 
 def _worth_of(problem: WeakProblem, truth: Model, rival: Model) -> float:
     """ln of the likelihood ratio after `KNOWN` s of the motion again and again, the rival's numbers being its best."""
     time = problem.runs[0].weak.samples.time
     repeats = KNOWN / float(time[-1] - time[0]) - 1.0
-    own, other = (one.after(one, repeats) for one in expected(problem, looked(problem, truth), looked(problem, rival)))
+    own, other = (
+        course.after(course, repeats) for course in expected(problem, looked(problem, truth), looked(problem, rival))
+    )
     return 0.5 * float(other.misfit[-1] - own.misfit[-1])
 
 

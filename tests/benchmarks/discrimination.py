@@ -79,11 +79,11 @@ def settled(designer: Designer, cycles: Sequence[Cycle], random: np.random.Gener
     ends, duration = windows.starts + windows.width - windows.time[0], designer.shape.duration
     so_far: list[Course] | None = None
     for number in range(CYCLES):
-        one = cycles[number % len(cycles)]
-        recording = noisy(designer.scene, one.run.recording, designer.bench.samples.std, random)
-        problem = designer.bench.reading(recording, one.run.problem)
+        cycle = cycles[number % len(cycles)]
+        recording = noisy(designer.scene, cycle.run.recording, designer.bench.samples.std, random)
+        problem = designer.bench.reading(recording, cycle.run.problem)
         courses = []
-        for explained in one.explained:
+        for explained in cycle.explained:
             rows = problem.residual(explained.model)[: problem.rows]
             courses.append(Course.of(problem, explained, rows))
         if so_far is not None:
@@ -103,12 +103,12 @@ def measure(group: Group, seeds: int, out: Path, progress: Progress) -> dict[str
     found = models(group, designer, np.random.default_rng(0))
     random = np.random.default_rng(1)
     planned = {"random": [random_motion(designer, random) for _ in range(RANDOM_POOL)]}
-    planned |= {policy: [one] for policy, one in designs(group, designer, found, out, progress).items()}
+    planned |= {policy: [item] for policy, item in designs(group, designer, found, out, progress).items()}
     times: dict[str, list[list[float]]] = {policy: [] for policy in POLICIES}
     for index, truth in enumerate(found):
         progress(f"{group.name}: running, where {truth.effects[0].name} holds")
-        rivals = [one for one in found if one is not truth]
-        motions = [one for those in planned.values() for one in those]
+        rivals = [item for item in found if item is not truth]
+        motions = [item for those in planned.values() for item in those]
         done = iter(cycles(designer, truth, rivals, motions))
         run = {policy: [next(done) for _ in those] for policy, those in planned.items()}
         run["ever new"] = run["random"]
@@ -152,13 +152,13 @@ def designs(
         best(STRENGTHS, Information(found)),
     ]
     knots = [best("designed", Soonest(pairs(found)), informative), *informative]
-    return {policy: designer.motion(designer.commands(one)) for policy, one in zip(POLICIES, knots, strict=False)}
+    return {policy: designer.motion(designer.commands(knot)) for policy, knot in zip(POLICIES, knots, strict=False)}
 
 
 def summary(result: Mapping[str, object]) -> dict[str, float]:
     """By policy the median over seeds of the time s of whichever explanation takes longest."""
     times: Mapping[str, list[list[float]]] = result["times"]  # type: ignore[assignment]
-    return {policy: float(np.median(np.max(np.array(one), axis=0))) for policy, one in times.items()}
+    return {policy: float(np.median(np.max(np.array(values), axis=0))) for policy, values in times.items()}
 
 
 def line(result: Mapping[str, object]) -> str:

@@ -67,7 +67,7 @@ def _lost_mass(machine: Machine, rng: np.random.Generator) -> Ablation:
 
 def _lost_effect(machine: Machine, rng: np.random.Generator) -> Ablation:
     effects: list[dict[str, Any]] = machine.scenario["effects"]  # type: ignore[assignment]
-    friction = [index for index, one in enumerate(effects) if "friction" in one["effect"]]
+    friction = [index for index, effect in enumerate(effects) if "friction" in effect["effect"]]
     return ablation.lost_effect(machine, int(rng.choice(friction)))
 
 
@@ -166,7 +166,7 @@ def scored(made: Ablation, report: dict[str, Any] | None, failure: str) -> dict[
         return {"verdict": "failed", "failure": failure, "named": [], "found": False}
     named = [(item["effect"], item["at"]) for item in report["explanation"]]
     names = [(made.effect, made.at), *made.equal]
-    found = [any(one[0] == name and same_place(one[1], at) for one in named) for name, at in names]
+    found = [any(pair[0] == name and same_place(pair[1], at) for pair in named) for name, at in names]
     result = {
         "verdict": report["verdict"],
         "named": named,
@@ -216,18 +216,18 @@ def main(arguments: list[str] | None = None) -> int:
     temporary = options.out / "ablations.part"
     temporary.write_text(json.dumps(results, indent=1, default=float) + "\n")
     temporary.replace(options.out / "ablations.json")
-    for one in results:
-        truth, strength = one["truth"], one.get("strength")
-        told = ", ".join(f"{effect}@{at}" for effect, at in one["named"]) or one["verdict"]
+    for result in results:
+        truth, strength = result["truth"], result.get("strength")
+        told = ", ".join(f"{effect}@{at}" for effect, at in result["named"]) or result["verdict"]
         size = (
             f"; {strength['name']} {strength['told']:.4g} ± {strength['std']:.2g} of {strength['true']:.4g}"
             if strength
             else ""
         )
         concealed = f"{truth['effect']}@{truth['at']}" if truth["effect"] else "nothing"
-        print(f"{'found' if one['found'] else 'MISSED':6}  {one['set']}: {concealed} -> {told}{size}")
-    sealed = [one for one in results if one["truth"]["effect"]]
-    print(f"{sum(one['found'] for one in sealed)} of {len(sealed)} found")
+        print(f"{'found' if result['found'] else 'MISSED':6}  {result['set']}: {concealed} -> {told}{size}")
+    sealed = [result for result in results if result["truth"]["effect"]]
+    print(f"{sum(result['found'] for result in sealed)} of {len(sealed)} found")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""What is taken out of, or put wrong into, a real machine's model or recordings: known physics for a diagnosis to find.
+"""Ablations of real machines: a known effect removed from the model, or an error added to model or recordings.
 
 Each alteration is exact: the real machine then has, beyond its altered model and recordings, the effect that is named.
 """
@@ -145,14 +145,14 @@ def _parallel(p: Array) -> Array:
 def as_fitted(machine: Machine) -> Machine:
     """The machine whose model file has the masses that its scenario's unknowns stand at; inertias are scaled alike."""
     tree = ET.fromstring(machine.model)
-    for one in machine.scenario.get("unknown", []):  # type: ignore[attr-defined]
-        inertial = tree.find(f"link[@name='{one['body']}']/inertial") if one.get("parameter") == "mass" else None
+    for entry in machine.scenario.get("unknown", []):  # type: ignore[attr-defined]
+        inertial = tree.find(f"link[@name='{entry['body']}']/inertial") if entry.get("parameter") == "mass" else None
         if inertial is None:
             continue
         weight, inertia = inertial.find("mass"), inertial.find("inertia")
         assert weight is not None and inertia is not None
-        scale = float(one["mean"]) / float(weight.get("value", "nan"))
-        weight.set("value", repr(float(one["mean"])))
+        scale = float(entry["mean"]) / float(weight.get("value", "nan"))
+        weight.set("value", repr(float(entry["mean"])))
         for name, value in inertia.items():
             inertia.set(name, repr(scale * float(value)))
     return replace(machine, model=ET.tostring(tree, encoding="unicode"))
@@ -162,8 +162,10 @@ def _lighter(machine: Machine, body: str, mass: float) -> dict[str, object]:
     """The scenario that believes in the altered model: the unknown mass has its mean where the model has it."""
     unknown: list[dict[str, object]] = machine.scenario.get("unknown", [])  # type: ignore[assignment]
     changed = [
-        one | {"mean": one["mean"] - mass} if one.get("parameter") == "mass" and one.get("body") == body else one  # type: ignore[operator]
-        for one in unknown
+        entry | {"mean": entry["mean"] - mass}
+        if entry.get("parameter") == "mass" and entry.get("body") == body
+        else entry  # type: ignore[operator]
+        for entry in unknown
     ]
     return machine.scenario | {"unknown": changed}
 

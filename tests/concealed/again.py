@@ -1,4 +1,4 @@
-"""Cases that a proof has kept, diagnosed by the present code and scored anew beside what was told of them before.
+"""Diagnoses the kept cases of a proof with the present code, and compares the scores with those of the proof.
 
 OUT/kept/NAME holds the new report, OUT/opened the new scores, OUT/scores.json both figures, and OUT/comparison.html
 what has changed. A case's truth is opened after its new verdict is written; its seal is checked then.

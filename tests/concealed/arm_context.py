@@ -1,4 +1,4 @@
-"""What the strength of an effect on an arm is scaled by."""
+"""Motion, efforts and sampling of an arm, by which the strengths of its random effects are scaled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well a strength is known where its effect was not named: a fit that is told what is there, and where."""
+"""Fits the true effect, at its true place, where it was not named: how well the data determine its strength."""
 
 from __future__ import annotations
 
@@ -35,7 +35,11 @@ def assumed(folder: Path, recordings: Sequence[str], effects: Sequence[Mapping[s
     every = problem.hypotheses()
     best = unbiased_fit(problem, problem.nominal())
     for wanted in effects:
-        named = [one for one in every if one.name == wanted["effect"] and same_place(one.at, wanted["at"])]
+        named = [
+            candidate
+            for candidate in every
+            if candidate.name == wanted["effect"] and same_place(candidate.at, wanted["at"])
+        ]
         looks = screen(problem, best, named)
         if not looks:
             return []

@@ -1,4 +1,4 @@
-"""The contact law at each point, compiled: a simulation asks for a few points some ten thousand times."""
+"""The contact law at each contact point, compiled, for simulations that evaluate few points very often."""
 
 from __future__ import annotations
 
@@ -70,8 +70,11 @@ def _flow(law: Any, p: Any, sliding: Any, speed: float, z: Any) -> Any:
         factor = np.tanh(speed / law.slip_velocity) / speed
     if law.first == law.first:
         c, s = np.cos(law.angle), np.sin(law.angle)
-        one, other = law.first * (c * sliding[0] + s * sliding[1]), law.second * (c * sliding[1] - s * sliding[0])
-        return factor * (one * c - other * s), factor * (one * s + other * c)
+        along_first, along_second = (
+            law.first * (c * sliding[0] + s * sliding[1]),
+            law.second * (c * sliding[1] - s * sliding[0]),
+        )
+        return factor * (along_first * c - along_second * s), factor * (along_first * s + along_second * c)
     factor = factor * _coefficient(law, p[0], p[1], speed, z[3])
     return factor * sliding[0], factor * sliding[1]
 
@@ -100,8 +103,8 @@ def _released(law: Any, z: Any, out: Any) -> None:
 
 
 @_kept
-def _dot(one: Any, other: Any) -> float:
-    return float(one[0] * other[0] + one[1] * other[1] + one[2] * other[2])
+def _dot(a: Any, b: Any) -> float:
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 @_kept
@@ -121,8 +124,8 @@ def at_points(laws: Any, axes: Any, time: Any, points: Any, velocities: Any, hid
                 sliding = v - _dot(v, n) * n
                 speed, along = np.sqrt(_dot(sliding, sliding)), (_dot(sliding, first), _dot(sliding, second))
                 net = pushing[b, k] = max(0.0, _pushing(law, time[b], d, d_rate, z))
-                one, other = _flow(law, p, along, speed, z)
-                force[b, k] = -pushing[b, k] * (one * first + other * second)
+                along_first, along_second = _flow(law, p, along, speed, z)
+                force[b, k] = -pushing[b, k] * (along_first * first + along_second * second)
                 _grown(law, along, speed, d, d_rate, z, rates[b, k])
             else:
                 _released(law, z, rates[b, k])

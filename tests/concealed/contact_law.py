@@ -1,4 +1,4 @@
-"""The maker's contact law with every effect of the vocabulary, vectorised over recordings and contact points."""
+"""The simulators' contact law with every contact effect, vectorised over recordings and contact points."""
 
 from __future__ import annotations
 

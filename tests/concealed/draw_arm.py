@@ -1,4 +1,4 @@
-"""Random effects on arms: kind, place and strength, from invisible to glaring. Here those of joints and drives."""
+"""Random effects of joints and actuators on arms: kind, place and strength, from undetectable to obvious."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random effects of contacts, surfaces and wrench sensors, from invisible to glaring."""
+"""Random effects of contacts, surfaces and wrench sensors, from undetectable to obvious."""
 
 from __future__ import annotations
 

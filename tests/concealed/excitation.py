@@ -1,4 +1,4 @@
-"""Desired motions: multisines of several kinds, rich and poor."""
+"""Desired motions: multisines of several kinds, with rich and with poor excitation."""
 
 from __future__ import annotations
 

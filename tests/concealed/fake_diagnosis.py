@@ -1,4 +1,4 @@
-"""Stands in for `cafim diagnose` in tests of the proof: looks at a few columns and says something well-formed."""
+"""A stand-in for `cafim diagnose` in tests of the proof: writes a valid report from a few columns, without a fit."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""`cafim` in a process that has read its modules and nothing else: a fork of it runs each command as if anew.
+"""Runs `cafim` commands in forks of a process that has only imported its modules.
 
-Reading them takes seconds, which a proof of a thousand diagnoses would wait for each time.
+Importing them takes seconds, which a proof of a thousand diagnoses would otherwise spend on each.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from pathlib import Path
 @cache
 def _server() -> subprocess.Popen[str]:
     """This process's own; it ends with it."""
-    told = {key: os.environ[key] for key in ("PATH", "HOME") if key in os.environ}
-    one = subprocess.Popen(
+    environment = {key: os.environ[key] for key in ("PATH", "HOME") if key in os.environ}
+    process = subprocess.Popen(
         [sys.executable, "-m", "tests.concealed.fork_server"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
         cwd=Path(__file__).resolve().parents[2],
-        env=told | {"OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"},
+        env=environment | {"OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"},
     )
-    atexit.register(one.kill)
-    return one
+    atexit.register(process.kill)
+    return process
 
 
 def run_cafim(

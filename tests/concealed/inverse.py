@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 from .robots import Array, Joint, Link, Robot
 
 
-def cross(one: Array, other: Array) -> Array:
+def cross(a: Array, b: Array) -> Array:
     """Products of vectors (3, N) or (3, 1)."""
-    out = np.empty(np.broadcast_shapes(one.shape, other.shape))
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        np.multiply(one[j], other[k], out=out[i])
-        out[i] -= one[k] * other[j]
+        np.multiply(a[j], b[k], out=out[i])
+        out[i] -= a[k] * b[j]
     return out
 
 

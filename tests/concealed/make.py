@@ -61,7 +61,7 @@ def paired(case: Case, alone: list[Case]) -> Case:
 
     In a common channel one would lend the other its strength; for its names the other is fitted beside.
     """
-    seen = [seen_in(one) for one in alone]
+    seen = [seen_in(single) for single in alone]
     names, strengths = [], []
     for own, (rows, excess) in enumerate(seen):
         others, left = seen[1 - own]
@@ -98,7 +98,7 @@ def leaves_a_trace(both: Case, without: Case) -> bool:
         if name.startswith("held"):
             continue
         for column in table.columns.drop("time"):
-            values, others = (np.asarray(one[column], dtype=float) for one in (table, without.recordings[name]))
+            values, others = (np.asarray(source[column], dtype=float) for source in (table, without.recordings[name]))
             change = values[: len(others)] - others[: len(values)]
             # fourth differences of white noise are sqrt(70) times as large
             if np.sqrt(np.nanmean(change**2)) > np.nanstd(np.diff(values, 4)) / np.sqrt(70.0):

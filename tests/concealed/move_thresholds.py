@@ -46,8 +46,8 @@ def chosen(source: Path, count: int) -> list[dict[str, Any]]:
     records = [record for name in kept_cases(source) if (record := opened_record(source, name)) is not None]
     records.sort(key=lambda record: record["slot"])
     kinds = ("single", "null", "odd", "pair")
-    by_kind = [[one for one in records if one["case_kind"].partition(":")[0] == kind] for kind in kinds]
-    return [one for lap in zip_longest(*by_kind) for one in lap if one is not None][:count]
+    by_kind = [[item for item in records if item["case_kind"].partition(":")[0] == kind] for kind in kinds]
+    return [item for lap in zip_longest(*by_kind) for item in lap if item is not None][:count]
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def effects(records: Sequence[dict[str, Any]], out: Path) -> list[Effect]:
     found = []
     for name in movable():
         for way in FACTORS:
-            there = [(out / "runs" / Task(one["name"], name, way).file).exists() for one in records]
+            there = [(out / "runs" / Task(item["name"], name, way).file).exists() for item in records]
             if all(there):
                 found.append(_effect(records, out, name, way))
     return found
@@ -133,7 +133,7 @@ def _effect(records: Sequence[dict[str, Any]], out: Path, name: str, way: str) -
             json.loads((out / "runs" / task.file).read_text())
             for task in (Task(record["name"]), Task(record["name"], name, way))
         )
-        old, new = (score(record["opened"], one["report"], one["failure"]) for one in (before, after))
+        old, new = (score(record["opened"], run["report"], run["failure"]) for run in (before, after))
         if outcome(old) != outcome(new):
             rise = grade(new) - grade(old)
             kind = "better" if rise > 0 else "worse" if rise < 0 else "other"
@@ -163,8 +163,8 @@ def main(arguments: list[str] | None = None) -> int:
     records = chosen(options.source, options.cases)
     if not records:
         raise SystemExit(f"{options.source} holds no kept case that was opened")
-    wanted = [task for task in tasks([one["name"] for one in records]) if not (runs / task.file).exists()]
-    seconds = {one["name"]: one["diagnosed_seconds"] for one in records}
+    wanted = [task for task in tasks([item["name"] for item in records]) if not (runs / task.file).exists()]
+    seconds = {item["name"]: item["diagnosed_seconds"] for item in records}
     hours = sum(seconds[task.case] for task in wanted) / 3600.0 / max(options.jobs, 1)
     print(
         f"{len(movable())} thresholds, {len(records)} cases, {len(wanted)} diagnoses: about {hours:.1f} hours",

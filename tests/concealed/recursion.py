@@ -1,4 +1,4 @@
-"""First-order recursions over samples, of all samples together: steps of one are joined to steps of two, of four."""
+"""First-order recursions over samples by parallel prefix: steps of 1 are combined to steps of 2, 4 and so on."""
 
 from __future__ import annotations
 

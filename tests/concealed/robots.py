@@ -1,4 +1,4 @@
-"""Random serial and branched arms: numbers from which both the URDF and the MuJoCo model are written."""
+"""Random serial and branched arms, from whose parameters both the URDF and the MuJoCo model are written."""
 
 from __future__ import annotations
 

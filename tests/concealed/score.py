@@ -14,9 +14,9 @@ Json = Mapping[str, Any]
 NORMAL_95 = 1.959964
 
 
-def same_place(one: str, other: str) -> bool:
+def same_place(place: str, other: str) -> bool:
     """Equal, or the same contact pair in the other order."""
-    return one == other or ("/" in one and sorted(one.split("/")) == sorted(other.split("/")))
+    return place == other or ("/" in place and sorted(place.split("/")) == sorted(other.split("/")))
 
 
 def same_region(location: str, place: str) -> bool:
@@ -164,7 +164,7 @@ def _score_numbers(truth: Json, report: Json) -> dict[str, Any]:
             told = {name: (float(entry["value"]), float(entry.get("std") or 0.0)) for name, entry in parameters}
             first = next(iter(true))
             if first in told:
-                value = equivalent(effect["effect"], {name: one for name, (one, _) in told.items()}, true)[first]
+                value = equivalent(effect["effect"], {name: number for name, (number, _) in told.items()}, true)[first]
                 errors.append(_relative(effect["effect"], value, true[first]))
             covered += covered_by(effect, told)
     return {

@@ -1,4 +1,4 @@
-"""Sealed answers: a salted hash that is told before the diagnosis, and checked when the answer is opened."""
+"""Sealed answers: a salted hash published before the diagnosis and checked when the answer is opened."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A batch of recordings of a driven robot: the plant, what acts beyond it, the controller and the clock."""
+"""Simulates a batch of recordings of a controlled robot: plant, concealed effects, controller and clock."""
 
 from __future__ import annotations
 

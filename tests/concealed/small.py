@@ -1,4 +1,4 @@
-"""Algebra of a few vectors at a time, a million times over: products as one matrix times all pairs of components."""
+"""Fast products of small vectors: a constant matrix times all pairs of components."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ for _i, _j, _k in itertools.permutations(range(3)):
     _SPUN[4 * _i + _j + 1, _k + 1] = 0.5 * _CROSS[3 * _i + _j, _k]
 
 
-def _products(one: Array, other: Array, table: Array) -> Array:
-    pairs = one[..., :, None] * other[..., None, :]
+def _products(a: Array, b: Array, table: Array) -> Array:
+    pairs = a[..., :, None] * b[..., None, :]
     out: Array = pairs.reshape(-1, len(table)) @ table
     return out.reshape(*pairs.shape[:-2], table.shape[1])
 
 
-def cross(one: Array, other: Array) -> Array:
+def cross(a: Array, b: Array) -> Array:
     """Products (..., 3) of vectors (..., 3)."""
-    return _products(one, other, _CROSS)
+    return _products(a, b, _CROSS)
 
 
 def turn_of(unit: Array) -> Array:

@@ -1,4 +1,4 @@
-"""How clear a concealed effect is, by the maker's own reckoning along the noise-free truth.
+"""The detectability of a concealed effect, computed from the noise-free simulation independently of the package.
 
 The nominal equations are evaluated on noise-free measurements, multiplied by sin^4 windows of 60 ms (tosses: 100 ms)
 that overlap by half, and divided by the std that the measurement noise gives each such row. With the unknown parameters
@@ -181,7 +181,7 @@ def acceptable(
     """
     count = excess.rows[TRAINED].size
     silent = np.zeros_like(excess.rows)
-    own_looks = [one.regressors for one in same] if len(excess.unknown) else []
+    own_looks = [alternative.regressors for alternative in same] if len(excess.unknown) else []
     truth = min(excess.cost(_joined(beside, look), silent) for look in (None, *own_looks))
     nominal = excess.cost(beside) - truth - 0.5 * own * np.log(count)
     if nominal < ACCEPT:
@@ -196,8 +196,8 @@ def acceptable(
     return [{"effect": effect, "at": at, "log_bayes_factor": factor} for (effect, at), factor in found.items()]
 
 
-def _joined(one: Array | None, other: Array | None) -> Array | None:
-    parts = [part for part in (one, other) if part is not None]
+def _joined(first: Array | None, second: Array | None) -> Array | None:
+    parts = [part for part in (first, second) if part is not None]
     return np.concatenate(parts) if parts else None
 
 

@@ -179,11 +179,11 @@ class PressRows:
         ]
         yield "sensor_misalignment", "wrench.wrist", 3, [self._sensor(change) for change in turned]
         for i, axis in enumerate(WRENCH):
-            one = np.zeros(6)
-            one[i] = 1.0
-            ones = np.ones_like(self.read) * one
+            unit = np.zeros(6)
+            unit[i] = 1.0
+            ones = np.ones_like(self.read) * unit
             yield "sensor_bias", f"wrench.wrist.{axis}", 1, [self._sensor(ones)]
-            yield "sensor_gain_error", f"wrench.wrist.{axis}", 1, [self._sensor(self.read * one)]
+            yield "sensor_gain_error", f"wrench.wrist.{axis}", 1, [self._sensor(self.read * unit)]
             yield "sensor_drift", f"wrench.wrist.{axis}", 1, [self._sensor(ones * self.time[:, :, None])]
 
     def _sensor(self, change: Array) -> Array:

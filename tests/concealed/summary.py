@@ -1,4 +1,4 @@
-"""Figures over all scored cases, each with the limit that it is held to."""
+"""Summary figures over all scored cases, each with its limit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Channels between samples, and the sensors that are late, slow, biased or turned."""
+"""Interpolates channels between samples, and applies delay, lag, bias and misalignment of sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cases on thrown bodies: only a tracked pose is measured."""
+"""Cases on thrown bodies, of which only the pose is measured."""
 
 from __future__ import annotations
 

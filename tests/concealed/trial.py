@@ -156,7 +156,7 @@ def write_whole(path: Path, content: Mapping[str, Any]) -> None:
 def covered_unnamed(folder: Path, truth: Mapping[str, Any], named: Sequence[Sequence[str]]) -> list[list[Any]]:
     """As a score's `covered`, of effects that were not named, all that is there being told to a fit."""
     effects = truth["effects"]
-    missed = [k for k, effect in enumerate(effects) if not any(matches(one, effect) for one in named)]
+    missed = [k for k, effect in enumerate(effects) if not any(matches(reported, effect) for reported in named)]
     if str(truth["kind"]).partition(":")[0] not in ("single", "pair") or not missed:
         return []
     train = [name for name in RECORDINGS if name.startswith("train")]

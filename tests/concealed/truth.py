@@ -1,4 +1,4 @@
-"""What is concealed: the effects of a case with their places and strengths, and what they do to a simulation."""
+"""The truth of a case: its effects with their places and strengths, and how they change a simulation."""
 
 from __future__ import annotations
 

@@ -49,13 +49,13 @@ def following(
     span = LOOK_BACK + horizon
     columns, rows = _columns(scene), slice(_samples(recording, LOOK_BACK) + 1, _samples(recording, span) + 1)
 
-    def simulated(one: Scene, state: Array) -> Array:
-        found = replayed(one, recording, state, span + 1e-9, step)
+    def simulated(candidate: Scene, state: Array) -> Array:
+        found = replayed(candidate, recording, state, span + 1e-9, step)
         return np.stack([found[column] for column in columns])[:, rows]
 
     base = simulated(scene, start.state)
     moved = [simulated(scene, start.state + axis) - base for axis in start.root.T]
-    moved += [simulated(one, start.state) - base for one in nearby]
+    moved += [simulated(neighbour, start.state) - base for neighbour in nearby]
     noise = np.array([[scene.std(column) or 0.0] for column in columns])
     variance = noise**2 + np.sum(np.square(moved), axis=0)
     error = base - np.stack([recording[column] for column in columns])[:, rows]
@@ -89,7 +89,9 @@ def _columns(scene: Scene) -> list[str]:
     kinds = ("q", "v")
     joints = [f"{kind}.{name}" for kind in kinds for name in scene.tree.joint_names]
     wrenches = [
-        f"wrench.{one.name}.{axis}" for one in scene.wrench_sensors for axis in ("fx", "fy", "fz", "tx", "ty", "tz")
+        f"wrench.{sensor.name}.{axis}"
+        for sensor in scene.wrench_sensors
+        for axis in ("fx", "fy", "fz", "tx", "ty", "tz")
     ]
     return [column for column in (*joints, *wrenches) if scene.std(column)]
 

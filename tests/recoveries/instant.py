@@ -1,4 +1,4 @@
-"""What a scene in Drake does at an instant."""
+"""Accelerations and readings of a scene in Drake at a given state."""
 
 from typing import Any
 

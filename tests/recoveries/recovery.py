@@ -1,4 +1,4 @@
-"""One effect's way from a simulation by Drake through its diagnosis to the corrected scene."""
+"""Recovery of one effect: simulation by Drake, diagnosis, and simulation of the corrected scene."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class Recovery:
     @property
     def named(self) -> bool:
         """Whether the effect, at its place, is all that was found."""
-        found = [(one.effect.name, one.effect.at) for one in self.verdict.explanation]
+        found = [(accepted.effect.name, accepted.effect.at) for accepted in self.verdict.explanation]
         return self.verdict.kind == "explained" and found == [(self.case.name, self.case.at)]
 
     @property

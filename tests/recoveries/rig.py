@@ -101,7 +101,9 @@ class Replay(Held):
 
 def inverse_dynamics(tree: Tree, gravity: Array, q: Array, v: Array, a: Array) -> Array:
     moving = motion(tree, q[None], v[None])
-    rotors, dampings = (np.array([getattr(one, key) for one in tree.joints]) for key in ("rotor_inertia", "damping"))
+    rotors, dampings = (
+        np.array([getattr(joint, key) for joint in tree.joints]) for key in ("rotor_inertia", "damping")
+    )
     M = mass_matrix(moving)[0] + np.diag(rotors)
     return np.asarray(M @ a + bias_force(moving, gravity)[0] + dampings * v)
 
@@ -141,10 +143,10 @@ def rig(
     for name in "qv":
         builder.Connect(corrected.measured[name], controller.GetInputPort(name))
     builder.Connect(controller.get_output_port(), corrected.effort)
-    one = logged(builder, corrected, period, integrator_step)
+    found = logged(builder, corrected, period, integrator_step)
     q, v, _ = desired(0.0)
-    place(corrected, one.simulator, q, v)
-    return one
+    place(corrected, found.simulator, q, v)
+    return found
 
 
 def logged(builder: DiagramBuilder, corrected: CorrectedPlant, period: float, integrator_step: float) -> Rig:
@@ -166,12 +168,12 @@ def replayed(scene: Scene, recording: Recording, start: Array, duration: float, 
     corrected = scene.add_to(builder, CONTINUOUS)
     replay = builder.AddSystem(Replay(recording, corrected.joints))
     builder.Connect(replay.get_output_port(), corrected.effort)
-    one = logged(builder, corrected, PERIOD, integrator_step)
-    one.simulator.get_mutable_context().SetTime(float(recording.time[0]))
-    place(corrected, one.simulator, *np.split(start, 2))
+    found = logged(builder, corrected, PERIOD, integrator_step)
+    found.simulator.get_mutable_context().SetTime(float(recording.time[0]))
+    place(corrected, found.simulator, *np.split(start, 2))
     # of the last sample the effort is not in the log yet
-    one.simulator.AdvanceTo(float(recording.time[0]) + duration + PERIOD)
-    return one.recording("replayed")
+    found.simulator.AdvanceTo(float(recording.time[0]) + duration + PERIOD)
+    return found.recording("replayed")
 
 
 def place(corrected: CorrectedPlant, simulator: Simulator, q: Array, v: Array) -> None:
@@ -188,9 +190,9 @@ def place(corrected: CorrectedPlant, simulator: Simulator, q: Array, v: Array) -
 
 def recorded(scene: Scene, desired: Desired, duration: float, seed: int = 1, **more: Any) -> Recording:
     """The scene's recording of a controlled motion, with the noise that its channels state."""
-    one = rig(scene, desired, **more)
-    one.simulator.AdvanceTo(duration)
-    clean, rng = one.recording(), np.random.default_rng(seed)
+    found = rig(scene, desired, **more)
+    found.simulator.AdvanceTo(duration)
+    clean, rng = found.recording(), np.random.default_rng(seed)
     columns = {
         name: values + (scene.std(name) or 0.0) * rng.normal(size=len(values)) for name, values in clean.columns.items()
     }

@@ -22,12 +22,12 @@ HEADINGS = ("effect", "place", "true strength", "found", "error", "follows at", 
 def row(found: Recovery, seconds: float) -> str:
     """The case's row of the table."""
     case = found.case
-    effects = [one.effect for one in found.verdict.explanation if found.named]
+    effects = [followed.effect for followed in found.verdict.explanation if found.named]
     names = [strength.name for effect in effects for strength in effect.strengths]
     fitted = ", ".join(f"{name} {short(effects[0].values[name])}" for name in names)
     true = ", ".join(f"{name} {value}" for name, value in case.values.items() if name != "recording")
     error = f"{100 * max(found.errors.values()):.1f} %" if found.errors else ""
-    follows, without = (f"{one.worst:.2f}" if one else "" for one in (found.followed, found.bare))
+    follows, without = (f"{followed.worst:.2f}" if followed else "" for followed in (found.followed, found.bare))
     failures = "; ".join(sentences(found)) or "recovered"
     return f"| {' | '.join((case.name, case.at, true, fitted, error, follows, without, f'{seconds:.0f}', failures))} |"
 
