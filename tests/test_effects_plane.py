@@ -53,9 +53,7 @@ def test_slopes_are_those_of_the_force() -> None:
 def test_found_by_where_the_forces_point(tmp_path: Path) -> None:
     case = simulate("single:unmodeled_contact", "arm6", 1)
     case.write(tmp_path)
-    prepared = prepare(
-        Scene.load(tmp_path / "scenario.yaml"), [recordings.read(tmp_path / f"train_{k}.parquet") for k in (1, 2, 3)]
-    )
+    prepared = prepare(Scene.load(tmp_path / "scenario.yaml"), [recordings.read(tmp_path / "train_1.parquet")])
     problem = WeakProblem.of(prepared.scene, prepared.weak, Model(prepared.scene.priors.mean))
     nominal = unbiased_fit(problem, problem.nominal())
     [truth] = case.truth["effects"]  # type: ignore[misc]

@@ -18,10 +18,10 @@ from tests.concealed_case import written
 
 
 def _problem(kind: str, rig: str, seed: int, folder: Path) -> tuple[WeakProblem, Scene, dict[str, Any]]:
-    """Of three recordings, and the effect that is concealed in them."""
+    """Of two recordings, and the effect that is concealed in them."""
     case = simulate(kind, rig, seed)
     scene, read = written(case, folder)
-    prepared = prepare(scene, read)
+    prepared = prepare(scene, read[:2])
     assert isinstance(prepared, Prepared)
     [effect] = case.truth["effects"]
     return (
