@@ -1,5 +1,6 @@
 """The integration of `flight`, compiled, for bodies under weight, drag, pushes and a contact law of `compiled_contact`.
 
+Flags are passed as `bool(0)` and `bool(1)`: for the literals `False` and `True` a function is compiled once more each.
 Each body is simulated on its own, so that those in flight do not take the short steps of those in contact. Bodies and
 points are laid out as in `rigid`; `body` is a tuple of mass, centre of mass, inertia and the inverse of the spatial
 inertia, as in `FreeBody.inertial`, gravity (3,) m/s², the drag coefficient N s²/m² and its point (3,) m, and
@@ -93,7 +94,7 @@ def simulate_flights(
             flight[found], time_at[found], taken[found] = b, time, step
             states[found], modes[found], memories[found] = now[0], mode[0], known
             found += 1
-            known = _advance_memories(known, ended, turned, mode, True, step, plane, law)
+            known = _advance_memories(known, ended, turned, mode, bool(1), step, plane, law)
             now, R, deep, sinking, time = ended, turned, deeper, faster, time + step
             for k in range(K):
                 into = sinking[0, k] > 0.0
@@ -130,8 +131,8 @@ def _step(
         if i:
             at = rigid.combine_stages(state, h, ALPHA[i], slopes)
             turned, past = _rotation(at), step * np.sum(ALPHA[i])
-            kept = _advance_memories(memory, at, turned, mode, False, past, plane, law)
-            change, _ = _acceleration(at, turned, mode, kept, body, plane, law, (when[0] + past, when[1]), False)
+            kept = _advance_memories(memory, at, turned, mode, bool(0), past, plane, law)
+            change, _ = _acceleration(at, turned, mode, kept, body, plane, law, (when[0] + past, when[1]), bool(0))
         if touching:
             push = change[0].copy()
             for j in range(i):

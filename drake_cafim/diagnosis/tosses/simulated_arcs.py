@@ -104,7 +104,7 @@ class Shot:
     def start_jacobian(self) -> Array:
         """∂rows/∂start (B, S, 6, 12) of the whitened rows by the arcs' initial states."""
         B = self.flights.shape[0]
-        identity = np.broadcast_to(np.eye(12), (B, 12, 12))
+        identity = np.tile(np.eye(12), (B, 1, 1))
         return self.slopes(self.tangent.propagate(identity, None))
 
     def recall_memory(self, body: FreeBody) -> Array:
