@@ -21,7 +21,7 @@ from drake_cafim.errors import InputError
 
 if TYPE_CHECKING:
     from drake_cafim.diagnosis.diagnose import diagnose, estimate
-    from drake_cafim.diagnosis.search.search import Settings
+    from drake_cafim.diagnosis.search.state import Settings
     from drake_cafim.diagnosis.verdict import Verdict
     from drake_cafim.recordings import read, write
     from drake_cafim.recordings.recording import Recording

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drake_cafim.diagnosis.diagnose import examine
-from drake_cafim.diagnosis.search.search import Settings
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.verdict import Verdict
 from drake_cafim.effects.effect import Effect
 from drake_cafim.errors import InputError

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.fit.evidence import leaves_noise
 from drake_cafim.diagnosis.fit.fitting import fit, unbiased_fit
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.rows.initial_uncertainty import StartMarginal, start_rows, unsettled
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.effects.actuator import ActuatorLag, Effort

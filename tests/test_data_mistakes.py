@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.diagnose import diagnose, estimate, prepare
+from drake_cafim.diagnosis.diagnose import diagnose, estimate
 from drake_cafim.diagnosis.joints.data_mistakes import data_mistakes
 from drake_cafim.diagnosis.noise.stated import noise_of
+from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array

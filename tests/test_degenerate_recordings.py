@@ -10,7 +10,8 @@ from click.testing import CliRunner
 
 from drake_cafim import InputError, Recording, Scene, write
 from drake_cafim.cli import main
-from drake_cafim.diagnosis.diagnose import NOTHING_MOVES, diagnose, estimate
+from drake_cafim.diagnosis.assembly import NOTHING_MOVES
+from drake_cafim.diagnosis.diagnose import diagnose, estimate
 from drake_cafim.diagnosis.predict.forecast import window_starts
 from drake_cafim.diagnosis.predict.innovations import _before_gap, _starts
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE

@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from drake_cafim.description.packages import package_folders
-from drake_cafim.diagnosis.diagnose import prepare
+from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.dynamics.motion import equations_of_motion, motion
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording

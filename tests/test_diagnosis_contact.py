@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.diagnose import Prepared, diagnose, prepare
+from drake_cafim.diagnosis.diagnose import diagnose
 from drake_cafim.diagnosis.fit.fitting import unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.location import locate
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.predict.forecast import forecasts, root_mean_square
 from drake_cafim.diagnosis.predict.innovations import innovations
-from drake_cafim.diagnosis.search.search import Settings, search
+from drake_cafim.diagnosis.preparation import Prepared, prepare
+from drake_cafim.diagnosis.search.search import search
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate

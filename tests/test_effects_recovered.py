@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.diagnose import prepare
-from drake_cafim.diagnosis.search.search import Outcome, Settings, search
+from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.search.search import Outcome, search
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.scene.scene import Scene
 from tests.concealed.case import Case
 from tests.concealed.make import make

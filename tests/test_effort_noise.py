@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from drake_cafim.diagnosis.diagnose import Prepared, diagnose, estimate, prepare
+from drake_cafim.diagnosis.diagnose import diagnose, estimate
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.verdict import Verdict
 from drake_cafim.effects.joint import JointCoulombFriction
 from drake_cafim.scene.scene import Scene

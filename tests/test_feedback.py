@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.joints.more_noise import DOSES, doses
 from drake_cafim.diagnosis.noise.feedback import Feedback
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.rows.samples import retaken
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.effects.coupling import JointElasticity

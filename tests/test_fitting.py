@@ -10,7 +10,6 @@ import pytest
 from scipy.stats import chi2
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.fit.fitting import Fit, _less, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
@@ -18,6 +17,7 @@ from drake_cafim.diagnosis.fit.robust_covariance import wald_p_value
 from drake_cafim.diagnosis.joints.linearised_effects import looks
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.pulses import strongest_pushes
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes

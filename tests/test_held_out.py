@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.diagnose import prepare
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.predict.forecast import forecasts, root_mean_square
 from drake_cafim.diagnosis.predict.innovations import innovations
+from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scene.scene import Scene

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.diagnose import prepare
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.recordings.recording import Recording

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from drake_cafim import Recording, Scene
-from drake_cafim.diagnosis.diagnose import prepare
 from drake_cafim.diagnosis.predict.forecast import divergence, forecasts, root_mean_square
 from drake_cafim.diagnosis.predict.inverse_dynamics import CUTOFF, effort_residuals
+from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.effects.catalogue import effect_named
 

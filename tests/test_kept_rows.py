@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.dynamics.inverses import inverses
 from drake_cafim.effects.actuator import ActuatorLag

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.fit.excess import Excess, count_blocks, standing_blocks
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate
 

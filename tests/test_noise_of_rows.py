@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.diagnose import prepare
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.rows.samples import noisier
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.kinked_law_noise import beyond_slope

@@ -6,10 +6,11 @@ import pytest
 from scipy.stats import binom
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.diagnose import prepare
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.search.search import Settings, search
+from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.search.search import search
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.scene.scene import Scene
 from tests.concealed.make import calm, simulate
 

@@ -12,7 +12,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from drake_cafim.contact.change import Touch
 from drake_cafim.contact.law import ContactParameters
 from drake_cafim.diagnosis.diagnose import examine
-from drake_cafim.diagnosis.search.search import Settings
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.tree import Body, Tree
 from drake_cafim.effects.actuator import ActuatorBias, ActuatorEffect, Effort

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.predict.stepper import State, acting_efforts, advance
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.effects.actuator import ActuatorDeadZone, ActuatorDelay, ActuatorLag, ActuatorSaturation, Effort
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene

@@ -8,7 +8,7 @@ import pytest
 
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.search import search
+from drake_cafim.diagnosis.search import competition, search, state
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.friction import JointStribeckFriction
 from drake_cafim.effects.joint import JointCoulombFriction
@@ -40,13 +40,14 @@ def test_the_noise_is_reckoned_anew_while_the_unknowns_move(
     monkeypatch: pytest.MonkeyPatch, places: list[float], whitened_at: list[float]
 ) -> None:
     def found(problem: Any, model: Model) -> Any:
-        return SimpleNamespace(model=Model(2.0 * np.array([next(problem.places)])), echo=False, chi_square=0.0)
+        model = Model(2.0 * np.array([next(problem.places)]))
+        return Fit(model, np.zeros(1), np.zeros((1, 1)), np.eye(1), 0, unbiased=True)
 
     monkeypatch.setattr(search, "unbiased_fit", found)
     monkeypatch.setattr(search, "screen", lambda *looked_at: [])
     monkeypatch.setattr(search, "detection_p_value", lambda *looked_at: 1.0)
     problem: Any = _Moving(places)
-    outcome = search.search(problem, search.Settings())
+    outcome = search.search(problem, state.Settings())
     assert problem.whitened_at == whitened_at
     assert float(outcome.nominal.model.unknown[0]) == 2.0 * places[-1]
 
@@ -67,27 +68,27 @@ def _under_way(monkeypatch: pytest.MonkeyPatch, answers: dict[str, Fit]) -> Any:
     scene = SimpleNamespace(priors=SimpleNamespace(std=np.zeros(0)))
     problem: Any = SimpleNamespace(scene=scene)
     problem.rewhitened = lambda model: SimpleNamespace(scene=scene)
-    monkeypatch.setattr(search, "fit", lambda problem, model: SimpleNamespace(model=model))
-    monkeypatch.setattr(search, "fit_shapes", lambda problem, fitted_model: fitted_model)
-    monkeypatch.setattr(search, "unbiased_fit", lambda problem, model: answers[model.effects[0].name])
-    return search._State(problem, search.Settings(), (), 10, lambda text: None)
+    monkeypatch.setattr(state, "fit", lambda problem, model: SimpleNamespace(model=model))
+    monkeypatch.setattr(state, "fit_shapes", lambda problem, fitted_model: fitted_model)
+    monkeypatch.setattr(state, "unbiased_fit", lambda problem, model: answers[model.effects[0].name])
+    return state.State(problem, state.Settings(), (), 10, lambda text: None)
 
 
 def test_an_echo_that_competes_under_new_whitening_is_no_explanation(monkeypatch: pytest.MonkeyPatch) -> None:
     """It fits better than what is there: that is how noise is taken for friction that falls with speed."""
     real, echo = _found(COULOMB, 1000.0), _found(STRIBECK, 700.0, echo=True)
-    state = _under_way(monkeypatch, {COULOMB.name: real, STRIBECK.name: echo})
-    state.frontier = [_found(COULOMB, 1000.0), _found(STRIBECK, 950.0)]
-    best = state.rewhiten(state.frontier[0])
+    under_way = _under_way(monkeypatch, {COULOMB.name: real, STRIBECK.name: echo})
+    under_way.frontier = [_found(COULOMB, 1000.0), _found(STRIBECK, 950.0)]
+    best = under_way.rewhiten(under_way.frontier[0])
     assert best is not None
-    assert search._best_of(state, best) is real
-    assert list(state.pool.fits.values()) == state.frontier == [real]
+    assert competition._most_probable(under_way, best) is real
+    assert list(under_way.pool.fits.values()) == under_way.frontier == [real]
 
 
 def test_what_is_an_echo_under_its_own_noise_is_not_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
     echo = _found(STRIBECK, 700.0, echo=True)
-    state = _under_way(monkeypatch, {STRIBECK.name: echo})
-    problem, frontier = state.problem, [_found(STRIBECK, 950.0)]
-    state.frontier = frontier
-    assert state.rewhiten(frontier[0]) is None
-    assert state.problem is problem and state.frontier is frontier
+    under_way = _under_way(monkeypatch, {STRIBECK.name: echo})
+    problem, frontier = under_way.problem, [_found(STRIBECK, 950.0)]
+    under_way.frontier = frontier
+    assert under_way.rewhiten(frontier[0]) is None
+    assert under_way.problem is problem and under_way.frontier is frontier

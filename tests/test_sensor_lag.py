@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.fit.fitting import unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.effects.timing import SensorDelay, SensorLag
 from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.whitening.covariance import whitening
 from drake_cafim.effects.timing import ClockSkew, SensorDelay, ShiftedSensor
 from tests.concealed.make import make

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_cafim.diagnosis.diagnose import Prepared, prepare
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.effects.transmission import JointHardStop
 from tests.concealed.make import make

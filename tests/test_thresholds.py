@@ -30,7 +30,7 @@ ITERATIONS = {
     "joints/unknown_force.py": "TURNS SETTLED",
     "rows/initial_uncertainty.py": "TURNS SETTLED",
     "search/law_shapes.py": "FINER",
-    "search/search.py": "ROUNDS",
+    "search/state.py": "ROUNDS",
     "search/search_under_unknown_force.py": "ROUNDS",
     "tosses/arc_rows.py": "CORRECTIONS",
     "tosses/initial_states.py": "ROUNDS SETTLED NEAR SECOND_LOOKS FIRST_DAMPING HARDER EASIER LEAST_DAMPING",
@@ -38,6 +38,7 @@ ITERATIONS = {
 ROUNDING = {
     # what stands for zero or infinity, or is lost in rounding
     "fit/fitting.py": "NOTHING_KNOWN LEAST_KNOWN",
+    "fit/model.py": "FREE_PRIOR_STD_RATIO",
     "fit/robust_covariance.py": "KNOWN ROUNDING LEAST",
     "noise/stated.py": "LEAST_STD",
     "search/screening.py": "RAN_AWAY LEAST_APART",
@@ -79,6 +80,10 @@ MEMORY = {
     "whitening/interpolation_noise.py": "KEPT",
     "whitening/whitened_run.py": "DOUBTS_KEPT",
 }
+DERIVED = {
+    # what follows from a threshold
+    "fit/evidence.py": "FAR_UNKNOWN_SURPRISE",
+}
 FIGURES = {
     # what figures and words of the report are defined by; the verdict does not read them
     "predict/forecast.py": "HORIZON SHORT_HORIZON BOUNDLESS",
@@ -97,7 +102,7 @@ STRUCTURE = {
     "tosses/compiled_contact.py": "FRICTIONLESS SLIPPING RESISTING CUBIC DISSIPATION RELAXING TIME ROLLING STATIC "
     "VELOCITY DISTANCE OF_LAW STRIBECK ANISOTROPIC PRESLIDING",
 }
-MAY_STAY = (ITERATIONS, ROUNDING, APPROXIMATION, MEMORY, FIGURES, STRUCTURE)
+MAY_STAY = (DERIVED, ITERATIONS, ROUNDING, APPROXIMATION, MEMORY, FIGURES, STRUCTURE)
 """Numbers at module level that no verdict turns on: by file, and why they are none of the thresholds."""
 
 

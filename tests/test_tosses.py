@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import drake_cafim
-from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine, prepare
+from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine
 from drake_cafim.diagnosis.fit.fitting import unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.noise.coloured import Memory, drawn
+from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.tosses import initial_states as settling
 from drake_cafim.diagnosis.tosses.arcs import arcs_of
 from drake_cafim.diagnosis.tosses.initial_states import fit_initial_states

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from drake_cafim import Recording, Scene
-from drake_cafim.diagnosis import diagnose as stages
-from drake_cafim.diagnosis.diagnose import estimate, examine, prepare
+from drake_cafim.diagnosis import assembly
+from drake_cafim.diagnosis.diagnose import estimate, examine
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints import quality as prediction
 from drake_cafim.diagnosis.predict.innovations import Innovations, _update
+from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search import judgement
-from drake_cafim.diagnosis.search.search import Settings
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record, stiff_grease
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.report import report_html
@@ -76,10 +77,10 @@ def test_an_innovation_whose_covariance_is_singular_is_none(
 def test_places_and_predictions_that_fail_leave_the_verdict(
     scene: Scene, recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stages, "locate_named", SINGULAR)
+    monkeypatch.setattr(assembly, "locate_named", SINGULAR)
     monkeypatch.setattr(prediction, "innovations", SINGULAR)
     monkeypatch.setattr(prediction, "forecasts", _fail(OverflowError("math range error")))
-    monkeypatch.setattr(stages, "standard_deviations", _fail(FloatingPointError("invalid value")))
+    monkeypatch.setattr(assembly, "standard_deviations", _fail(FloatingPointError("invalid value")))
     verdict, outcome = examine(scene, [recording])
     assert verdict.kind == "explained" and verdict.explanation[0].effect.name == "joint_viscous_friction"
     report = write_artifacts(tmp_path, verdict, outcome, [recording], [], ["a command"], replay=False)

@@ -6,13 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.diagnose import diagnose, prepare
+from drake_cafim.diagnosis.diagnose import diagnose
 from drake_cafim.diagnosis.fit.evidence import leaves_noise
 from drake_cafim.diagnosis.fit.fitting import unbiased_fit
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.unknown_force import likeliest
+from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.judgement import judged
-from drake_cafim.diagnosis.search.search import Settings, search
+from drake_cafim.diagnosis.search.search import search
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.recordings.recording import Recording
 from tests.concealed.make import simulate
 from tests.concealed_case import written

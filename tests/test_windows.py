@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.diagnose import Prepared, prepare
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.rows.test_functions import lay_windows
 from drake_cafim.numerics.local_polynomial import local_polynomial, track_polynomial
 from drake_cafim.scene.scene import Scene

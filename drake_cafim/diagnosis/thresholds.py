@@ -127,6 +127,9 @@ MISFIT_SHARE_TO_EXPLAIN = 0.05
 """Share of such a misfit's χ² that an effect must remove. Unit: 1. Not calibrated: chosen."""
 RECORDINGS_SHARE_IMPROVED = 0.75
 """Share of the recordings in which an effect must do so. Unit: 1. Not calibrated: chosen."""
+UNKNOWN_FAR_IN_PRIOR_STDS = 3.0
+"""Prior standard deviations beyond which an unknown is a mismatch at its place: its prior is wrong, or the model there.
+Unit: 1. Source: three standard deviations, as the file formats promise."""
 UNKNOWN_REACH_IN_PRIOR_STDS = 5.0
 """Largest distance of an unknown parameter from its prior mean, in prior standard deviations: an unbounded one could
 make any equation hold, as a mass that tends to zero does. Unit: 1. Not calibrated: chosen."""
@@ -157,8 +160,11 @@ NAMED_EXCESS_SHARE = 0.5
 """Share of the excess χ², in the channel that an effect explains best, that it must remove to be named under
 `unexplained`; other channels may hold something unknown. Unit: 1. Not calibrated: chosen."""
 WIDER_WINDOW_RATIOS = (2.0, 4.0, 8.0)
-"""Widths of further windows over the usual width, up to half a second: fast vibration averages out in them. Unit: 1.
-Not calibrated: chosen."""
+"""Widths of further windows over the usual width: fast vibration averages out in them. Unit: 1. Not calibrated:
+chosen."""
+WIDEST_WINDOW = 0.5
+"""Width that none of them exceeds, at whatever rate a recording was sampled: slower motion is what the joints do. Unit:
+s. Not calibrated: chosen."""
 SHAPE_CHI_SQUARE_RANGE = 10.0
 """Range of χ² over the grid of a law's shapes, from which on values between the grid points are tried. Unit: 1. Not
 calibrated: chosen."""
@@ -329,6 +335,7 @@ REPLACED_LATER = frozenset(
         "UNKNOWN_REACH_IN_PRIOR_STDS",
         "VELOCITY_SMOOTHING_REACH",
         "WIDER_WINDOW_RATIOS",
+        "WIDEST_WINDOW",
         "WINDOWS_PER_BLOCK",
         "WINDOW_WIDTH",
     }

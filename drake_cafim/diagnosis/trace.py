@@ -31,6 +31,7 @@ class Record:
     - `rival`: an explanation with an effect that the data cannot distinguish from an accepted one;
     - `adequacy`: whether the residual is as the noise predicts (p-value); `remains`: its row that is farthest off;
     - `support`: whether an explanation that leaves more than noise removes more of the misfit than it leaves;
+    - `far_unknown`: an unknown parameter too far from its prior, which is a mismatch by itself;
     - `unknown_forces`, `wider_windows`: whether a further search is started, and whether its result is accepted;
     - `verdict`: the kind of the verdict.
     """

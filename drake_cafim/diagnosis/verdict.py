@@ -64,12 +64,21 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Rival:
-    """An effect that the data cannot distinguish from an accepted one, and why the two look alike."""
+    """An effect that the data cannot distinguish from an accepted one, and why the two look alike.
 
-    effect: str
+    Or an unknown `parameter` of the scenario, which would be far from its prior; then `effect` is None.
+    """
+
+    effect: str | None
     at: str
     probability: float
     why_alike: str
+    parameter: str | None = None
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """The effect's or the parameter's name, and its place."""
+        return self.effect or self.parameter or "", self.at
 
 
 @dataclass(frozen=True)
@@ -85,6 +94,11 @@ class NominalParameter:
     prior_std: float
     effect: str | None = None
     """For a parameter of an effect that the scenario states: the effect's name."""
+
+    @property
+    def distance(self) -> float:
+        """|value − mean|/std by its prior."""
+        return abs(self.value - self.prior_mean) / self.prior_std
 
     @property
     def key(self) -> tuple[str, str, str | None]:
@@ -149,7 +163,8 @@ class Verdict:
       named adds a location: its body, over its interval.
     - `explanation`: the accepted effects, by probability: `effect.name`, `effect.at`, `probability`, `sentence`, and
       `values`, by parameter its `value`, `std` and `unit` (SI).
-    - `rivals`: effects that the data cannot distinguish from these: `effect`, `at`, `probability`, `why_alike`.
+    - `rivals`: effects that the data cannot distinguish from these: `effect`, `at`, `probability`, `why_alike`; or an
+      unknown `parameter` that would be far from its prior.
     - `parameters`: the scenario's unknowns as fitted: `parameter`, `at`, `value`, `std`, `unit`, and their priors.
     - `train` and `held_out` (None where nothing was held out): three models compared, `nominal_as_given`, `nominal`
       with the unknowns fitted and `corrected` with the effects too. Each has `nll`, of one-step innovations a sample,
@@ -178,6 +193,10 @@ class Verdict:
     reduced_chi_square: tuple[float, float] = (0.0, 0.0)
     trace: tuple[Record, ...] = ()
     next_experiment: Mapping[str, object] | None = field(default=None)
+    far: tuple[NominalParameter, ...] = ()
+    """The parameters so far from their priors that they are a mismatch at their places."""
+    adequate: bool = False
+    """Whether these are all that is wrong: what is left is as the noise predicts."""
 
     def __str__(self) -> str:
         return sentence(self)
@@ -206,6 +225,9 @@ def _finding(verdict: Verdict) -> str:
     named = "; ".join(explanation.sentence for explanation in verdict.explanation)
     if verdict.kind == "explained":
         return f"The model lacks {named}. With that, what remains is noise."
+    far = " ".join(map(_far, verdict.far))
+    if verdict.adequate:
+        return f"The model lacks {named}. {far}" if named else far
     rest = ", ".join(dict.fromkeys(location.name for location in verdict.mismatch.standing[:3]))
     remains = (
         f"Something more is there, at {rest}, that is not in the vocabulary."
@@ -216,9 +238,19 @@ def _finding(verdict: Verdict) -> str:
     if named:
         return (
             f"The model lacks {named}. That takes the misfit from {rounded(before)} to {rounded(after)} times the "
-            f"noise variance. {remains}"
+            f"noise variance. {remains} {far}".rstrip()
         )
     return (
         f"The recordings differ from the model by {rounded(before)} times the noise variance, and no known effect "
-        f"explains it. {remains}"
+        f"explains it. {remains} {far}".rstrip()
+    )
+
+
+def _far(found: NominalParameter) -> str:
+    """A parameter that is far from its prior, as a sentence."""
+    unit = "" if found.unit == "1" else f" {found.unit}"
+    return (
+        f"{found.parameter.replace('_', ' ').capitalize()} of {found.at} is {found.value:.4g}{unit}, "
+        f"{found.distance:.2g} standard deviations from the {found.prior_mean:.4g}{unit} of its prior: "
+        "the prior is wrong, or physics is missing there that looks like it."
     )

@@ -107,8 +107,14 @@ def reported_pairs(scene: Scene, report: Mapping[str, Any], source: str) -> list
     if not accepted:
         raise InputError(f"{source}: it has rivals but no explanation that they could rival")
     unknown = _unknown(scene, report, source)
+    rivals = [entry for entry in report["rivals"] if "effect" in entry]
+    if not rivals:
+        raise InputError(
+            f"{source}: its rivals are unknown parameters of the scenario, expected an effect among them; "
+            "weigh or measure the part, or name two effects with --between EFFECT@PLACE EFFECT@PLACE"
+        )
     pairs = []
-    for entry in report["rivals"]:
+    for entry in rivals:
         kind = effect_named(str(entry["effect"]))
         rival = _typical(placed(scene, kind, str(entry["at"]), source))
         replaced = _most_similar(accepted, rival)

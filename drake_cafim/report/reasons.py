@@ -61,7 +61,8 @@ def story_of(records: Sequence[Record], named: Sequence[str]) -> Story:
             if record.step == step and record.effects and (step == "rival" or not record.passed):
                 refused += [name for name in record.effects if name not in named and name not in refused]
     ends = [record for record in own if record.step == "another"]
-    left = [record for record in own if record.step in ("data_mistake", "adequacy", "support", "unknown_forces")]
+    steps = ("data_mistake", "adequacy", "support", "unknown_forces", "far_unknown")
+    left = [record for record in own if record.step in steps]
     far = [record for record in own if record.step == "remains" and not record.passed]
     return Story(
         tuple(reasons_of(own, name, named) for name in named),

@@ -86,7 +86,12 @@ def _report_of(
             for accepted in verdict.explanation
         ],
         "rivals": [
-            {"effect": rival.effect, "at": rival.at, "probability": rival.probability, "why_alike": rival.why_alike}
+            {
+                **({"effect": rival.effect} if rival.parameter is None else {"parameter": rival.parameter}),
+                "at": rival.at,
+                "probability": rival.probability,
+                "why_alike": rival.why_alike,
+            }
             for rival in verdict.rivals
         ],
         "parameters": parameters_of(verdict.parameters),

@@ -171,7 +171,7 @@ def scored(made: Ablation, report: dict[str, Any] | None, failure: str) -> dict[
         "verdict": report["verdict"],
         "named": named,
         "found": any(found) if made.effect else not named,
-        "rivals": [(item["effect"], item["at"]) for item in report["rivals"]],
+        "rivals": [(item.get("effect") or item["parameter"], item["at"]) for item in report["rivals"]],
         "data_mistakes": report["data_mistakes"],
     }
     for item in report["explanation"]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from drake_cafim.diagnosis.fit.adequacy import adequacy, by_run
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
@@ -15,21 +15,26 @@ from drake_cafim.diagnosis.thresholds import (
     MISFIT_SHARE_TO_EXPLAIN,
     NOISE_STD_TOLERANCE,
     RECORDINGS_SHARE_IMPROVED,
+    UNKNOWN_FAR_IN_PRIOR_STDS,
 )
 from drake_cafim.typing import Array
+
+FAR_UNKNOWN_SURPRISE = -2.0 * float(np.log(2.0 * norm.sf(UNKNOWN_FAR_IN_PRIOR_STDS)))
+"""−2 ln of the probability, under its stated prior, that an unknown is as far from its mean as is called far."""
 
 
 def criterion(one: Fit, scale: float, trials: int) -> float:
     """Extended Bayesian information criterion χ²/s² + k ln R + 2 m ln H, smaller is better.
 
-    k strengths over R rows (Schwarz, Ann. Statist. 6(2), 1978), and m effects chosen from H looks: a larger catalogue
+    k strengths over R rows (Schwarz, Ann. Statist. 6(2), 1978), and m effects, or unknowns whose prior is set aside,
+    chosen from H looks: a larger catalogue
     offers more to find by chance (Chen, Chen, Biometrika 95(3), 2008).
     `scale` s² widens the noise where even the best explanation leaves more than noise, so that a small gain over a
     large misfit does not count as evidence (McCullagh, Nelder, Generalized Linear Models, 1989, §9.2). What is known
     beforehand of an effect's odds, −2 ln of them, counts as well.
     """
-    surprise = sum(effect.surprise for effect in one.model.effects)
-    cost = one.strengths * np.log(max(one.data_rows, 2)) + 2.0 * len(one.model.effects) * np.log(max(trials, 1))
+    surprise = sum(effect.surprise for effect in one.model.effects) + len(one.model.free) * FAR_UNKNOWN_SURPRISE
+    cost = one.strengths * np.log(max(one.data_rows, 2)) + 2.0 * len(one.model.keys) * np.log(max(trials, 1))
     return one.chi_square / scale + float(cost) + surprise
 
 

@@ -56,8 +56,8 @@ class Fit:
 
     @property
     def strengths(self) -> int:
-        """How many numbers beside the unknowns were fitted."""
-        return len(self.model.vector) - len(self.model.unknown)
+        """How many numbers beside the unknowns that have priors were fitted."""
+        return len(self.model.vector) - len(self.model.unknown) + len(self.model.free)
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -152,7 +152,7 @@ def _worth(problem: Problem, model: Model, residual: Array) -> float:
     """Half of what the effects take off χ²; a correction that would cost more finds them to be noise altogether."""
     if not model.effects:
         return np.inf
-    without = problem.residual(Model(model.unknown))
+    without = problem.residual(replace(model, effects=()))
     return 0.5 * float(without @ without - residual @ residual) + CORRECTION_COST_ALLOWANCE
 
 
@@ -287,9 +287,6 @@ def _sizes(model: Model) -> Array:
 def _kept_near(problem: Problem, model: Model) -> Model:
     """The model with its unknowns within `FARTHEST` of their priors and inside their physical bounds."""
     priors = problem.scene.priors
-    near = np.clip(
-        model.unknown,
-        priors.mean - UNKNOWN_REACH_IN_PRIOR_STDS * priors.std,
-        priors.mean + UNKNOWN_REACH_IN_PRIOR_STDS * priors.std,
-    )
-    return Model(priors.clip(near), model.effects)
+    reach = UNKNOWN_REACH_IN_PRIOR_STDS * problem.prior_std(model)
+    near = np.clip(model.unknown, priors.mean - reach, priors.mean + reach)
+    return replace(model, unknown=priors.clip(near))

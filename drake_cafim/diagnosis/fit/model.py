@@ -7,8 +7,14 @@ import numpy as np
 
 from drake_cafim.effects.effect import Effect
 from drake_cafim.scenario.physics import Physics
+from drake_cafim.scenario.unknown import UnknownParameter
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
+
+FREE_PRIOR_STD_RATIO = 1e4
+"""Far beyond what any recording leaves unknown, and near enough that what no row sees still has a curvature."""
+
+Key = tuple[str, str]
 
 
 @dataclass(frozen=True)
@@ -17,6 +23,18 @@ class Model:
 
     unknown: Array
     effects: tuple[Effect, ...] = ()
+    free: tuple[UnknownParameter, ...] = ()
+    """Unknowns that are fitted as if their priors said nothing."""
+
+    @property
+    def keys(self) -> frozenset[Key]:
+        """(effect, place) of each effect, (parameter, place) of each unknown whose prior is set aside."""
+        return frozenset({*(effect.key for effect in self.effects), *((one.parameter, one.at) for one in self.free)})
+
+    @property
+    def named(self) -> bool:
+        """Whether it says more than the nominal model with its unknowns within their priors."""
+        return bool(self.effects or self.free)
 
     @property
     def vector(self) -> Array:
@@ -33,10 +51,25 @@ class Model:
             upper = np.array([s.upper for s in effect.strengths])
             effects.append(effect.with_values(np.clip(vector[start : start + k], lower, upper)))
             start += k
-        return Model(vector[:n].copy(), tuple(effects))
+        return replace(self, unknown=vector[:n].copy(), effects=tuple(effects))
 
     def with_effects(self, effects: Sequence[Effect]) -> "Model":
         return replace(self, effects=(*self.effects, *effects))
+
+    def without(self, effect: Effect) -> "Model":
+        return replace(self, effects=tuple(other for other in self.effects if other is not effect))
+
+    def freed(self, unknown: UnknownParameter) -> "Model":
+        """The model with the prior of `unknown` set aside."""
+        return replace(self, free=(*self.free, unknown))
+
+    def held(self, unknown: UnknownParameter) -> "Model":
+        """The model with the prior of `unknown` in force again."""
+        return replace(self, free=tuple(other for other in self.free if other != unknown))
+
+    def prior_std_ratios(self, scene: Scene) -> Array:
+        """(n,) factors by which the priors' standard deviations are widened."""
+        return np.array([FREE_PRIOR_STD_RATIO if one in self.free else 1.0 for one in scene.unknown])
 
     def physics(self, scene: Scene) -> Physics:
         """What the model says acts."""

@@ -84,9 +84,12 @@ class Problem(ABC):
         return np.concatenate([self.rows_of(model), self.prior_rows(model)])
 
     def prior_rows(self, model: Model) -> Array:
-        """(value − mean)/std of each prior."""
-        priors = self.scene.priors
-        return np.asarray((model.unknown - priors.mean) / priors.std, dtype=float)
+        """(value − mean)/std of each prior; next to nothing of those that `model` sets aside."""
+        return np.asarray((model.unknown - self.scene.priors.mean) / self.prior_std(model), dtype=float)
+
+    def prior_std(self, model: Model) -> Array:
+        """(n,) of the unknowns under `model`."""
+        return np.asarray(self.scene.priors.std * model.prior_std_ratios(self.scene), dtype=float)
 
     def penalty(self, model: Model) -> float:
         """What a model pays in χ² beside its rows.

@@ -1,7 +1,7 @@
 """Derivatives of whitened rows by differences: by the unknowns, and by strengths whose slopes no law says."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -40,10 +40,11 @@ class Differences:
             for effect in model.effects
             if effect.late
         )
-        if self._unknown_columns.get(i, (None,))[0] != late:
+        kind = late, model.free
+        if self._unknown_columns.get(i, (None,))[0] != kind:
             # nor may the least change of a mass make an impact come earlier
-            smooth = Model(model.unknown, tuple(one for one in model.effects if not one.impacts))
-            self._unknown_columns[i] = late, self._difference(smooth, i, 1e-2 * self.scene.priors.std[i])
+            smooth = replace(model, effects=tuple(one for one in model.effects if not one.impacts))
+            self._unknown_columns[i] = kind, self._difference(smooth, i, 1e-2 * self.scene.priors.std[i])
         return self._unknown_columns[i][1]
 
     def by_strength(self, model: Model, position: int, k: int) -> Array:

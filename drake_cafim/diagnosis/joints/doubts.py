@@ -1,5 +1,7 @@
 """What is not known of a model's unknowns, as physics."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
@@ -14,4 +16,4 @@ def doubts(scene: Scene, model: Model, covariance: Array) -> list[Physics]:
     # nothing is known worse than before anything was recorded
     spread, axes = np.linalg.eigh(covariance / np.outer(priors.std, priors.std))
     off = (axes * np.sqrt(np.clip(spread, 0.0, 1.0))).T * priors.std
-    return [Model(priors.clip(model.unknown + one), model.effects).physics(scene) for one in off]
+    return [replace(model, unknown=priors.clip(model.unknown + one)).physics(scene) for one in off]

@@ -16,6 +16,7 @@ from drake_cafim.diagnosis.joints.unknown_force import likeliest, remarks
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.rows.samples import over_wider_windows
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.thresholds import WIDEST_WINDOW
 from drake_cafim.diagnosis.verdict import Location
 from drake_cafim.effects.effect import Effect
 from drake_cafim.typing import Array
@@ -65,9 +66,10 @@ class WeakProblem(WeakFormRows, SearchProblem):
 
 
 def _under_windows(form: WeakForm, times: float) -> WeakForm:
-    """The recording under windows `times` as wide, or half of that and so on while too few of them fit."""
+    """The recording under windows `times` as wide, or half of that and so on while too few fit or they are too wide."""
     while times > 1.0:
-        wide = over_wider_windows(form.samples, times)
+        short = times * form.samples.windows.width <= WIDEST_WINDOW
+        wide = over_wider_windows(form.samples, times) if short else None
         if wide is not None:
             return WeakForm(wide, form.sensors)
         times *= 0.5

@@ -3,7 +3,7 @@
 from drake_cafim.diagnosis.search.decisions import name
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.thresholds import RIVAL_EXCESS_CHI_SQUARE
-from drake_cafim.diagnosis.trace import NOMINAL, Record, name_of, spoken
+from drake_cafim.diagnosis.trace import NOMINAL, Record, name_of, names_of, spoken
 from drake_cafim.diagnosis.verdict import Verdict
 from drake_cafim.numerics.rounding import short
 
@@ -24,7 +24,7 @@ def concluded(verdict: Verdict, judgement: Judgement) -> list[Record]:
     """The rivals, and the kind of the verdict."""
     best, outcome, records = judgement.best, judgement.outcome, []
     for rival in verdict.rivals:
-        fits = [fit.chi_square for key, fit in outcome.pool.fits.items() if (rival.effect, rival.at) in key]
+        fits = [fit.chi_square for fit in outcome.competing if rival.key in fit.model.keys]
         worse, most = min(fits) - best.chi_square, RIVAL_EXCESS_CHI_SQUARE * outcome.scale
         side = "worse" if worse > 0.0 else "better"
         words = (
@@ -32,8 +32,9 @@ def concluded(verdict: Verdict, judgement: Judgement) -> list[Record]:
             f"than {short(most)} cannot be told apart by χ² alone. "
             f"Its probability is {short(rival.probability, 2)}: {rival.why_alike}"
         )
-        asked = name_of((rival.effect, rival.at))
+        asked = name_of(rival.key)
         records.append(Record("rival", asked, worse, most, True, words, "difference in χ²", name(best.model)))
-    named = spoken(name(best.model)) if best.model.effects else "no effect"
+    effects = names_of(effect.key for effect in best.model.effects)
+    named = spoken(effects) if best.model.effects else "no effect"
     words = f"{verdict.kind}: {KINDS[verdict.kind]}; named: {named}"
     return [*records, Record("verdict", verdict.kind, None, None, verdict.kind == "explained", words)]

@@ -8,14 +8,17 @@ import numpy as np
 from drake_cafim.diagnosis.fit.adequacy import Misfit, adequacy, misfits
 from drake_cafim.diagnosis.fit.evidence import Check, least_gain, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit
-from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.search.far_unknowns import distances
 from drake_cafim.diagnosis.search.screening import Candidate
-from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE, WINDOWS_PER_BLOCK
+from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE, UNKNOWN_FAR_IN_PRIOR_STDS, WINDOWS_PER_BLOCK
 from drake_cafim.diagnosis.trace import NOMINAL, OTHERS, Record, name_of, names_of, spoken
 from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.rounding import short
+from drake_cafim.scenario.unknown import UnknownParameter
+from drake_cafim.scene.scene import Scene
 
 REFUSED = 4
 """First looks, and explanations that lost, that are told one by one; the rest together."""
@@ -41,7 +44,7 @@ MISFITS = {
 
 def name(model: Model) -> str:
     """The effects of a model as a trace names them."""
-    return names_of(effect.key for effect in model.effects)
+    return names_of(model.keys)
 
 
 def whitened(
@@ -208,15 +211,10 @@ def admitted(before: Fit, after: Fit, checks: Sequence[Check]) -> list[Record]:
 
 def compared(pool: Iterable[Fit], best: Fit, cost: Callable[[Fit], float]) -> list[Record]:
     """The chosen explanation, and the first of those that it was chosen over, by what `cost` says."""
-    # a larger explanation that the criterion prefers has not passed the tests of an admission, which say why
-    most = len(best.model.effects)
-    others = [
-        entry
-        for entry in pool
-        if name(entry.model) != name(best.model) and (len(entry.model.effects) <= most or cost(entry) > cost(best))
-    ]
+    # what has not passed the tests of an admission, which say why, is not among them
+    others = [entry for entry in pool if name(entry.model) != name(best.model)]
     ranked = sorted(others, key=lambda entry: (cost(entry), name(entry.model)))
-    if not best.model.effects:
+    if not best.model.named:
         return []
     records = []
     if ranked:
@@ -236,12 +234,12 @@ def compared(pool: Iterable[Fit], best: Fit, cost: Callable[[Fit], float]) -> li
     return records
 
 
-def pruned(best: Fit, effect: Effect, lead: float) -> Record:
-    """Whether `effect` stays in an explanation: by how much the criterion is worse without it."""
-    rest = names_of(entry.key for entry in best.model.effects if entry.key != effect.key)
+def pruned(best: Fit, part: Key, lead: float) -> Record:
+    """Whether `part` stays in an explanation: by how much the criterion is worse without it."""
+    rest = names_of(best.model.keys - {part})
     stays = not lead < 0.0
     words = f"without it the criterion is {short(abs(lead))} {'worse, so it stays' if stays else 'better, so it goes'}"
-    return Record("prune", name_of(effect.key), lead, 0.0, stays, words, "criterion", rest)
+    return Record("prune", name_of(part), lead, 0.0, stays, words, "criterion", rest)
 
 
 def remaining(problem: SearchProblem, entry: Fit, rate: float) -> list[Record]:
@@ -255,6 +253,26 @@ def remaining(problem: SearchProblem, entry: Fit, rate: float) -> list[Record]:
     )
     total = Record("adequacy", name(entry.model), p_value, rate, passed, words, "p-value")
     return [total, *(_farthest(problem, part) for part in misfits(problem, entry.residual, entry.strengths, rate))]
+
+
+def worse_than_none(best: Fit, nominal: Fit) -> Record:
+    """An explanation under whose noise more is left than without it."""
+    left, had = best.reduced_chi_square, nominal.reduced_chi_square
+    words = f"it leaves {short(left)} times the noise variance, and without it there is {short(had)}: not named"
+    return Record("support", name(best.model), left, had, False, words, "misfit")
+
+
+def far(scene: Scene, unknown: UnknownParameter, model: Model) -> Record:
+    """An unknown that is too far from its prior to be what the scenario says."""
+    i = scene.unknown.index(unknown)
+    distance = float(distances(scene, model)[i])
+    words = (
+        f"fitted as {short(float(model.unknown[i]), 4)} {unknown.prior.unit}, {short(distance)} prior standard "
+        f"deviations from {short(float(scene.priors.mean[i]), 4)}; beyond {short(UNKNOWN_FAR_IN_PRIOR_STDS)} the "
+        "parameter itself is a mismatch, so the verdict is unexplained"
+    )
+    asked = name_of((unknown.parameter, unknown.at))
+    return Record("far_unknown", asked, distance, UNKNOWN_FAR_IN_PRIOR_STDS, True, words, "prior standard deviations")
 
 
 def supported(best: Fit, row: str, share: float, least: float) -> Record:

@@ -11,8 +11,10 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions
-from drake_cafim.diagnosis.search.search import Outcome, Settings, search
+from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
+from drake_cafim.diagnosis.search.search import Outcome, search
 from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORCES, search_again
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import NAMED_EXCESS_SHARE, WIDER_WINDOW_RATIOS
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.verdict import Kind
@@ -31,6 +33,8 @@ class Judgement:
     notes: tuple[str, ...] = ()
     search: str = ""
     """The search that it is of, as the trace calls it."""
+    adequate: bool = False
+    """Whether `best` leaves nothing but noise, and an unknown far from its prior is all that is unexplained."""
 
 
 def judged(
@@ -38,10 +42,19 @@ def judged(
 ) -> Judgement:
     """What the recordings say is missing; each decision is added to `trace`.
 
-    Where a search ends without an explanation, forces that nobody knows are reckoned with; and where it names nothing,
-    what shakes fast is averaged out.
+    Where a search ends without an explanation, unknown forces are added to the noise; and where it names nothing, what
+    shakes fast is averaged out. An unknown parameter that is far from its prior is a mismatch by itself.
     """
     trace = Trace() if trace is None else trace
+    judgement = _judged(problem, settings, progress, trace)
+    far = far_unknowns(problem.scene, judgement.best.model) if settings.most_effects else ()
+    own = trace.of_search(judgement.search)
+    own.add(*(decisions.far(problem.scene, unknown, judgement.best.model) for unknown in far))
+    return replace(judgement, kind="unexplained", adequate=judgement.kind != "unexplained") if far else judgement
+
+
+def _judged(problem: SearchProblem, settings: Settings, progress: Callable[[str], None], trace: Trace) -> Judgement:
+    """`judged`, wherever the unknowns are."""
     outcome = search(problem, settings, progress, trace=trace)
     first = _of_search(outcome, settings, trace)
     if first.kind != "unexplained" or not settings.most_effects:
@@ -90,11 +103,14 @@ def _of_search(outcome: Outcome, settings: Settings, trace: Trace) -> Judgement:
         return Judgement(outcome, outcome.nominal, "none")
     best = outcome.best
     trace.add(*decisions.remaining(outcome.problem, best, settings.false_alarm_rate))
-    if best.model.effects and leaves_noise(outcome.problem, best, settings.false_alarm_rate):
+    if best.model.named and leaves_noise(outcome.problem, best, settings.false_alarm_rate):
         return Judgement(outcome, best, "explained")
     before, after = _excess(outcome.nominal_problem, outcome.nominal), _excess(outcome.problem, best)
     most = int(np.argmax(before - after))
-    if best.model.effects:
+    if best.model.named and not best.reduced_chi_square < outcome.nominal.reduced_chi_square:
+        trace.add(decisions.worse_than_none(best, outcome.nominal))
+        return Judgement(outcome, outcome.nominal, "unexplained")
+    if best.model.named:
         row = outcome.problem.pictures.row_labels[most]
         share = float(1.0 - after[most] / before[most]) if before[most] > 0.0 else 0.0
         trace.add(decisions.supported(best, row, share, NAMED_EXCESS_SHARE))

@@ -1,6 +1,7 @@
 """The shape of a law that no strength gives, such as the width over which friction turns its sign."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -44,7 +45,7 @@ def _best_shape(problem: SearchProblem, one: Fit, position: int, others: Iterabl
     Where the rows are all but linear in the strengths, one look tells which of the shapes is worth a fit.
     """
     base, worst = one.model, -np.inf
-    trials = [Model(base.unknown, (*base.effects[:position], it, *base.effects[position + 1 :])) for it in others]
+    trials = [replace(base, effects=(*base.effects[:position], it, *base.effects[position + 1 :])) for it in others]
     expected = [chi for trial in trials if (chi := _expected(problem, one, trial, position)) is not None]
     if expected:
         worst = max(expected)

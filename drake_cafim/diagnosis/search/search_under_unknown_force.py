@@ -13,7 +13,8 @@ from drake_cafim.diagnosis.fit.evidence import leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.search import decisions
-from drake_cafim.diagnosis.search.search import Outcome, Settings, key_of, search
+from drake_cafim.diagnosis.search.search import Outcome, search
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import MISFIT_SHARE_TO_EXPLAIN
 from drake_cafim.diagnosis.trace import Trace
 
@@ -47,7 +48,7 @@ def search_again(
     begun = best.model.effects
     for _ in range(ROUNDS):
         found = search(nominal_problem.shaken(force), settings, progress, begun, trace)
-        settled = {effect.key for effect in begun} == key_of(found.best)
+        settled = {effect.key for effect in begun} == {effect.key for effect in found.best.model.effects}
         begun = found.best.model.effects
         if settled or not begun:
             break

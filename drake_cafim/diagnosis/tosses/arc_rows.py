@@ -132,7 +132,7 @@ class ArcRows(Problem):
         self._linearisations[_kind(model)] = Linearisation(model.vector, fitted, misfits)
         columns = self.order_rows(innovations)
         priors = np.zeros((len(model.unknown), columns.shape[1]))
-        priors[:, : len(model.unknown)] = np.diag(1.0 / self.scene.priors.std)
+        priors[:, : len(model.unknown)] = np.diag(1.0 / self.prior_std(model))
         return np.concatenate([columns, priors])
 
     @property

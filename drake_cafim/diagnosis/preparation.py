@@ -1,0 +1,140 @@
+"""Recordings made ready for a diagnosis: their noise, their mistakes, and their rows."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.effort_noise import effort_noise, effort_notes, with_std
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.joints.quality import qualities
+from drake_cafim.diagnosis.joints.recording_notes import mistakes_of, notes_of, strangers
+from drake_cafim.diagnosis.noise.coloured import (
+    estimate_memories,
+    stated_memories,
+    step_of,
+)
+from drake_cafim.diagnosis.noise.differences import correct_for_memory
+from drake_cafim.diagnosis.noise.quantised import quantised_memories
+from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
+from drake_cafim.diagnosis.noise.stated import needed_columns, noise_of
+from drake_cafim.diagnosis.rows.samples import moves, samples_of
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_SETTLED
+from drake_cafim.diagnosis.tosses.preparation import PreparedTosses, prepare_tosses
+from drake_cafim.diagnosis.verdict import (
+    Quality,
+)
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.recordings.usable import check_usable
+from drake_cafim.scene.scene import Scene
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Recordings laid out as weak forms, with what was noticed while reading them."""
+
+    scene: Scene
+    weak: list[WeakForm]
+    held_out: list[WeakForm]
+    notes: tuple[str, ...]
+    mistakes: tuple[str, ...]
+    noise_remarks: tuple[str, ...]
+    effort_noise: Mapping[str, float]
+    """Std by column of the efforts whose noise nobody stated, N m or N."""
+
+    def under(self, model: Model) -> "Prepared | None":
+        """The same under the noise of efforts that is left beside `model`; None where it is much as it was.
+
+        What physics was missing when it was first estimated may have passed for noise in part.
+        """
+        joints = [self.scene.tree.joint_index(column.removeprefix("u.")) for column in self.effort_noise]
+        exact = [with_std(form, dict.fromkeys(self.effort_noise, 0.0)) for form in self.weak]
+        noise = effort_noise(self.scene, exact, model, joints)
+        if all(noise[column] >= EFFORT_NOISE_SETTLED * std for column, std in self.effort_noise.items()):
+            return None
+        before = effort_notes(self.scene, self.effort_noise)
+        return replace(
+            self,
+            weak=[with_std(form, noise) for form in self.weak],
+            held_out=[with_std(form, noise) for form in self.held_out],
+            notes=(*(note for note in self.notes if note not in before), *effort_notes(self.scene, noise)),
+            effort_noise=noise,
+        )
+
+    @property
+    def moves(self) -> bool:
+        """Whether any joint moves in any of the recordings, beyond its noise."""
+        return any(moves(form.samples) for form in self.weak)
+
+    def problem(self) -> WeakProblem:
+        """The recordings' whitened equations, under the model as given."""
+        return WeakProblem.of(self.scene, self.weak, Model(self.scene.priors.mean))
+
+    def qualities(self, model: Model, covariance: Array) -> list[Quality]:
+        """How `model` does on the recordings, and on those held out where there are any.
+
+        `covariance` (n, n) is of its unknowns.
+        """
+        groups = [self.weak, self.held_out] if self.held_out else [self.weak]
+        return qualities(groups, self.scene, model, covariance)
+
+
+def prepare(
+    scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()
+) -> Prepared | PreparedTosses:
+    """The recordings' weak forms, or a thrown body's poses, under the noise that was stated or, where not, is seen.
+
+    Raises `InputError` for recordings that lack what the scene needs.
+    """
+    scene = scene.for_recordings([*recordings, *held_out])
+    if scene.tree.floating:
+        return prepare_tosses(scene, recordings, held_out, (*scene.stated.notes, *notes_of(recordings)))
+    for recording in (*recordings, *held_out):
+        check_usable(recording, needed_columns(scene))
+    scene = _facing(scene, recordings)
+    std, notes = noise_of(scene, recordings)
+    stated = stated_memories(scene, list(std))
+    estimated = {column for column in std if scene.std(column) is None}
+    seen, told = estimate_memories(recordings, std, stated, estimated)
+    known = stated | seen
+    std = correct_for_memory(std, known, estimated, step_of(recordings))
+
+    def laid(recording: Recording, std: dict[str, float]) -> WeakForm:
+        memories = quantised_memories(recording, std) | known
+        recording, bridges = bridge_slow_channels(recording)
+        samples = samples_of(scene, recording, std, memories=memories, bridges=bridges)
+        return WeakForm(samples, scene.wrench_sensors)
+
+    even = [bridge_slow_channels(recording)[0] for recording in recordings]
+    forms = [laid(recording, std) for recording in recordings]
+    measured = [j for j, name in enumerate(scene.tree.joint_names) if f"u.{name}" in estimated]
+    noise: dict[str, float] = {}
+    if measured:
+        # what the equations say of it can only be known once they are laid out with efforts taken as exact
+        noise = effort_noise(scene, forms, Model(scene.priors.mean), measured)
+        std, notes = std | noise, (*notes, *effort_notes(scene, noise))
+        forms = [laid(recording, std) for recording in recordings]
+    return Prepared(
+        scene,
+        forms,
+        [laid(recording, std) for recording in held_out],
+        (
+            *scene.stated.notes,
+            *notes,
+            *notes_of(even),
+            *strangers(scene, recordings),
+            *(f"held out: {mistake}" for mistake in mistakes_of(scene, held_out, std)),
+        ),
+        mistakes_of(scene, recordings, std),
+        told,
+        noise,
+    )
+
+
+def _facing(scene: Scene, recordings: Sequence[Recording]) -> Scene:
+    """The scene with its contact planes on the side on which the first recording starts."""
+    q = recordings[0].matrix("q", scene.tree.joint_names)
+    return scene.with_surfaces_at(q[np.flatnonzero(np.all(np.isfinite(q), axis=1))[0]])

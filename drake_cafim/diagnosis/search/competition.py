@@ -1,0 +1,175 @@
+"""What an explanation has to stand against: rivals, the same by other names, far unknowns, and less than itself."""
+
+import itertools
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.evidence import scale_of
+from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.search import decisions
+from drake_cafim.diagnosis.search.far_unknowns import far_unknowns, freed
+from drake_cafim.diagnosis.search.law_shapes import fit_shapes
+from drake_cafim.diagnosis.search.screening import screen
+from drake_cafim.diagnosis.search.state import ROUNDS, State
+from drake_cafim.diagnosis.thresholds import (
+    CONTENDER_CRITERION_REACH,
+    CONTENDERS_FITTED_UNBIASED,
+    GAIN_SHARE_FAR_LESS,
+    RIVALS_FITTED_PER_PARENT,
+)
+
+
+def compete(state: State, best: Fit) -> Fit:
+    """The most probable explanation, `best` among them, of all that may stand in for it or for a part of it."""
+    for _ in range(ROUNDS):
+        if best.model.effects:
+            _fit_rivals(state, best)
+            _fit_equivalents(state, best)
+        _fit_far_unknowns(state, best)
+        _fit_instead_of_far_unknowns(state, best)
+        chosen = _most_probable(state, best)
+        _fit_smaller(state, chosen)
+        chosen = _most_probable(state, chosen)
+        if chosen.model.keys <= best.model.keys:
+            return chosen
+        # another one has rivals of its own, and simpler laws in its place
+        best = chosen
+    return best
+
+
+def _fit_rivals(state: State, best: Fit) -> None:
+    """Fit what might stand in for an accepted effect: each one exchanged, and the runners-up with one effect more."""
+    state.progress("fitting rivals")
+    parents = [state.rest(best.model.without(effect)) for effect in best.model.effects]
+    size = len(best.model.effects)
+    parents += [other for other in state.frontier if other is not best and len(other.model.effects) <= size]
+    for parent in parents:
+        needed = parent.chi_square - best.chi_square
+        for candidate in state.screen(parent)[:RIVALS_FITTED_PER_PARENT]:
+            model = parent.model.with_effects([candidate.effect])
+            # a first look that gains far less than what was lost does not become a rival by refinement
+            if model.keys not in state.pool.fits and candidate.gain > GAIN_SHARE_FAR_LESS * needed:
+                _add(state, fit_shapes(state.problem, fit(state.problem, model)))
+
+
+def _fit_equivalents(state: State, best: Fit) -> None:
+    """Fit what may be an accepted effect by another name at the same place.
+
+    The simpler laws of its group, and pairs of effects that have as many strengths.
+    """
+    for effect in best.model.effects:
+        rest = best.model.without(effect)
+        looks = {look.effect.key: look.effect for look in state.screen(state.rest(rest))}
+        for simpler in looks.values():
+            if effect.excludes(simpler) and len(simpler.strengths) < len(effect.strengths):
+                state.pool.add(fit_shapes(state.problem, fit(state.problem, rest.with_effects([simpler]))))
+        alike = [other for other in state.effects if other.name in effect.alike and other.at == effect.at]
+        for first, second in itertools.combinations(alike, 2):
+            if len(first.strengths) + len(second.strengths) != len(effect.strengths) or first.key not in looks:
+                continue
+            beside = fit(state.problem, rest.with_effects([looks[first.key]]))
+            found = screen(state.problem, beside, [second])
+            if found:
+                _add(state, fit_shapes(state.problem, fit(state.problem, beside.model.with_effects([found[0].effect]))))
+
+
+def _fit_far_unknowns(state: State, best: Fit) -> None:
+    """Fit what an unknown that is far from its prior explains: alone, beside `best`, and in each effect's place."""
+    scene = state.problem.scene
+    if not scene.unknown:
+        return
+    alone = Model(best.model.unknown, free=best.model.free)
+    parents = {model.keys: model for model in (alone, *map(best.model.without, best.model.effects))}
+    for model in parents.values():
+        if model.keys == best.model.keys:
+            continue
+        parent = state.rest(model)
+        needed = parent.chi_square - best.chi_square
+        _add_far(state, freed(scene, parent, GAIN_SHARE_FAR_LESS * needed))
+    # beside `best`, it has to pay for itself, as an effect has to
+    _add_far(state, freed(scene, best, CONTENDER_CRITERION_REACH * scale_of(best)))
+
+
+def _fit_instead_of_far_unknowns(state: State, best: Fit) -> None:
+    """Fit the effects that may stand in for an unknown whose prior is set aside."""
+    problem, priors = state.problem, state.problem.scene.priors
+    for unknown in best.model.free:
+        i, values = problem.scene.unknown.index(unknown), best.model.unknown.copy()
+        values[i] = priors.mean[i]
+        model = replace(best.model.held(unknown), unknown=values)
+        residual = problem.residual(model)
+        # beside the unknown's own column, what moves the rows as it does would gain nothing
+        jacobian = np.delete(problem.jacobian(model), i, axis=1)
+        at_prior = Fit(model, residual, jacobian, best.covariance, best.data_rows)
+        free = [effect for effect in state.effects if not any(effect.excludes(o) for o in model.effects)]
+        for candidate in screen(problem, at_prior, free)[:RIVALS_FITTED_PER_PARENT]:
+            other = model.with_effects([candidate.effect])
+            needed = at_prior.chi_square - best.chi_square
+            if other.keys not in state.pool.fits and candidate.gain > GAIN_SHARE_FAR_LESS * needed:
+                _add(state, fit_shapes(problem, fit(problem, other)))
+
+
+def _add_far(state: State, models: Iterable[Model]) -> None:
+    scene = state.problem.scene
+    for model in models:
+        if model.keys not in state.pool.fits:
+            found = unbiased_fit(state.problem, model)
+            # near its prior it is no mismatch, and setting the prior aside is none of its business
+            if set(found.model.free) <= set(far_unknowns(scene, found.model)):
+                _add(state, found)
+
+
+def _add(state: State, found: Fit) -> None:
+    if state.problem.plausible(found.model):
+        state.pool.add(found)
+
+
+def _fit_smaller(state: State, best: Fit) -> None:
+    """Fit the explanation without each of its parts.
+
+    Strengths that were fitted beside an effect may do without it: a tilt across a plane shows in second order alone,
+    and starts to be fitted only where something else, such as a gain, has stood in for it.
+    """
+    model, cost = best.model, state.cost(scale_of(best))
+    if len(model.keys) < 2:
+        return
+    smaller = [(effect.key, model.without(effect)) for effect in model.effects]
+    smaller += [((known.parameter, known.at), model.held(known)) for known in model.free]
+    for key, rest in smaller:
+        without = unbiased_fit(state.problem, rest)
+        known = state.pool.fits.get(rest.keys)
+        if known is not None and known.unbiased and known.chi_square <= without.chi_square:
+            without = known
+        if not without.echo:
+            state.pool.add(without)
+            state.trace.add(decisions.pruned(best, key, cost(without) - cost(best)))
+
+
+def _most_probable(state: State, best: Fit) -> Fit:
+    """The explanation with the least criterion, of at most as many effects, once all near it were fitted without bias.
+
+    A law that bends where a channel is noisy gains by the noise that its regressors share with the residual. More
+    effects than `best` has would have to pass the tests of an admission.
+    """
+    for _ in range(ROUNDS):
+        cost = state.cost(scale_of(best))
+        for _ in range(CONTENDERS_FITTED_UNBIASED):
+            alike = _as_small(state, best)
+            reach = min(map(cost, alike)) + CONTENDER_CRITERION_REACH
+            near = sorted((other for other in alike if not other.unbiased and cost(other) < reach), key=cost)
+            if not near:
+                break
+            state.pool.add(unbiased_fit(state.problem, near[0].model))
+        # what is left by another explanation is another unit of the criterion, in which it has to be the best as well
+        before, best = best, min((other for other in _as_small(state, best) if other.unbiased), key=cost)
+        if best is before:
+            break
+    return best
+
+
+def _as_small(state: State, best: Fit) -> list[Fit]:
+    """The explanations with at most as many effects as `best`."""
+    return [other for other in state.pool.fits.values() if len(other.model.effects) <= len(best.model.effects)]

@@ -1,0 +1,90 @@
+"""Growing an explanation: screen to first order, refit exactly, admit another effect while the tests pass."""
+
+from collections.abc import Iterable
+
+from scipy.stats import chi2
+
+from drake_cafim.diagnosis.fit.evidence import checks, leaves_noise, scale_of
+from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.model import Key
+from drake_cafim.diagnosis.search import decisions
+from drake_cafim.diagnosis.search.law_shapes import fit_shapes
+from drake_cafim.diagnosis.search.screening import Candidate
+from drake_cafim.diagnosis.search.state import State
+from drake_cafim.diagnosis.thresholds import CANDIDATE_GAIN_SHARE_REFITTED, GAIN_SHARE_FAR_LESS
+
+
+def grow(state: State, best: Fit) -> Fit:
+    """The explanation that no further effect improves enough."""
+    state.frontier = [best]
+    for depth in range(len(best.model.effects) + 1, state.settings.most_effects + 1):
+        if not _is_worth_more(state, best):
+            break
+        _expand(state, depth)
+        for candidate in state.frontier:
+            larger = unbiased_fit(state.problem, candidate.model)
+            state.pool.add(larger)
+            if _admit(state, best, larger):
+                grown = state.rewhiten(larger)
+                if grown is not None:
+                    best = grown
+                    break
+        else:
+            state.trace.add(decisions.none_admitted(best))
+            break
+    state.trace.add(*decisions.enough(best, state.settings.most_effects))
+    return best
+
+
+def _is_worth_more(state: State, best: Fit) -> bool:
+    """Whether what `best` leaves is worth another effect: the strongest score test over what is not yet in it."""
+    scale, alpha, candidates = scale_of(best), state.settings.false_alarm_rate, state.screen(best)
+    worth = any(chi2.sf(c.gain / scale, c.strengths) * state.trials <= alpha for c in candidates)
+    state.trace.add(*decisions.another(best, candidates, state.trials, alpha, worth))
+    go_on = decisions.GoOn(state.settings.refined, CANDIDATE_GAIN_SHARE_REFITTED) if worth else None
+    state.trace.add(*decisions.screened(best, candidates, state.effects, state.trials, alpha, go_on))
+    return worth
+
+
+def _admit(state: State, best: Fit, larger: Fit) -> bool:
+    """Whether `larger` is to be accepted instead of `best`."""
+    done = list(checks(state.problem, best, larger, state.trials, state.settings.false_alarm_rate))
+    state.trace.add(*decisions.admitted(best, larger, done))
+    return all(check.passed for check in done)
+
+
+def _expand(state: State, depth: int) -> None:
+    """Move the frontier to the best explanations with one effect more."""
+    found: dict[frozenset[Key], Fit] = {}
+    for parent in state.frontier:
+        present = parent.model.keys
+        candidates = state.screen(parent)
+        promising = [c for c in candidates if c.gain > CANDIDATE_GAIN_SHARE_REFITTED * candidates[0].gain]
+        for candidate in promising[: state.settings.refined]:
+            key = frozenset({*present, candidate.effect.key})
+            if key in found or _is_far_less(state, parent, found.values(), candidate):
+                continue
+            state.progress(f"{depth} effect{'s' * (depth > 1)}: {candidate.effect.name} at {candidate.effect.at}")
+            grown = fit(state.problem, parent.model.with_effects([candidate.effect]))
+            if state.problem.plausible(grown.model):
+                found[key] = grown
+    ranked = state.ranked(found.values())
+    carried_on = [fit_shapes(state.problem, explanation) for explanation in ranked[: state.settings.beam]]
+    for explanation in (*ranked[state.settings.beam :], *carried_on):
+        state.pool.add(explanation)
+    state.frontier = state.ranked(carried_on)
+    state.trace.add(*decisions.fitted(ranked, state.settings.beam, state.cost(1.0)))
+
+
+def _is_far_less(state: State, parent: Fit, found: Iterable[Fit], candidate: Candidate) -> bool:
+    """Whether another explanation leaves nothing but noise, and the first look at this candidate gains far less.
+
+    What does not become a rival need not be fitted.
+    """
+    if state.problem.regressors_noisy:
+        return False
+    return any(
+        candidate.gain < GAIN_SHARE_FAR_LESS * (parent.chi_square - other.chi_square)
+        and leaves_noise(state.problem, other, state.settings.false_alarm_rate)
+        for other in found
+    )
