@@ -149,7 +149,7 @@ def _fit_smaller(state: State, best: Fit) -> None:
 
 
 def _most_probable(state: State, best: Fit) -> Fit:
-    """The explanation with the least criterion, of at most as many effects, once all near it were fitted without bias.
+    """The explanation with the least criterion, of those no larger, once all near it were fitted without bias.
 
     A law that bends where a channel is noisy gains by the noise that its regressors share with the residual. More
     effects than `best` has would have to pass the tests of an admission.
@@ -171,5 +171,7 @@ def _most_probable(state: State, best: Fit) -> Fit:
 
 
 def _as_small(state: State, best: Fit) -> list[Fit]:
-    """The explanations with at most as many effects as `best`."""
-    return [other for other in state.pool.fits.values() if len(other.model.effects) <= len(best.model.effects)]
+    """The explanations with at most as many effects as `best`, or one in the place of an unknown far from its prior."""
+    effects, parts = len(best.model.effects), len(best.model.keys)
+    fits = state.pool.fits.values()
+    return [other for other in fits if len(other.model.effects) <= effects or len(other.model.keys) <= parts]
