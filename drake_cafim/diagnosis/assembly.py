@@ -9,13 +9,12 @@ from scipy.stats import norm
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.preparation import Prepared
+from drake_cafim.diagnosis.preparation import PreparedRecordings
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.push_locations import locate_named
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.thresholds import RIVAL_EXCESS_CHI_SQUARE
-from drake_cafim.diagnosis.tosses.preparation import PreparedTosses
 from drake_cafim.diagnosis.verdict import (
     Comparison,
     Explanation,
@@ -42,7 +41,7 @@ NOTHING_MOVES = "nothing moves in the recordings beyond its noise, so that no ef
 Progress = Callable[[str], None]
 
 
-def verdict_of(prepared: Prepared | PreparedTosses, judgement: Judgement, progress: Progress) -> Verdict:
+def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Progress) -> Verdict:
     """The verdict that a judgement of `prepared` recordings comes to; what cannot be computed is NaN, with a note."""
     scene, outcome, best, kind = prepared.scene, judgement.outcome, judgement.best, judgement.kind
     # where the mismatch is: of the nominal physics at the numbers that the explanation found, or of what remains
@@ -159,7 +158,7 @@ def parameters_of(scene: Scene, best: Fit) -> tuple[NominalParameter, ...]:
     )
 
 
-def comparisons_of(prepared: Prepared | PreparedTosses, fits: Sequence[Fit]) -> list[Comparison]:
+def comparisons_of(prepared: PreparedRecordings, fits: Sequence[Fit]) -> list[Comparison]:
     """Each group of recordings under the scene as given, and under the two `fits`."""
     priors, n = prepared.scene.priors, len(prepared.scene.unknown)
     candidates = [(Model(priors.mean), np.diag(priors.std**2))]

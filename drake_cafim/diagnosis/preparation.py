@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.joints.effort_noise import effort_noise, effort_notes, with_std
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.quality import qualities
@@ -22,7 +24,7 @@ from drake_cafim.diagnosis.noise.stated import needed_columns, noise_of
 from drake_cafim.diagnosis.rows.samples import moves, samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_SETTLED
-from drake_cafim.diagnosis.tosses.preparation import PreparedTosses, prepare_tosses
+from drake_cafim.diagnosis.tosses.preparation import prepare_tosses
 from drake_cafim.diagnosis.verdict import (
     Quality,
 )
@@ -30,6 +32,50 @@ from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.usable import check_usable
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
+
+
+class PreparedRecordings(Protocol):
+    """Recordings to fit and recordings held out, under the noise that was stated or estimated."""
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that the recordings are of."""
+        ...
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know of how the recordings were read."""
+        ...
+
+    @property
+    def mistakes(self) -> tuple[str, ...]:
+        """Mistakes of the data, by file and column."""
+        ...
+
+    @property
+    def noise_remarks(self) -> tuple[str, ...]:
+        """What is to be said of the noise."""
+        ...
+
+    @property
+    def moves(self) -> bool:
+        """Whether anything moves in any of the recordings, beyond its noise."""
+        ...
+
+    def under(self, model: Model) -> "PreparedRecordings | None":
+        """The same under the noise that is left beside `model`; None where it is much as it was."""
+        ...
+
+    def problem(self) -> SearchProblem:
+        """The recordings' likelihood, white under the scene's own physics."""
+        ...
+
+    def qualities(self, model: Model, covariance: Array) -> list[Quality]:
+        """How well `model` does on the recordings, and on those held out where there are any.
+
+        `covariance` (n, n) is that of its unknowns.
+        """
+        ...
 
 
 @dataclass(frozen=True)
@@ -84,7 +130,7 @@ class Prepared:
 
 def prepare(
     scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()
-) -> Prepared | PreparedTosses:
+) -> PreparedRecordings:
     """The recordings' weak forms, or a thrown body's poses, under the noise that was stated or, where not, is seen.
 
     Raises `InputError` for recordings that lack what the scene needs.
