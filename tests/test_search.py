@@ -9,6 +9,8 @@ import pytest
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.search import competition, search, state
+from drake_cafim.diagnosis.search.judgement import _of_search
+from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.friction import JointStribeckFriction
 from drake_cafim.effects.joint import JointCoulombFriction
@@ -92,3 +94,24 @@ def test_what_is_an_echo_under_its_own_noise_is_not_accepted(monkeypatch: pytest
     under_way.frontier = frontier
     assert under_way.rewhiten(frontier[0]) is None
     assert under_way.problem is problem and under_way.frontier is frontier
+
+
+def test_an_explanation_that_leaves_more_than_none_does_is_not_named() -> None:
+    """Under the noise that it lets through, 4.29 times the noise variance is left, and 2.85 without it."""
+    nominal = Fit(Model(np.zeros(0)), np.full(1000, np.sqrt(2.85)), np.zeros((1000, 0)), np.zeros((0, 0)), 1000)
+    best = _found(COULOMB, 4290.0)
+    problem: Any = _TwoRows()
+    outcome = search.Outcome(problem, problem, nominal, best, (best,), 10, (), 1e-9, {COULOMB.key: 1.0})
+    trace = Trace()
+    judgement = _of_search(outcome, state.Settings(), trace)
+    assert judgement.kind == "unexplained" and judgement.best is nominal
+    refusal = trace.records[-1]
+    assert refusal.step == "support" and not refusal.passed and "without it there is 2.85" in refusal.words
+
+
+class _TwoRows:
+    """A recording of 500 windows, two rows each."""
+
+    rows = 1000
+    runs = (SimpleNamespace(name="run", rows=1000, shape=(500, 2), time=np.arange(500.0)),)
+    pictures = SimpleNamespace(row_labels=("j1: q against v", "j1: forces"))

@@ -31,17 +31,18 @@ def distances(scene: Scene, model: Model) -> Array:
 def freed(scene: Scene, parent: Fit, least: float) -> Iterator[Model]:
     """`parent`'s model with one unknown's prior set aside: each that gains more than `least` in χ², to first order.
 
-    Linearised about `parent`, χ² without the prior row i of unknown i is min over d of |z + J d|², that row left out.
+    With z and J linearised about `parent`, and the prior row of the unknown left out, χ² falls to zᵀz − gᵀ H⁻¹ g with
+    g = Jᵀz and H = JᵀJ.
     """
-    n = len(scene.unknown)
-    data = len(parent.residual) - n
+    data = len(parent.residual) - len(scene.unknown)
+    size = np.linalg.norm(parent.jacobian, axis=0)
+    J, z = parent.jacobian / np.where(size > 0.0, size, 1.0), parent.residual
+    H, g = J.T @ J, J.T @ z
     for i, unknown in enumerate(scene.unknown):
         if unknown in parent.model.free:
             continue
-        rows = np.arange(len(parent.residual)) != data + i
-        J, z = parent.jacobian[rows], parent.residual[rows]
-        size = np.linalg.norm(J, axis=0)
-        scaled = J / np.where(size > 0.0, size, 1.0)
-        left = z + scaled @ np.linalg.lstsq(scaled, -z, rcond=None)[0]
-        if float(parent.residual @ parent.residual - left @ left) > least:
+        prior, distance = J[data + i], z[data + i]
+        own_H, own_g = H - np.outer(prior, prior), g - prior * distance
+        step = np.linalg.lstsq(own_H, own_g, rcond=None)[0]
+        if float(distance**2 + own_g @ step) > least:
             yield parent.model.freed(unknown)
