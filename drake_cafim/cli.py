@@ -191,7 +191,7 @@ def diagnose(
 @main.command()
 @click.argument("scenario")
 @click.argument("report", required=False, type=click.Path(path_type=Path, exists=True))
-@click.option("--between", multiple=True, help="EFFECT@PLACE EFFECT@PLACE: the two explanations, instead of a report.")
+@click.option("--between", multiple=True, help="EFFECT@PLACE EFFECT@PLACE: two explanations of your own.")
 @click.option("--duration", type=float, default=2.0, show_default=True, help="Duration of the motion, s.")
 @click.option(
     "--criterion", default="odds", show_default=True, help="odds: those at its end; time: until they are 20:1."

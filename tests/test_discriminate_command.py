@@ -13,11 +13,16 @@ from drake_cafim import recordings
 from drake_cafim.cli import main
 from drake_cafim.commands import discriminate as discriminate_module
 from drake_cafim.design.planner import PlannerName
+from drake_cafim.diagnosis.diagnose import estimate
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.discrimination.design import Effort, default_effort
 from drake_cafim.discrimination.hypotheses import reported_pairs
 from drake_cafim.discrimination.motions import Shape
+from drake_cafim.discrimination.planned import noise_of
+from drake_cafim.discrimination.reported_noise import with_reported_noise
+from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.next_experiment import next_experiment
+from drake_cafim.report.report_json import parameters_of, report_of
 from drake_cafim.scene.scene import Scene
 
 PENDULUM = """<robot name="pendulum">
@@ -151,15 +156,29 @@ def test_a_rival_takes_the_place_of_what_it_is_like(folder: Path) -> None:
         (["--between", "actuator_bias@pivot", "--between", "joint_spring@pivot", "--duration", "0"], "--duration"),
         (["REPORT", "--criterion", "d-optimal"], "odds, time"),
         (["REPORT", "--planner", "newton"], "predictive-sampling, cem"),
-        (["REPORT", "--between", "actuator_bias@pivot", "--between", "joint_spring@pivot"], "one of them"),
         (["scenario.yaml"], "it is no JSON"),
-        (["no_rivals.json"], "no rivals"),
+        (["no_rivals.json"], "already tell joint_coulomb_friction@pivot and actuator_bias@pivot from every other"),
+        (["no_rivals.json"], "add --between joint_coulomb_friction@pivot EFFECT@PLACE"),
+        (["nothing.json"], "because nothing is missing; cafim why says what was looked for"),
+        (["unnamed.json"], "because no effect is named; cafim why"),
+        (["estimate.json"], "it is of an estimation, which names no explanations; give the report of cafim diagnose"),
+        (["mistaken.json"], "mend the recordings and diagnose again"),
+        (["parameter.json"], "measure mass of rod, state the smaller std under unknown, and diagnose again"),
         (["other.json"], "mass of rod"),
     ],
 )
 def test_what_cannot_be_designed_for_ends_with_one_sentence(folder: Path, arguments: list[str], said: str) -> None:
-    (folder / "no_rivals.json").write_text(json.dumps(REPORT | {"rivals": []}))
-    (folder / "other.json").write_text(json.dumps(REPORT | {"parameters": []}))
+    reports: dict[str, dict[str, Any]] = {
+        "no_rivals": {"rivals": []},
+        "nothing": {"rivals": [], "explanation": [], "verdict": "none"},
+        "unnamed": {"rivals": [], "explanation": [], "verdict": "unexplained"},
+        "estimate": {"rivals": [], "explanation": [], "verdict": None},
+        "mistaken": {"rivals": [], "explanation": [], "data_mistakes": ["u.pivot of a.csv has its sign turned"]},
+        "parameter": {"rivals": [{"parameter": "mass", "at": "rod", "probability": 0.3, "why_alike": "..."}]},
+        "other": {"parameters": []},
+    }
+    for name, changed in reports.items():
+        (folder / f"{name}.json").write_text(json.dumps(REPORT | changed))
     files = {"REPORT": "report.json"}
     words = [
         str(folder / files.get(argument, argument))
@@ -171,3 +190,51 @@ def test_what_cannot_be_designed_for_ends_with_one_sentence(folder: Path, argume
     assert result.exit_code == 2, result.output
     assert said in result.output and "Traceback" not in result.output
     assert not list((folder / "out").glob("*")) or not (folder / "out" / "report.json").exists()
+
+
+NOISE = {
+    "q.pivot": {"std": 3e-3, "unit": "rad", "correlation_time": 0.0, "stated": False},
+    "v.pivot": {"std": 0.02, "unit": "rad/s", "correlation_time": 0.004, "stated": False},
+    "u.pivot": {"std": 0.05, "unit": "N m", "correlation_time": 0.0, "stated": False},
+}
+
+
+def test_noise_that_the_scenario_does_not_state_is_that_of_the_report(folder: Path) -> None:
+    """What the scenario states stays, a wrench's axes share one std, and joints without a column are held."""
+    (folder / "scenario.yaml").write_text(SCENARIO.replace("v: {std: 2.0e-2}, u: {std: 0.0}", "u: {}"))
+    scene = with_reported_noise(Scene.load(folder / "scenario.yaml"), NOISE)
+    assert noise_of(scene) == {"q.pivot": 2e-3, "v.pivot": 0.02, "u.pivot": 0.05}
+    channel = scene.channel("v.pivot")
+    assert channel is not None and channel.correlation_time == 0.004
+    wrench = {f"wrench.w.{axis}": {"std": std} for axis, std in (("fx", 0.1), ("fy", 0.2), ("fz", 0.2), ("tx", 0.01))}
+    (folder / "scenario.yaml").write_text(SCENARIO.replace("q: {std", "wrench.w: {body: rod}, q: {std"))
+    felt = with_reported_noise(Scene.load(folder / "scenario.yaml"), wrench)
+    assert felt.std("wrench.w.fz") == pytest.approx(np.sqrt(0.03)) and felt.std("wrench.w.tz") == 0.01
+    (folder / "scenario.yaml").write_text(SCENARIO + "lock: unrecorded\n")
+    assert with_reported_noise(Scene.load(folder / "scenario.yaml"), NOISE).tree.joint_names == ("pivot",)
+
+
+@pytest.mark.usefixtures("small_budget")
+def test_a_diagnosis_of_unstated_noise_leads_to_a_motion(folder: Path) -> None:
+    """From a recording to a motion: the report of one command is all that the other needs, with a pair named too."""
+    (folder / "scenario.yaml").write_text(SCENARIO.replace("q: {std: 2.0e-3}, v: {std: 2.0e-2}, u: {std: 0.0}", ""))
+    between = ["--between", "actuator_bias@pivot", "--between", "joint_spring@pivot"]
+    refused = discriminate(folder, *between, "--out", str(folder / "out"))
+    assert refused.exit_code == 2 and "give the report.json of a diagnosis, which estimates it" in refused.output
+    rng, time = np.random.default_rng(1), np.arange(0.0, 3.0, 0.005)
+    q, v, a = 0.5 * np.sin(4.0 * time), 2.0 * np.cos(4.0 * time), -8.0 * np.sin(4.0 * time)
+    u = 0.27 * a + 9.81 * 0.5 * np.sin(q)
+    columns = {"q.pivot": q + rng.normal(0.0, 2e-3, q.shape), "v.pivot": v + rng.normal(0.0, 2e-2, q.shape)}
+    recording = Recording("a.csv", time, columns | {"u.pivot": u + rng.normal(0.0, 0.05, q.shape)})
+    found = estimate(Scene.load(folder / "scenario.yaml"), [recording])
+    report = report_of(None, parameters_of(found.parameters), None, {}, found)
+    assert report["noise"]["q.pivot"]["std"] == pytest.approx(2e-3, rel=0.15)
+    effort = dict(report["noise"]["u.pivot"])
+    assert 0.02 < effort.pop("std") < 0.1  # few windows tell it
+    assert effort == {"unit": "N m", "correlation_time": 0.0, "stated": False}
+    (folder / "report.json").write_text(json.dumps(report))
+    words = ["--duration", "0.6", "--no-replay", "--out", str(folder / "out")]
+    result = discriminate(folder, str(folder), *between, *words)
+    assert result.exit_code == 0, result.output
+    written = json.loads((folder / "out" / "report.json").read_text())
+    assert written["next_experiment"]["separates"] == [["actuator_bias@pivot", "joint_spring@pivot"]]

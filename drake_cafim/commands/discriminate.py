@@ -14,10 +14,11 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.discrimination.closed_loop import measured, simulated
 from drake_cafim.discrimination.design import Designer, default_effort
-from drake_cafim.discrimination.hypotheses import Pair, named_pair, reported_pairs
+from drake_cafim.discrimination.hypotheses import Pair, fitted_unknowns, named_pair, reported_pairs
 from drake_cafim.discrimination.motions import Motion, Shape
 from drake_cafim.discrimination.outcome import course, odds_along, settled_after
 from drake_cafim.discrimination.planned import noise_of, problem_of
+from drake_cafim.discrimination.reported_noise import with_reported_noise
 from drake_cafim.discrimination.scores import Odds, OddsValue, Soonest
 from drake_cafim.errors import InputError
 from drake_cafim.numerics.streams import stream
@@ -52,9 +53,7 @@ class DiscriminateRequest:
     packages: tuple[tuple[str, str], ...] = ()
 
     def check(self) -> None:
-        """Raises `InputError` unless there is either a report or two explanations, and time to move."""
-        if self.between and self.report is not None:
-            raise InputError("discriminate: found a report and --between, expected one of them")
+        """Raises `InputError` unless there is a report or two explanations, and time to move."""
         if not self.between and self.report is None:
             raise InputError("discriminate: expected a report.json, or --between EFFECT@PLACE EFFECT@PLACE")
         if self.between and len(self.between) != 2:
@@ -79,7 +78,7 @@ def discriminate_command(
         return record
     request.check()
     scene = Scene.load(request.scenario, packages=dict(request.packages))
-    report, pairs = _report_and_pairs(request, scene)
+    scene, report, pairs = _report_and_pairs(request, scene)
     finished.unlink(missing_ok=True)
     random = np.random.default_rng(request.seed)
     shape = Shape.lasting(request.duration)
@@ -142,13 +141,18 @@ def _odds(log_odds: float) -> str:
     return f"{shown}:1" if log_odds >= 0.0 else f"1:{shown}"
 
 
-def _report_and_pairs(request: DiscriminateRequest, scene: Scene) -> tuple[dict[str, Any], list[Pair]]:
-    """The report that the result is added to, and the pairs of explanations to tell apart."""
+def _report_and_pairs(request: DiscriminateRequest, scene: Scene) -> tuple[Scene, dict[str, Any], list[Pair]]:
+    """The scene with the noise that the report gives, the report, and the pairs of explanations to tell apart."""
     if request.report is None:
-        return report_of(None, (), None, {}), [named_pair(scene, *request.between)]
+        first, second = request.between
+        return scene, report_of(None, (), None, {}), [named_pair(scene, first, second)]
     path = report_file(request.report)
     report = read_report(path, str(path))
-    return report, reported_pairs(scene, report, str(path))
+    scene = with_reported_noise(scene, report.get("noise") or {})
+    if request.between:
+        first, second = request.between
+        return scene, report, [named_pair(scene, first, second, fitted_unknowns(scene, report, str(path)))]
+    return scene, report, reported_pairs(scene, report, str(path))
 
 
 def _trajectory(scene: Scene, planned: Motion) -> Recording:

@@ -90,6 +90,7 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Pro
         ),
         far=far,
         adequate=judgement.adequate,
+        noise=prepared.channel_noise,
     )
 
 

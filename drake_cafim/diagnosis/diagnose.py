@@ -1,7 +1,7 @@
 """The whole diagnosis: recordings and a scene in, a verdict out."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from drake_cafim.diagnosis.assembly import comparisons_of, parameters_of, verdict_of
 from drake_cafim.diagnosis.fit.fitting import unbiased_fit
@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_ROUNDS
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.verdict import (
+    ChannelNoise,
     Comparison,
     NominalParameter,
     Verdict,
@@ -89,8 +90,8 @@ def examine(
 class Estimate:
     """The unknown parameters as fitted, how the model then does, and what was noticed while reading.
 
-    `data_mistakes`, `noise_remarks` and `notes` are those of a `Verdict`. With a mistake the numbers are those of the
-    recordings as they are, and no estimates.
+    `data_mistakes`, `noise_remarks`, `notes` and `noise` are those of a `Verdict`. With a mistake the numbers are those
+    of the recordings as they are, and no estimates.
     """
 
     parameters: tuple[NominalParameter, ...]
@@ -98,6 +99,7 @@ class Estimate:
     data_mistakes: tuple[str, ...] = ()
     noise_remarks: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    noise: Mapping[str, ChannelNoise] = field(default_factory=dict)
 
     def __str__(self) -> str:
         """What is to be known first, a line each, then the numbers."""
@@ -133,4 +135,5 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
         prepared.mistakes,
         prepared.noise_remarks,
         (*prepared.notes, *train.missing("train")),
+        prepared.channel_noise,
     )

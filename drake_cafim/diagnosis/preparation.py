@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.quality import qualities
 from drake_cafim.diagnosis.joints.recording_notes import mistakes_of, notes_of, strangers
 from drake_cafim.diagnosis.noise.coloured import (
+    Memory,
     estimate_memories,
     stated_memories,
     step_of,
@@ -25,9 +26,8 @@ from drake_cafim.diagnosis.rows.samples import moves, samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_SETTLED
 from drake_cafim.diagnosis.tosses.preparation import prepare_tosses
-from drake_cafim.diagnosis.verdict import (
-    Quality,
-)
+from drake_cafim.diagnosis.verdict import ChannelNoise, Quality
+from drake_cafim.effects.effect import channel_unit
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.usable import check_usable
 from drake_cafim.scene.scene import Scene
@@ -60,6 +60,11 @@ class PreparedRecordings(Protocol):
     @property
     def moves(self) -> bool:
         """Whether anything moves in any of the recordings, beyond its noise."""
+        ...
+
+    @property
+    def channel_noise(self) -> Mapping[str, ChannelNoise]:
+        """The noise of each column, stated or estimated."""
         ...
 
     def under(self, model: Model) -> "PreparedRecordings | None":
@@ -111,6 +116,16 @@ class Prepared:
         )
 
     @property
+    def channel_noise(self) -> dict[str, ChannelNoise]:
+        samples, found = self.weak[0].samples, {}
+        for column, std in samples.std.items():
+            memory = samples.memories.get(column)
+            time = memory.time if isinstance(memory, Memory) else 0.0
+            unit, stated = channel_unit(column, self.scene.tree), self.scene.std(column) is not None
+            found[column] = ChannelNoise(float(std), unit, time, stated)
+        return found
+
+    @property
     def moves(self) -> bool:
         """Whether any joint moves in any of the recordings, beyond its noise."""
         return any(moves(form.samples) for form in self.weak)
@@ -128,9 +143,7 @@ class Prepared:
         return qualities(groups, self.scene, model, covariance)
 
 
-def prepare(
-    scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()
-) -> PreparedRecordings:
+def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> PreparedRecordings:
     """The recordings' weak forms, or a thrown body's poses, under the noise that was stated or, where not, is seen.
 
     Raises `InputError` for recordings that lack what the scene needs.

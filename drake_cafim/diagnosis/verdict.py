@@ -107,6 +107,20 @@ class NominalParameter:
 
 
 @dataclass(frozen=True)
+class ChannelNoise:
+    """The noise of one sample of a column under which the recordings were read.
+
+    `std` is in `unit`; `correlation_time` is in s, 0 for white noise; `stated` says whether the scenario states the
+    std, else it was estimated from the recordings.
+    """
+
+    std: float
+    unit: str
+    correlation_time: float = 0.0
+    stated: bool = True
+
+
+@dataclass(frozen=True)
 class EffortResidual:
     """A joint's residual of inverse dynamics, both sides low-passed without phase lag at `cutoff` Hz.
 
@@ -173,6 +187,7 @@ class Verdict:
       something is missing, and the unknowns as given predict the recordings better, it keeps the given unknowns.
     - `data_mistakes`: mistakes of the recordings themselves; `noise_remarks`: where the noise is not as stated;
       `notes`: what was read, what was left out, which figure cannot be computed (NaN here, null in a report) and why.
+    - `noise`: by column the std of one sample, stated or estimated, in SI units.
     - `reduced_chi_square`: χ² per whitened row before and after the explanation; noise alone gives 1.
     - `trace`: the decisions that led to this verdict, in order, as `drake_cafim.diagnosis.trace.Record`; `cafim why`
       prints them.
@@ -197,6 +212,7 @@ class Verdict:
     """The parameters so far from their priors that they are a mismatch at their places."""
     adequate: bool = False
     """Whether these are all that is wrong: what is left is as the noise predicts."""
+    noise: Mapping[str, ChannelNoise] = field(default_factory=dict)
 
     def __str__(self) -> str:
         return sentence(self)

@@ -40,14 +40,15 @@ class Pair:
         return Model(self.first.unknown, tuple(effect for effect in self.first.effects if effect.key in shared))
 
 
-def named_pair(scene: Scene, first: str, second: str) -> Pair:
-    """The pair for two words EFFECT@PLACE, each effect at its typical strengths.
+def named_pair(scene: Scene, first: str, second: str, unknown: Array | None = None) -> Pair:
+    """The pair for two words EFFECT@PLACE, each effect at its typical strengths, with the unknowns at `unknown` (n,).
 
-    Raises `InputError` for a word of another form, an unknown effect or place, and two equal words.
+    Without `unknown` they are at their prior means. Raises `InputError` for a word of another form, an unknown effect
+    or place, and two equal words.
     """
     if first == second:
         raise InputError(f"--between {first} {second}: expected two different explanations")
-    unknown = scene.priors.mean
+    unknown = scene.priors.mean if unknown is None else unknown
     models = [Model(unknown, (_typical(parsed(scene, word)),)) for word in (first, second)]
     return Pair(*models)
 
@@ -98,29 +99,46 @@ def reported_pairs(scene: Scene, report: Mapping[str, Any], source: str) -> list
     A rival replaces the accepted effect that it is most similar to; its strengths are typical ones. Raises
     `InputError` where the report has no rivals or no explanation, and for effects that this scene cannot have.
     """
-    if not report.get("rivals"):
-        raise InputError(
-            f"{source}: it has no rivals, the recordings already tell all explanations apart; "
-            "name two with --between EFFECT@PLACE EFFECT@PLACE"
-        )
+    if not any("effect" in entry for entry in report.get("rivals") or []):
+        raise InputError(f"{source}: {_nothing_to_tell_apart(report)}; {_two_named(report)}")
     accepted = [_effect_of(scene, entry, source) for entry in report.get("explanation") or []]
     if not accepted:
         raise InputError(f"{source}: it has rivals but no explanation that they could rival")
-    unknown = _unknown(scene, report, source)
-    rivals = [entry for entry in report["rivals"] if "effect" in entry]
-    if not rivals:
-        raise InputError(
-            f"{source}: its rivals are unknown parameters of the scenario, expected an effect among them; "
-            "weigh or measure the part, or name two effects with --between EFFECT@PLACE EFFECT@PLACE"
-        )
+    unknown = fitted_unknowns(scene, report, source)
     pairs = []
-    for entry in rivals:
+    for entry in (entry for entry in report["rivals"] if "effect" in entry):
         kind = effect_named(str(entry["effect"]))
         rival = _typical(placed(scene, kind, str(entry["at"]), source))
         replaced = _most_similar(accepted, rival)
         others = tuple(effect for effect in accepted if effect is not replaced)
         pairs.append(Pair(Model(unknown, tuple(accepted)), Model(unknown, (*others, rival))))
     return pairs
+
+
+def _nothing_to_tell_apart(report: Mapping[str, Any]) -> str:
+    """Why a report without rivals that are effects leaves no two explanations, and what to do, as a clause."""
+    named = " and ".join(f"{entry['effect']}@{entry['at']}" for entry in report.get("explanation") or [])
+    if rivals := report.get("rivals"):
+        unknowns = " and ".join(f"{entry['parameter']} of {entry['at']}" for entry in rivals)
+        return (
+            f"the only rival of {named} is the unknown {unknowns}, and a motion is designed to tell effects apart; "
+            f"measure {unknowns}, state the smaller std under unknown, and diagnose again"
+        )
+    if report.get("data_mistakes"):
+        return "it has no rivals, because it tells of mistakes of the data; mend the recordings and diagnose again"
+    if report.get("verdict") is None:
+        return "it is of an estimation, which names no explanations; give the report of cafim diagnose"
+    if not named:
+        found = "nothing is missing" if report["verdict"] == "none" else "no effect is named"
+        return f"it has no rivals, because {found}; cafim why says what was looked for"
+    remains = "; what remains beside it is in no effect that could be tested for" * (report["verdict"] != "explained")
+    return f"it has no rivals: the recordings already tell {named} from every other explanation{remains}"
+
+
+def _two_named(report: Mapping[str, Any]) -> str:
+    """How to ask for a motion all the same, as a clause."""
+    first = next((f"{entry['effect']}@{entry['at']}" for entry in report.get("explanation") or []), "EFFECT@PLACE")
+    return f"to design a motion for two explanations of your own, add --between {first} EFFECT@PLACE"
 
 
 def _effect_of(scene: Scene, entry: Mapping[str, Any], source: str) -> Effect:
@@ -134,7 +152,8 @@ def _most_similar(accepted: Sequence[Effect], rival: Effect) -> Effect:
     return (here or alike or list(accepted))[0]
 
 
-def _unknown(scene: Scene, report: Mapping[str, Any], source: str) -> Array:
+def fitted_unknowns(scene: Scene, report: Mapping[str, Any], source: str) -> Array:
+    """The scene's unknowns (n,) as a report gives them. Raises `InputError` for a report that lacks one."""
     entries = report.get("parameters", [])
     known = {(entry["parameter"], entry["at"], entry.get("effect")): entry["value"] for entry in entries}
     lacking = [f"{unknown.parameter} of {unknown.at}" for unknown in scene.unknown if unknown.key not in known]

@@ -29,7 +29,10 @@ def noise_of(scene: Scene) -> dict[str, float]:
     for column in columns:
         std = scene.std(column)
         if std is None or not std > 0.0:
-            raise InputError(f"{scene.name}: channel {column} has no std, expected one: a design needs the noise")
+            raise InputError(
+                f"{scene.name}: channel {column} has no std, and a design needs the noise; state it under channels, or "
+                "give the report.json of a diagnosis, which estimates it"
+            )
         found[column] = std
     return found | {f"u.{name}": scene.std(f"u.{name}") or 0.0 for name in names}
 

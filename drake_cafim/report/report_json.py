@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from drake_cafim.diagnosis.diagnose import Estimate
-from drake_cafim.diagnosis.verdict import Comparison, NominalParameter, Quality, Verdict
+from drake_cafim.diagnosis.verdict import ChannelNoise, Comparison, NominalParameter, Quality, Verdict
 
 SCHEMA = "drake_cafim.report/1"
 
@@ -47,6 +47,7 @@ def _report_of(
             "rivals": [],
             "parameters": list(parameters),
             "fit": fit,
+            "noise": noise_entries(noticed.noise) if noticed else {},
             "trace": [],
             "notes": [*(noticed.notes if noticed else ()), *notes],
             "next_experiment": None,
@@ -99,6 +100,7 @@ def _report_of(
             "train": comparison_of(verdict.train),
             "held_out": None if verdict.held_out is None else comparison_of(verdict.held_out),
         },
+        "noise": noise_entries(verdict.noise),
         "reduced_chi_square": {"nominal": verdict.reduced_chi_square[0], "corrected": verdict.reduced_chi_square[1]},
         "trace": [record.as_json() for record in verdict.trace],
         "notes": [*verdict.notes, *notes],
@@ -146,6 +148,14 @@ def parameters_of(parameters: Sequence[NominalParameter]) -> list[dict[str, Any]
         | ({} if parameter.effect is None else {"effect": parameter.effect})
         for parameter in parameters
     ]
+
+
+def noise_entries(noise: Mapping[str, ChannelNoise]) -> dict[str, dict[str, Any]]:
+    """The `noise` of a report: by column the std of one sample, its unit, its correlation time, s, and its origin."""
+    return {
+        column: {"std": one.std, "unit": one.unit, "correlation_time": one.correlation_time, "stated": one.stated}
+        for column, one in noise.items()
+    }
 
 
 def comparison_of(comparison: Comparison) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from drake_cafim.diagnosis.tosses.poses import (
 )
 from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.tosses.quality import qualities
-from drake_cafim.diagnosis.verdict import Quality
+from drake_cafim.diagnosis.verdict import ChannelNoise, Quality
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import POSE_COMPONENTS, Recording
 from drake_cafim.recordings.usable import check_usable
@@ -41,6 +41,15 @@ class PreparedTosses:
     notes: tuple[str, ...]
     mistakes: tuple[str, ...]
     noise_remarks: tuple[str, ...]
+
+    @property
+    def channel_noise(self) -> dict[str, ChannelNoise]:
+        """Of x, y, z, and of `pose.<body>.rotation`, rad about each world axis."""
+        place, (by_position, by_rotation) = f"pose.{self.body}", self.noise.memory
+        stated = [self.scene.std(f"{place}.{last}") is not None for last in ("x", "qw")]
+        position = ChannelNoise(self.noise.position, "m", by_position, stated[0])
+        rotation = ChannelNoise(self.noise.rotation, "rad", by_rotation, stated[1])
+        return {f"{place}.{axis}": position for axis in AXES} | {f"{place}.rotation": rotation}
 
     def under(self, model: Model) -> None:
         """None: a toss has no efforts whose noise would depend on `model`."""
