@@ -55,6 +55,7 @@ def effects_looked_for(records: Sequence[Record]) -> list[str]:
 def story_of(records: Sequence[Record], named: Sequence[str]) -> Story:
     """The reasons of the whole verdict; `named` are the accepted effects."""
     own = records_of_verdict(records)
+    named = [*named, *far_unknowns(records)]
     refused: list[str] = []
     for step in ("rival", "choose", "admit", "fit", "screen"):
         for record in own:
@@ -76,10 +77,11 @@ def reasons_of(records: Sequence[Record], asked: str, named: Sequence[str]) -> R
     """The reasons for or against `asked`, one of `effects_looked_for`; `named` are the accepted effects."""
     own = [record for record in records_of_verdict(records) if asked in record.effects or asked in record.others]
     about = own or [record for record in records if asked in record.effects or asked in record.others]
-    is_named = asked in named
+    far = asked in far_unknowns(records)
+    is_named = far or asked in named
     settled = deciding_record(about, is_named)
     if is_named:
-        sentence = f"{spoken(asked)} is named"
+        sentence = f"{spoken(asked)} is {'far from its prior' if far else 'named'}"
         steps = ("rival", "choose")
         others = [
             record for record in records_of_verdict(records) if record.step in steps and asked not in record.effects
@@ -90,6 +92,11 @@ def reasons_of(records: Sequence[Record], asked: str, named: Sequence[str]) -> R
         rivals = [record for record in records_of_verdict(records) if record.step == "choose" and record.passed]
     sentence += f": {settled.words}" if settled else ""
     return Reasons(asked, is_named, sentence, turning(settled), tuple(about), tuple(rivals))
+
+
+def far_unknowns(records: Sequence[Record]) -> list[str]:
+    """The unknown parameters that are a mismatch by themselves, as `parameter@place`."""
+    return [record.asked for record in records_of_verdict(records) if record.step == "far_unknown"]
 
 
 def turning(record: Record | None) -> str:
@@ -117,7 +124,7 @@ def number(value: float | None) -> str:
 
 def deciding_record(about: Sequence[Record], named: bool) -> Record | None:
     """The record that decided: of a named effect its admission, else the refusal at the latest stage it reached."""
-    steps = ("admit", "choose", "prune") if named else DECIDE
+    steps = ("far_unknown", "admit", "choose", "prune") if named else DECIDE
     found = [record for record in about if record.step in steps and record.passed == named]
     if named:
         return next((record for step in steps for record in found if record.step == step), None)
