@@ -159,7 +159,7 @@ class _Pushed(Problem):
     """A push whose force along y moves the rows by noise alone, of which a `share` is the rows' own."""
 
     runs = (SimpleNamespace(name="a", shape=(1000, 1), rows=1000),)
-    scene: Any = SimpleNamespace(priors=SimpleNamespace(mean=np.zeros(0), std=np.zeros(0), clip=np.array))
+    scene: Any = SimpleNamespace(unknown=(), priors=SimpleNamespace(mean=np.zeros(0), std=np.zeros(0), clip=np.array))
 
     def __init__(self, along_y: float, share: float) -> None:
         rng = np.random.default_rng(2)
@@ -196,6 +196,38 @@ def test_a_push_is_no_echo_for_a_direction_that_is_not_seen(along_y: float, shar
     if not echo:
         assert found.std[1] > 1e4 and np.all(found.std[[0, 2]] < 0.1)
         assert found.model.effects[0].values["x"] == pytest.approx(3.0, abs=0.2)
+
+
+class _Unseen(_Pushed):
+    """Two unknowns: the rows' slopes by the second are noise of the measurement, and so is what they fit."""
+
+    def __init__(self, louder: float) -> None:
+        rng = np.random.default_rng(4)
+        self.scene = SimpleNamespace(
+            unknown=(None, None),
+            priors=SimpleNamespace(mean=np.zeros(2), std=np.array([0.5, 0.1]), clip=np.array),
+        )
+        self.columns, self.noise = rng.normal(size=(1000, 2)) * [1.0, 3e4], rng.normal(size=1000)
+        self.louder = louder
+
+    def rows_of(self, model: Model) -> np.ndarray:
+        return self.noise + self.columns @ model.vector
+
+    def jacobian(self, model: Model) -> np.ndarray:
+        return np.vstack([self.columns, np.diag([2.0, 10.0])])
+
+    def shared_noise(self, model: Model, residual: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        error = jacobian * [0.0, self.louder]
+        return np.zeros(2), error.T @ error
+
+
+@pytest.mark.parametrize(("louder", "known"), [(0.0, True), (0.8, True), (0.95, False), (3.0, False)])
+def test_no_unknown_is_known_less_well_than_by_its_prior(louder: float, known: bool) -> None:
+    """Where a regressor is noise, what the prior says is left; the rows' own share was once all that was left of it."""
+    problem = _Unseen(louder)
+    found = unbiased_fit(problem, Model(np.zeros(2)))
+    assert found.std[0] == pytest.approx(1.0 / np.sqrt(1000), rel=0.1)
+    assert (found.std[1] < 1e-5) if known else (0.09 < found.std[1] <= 0.1 * (1.0 + 1e-9))
 
 
 @pytest.mark.parametrize(("moments", "there"), [((1.5, -1.0, 2.0), False), ((8.0, 0.0, 0.0), True)])

@@ -77,7 +77,8 @@ def fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
     Quick, and biased towards zero where the regressors are noisy; `unbiased_fit` mends that.
     """
     model, residual, jacobian = _minimised(problem, model, np.zeros(len(model.vector)), iterations)
-    covariance = _inverse(jacobian.T @ jacobian)
+    seen = jacobian[: problem.rows]
+    covariance = _posterior(problem, model, seen.T @ seen)
     return Fit(model, residual, jacobian, covariance, problem.rows, penalty=problem.penalty(model))
 
 
@@ -102,16 +103,17 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
         offset, excess = problem.shared_noise(model, residual, jacobian)
         corrected = _minimised(problem, model, offset, 4, worth)
         if not float(offset @ (corrected[0].vector - first)) < worth:
-            nothing = np.diag(np.full(n, NOTHING_KNOWN))
+            nothing = _posterior(problem, model, np.zeros((n, n)))
             paid = problem.penalty(model)
             return Fit(model, residual, jacobian, nothing, problem.rows, unbiased=True, echo=True, penalty=paid)
         model, residual, jacobian = corrected
         # the noise that is shared grows with the numbers themselves, so a large correction is made again
         if np.all(np.abs(model.vector - before) * np.linalg.norm(jacobian, axis=0) < CORRECTED):
             break
-    raw = np.einsum("ij,ij->j", jacobian, jacobian)
+    seen = jacobian[: problem.rows]
+    raw = np.einsum("ij,ij->j", seen, seen)
     empty = raw - np.diag(excess) < REGRESSOR_SIGNAL_SHARE * raw
-    covariance = _inverse(_without(_less(jacobian.T @ jacobian, excess), empty, raw))
+    covariance = _posterior(problem, model, _without(_less(seen.T @ seen, excess), empty, raw))
     paid = problem.penalty(model)
     found = Fit(model, residual, jacobian, covariance, problem.rows, unbiased=True, penalty=paid)
     return replace(found, echo=_owed_to_noise(found, empty))
@@ -162,6 +164,8 @@ def _less(information: Array, excess: Array) -> Array:
     Where gaps close, one more dose of noise makes more of a difference than the noise that is there has made; with all
     of it taken off, a direction of numbers that each are known would count as not known at all.
     """
+    if not np.any(information):
+        return information
     size = np.sqrt(np.diag(information))
     size = np.where(size > 0.0, size, 1.0)
     known, axes = np.linalg.eigh(information / np.outer(size, size))
@@ -186,9 +190,20 @@ def _without(information: Array, empty: np.ndarray[Any, np.dtype[np.bool_]], raw
     return kept
 
 
+def _posterior(problem: Problem, model: Model, information: Array) -> Array:
+    """(n + k, n + k) covariance by the `information` of the data rows and the priors of the unknowns.
+
+    Noise in the regressors takes away what recordings say, and nothing of what was known before them: no unknown is
+    known less well than by its prior. Of a strength there is none, so that its variance is `NOTHING_KNOWN` at most.
+    """
+    known = np.zeros(len(information))
+    known[: len(model.unknown)] = problem.prior_std(model) ** -2.0
+    if not np.any(information) or not np.all(np.isfinite(information)):
+        return np.diag(1.0 / np.where(known > 0.0, known, 1.0 / NOTHING_KNOWN))
+    return _inverse(information + np.diag(known))
+
+
 def _inverse(information: Array) -> Array:
-    if not np.all(np.isfinite(information)):
-        return np.diag(np.full(len(information), NOTHING_KNOWN))
     # numbers in their own units differ by many powers of ten: a cubic stiffness beside a coefficient of friction
     size = np.sqrt(np.abs(np.diag(information)))
     size[size == 0.0] = 1.0
