@@ -191,6 +191,8 @@ class Verdict:
     - `reduced_chi_square`: χ² per whitened row before and after the explanation; noise alone gives 1.
     - `trace`: the decisions that led to this verdict, in order, as `drake_cafim.diagnosis.trace.Record`; `cafim why`
       prints them.
+    - `far`: those of `parameters` more than three standard deviations from their priors, each a mismatch at its place;
+      `adequate`: whether they are all that is wrong, and what is left is as the noise predicts.
     - `next_experiment`: the motion that would best tell the rivals apart, None until one has been designed.
     """
 
@@ -209,10 +211,7 @@ class Verdict:
     trace: tuple[Record, ...] = ()
     next_experiment: Mapping[str, object] | None = field(default=None)
     far: tuple[NominalParameter, ...] = ()
-    """The parameters so far from their priors that they are a mismatch at their places."""
     adequate: bool = False
-    """Whether these are all that is wrong: what is left is as the noise predicts."""
-    noise: Mapping[str, ChannelNoise] = field(default_factory=dict)
 
     def __str__(self) -> str:
         return sentence(self)
