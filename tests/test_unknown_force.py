@@ -12,7 +12,7 @@ from drake_cafim.diagnosis.fit.fitting import unbiased_fit
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.unknown_force import likeliest
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.diagnosis.search.judgement import judged
+from drake_cafim.diagnosis.search.judgement import judge
 from drake_cafim.diagnosis.search.search import search
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.recordings.recording import Recording
@@ -20,7 +20,7 @@ from tests.concealed.make import simulate
 from tests.concealed_case import written
 
 FRICTION_SHAKEN, CONTACT_SHAKEN = 0xBC0AB4C908B26B5A7C5B95B49992FB47, 0x874F9EC31879AA739C764031741DB642
-"""Seeds of worlds with forces that nobody knows."""
+"""Seeds of worlds with unknown forces at the joints."""
 DENSITY = 2e-4
 """(N m)² s: 0.06 N m over 60 ms."""
 
@@ -50,7 +50,7 @@ def test_the_density_is_the_one_that_was_hidden(tmp_path: Path) -> None:
     assert density[0] == pytest.approx(DENSITY, rel=0.15)
     assert density[1] < 0.05 * DENSITY
     assert not leaves_noise(problem, nominal, 0.01)
-    own = problem.shaken(density, nominal.model)
+    own = problem.with_unknown_force(density, nominal.model)
     assert leaves_noise(own, unbiased_fit(own, nominal.model), 0.01)
     [remark] = own.force_remarks
     assert joint in remark and "0.06 s" in remark
@@ -61,7 +61,7 @@ def test_where_nothing_shakes_there_is_none(tmp_path: Path) -> None:
     nominal = unbiased_fit(problem, problem.nominal())
     density = likeliest(problem, nominal.model)
     assert np.all(density < 0.02 * DENSITY)
-    assert problem.shaken(density, nominal.model).force_remarks == ()
+    assert problem.with_unknown_force(density, nominal.model).force_remarks == ()
 
 
 def test_an_effect_is_told_from_the_forces_beside_it(tmp_path: Path) -> None:
@@ -72,17 +72,17 @@ def test_an_effect_is_told_from_the_forces_beside_it(tmp_path: Path) -> None:
     assert [(accepted.effect.name, accepted.effect.at) for accepted in verdict.explanation] == [
         ("joint_viscous_friction", "joint_7")
     ]
-    assert any("nobody knows" in remark for remark in verdict.noise_remarks)
+    assert any("unknown random forces" in remark for remark in verdict.noise_remarks)
 
 
 def test_a_force_alone_is_no_effect(tmp_path: Path) -> None:
     problem, _ = _problem(tmp_path, shaken=True)
-    found = judged(problem, Settings(), lambda text: None)
+    found = judge(problem, Settings(), lambda text: None)
     assert found.kind == "unexplained" and not found.best.model.effects
 
 
 def test_a_contact_that_a_search_misses_is_found_beside_forces(tmp_path: Path) -> None:
-    """Of an arm that efforts shake that nobody knows: a search that takes all it leaves for physics names nothing."""
+    """Of an arm with unknown random efforts: a search that takes all it leaves for physics names nothing."""
     case = simulate("single:unmodeled_contact", "arm3", CONTACT_SHAKEN)
     scene, read = written(case, tmp_path)
     problem = prepare(scene, read).problem()

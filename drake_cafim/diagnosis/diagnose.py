@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from drake_cafim.diagnosis.assembly import comparisons_of, parameters_of, verdict_of
 from drake_cafim.diagnosis.fit.fitting import unbiased_fit
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.diagnosis.search.conclusion import concluded, data_mistake
-from drake_cafim.diagnosis.search.judgement import judged
+from drake_cafim.diagnosis.search.conclusion import record_conclusion, record_data_mistake
+from drake_cafim.diagnosis.search.judgement import judge
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_ROUNDS
@@ -70,8 +70,8 @@ def examine(
     if prepared.mistakes or not prepared.moves:
         # physics that would make up for a mistake of the data is none, nor is what nothing moves by
         settings = replace(settings, most_effects=0)
-        trace.add(*map(data_mistake, prepared.mistakes))
-    judgement = judged(prepared.problem(), settings, progress, trace)
+        trace.add(*map(record_data_mistake, prepared.mistakes))
+    judgement = judge(prepared.problem(), settings, progress, trace)
     for _ in range(EFFORT_NOISE_ROUNDS):
         finer = prepared.under(judgement.best.model)
         if finer is None:
@@ -79,10 +79,10 @@ def examine(
         progress("searching under the noise that efforts have beside what was found")
         # the verdict stands by the last search: what earlier ones decided under other noise did not shape it
         trace = Trace()
-        trace.add(*map(data_mistake, finer.mistakes))
-        prepared, judgement = finer, judged(finer.problem(), settings, progress, trace)
+        trace.add(*map(record_data_mistake, finer.mistakes))
+        prepared, judgement = finer, judge(finer.problem(), settings, progress, trace)
     verdict = verdict_of(prepared, judgement, progress)
-    trace.of_search(judgement.search).add(*concluded(verdict, judgement))
+    trace.of_search(judgement.search).add(*record_conclusion(verdict, judgement))
     return replace(verdict, trace=trace.records), judgement.outcome
 
 

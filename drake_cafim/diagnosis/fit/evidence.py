@@ -127,11 +127,11 @@ def _checks(problem: Problem, before: Fit, after: Fit, trials: int, rate: float)
     lucky = least_gain(strengths, trials, rate)
     yield Check("gain", gain, lucky, not luck(gain, strengths) * trials > rate)
     least = strengths * np.log(max(after.data_rows, 2))
-    yield Check("gain for its numbers", gain, float(least), not gain < least)
+    yield Check("gain for its parameters", gain, float(least), not gain < least)
     for effect in new:
         statistic, freedom = wald_statistic(problem, after, effect.key)
         threshold = float(chi2.isf(min(rate / max(trials, 1), 1.0), freedom))
-        yield Check("distance from absent", statistic, threshold, not chi2.sf(statistic, freedom) * trials > rate)
+        yield Check("Wald statistic", statistic, threshold, not chi2.sf(statistic, freedom) * trials > rate)
     gain = gain_over_what_is_left(problem, *under_its_noise(problem, before, after))
     yield Check("gain under its own noise", gain, lucky, luck(gain, strengths) * trials <= rate)
 

@@ -59,12 +59,12 @@ class Model:
     def without(self, effect: Effect) -> "Model":
         return replace(self, effects=tuple(other for other in self.effects if other is not effect))
 
-    def freed(self, unknown: UnknownParameter) -> "Model":
-        """The model with the prior of `unknown` set aside."""
+    def without_prior(self, unknown: UnknownParameter) -> "Model":
+        """The model with `unknown` fitted as if its prior said nothing."""
         return replace(self, free=(*self.free, unknown))
 
-    def held(self, unknown: UnknownParameter) -> "Model":
-        """The model with the prior of `unknown` in force again."""
+    def with_prior(self, unknown: UnknownParameter) -> "Model":
+        """The model with the prior of `unknown` applied again."""
         return replace(self, free=tuple(other for other in self.free if other != unknown))
 
     def prior_std_ratios(self, scene: Scene) -> Array:

@@ -64,7 +64,7 @@ class SearchProblem(Problem):
         """
         return None
 
-    def shaken(self, force: Array, model: Model | None = None) -> Self:
+    def with_unknown_force(self, force: Array, model: Model | None = None) -> Self:
         """The same recordings, whitened with such forces as noise, under `model` or else the same as now."""
         raise TypeError(f"{type(self).__name__} knows no forces at joints")
 

@@ -48,7 +48,7 @@ class WeakProblem(WeakFormRows, SearchProblem):
     def likeliest_force(self, model: Model) -> Array:
         return likeliest(self, model)
 
-    def shaken(self, force: Array, model: Model | None = None) -> Self:
+    def with_unknown_force(self, force: Array, model: Model | None = None) -> Self:
         return self.of(self.scene, self.forms, model or self.under, force)
 
     @property

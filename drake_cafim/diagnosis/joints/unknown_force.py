@@ -1,4 +1,4 @@
-"""Forces at the joints that nobody knows, as noise: how strong, from what a model leaves."""
+"""Unknown white forces at the joints as noise: their density, estimated from the residual of a model."""
 
 from dataclasses import dataclass
 
@@ -14,15 +14,15 @@ from drake_cafim.numerics.rounding import rounded
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
-TURNS, SETTLED = 12, 0.02
-"""Steps at most, and the part of a density that ends them."""
+MOST_STEPS, TOLERANCE = 12, 0.02
+"""Largest number of scoring steps, and the relative change of the densities at which they end."""
 
 
 def likeliest(problem: WeakFormRows, model: Model) -> Array:
-    """(n,) density of a white force at each joint, (N m)² s or N² s, under which what `model` leaves is likeliest.
+    """(n,) density of a white force at each joint, (N m)² s or N² s: the maximum likelihood given `model`.
 
-    Each is a variance component of the rows: Fisher scoring, kept from falling below zero (Harville, J. American
-    Statistical Association 72(358), 1977, §4).
+    Each density is a variance component of the rows, estimated by Fisher scoring and bounded below by zero (Harville,
+    J. American Statistical Association 72(358), 1977, §4).
     """
     physics = model.physics(problem.scene)
     recordings = []
@@ -30,19 +30,21 @@ def likeliest(problem: WeakFormRows, model: Model) -> Array:
         noise = whitening(run.weak, physics)[0].covariance
         factors = unknown_force_factors(run.weak, physics)
         recordings.append(_Recording(run.weak.residual(physics).ravel(), noise, factors))
-    # all that a joint's rows hold, as if none of it were the channels' noise
-    density = np.sum([one.power for one in recordings], axis=0) / np.sum([one.size for one in recordings], axis=0)
-    for _ in range(TURNS):
+    # start from an upper bound: as if the rows held no noise of the channels
+    density = np.sum([recording.power for recording in recordings], axis=0) / np.sum(
+        [recording.size for recording in recordings], axis=0
+    )
+    for _ in range(MOST_STEPS):
         before = density
-        score, information = np.sum([one.score(density) for one in recordings], axis=0)
+        score, information = np.sum([recording.score(density) for recording in recordings], axis=0)
         density = np.maximum(density + score / information, 0.0)
-        if np.all(np.abs(density - before) <= SETTLED * before):
+        if np.all(np.abs(density - before) <= TOLERANCE * before):
             break
     return np.asarray(density, dtype=float)
 
 
 def remarks(problem: WeakFormRows) -> tuple[str, ...]:
-    """The joints at which forces that nobody knows make up a good part of the noise, and how large these are."""
+    """A sentence for each joint at which unknown forces are a large part of the rows' noise, with their size."""
     physics, windows = problem.under.physics(problem.scene), problem.runs[0].weak.samples.windows
     # of each window's whitened rows, whose variance is 1
     part = np.mean([_parts(run, physics) for run in problem.runs], axis=0) * problem.unknown_force
@@ -51,21 +53,22 @@ def remarks(problem: WeakFormRows) -> tuple[str, ...]:
         if share > UNKNOWN_FORCE_VARIANCE_SHARE:
             size = f"{rounded(float(np.sqrt(density / windows.width)), 2)} {'N' if joint.prismatic else 'N m'}"
             found.append(
-                f"forces that nobody knows shake {joint.name}, as white noise of {size} over {windows.width:.2g} s"
+                f"unknown random forces act at {joint.name}, like white noise of {size} over {windows.width:.2g} s"
             )
     return tuple(found)
 
 
 def _parts(run: Run, physics: Physics) -> list[float]:
-    """What forces of unit density add to the squares of a window's whitened rows, by joint."""
+    """Σ of squared whitened rows of a window by a white force of unit density, for each joint."""
     return [
-        float(np.sum(run.whiten(one.toarray()) ** 2)) / run.shape[0] for one in unknown_force_factors(run.weak, physics)
+        float(np.sum(run.whiten(factor.toarray()) ** 2)) / run.shape[0]
+        for factor in unknown_force_factors(run.weak, physics)
     ]
 
 
 @dataclass(frozen=True)
 class _Recording:
-    """`rows` (R,), the covariance of their noise, and that of a unit force at each joint as F Fᵀ, F (R, M)."""
+    """`rows` (R,), the covariance (R, R) of their noise, and F (R, M) of each joint: a unit force adds F Fᵀ to it."""
 
     rows: Array
     noise: sp.csr_matrix
@@ -73,21 +76,23 @@ class _Recording:
 
     @property
     def power(self) -> Array:
-        """(n,) Σ of the squared rows that each joint's force is in."""
-        return np.array([float(self.rows**2 @ (np.diff(one.indptr) > 0)) for one in self.factors])
+        """(n,) Σ of the squared rows that each joint's force enters."""
+        return np.array([float(self.rows**2 @ (np.diff(factor.indptr) > 0)) for factor in self.factors])
 
     @property
     def size(self) -> Array:
-        """(n,) what a unit force makes of `power`."""
-        return np.array([float((one.data**2).sum()) for one in self.factors])
+        """(n,) expectation of `power` by a unit force alone."""
+        return np.array([float((factor.data**2).sum()) for factor in self.factors])
 
     def score(self, density: Array) -> tuple[Array, Array]:
-        """(n,) slope of the log likelihood by each density, and its expected curvature."""
-        whiten = Whitening.of(self.noise + sum(d * one @ one.T for d, one in zip(density, self.factors, strict=True)))
+        """(n,) derivative of the log likelihood by each density, ½ (zᵀFFᵀz − tr FFᵀ) whitened, and its information."""
+        whiten = Whitening.of(
+            self.noise + sum(d * factor @ factor.T for d, factor in zip(density, self.factors, strict=True))
+        )
         white = whiten(self.rows)
         score, information = np.zeros(len(density)), np.zeros(len(density))
-        for j, one in enumerate(self.factors):
-            seen = whiten(one.toarray())
+        for j, factor in enumerate(self.factors):
+            seen = whiten(factor.toarray())
             score[j] = 0.5 * float(np.sum((seen.T @ white) ** 2) - np.sum(seen**2))
             information[j] = 0.5 * float(np.sum((seen.T @ seen) ** 2))
         return score, information

@@ -1,1 +1,1 @@
-"""The search from a misfit to the effects that explain it."""
+"""The search for the effects that explain a misfit."""

@@ -1,4 +1,4 @@
-"""What an explanation has to stand against: rivals, the same by other names, far unknowns, and less than itself."""
+"""The competition of explanations: rivals, equivalent laws, unknowns far from their priors, and smaller ones."""
 
 import itertools
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ from drake_cafim.diagnosis.fit.evidence import scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.search import decisions
-from drake_cafim.diagnosis.search.far_unknowns import far_unknowns, freed
+from drake_cafim.diagnosis.search.far_unknowns import far_unknowns, free_priors
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.search.state import ROUNDS, State
@@ -23,7 +23,7 @@ from drake_cafim.diagnosis.thresholds import (
 
 
 def compete(state: State, best: Fit) -> Fit:
-    """The most probable explanation, `best` among them, of all that may stand in for it or for a part of it."""
+    """The most probable of `best` and the explanations that may replace it or a part of it; these are fitted here."""
     for _ in range(ROUNDS):
         if best.model.effects:
             _fit_rivals(state, best)
@@ -35,13 +35,13 @@ def compete(state: State, best: Fit) -> Fit:
         chosen = _most_probable(state, chosen)
         if chosen.model.keys <= best.model.keys:
             return chosen
-        # another one has rivals of its own, and simpler laws in its place
+        # another explanation has rivals and simpler laws of its own, which must be fitted as well
         best = chosen
     return best
 
 
 def _fit_rivals(state: State, best: Fit) -> None:
-    """Fit what might stand in for an accepted effect: each one exchanged, and the runners-up with one effect more."""
+    """Fit explanations in which another effect replaces an accepted one, and the runners-up with one more effect."""
     state.progress("fitting rivals")
     parents = [state.rest(best.model.without(effect)) for effect in best.model.effects]
     size = len(best.model.effects)
@@ -50,15 +50,15 @@ def _fit_rivals(state: State, best: Fit) -> None:
         needed = parent.chi_square - best.chi_square
         for candidate in state.screen(parent)[:RIVALS_FITTED_PER_PARENT]:
             model = parent.model.with_effects([candidate.effect])
-            # a first look that gains far less than what was lost does not become a rival by refinement
+            # an exact fit does not make up for a first-order gain far below what was lost with the effect
             if model.keys not in state.pool.fits and candidate.gain > GAIN_SHARE_FAR_LESS * needed:
                 _add(state, fit_shapes(state.problem, fit(state.problem, model)))
 
 
 def _fit_equivalents(state: State, best: Fit) -> None:
-    """Fit what may be an accepted effect by another name at the same place.
+    """Fit what may be equivalent to an accepted effect at its place.
 
-    The simpler laws of its group, and pairs of effects that have as many strengths.
+    These are the simpler laws of its group, and pairs of effects with as many strengths together.
     """
     for effect in best.model.effects:
         rest = best.model.without(effect)
@@ -77,7 +77,7 @@ def _fit_equivalents(state: State, best: Fit) -> None:
 
 
 def _fit_far_unknowns(state: State, best: Fit) -> None:
-    """Fit what an unknown that is far from its prior explains: alone, beside `best`, and in each effect's place."""
+    """Fit models without the prior of an unknown: without effects, with those of `best`, and without each of these."""
     scene = state.problem.scene
     if not scene.unknown:
         return
@@ -88,20 +88,20 @@ def _fit_far_unknowns(state: State, best: Fit) -> None:
             continue
         parent = state.rest(model)
         needed = parent.chi_square - best.chi_square
-        _add_far(state, freed(scene, parent, GAIN_SHARE_FAR_LESS * needed))
-    # beside `best`, it has to pay for itself, as an effect has to
-    _add_far(state, freed(scene, best, CONTENDER_CRITERION_REACH * scale_of(best)))
+        _add_far(state, free_priors(scene, parent, GAIN_SHARE_FAR_LESS * needed))
+    # with all effects of `best`, it has to lower χ² by as much as the criterion asks of an effect
+    _add_far(state, free_priors(scene, best, CONTENDER_CRITERION_REACH * scale_of(best)))
 
 
 def _fit_instead_of_far_unknowns(state: State, best: Fit) -> None:
-    """Fit the effects that may stand in for an unknown whose prior is set aside."""
+    """Fit effects that may replace an unknown whose prior is set aside."""
     problem, priors = state.problem, state.problem.scene.priors
     for unknown in best.model.free:
         i, values = problem.scene.unknown.index(unknown), best.model.unknown.copy()
         values[i] = priors.mean[i]
-        model = replace(best.model.held(unknown), unknown=values)
+        model = replace(best.model.with_prior(unknown), unknown=values)
         residual = problem.residual(model)
-        # beside the unknown's own column, what moves the rows as it does would gain nothing
+        # with the unknown's own column among the nuisance, an effect that moves the rows alike would gain nothing
         jacobian = np.delete(problem.jacobian(model), i, axis=1)
         at_prior = Fit(model, residual, jacobian, best.covariance, best.data_rows)
         free = [effect for effect in state.effects if not any(effect.excludes(o) for o in model.effects)]
@@ -117,7 +117,7 @@ def _add_far(state: State, models: Iterable[Model]) -> None:
     for model in models:
         if model.keys not in state.pool.fits:
             found = unbiased_fit(state.problem, model)
-            # near its prior it is no mismatch, and setting the prior aside is none of its business
+            # an unknown that stays near its prior is no mismatch, so its prior must not be set aside
             if set(found.model.free) <= set(far_unknowns(scene, found.model)):
                 _add(state, found)
 
@@ -130,14 +130,14 @@ def _add(state: State, found: Fit) -> None:
 def _fit_smaller(state: State, best: Fit) -> None:
     """Fit the explanation without each of its parts.
 
-    Strengths that were fitted beside an effect may do without it: a tilt across a plane shows in second order alone,
-    and starts to be fitted only where something else, such as a gain, has stood in for it.
+    Strengths that were fitted beside an effect may explain the recordings without it: a tilt across a plane shows in
+    second order only, so that its fit may need another effect, such as a gain, to start from.
     """
     model, cost = best.model, state.cost(scale_of(best))
     if len(model.keys) < 2:
         return
     smaller = [(effect.key, model.without(effect)) for effect in model.effects]
-    smaller += [((known.parameter, known.at), model.held(known)) for known in model.free]
+    smaller += [((known.parameter, known.at), model.with_prior(known)) for known in model.free]
     for key, rest in smaller:
         without = unbiased_fit(state.problem, rest)
         known = state.pool.fits.get(rest.keys)
@@ -145,14 +145,14 @@ def _fit_smaller(state: State, best: Fit) -> None:
             without = known
         if not without.echo:
             state.pool.add(without)
-            state.trace.add(decisions.pruned(best, key, cost(without) - cost(best)))
+            state.trace.add(decisions.record_pruning(best, key, cost(without) - cost(best)))
 
 
 def _most_probable(state: State, best: Fit) -> Fit:
-    """The explanation with the least criterion, of those no larger, once all near it were fitted without bias.
+    """The explanation with the least criterion among those no larger than `best`, each fitted without bias.
 
-    A law that bends where a channel is noisy gains by the noise that its regressors share with the residual. More
-    effects than `best` has would have to pass the tests of an admission.
+    Biased fits do not compare: a law that bends where a channel is noisy gains by the noise that its regressors share
+    with the residual. Larger explanations are left out, since they would have to pass the tests of `checks`.
     """
     for _ in range(ROUNDS):
         cost = state.cost(scale_of(best))
@@ -163,7 +163,7 @@ def _most_probable(state: State, best: Fit) -> Fit:
             if not near:
                 break
             state.pool.add(unbiased_fit(state.problem, near[0].model))
-        # what is left by another explanation is another unit of the criterion, in which it has to be the best as well
+        # another explanation has another χ² per degree of freedom, the criterion's unit: it must be best in its own
         before, best = best, min((other for other in _as_small(state, best) if other.unbiased), key=cost)
         if best is before:
             break
@@ -171,7 +171,7 @@ def _most_probable(state: State, best: Fit) -> Fit:
 
 
 def _as_small(state: State, best: Fit) -> list[Fit]:
-    """The explanations with at most as many effects as `best`, or one in the place of an unknown far from its prior."""
+    """The explanations with at most as many effects as `best`, or as many parts: effects and unknowns without prior."""
     effects, parts = len(best.model.effects), len(best.model.keys)
     fits = state.pool.fits.values()
     return [other for other in fits if len(other.model.effects) <= effects or len(other.model.keys) <= parts]

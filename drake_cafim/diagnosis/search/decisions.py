@@ -1,4 +1,4 @@
-"""The search's decisions as records of a trace: what was compared with what, and in words."""
+"""Writes the search's decisions as records of a trace: the compared numbers, and a sentence for the report."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -21,39 +21,42 @@ from drake_cafim.scenario.unknown import UnknownParameter
 from drake_cafim.scene.scene import Scene
 
 REFUSED = 4
-"""First looks, and explanations that lost, that are told one by one; the rest together."""
-FIRST_LOOK = "gain of a first look"
+"""Refused candidates, and explanations that lost, with a record each; the others share one."""
+FIRST_ORDER_GAIN = "first-order gain"
 NOISE_ALLOWED = (1.0 + NOISE_STD_TOLERANCE) ** 2
-"""What first looks do not allow for, and admissions do: that the stated noise is a little off."""
+"""Variance ratio by which `least_gain` allows for an error of the stated noise; first-order tests do not."""
 TESTS = {
-    "share of misfit": "takes a share of {s} of χ² away; of what leaves far more than noise, at least {t} is asked",
-    "share of recordings": "fits better in a share of {s} of the recordings; at least {t} is asked",
-    "gain": "takes {s} off χ²; the luckiest look at nothing but noise would take less than {t}",
-    "gain for its numbers": "takes {s} off χ²; as many numbers fitted to as many rows have to take {t}",
-    "distance from absent": "is {s} in χ² away from being absent; at least {t} is asked of the luckiest of all looks",
-    "gain under its own noise": "takes {s} off χ² under the noise that it would let through, each channel over what is "
-    "left there; at least {t} is asked",
+    "share of misfit": "removes a share of {s} of χ²; because far more than noise remains, at least {t} is required",
+    "share of recordings": "improves the fit in a share of {s} of the recordings; at least {t} is required",
+    "gain": "lowers χ² by {s}; on noise alone, the best of all candidates would lower it by less than {t}",
+    "gain for its parameters": "lowers χ² by {s}; the Bayesian information criterion requires {t} for its parameters",
+    "Wald statistic": "has a Wald statistic of {s} (χ² of its difference from no effect); on noise alone, the best of "
+    "all candidates would have less than {t}",
+    "gain under its own noise": "lowers χ² by {s} if the noise covariance is computed with it, each channel in units "
+    "of what remains there; at least {t} is required",
 }
-"""What each test of an admission says, by its name."""
+"""The sentence of each test that an effect must pass, by the test's name."""
 MISFITS = {
     "stretch": "its mean square over {n} windows, {when}, is {s} times that of noise; below {t} it would pass",
-    "neighbours": "its neighbouring windows agree by {s} standard deviations of chance; below {t} they would pass",
+    "neighbours": "the correlation of its neighbouring windows is {s} standard deviations from that of white noise; "
+    "below {t} it would pass",
     "row": "its mean square over all recordings is {s} times that of noise; below {t} it would pass",
 }
+"""The sentence of each kind of `Misfit`."""
 
 
-def name(model: Model) -> str:
-    """The effects of a model as a trace names them."""
+def model_name(model: Model) -> str:
+    """The effects of a model as a trace writes them, `effect@place` joined by " + "."""
     return names_of(model.keys)
 
 
-def whitened(
-    problem: Problem, before: Model, after: Model, threshold: float, test: str = "move of an unknown"
+def record_whitening(
+    problem: Problem, before: Model, after: Model, threshold: float, test: str = "change of an unknown"
 ) -> Record:
-    """The noise was whitened under `before`, after which the numbers are those of `after`."""
+    """The rows were whitened under `before`, and a fit to them gave `after`; passed where unknowns hardly changed."""
     std = problem.scene.priors.std
     moved = float(np.max(np.abs(after.unknown - before.unknown) / std, initial=0.0))
-    words = f"the noise whitened anew: unknowns moved by up to {short(moved, 2)} prior standard deviations"
+    words = f"noise covariance computed again: unknowns changed by up to {short(moved, 2)} prior standard deviations"
     values = [
         f"{strength.name.replace('_', ' ')} of {spoken(name_of(old.key))} from {short(a)} to {short(b)}"
         for old, new in zip(before.effects, after.effects, strict=False)
@@ -61,59 +64,65 @@ def whitened(
         for strength, a, b in zip(old.strengths, old.vector, new.vector, strict=True)
     ]
     words += "".join(f"; {value}" for value in values)
-    return Record("whiten", name(after), moved, threshold, moved <= threshold, words, test)
+    return Record("whiten", model_name(after), moved, threshold, moved <= threshold, words, test)
 
 
-def echo(model: Model) -> Record:
-    """An explanation that is an echo of noise under its own whitening."""
-    words = f"{spoken(name(model))}: an echo of noise, once the noise is reckoned as it lets it through"
-    return Record("admit", name(model), None, None, False, words, "echo of noise")
+def record_echo(model: Model) -> Record:
+    """An explanation whose gain is an artefact of noise in its regressors (`Fit.echo`) under its own whitening."""
+    asked = model_name(model)
+    words = (
+        f"with the noise covariance computed for {spoken(asked)}, its gain is an artefact of noise in the regressors"
+    )
+    return Record("admit", asked, None, None, False, words, "artefact of noise")
 
 
-def detected(p_value: float, rate: float, looks: int) -> Record:
-    """Whether anything differs from the nominal model."""
+def record_detection(p_value: float, rate: float, trials: int) -> Record:
+    """Whether the recordings differ from the nominal model by more than noise, at a false-alarm `rate`."""
     found = p_value <= rate
     words = (
-        f"probability that noise alone makes so large a misfit, or so good a first look among {looks}: "
-        f"{_probability(p_value)}; {'at most' if found else 'more than'} {short(rate, 2)}, so "
-        f"{'something is missing' if found else 'nothing is'}"
+        f"probability that noise alone gives so large a misfit, or so large a gain in the best of {trials} first-order "
+        f"tests: {_probability(p_value)}; {'at most' if found else 'more than'} {short(rate, 2)}, so "
+        f"{'something' if found else 'nothing'} is missing"
     )
     return Record("detect", NOMINAL, p_value, rate, found, words, "p-value")
 
 
 @dataclass(frozen=True)
 class GoOn:
-    """Which first looks are followed by a fit: the `most` best, where they gain more than a `share` of the best."""
+    """Which candidates are fitted exactly: the `most` best, if they gain more than a `share` of the best one's gain."""
 
     most: int
     share: float
 
 
-def screened(
+def record_screening(
     at: Fit, candidates: Sequence[Candidate], effects: Sequence[Effect], trials: int, rate: float, go_on: GoOn | None
 ) -> list[Record]:
-    """First looks beside `at`: those that are fitted exactly, the first ones left aside, the rest together.
+    """The first-order tests beside the fit `at`: of the candidates that are fitted exactly, and of the refused ones.
 
-    `go_on` is None where none is fitted. Of the `effects` that were looked for, some are laws of what the model has
-    already, and some show in no row or only with strengths that are no physics.
+    `go_on` is None where none is fitted. `candidates` are sorted by gain. Of all `effects` some are missing there:
+    alternative laws for what the model has already, and those that move no row or only with impossible strengths.
     """
-    beside = name(at.model) if at.model.effects else ""
+    beside = model_name(at.model) if at.model.effects else ""
     fitted = [] if go_on is None else [c for c in candidates[: go_on.most] if c.gain > go_on.share * candidates[0].gain]
     records = []
     for place, entry in enumerate(candidates[: len(fitted) + REFUSED]):
-        words = f"a first look, to first order, takes {short(entry.gain)} off χ² by {_numbers(entry.strengths)}"
+        words = f"to first order, lowers χ² by {short(entry.gain)} with {_parameters(entry.strengths)}"
         if go_on is None:
             level = least_gain(entry.strengths, trials, rate) * scale_of(at)
             lucky = entry.gain < level
-            words += f"; the luckiest of {trials} looks at noise takes less than {short(level)}"
-            words += "" if lucky else ", but fitted without the noise that it shares with what is left it takes less"
+            words += f"; on noise alone, the best of {trials} such tests would lower it by less than {short(level)}"
+            # more than luck to first order, and yet nothing was detected: the exact fit decided
+            words += "" if lucky else ", but fitted exactly, free of the noise in its regressors, it lowers χ² by less"
         else:
             level = max(go_on.share * candidates[0].gain, fitted[-1].gain)
             words += (
-                ", and it is fitted exactly" if place < len(fitted) else f"; {short(level)} was asked for to fit it"
+                ", so it is fitted exactly"
+                if place < len(fitted)
+                else f"; an exact fit required a gain above {short(level)}"
             )
         asked = name_of(entry.effect.key)
-        records.append(Record("screen", asked, entry.gain, level, place < len(fitted), words, FIRST_LOOK, beside))
+        records.append(Record("screen", asked, entry.gain, level, place < len(fitted), words, FIRST_ORDER_GAIN, beside))
     rest = candidates[len(fitted) + REFUSED :]
     present = {effect.key for effect in at.model.effects}
     excluded = {name_of(e.key) for e in effects if any(e.excludes(other) for other in at.model.effects)}
@@ -121,28 +130,32 @@ def screened(
     hidden = {name_of(effect.key) for effect in effects} - excluded - seen
     excluded -= {name_of(key) for key in present}
     if rest:
-        words = f"first looks at {len(rest)} more take no more than {short(rest[0].gain)} off χ² each"
+        words = f"to first order, {len(rest)} further candidates lower χ² by at most {short(rest[0].gain)} each"
         records.append(
-            _together([name_of(c.effect.key) for c in rest], rest[0].gain, records[-1].threshold, words, beside)
+            _record_together([name_of(c.effect.key) for c in rest], rest[0].gain, records[-1].threshold, words, beside)
         )
     if hidden:
-        words = f"{len(hidden)} more show nowhere in these recordings, or with no strength that could be physics"
-        records.append(_together(hidden, None, None, words, beside))
+        words = f"{len(hidden)} further effects change nothing in these recordings, or fit only with impossible values"
+        records.append(_record_together(hidden, None, None, words, beside))
     if excluded:
         words = (
-            f"not looked for beside {spoken(name(at.model))}: other laws of the same thing, that take its place or not"
+            f"not tested beside {spoken(beside)}: an alternative law for the same thing, which could only replace it"
         )
-        records.append(_together(excluded, None, None, words, beside))
+        records.append(_record_together(excluded, None, None, words, beside))
     return records
 
 
-def _together(names: Iterable[str], most: float | None, level: float | None, words: str, beside: str) -> Record:
-    """One record for all effects that fared alike."""
-    return Record("screen", OTHERS, most, level, False, words, FIRST_LOOK, beside, others=tuple(sorted(set(names))))
+def _record_together(names: Iterable[str], most: float | None, level: float | None, words: str, beside: str) -> Record:
+    """A single record for all effects that were refused alike."""
+    return Record(
+        "screen", OTHERS, most, level, False, words, FIRST_ORDER_GAIN, beside, others=tuple(sorted(set(names)))
+    )
 
 
-def another(best: Fit, candidates: Sequence[Candidate], trials: int, rate: float, worth: bool) -> list[Record]:
-    """Whether what `best` leaves is `worth` one more effect: by the first look that is farthest beyond luck."""
+def record_next_effect(
+    best: Fit, candidates: Sequence[Candidate], trials: int, rate: float, worth: bool
+) -> list[Record]:
+    """Whether the residual of `best` is `worth` one more effect: the first-order test that exceeds its level most."""
     scale = scale_of(best)
     levels = [least_gain(c.strengths, trials, rate) / NOISE_ALLOWED for c in candidates]
     if not candidates:
@@ -150,176 +163,181 @@ def another(best: Fit, candidates: Sequence[Candidate], trials: int, rate: float
     index = int(np.argmax([c.gain / level for c, level in zip(candidates, levels, strict=True)]))
     gain, level, found = candidates[index].gain / scale, levels[index], spoken(name_of(candidates[index].effect.key))
     words = (
-        f"of all that could be added, {found} promises most: {short(gain)} off χ², in units of what is left; the "
-        f"luckiest of {trials} looks at noise promises less than {short(level)}, so the search "
-        f"{'goes on' if worth else 'ends'}"
+        f"the best further effect, to first order, is {found}: it lowers χ² by {short(gain)} in units of the remaining "
+        f"noise; on noise alone, the best of {trials} such tests would lower it by less than {short(level)}, so the "
+        f"search {'continues' if worth else 'ends'}"
     )
-    beside = name(best.model) if best.model.effects else ""
-    return [Record("another", _number(best), gain, level, worth, words, FIRST_LOOK, beside)]
+    beside = model_name(best.model) if best.model.effects else ""
+    return [Record("another", _number(best), gain, level, worth, words, FIRST_ORDER_GAIN, beside)]
 
 
-def none_admitted(best: Fit) -> Record:
-    """No explanation with one effect more passed the tests of an admission."""
-    words = "of the explanations with one effect more, fitted exactly, none passed the tests of an admission"
-    return Record(
-        "another", _number(best), None, None, False, words, "", name(best.model) if best.model.effects else ""
-    )
+def record_none_admitted(best: Fit) -> Record:
+    """No explanation with one more effect than `best` passed all tests."""
+    words = "of the explanations with one more effect, fitted exactly, none passed all tests"
+    beside = model_name(best.model) if best.model.effects else ""
+    return Record("another", _number(best), None, None, False, words, "", beside)
 
 
-def enough(best: Fit, most: int) -> list[Record]:
-    """No further effect is looked for where an explanation has the `most` that it may have."""
+def record_effect_limit(best: Fit, most: int) -> list[Record]:
+    """That no further effect is looked for, where `best` has the `most` that are allowed; else nothing."""
     size = len(best.model.effects)
     if not most or size < most:
         return []
-    words = f"{most} effects are the most that are looked for: no further one was"
-    return [
-        Record("another", _number(best), float(size), float(most), False, words, "number of effects", name(best.model))
-    ]
+    words = f"the search allows at most {most} effects, so no further one was looked for"
+    beside = model_name(best.model)
+    return [Record("another", _number(best), float(size), float(most), False, words, "number of effects", beside)]
 
 
 def _number(best: Fit) -> str:
     return f"effect number {len(best.model.effects) + 1}"
 
 
-def fitted(ranked: Sequence[Fit], beam: int, cost: Callable[[Fit], float]) -> list[Record]:
-    """Explanations of one size that were fitted exactly, best first; the `beam` best go on."""
+def record_fits(ranked: Sequence[Fit], beam: int, cost: Callable[[Fit], float]) -> list[Record]:
+    """Explanations of equal size that were fitted exactly, sorted by `cost`; the `beam` best are continued."""
     records = []
     for place, entry in enumerate(ranked):
         lead = cost(ranked[min(beam, len(ranked)) - 1]) - cost(entry)
-        words = f"fitted exactly, χ² is {short(entry.chi_square, 5)} with {_numbers(entry.strengths)}: "
-        words += f"number {place + 1} of {len(ranked)} alike"
-        words += "" if place < beam else f"; the best {beam} go on"
-        records.append(Record("fit", name(entry.model), lead, 0.0, place < beam, words, "criterion"))
+        words = f"fitted exactly, χ² is {short(entry.chi_square, 5)} with {_parameters(entry.strengths)}: "
+        words += f"rank {place + 1} of {len(ranked)} explanations of this size"
+        words += "" if place < beam else f"; the best {beam} are continued"
+        records.append(Record("fit", model_name(entry.model), lead, 0.0, place < beam, words, "criterion"))
     return records
 
 
-def admitted(before: Fit, after: Fit, checks: Sequence[Check]) -> list[Record]:
-    """The tests of an admission, in order, and its outcome."""
+def record_admission(before: Fit, after: Fit, checks: Sequence[Check]) -> list[Record]:
+    """The tests that the effects of `after` beyond `before` must pass, in order, and their outcome."""
     known = {effect.key for effect in before.model.effects}
     asked = names_of(effect.key for effect in after.model.effects if effect.key not in known)
-    beside = name(before.model) if known else ""
+    beside = model_name(before.model) if known else ""
     records = []
     for check in checks:
         words = TESTS[check.name].format(s=short(check.statistic), t=short(check.threshold))
         records.append(Record("test", asked, check.statistic, check.threshold, check.passed, words, check.name, beside))
     passed = all(check.passed for check in checks)
-    told = [entry for entry in records if entry.test != "share of recordings"]
-    closest = min(told, key=lambda entry: _ratio(entry.statistic, entry.threshold)) if passed else records[-1]
-    outcome = f"admitted by all of {len(records)} tests, of which the closest" if passed else "not admitted"
-    return [*records, replace(closest, step="admit", passed=passed, words=f"{outcome}: it {closest.words}")]
+    # a share is at most 1, so it would always seem the closest to its threshold
+    comparable = [entry for entry in records if entry.test != "share of recordings"]
+    closest = min(comparable, key=lambda entry: _ratio(entry.statistic, entry.threshold)) if passed else records[-1]
+    outcome = f"it passed all {len(records)} tests, in the closest of which it" if passed else "it failed a test: it"
+    return [*records, replace(closest, step="admit", passed=passed, words=f"{outcome} {closest.words}")]
 
 
-def compared(pool: Iterable[Fit], best: Fit, cost: Callable[[Fit], float]) -> list[Record]:
-    """The chosen explanation, and the first of those that it was chosen over, by what `cost` says."""
-    # what has not passed the tests of an admission, which say why, is not among them
-    others = [entry for entry in pool if name(entry.model) != name(best.model)]
-    ranked = sorted(others, key=lambda entry: (cost(entry), name(entry.model)))
+def record_choice(pool: Iterable[Fit], best: Fit, cost: Callable[[Fit], float]) -> list[Record]:
+    """The chosen explanation, and those of the least `cost` that it was preferred to."""
+    # larger explanations that failed a test are not in the pool: the records of their tests say why
+    chosen = model_name(best.model)
+    others = [entry for entry in pool if model_name(entry.model) != chosen]
+    ranked = sorted(others, key=lambda entry: (cost(entry), model_name(entry.model)))
     if not best.model.named:
         return []
     records = []
     if ranked:
         lead = cost(ranked[0]) - cost(best)
         words = (
-            f"chosen: χ² {short(best.chi_square, 5)} with {_numbers(best.strengths)}; the next best is "
-            f"{spoken(name(ranked[0].model))}, {_beyond(lead)}"
+            f"chosen: χ² is {short(best.chi_square, 5)} with {_parameters(best.strengths)}; the next best is "
+            f"{spoken(model_name(ranked[0].model))}: {_compare(lead)}"
         )
-        records.append(Record("choose", name(best.model), lead, 0.0, True, words, "criterion", name(ranked[0].model)))
+        second = model_name(ranked[0].model)
+        records.append(Record("choose", chosen, lead, 0.0, True, words, "criterion", second))
     for entry in ranked[: 2 * REFUSED]:
         lead = cost(best) - cost(entry)
         words = (
-            f"χ² {short(entry.chi_square, 5)} with {_numbers(entry.strengths)}, where {spoken(name(best.model))} has "
-            f"{short(best.chi_square, 5)} with {_numbers(best.strengths)}: {_beyond(-lead)}"
+            f"χ² is {short(entry.chi_square, 5)} with {_parameters(entry.strengths)}, and with {spoken(chosen)} "
+            f"{short(best.chi_square, 5)} with {_parameters(best.strengths)}: {_compare(-lead)}"
         )
-        records.append(Record("choose", name(entry.model), lead, 0.0, False, words, "criterion", name(best.model)))
+        records.append(Record("choose", model_name(entry.model), lead, 0.0, False, words, "criterion", chosen))
     return records
 
 
-def pruned(best: Fit, part: Key, lead: float) -> Record:
+def record_pruning(best: Fit, part: Key, lead: float) -> Record:
     """Whether `part` stays in an explanation: by how much the criterion is worse without it."""
     rest = names_of(best.model.keys - {part})
     stays = not lead < 0.0
-    words = f"without it the criterion is {short(abs(lead))} {'worse, so it stays' if stays else 'better, so it goes'}"
+    change = "higher, so it stays" if stays else "lower, so it is removed"
+    words = f"without it the information criterion is {short(abs(lead))} {change}"
     return Record("prune", name_of(part), lead, 0.0, stays, words, "criterion", rest)
 
 
-def remaining(problem: SearchProblem, entry: Fit, rate: float) -> list[Record]:
-    """Whether what the fit leaves is as the noise predicts, and what of it is farthest from that."""
+def record_residual(problem: SearchProblem, entry: Fit, rate: float) -> list[Record]:
+    """Whether the residual of a fit is as the noise predicts, and its worst row of each kind of statistic."""
     p_value = adequacy(problem, entry.residual, entry.strengths).p_value
     passed = p_value > rate
     words = (
-        f"probability that noise alone leaves as much as {spoken(name(entry.model))} does: {_probability(p_value)}; "
-        f"{'more than' if passed else 'at most'} {short(rate, 2)}, so "
-        f"{'what remains is noise' if passed else 'something remains'}"
+        f"probability that noise alone leaves a residual like that of {spoken(model_name(entry.model))}: "
+        f"{_probability(p_value)}; {'more than' if passed else 'at most'} {short(rate, 2)}, so "
+        f"{'what remains is noise' if passed else 'more than noise remains'}"
     )
-    total = Record("adequacy", name(entry.model), p_value, rate, passed, words, "p-value")
-    return [total, *(_farthest(problem, part) for part in misfits(problem, entry.residual, entry.strengths, rate))]
+    total = Record("adequacy", model_name(entry.model), p_value, rate, passed, words, "p-value")
+    return [total, *(_record_worst(problem, part) for part in misfits(problem, entry.residual, entry.strengths, rate))]
 
 
-def worse_than_none(best: Fit, nominal: Fit) -> Record:
-    """An explanation under whose noise more is left than without it."""
+def record_worse_than_none(best: Fit, nominal: Fit) -> Record:
+    """An explanation that leaves more, in units of its own noise, than the nominal model does."""
     left, had = best.reduced_chi_square, nominal.reduced_chi_square
-    words = f"it leaves {short(left)} times the noise variance, and without it there is {short(had)}: not named"
-    return Record("support", name(best.model), left, had, False, words, "misfit")
+    words = f"the residual is {short(left)} times the noise with it and {short(had)} times without, so it is not named"
+    return Record("support", model_name(best.model), left, had, False, words, "misfit")
 
 
-def far(scene: Scene, unknown: UnknownParameter, model: Model) -> Record:
-    """An unknown that is too far from its prior to be what the scenario says."""
+def record_far_unknown(scene: Scene, unknown: UnknownParameter, model: Model) -> Record:
+    """An unknown parameter whose value in `model` is too far from its prior mean."""
     i = scene.unknown.index(unknown)
     distance = float(distances(scene, model)[i])
+    unit = "" if unknown.prior.unit == "1" else f" {unknown.prior.unit}"
     words = (
-        f"fitted as {short(float(model.unknown[i]), 4)} {unknown.prior.unit}, {short(distance)} prior standard "
-        f"deviations from {short(float(scene.priors.mean[i]), 4)}; beyond {short(UNKNOWN_FAR_IN_PRIOR_STDS)} the "
-        "parameter itself is a mismatch, so the verdict is unexplained"
+        f"its fitted value {short(float(model.unknown[i]), 4)}{unit} is {short(distance)} prior standard "
+        f"deviations from its prior mean {short(float(scene.priors.mean[i]), 4)}; beyond "
+        f"{short(UNKNOWN_FAR_IN_PRIOR_STDS)} the parameter itself is a mismatch, so the verdict is unexplained"
     )
     asked = name_of((unknown.parameter, unknown.at))
     return Record("far_unknown", asked, distance, UNKNOWN_FAR_IN_PRIOR_STDS, True, words, "prior standard deviations")
 
 
-def supported(best: Fit, row: str, share: float, least: float) -> Record:
-    """Whether an explanation that leaves more than noise takes away a good part of what it explains most of."""
+def record_support(best: Fit, row: str, share: float, least: float) -> Record:
+    """Whether an explanation that leaves more than noise removes enough of the excess in its best row."""
     passed = share >= least
     words = (
-        f"where it explains most, in {row}, it takes {short(share)} of what is beyond noise away; at least "
-        f"{short(least)} is asked of what leaves more than noise, so it is {'named' if passed else 'not named'}"
+        f"of the excess over noise in the row that it explains best, {row}, it removes a share of {short(share)}; as "
+        f"more than noise remains, at least {short(least)} is required, so it is {'named' if passed else 'not named'}"
     )
-    return Record("support", name(best.model), share, least, passed, words, "share of the excess")
+    return Record("support", model_name(best.model), share, least, passed, words, "share of the excess")
 
 
-def over_wider_windows(best: Fit, width: float) -> Record:
-    """What was found where what shakes fast is averaged out."""
+def record_wider_windows(best: Fit, width: float) -> Record:
+    """The result of a search over wider windows, in which fast vibration averages out."""
     named = bool(best.model.effects)
-    found = f"{spoken(name(best.model))} is named" if named else "nothing is named"
-    words = f"what shakes fast averaged out, over windows of {short(width, 2)} s: {found}"
-    return Record("wider_windows", name(best.model), None, None, named, words)
+    found = f"{spoken(model_name(best.model))} is named" if named else "nothing is named"
+    words = f"with fast vibration averaged out over windows of {short(width, 2)} s, {found}"
+    return Record("wider_windows", model_name(best.model), None, None, named, words)
 
 
-def beside_forces(problem: SearchProblem, entry: Fit, rate: float) -> list[Record]:
-    """Whether a search under unknown forces is worth it: with them, an explanation has to leave noise."""
-    total, *_ = remaining(problem, entry, rate)
-    words = "a search with white forces at the joints that nobody knows"
-    words += " goes on" if total.passed else " is not begun: what was found leaves more than those would make"
+def record_unknown_forces_start(problem: SearchProblem, entry: Fit, rate: float) -> list[Record]:
+    """Whether a search under unknown forces is started: with these as noise, an explanation must leave only noise."""
+    total, *_ = record_residual(problem, entry, rate)
+    words = "a search that counts unknown white forces at the joints as noise"
+    words += " is started" if total.passed else " is not started: more remains than such forces would cause"
     return [replace(total, step="unknown_forces", words=f"{words}; {total.words}")]
 
 
-def refused_beside_forces(best: Fit) -> Record:
-    """A search under unknown forces that explains nothing."""
-    words = "with forces that nobody knows, "
-    words += "what is found leaves more than noise" if best.model.effects else "no effect is found"
-    return Record("unknown_forces", name(best.model), None, None, False, f"{words}: refused")
+def record_unknown_forces_failure(best: Fit) -> Record:
+    """A search under unknown forces that finds no effect, or effects that leave more than noise."""
+    words = "with unknown forces counted as noise, "
+    words += "more than noise still remains" if best.model.effects else "no effect is found"
+    words += ", so this search is dropped"
+    return Record("unknown_forces", model_name(best.model), None, None, False, words)
 
 
-def little_beside_forces(best: Fit, left: float, had: float, most: float) -> Record:
-    """Whether unknown forces are little beside what an explanation takes away, in mean squares beyond noise."""
+def record_unknown_forces_share(best: Fit, left: float, had: float, most: float) -> Record:
+    """Whether unknown forces are small enough; `left` and `had` are excess mean squares with and without `best`."""
     share = left / had if had > 0.0 else 0.0
     passed = not left > most * had
     words = (
-        f"without them, {spoken(name(best.model))} leaves {short(share)} of what was beyond noise; forces that nobody "
-        f"knows may be {short(most)} of it, so it is {'accepted beside them' if passed else 'refused'}"
+        f"apart from unknown forces, {spoken(model_name(best.model))} leaves a share of {short(share)} of the excess "
+        f"over noise; at most {short(most)} may be put down to unknown forces, so it is "
+        f"{'accepted' if passed else 'rejected'}"
     )
-    return Record("unknown_forces", name(best.model), share, most, passed, words, "share of the excess")
+    return Record("unknown_forces", model_name(best.model), share, most, passed, words, "share of the excess")
 
 
-def _farthest(problem: SearchProblem, part: Misfit) -> Record:
+def _record_worst(problem: SearchProblem, part: Misfit) -> Record:
     row = problem.pictures.row_labels[part.row]
     when = ""
     if part.run is not None and part.windows is not None:
@@ -330,7 +348,11 @@ def _farthest(problem: SearchProblem, part: Misfit) -> Record:
         when = f"of {problem.runs[part.run].name}"
     words = f"{row} {when}: ".replace(" :", ":") if part.kind == "neighbours" else f"{row}: "
     words += MISFITS[part.kind].format(n=WINDOWS_PER_BLOCK, when=when, s=short(part.statistic), t=short(part.threshold))
-    words += f"; {part.failing} of {part.of} such are beyond it" if part.failing else f"; none of {part.of} such is"
+    words += (
+        f"; {part.failing} of {part.of} such values exceed it"
+        if part.failing
+        else f"; none of {part.of} such values does"
+    )
     return Record("remains", row, part.statistic, part.threshold, not part.failing, words, part.kind)
 
 
@@ -342,10 +364,11 @@ def _probability(p: float) -> str:
     return short(p, 2) if p > 1e-300 else "below 10⁻³⁰⁰"
 
 
-def _numbers(count: int) -> str:
-    return f"{count} number{'s' * (count != 1)}"
+def _parameters(count: int) -> str:
+    return f"{count} parameter{'s' * (count != 1)}"
 
 
-def _beyond(lead: float) -> str:
-    """By how much the information criterion of another explanation is larger."""
-    return f"{short(abs(lead))} {'worse' if lead >= 0.0 else 'better'} by the criterion (χ², and what its numbers cost)"
+def _compare(lead: float) -> str:
+    """By how much the information criterion of another explanation is larger, in words."""
+    side = "higher" if lead >= 0.0 else "lower"
+    return f"its information criterion (χ² plus a cost for each parameter) is {short(abs(lead))} {side}"

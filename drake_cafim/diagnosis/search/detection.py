@@ -1,4 +1,4 @@
-"""Whether anything is missing at all: the p-value of the nominal model."""
+"""The p-value of the nominal model: the probability of so large a misfit, or so good a candidate, by noise alone."""
 
 from collections.abc import Sequence
 
@@ -18,21 +18,25 @@ from drake_cafim.diagnosis.thresholds import (
 
 
 def detection_p_value(problem: SearchProblem, nominal: Fit, screened: Sequence[Candidate], trials: int) -> float:
-    """p-value of "nothing is missing": the strongest score, or the worst of the goodness of fit."""
+    """p-value of "nothing is missing": twice the smaller p-value of two, of goodness of fit and of the candidates.
+
+    The latter is the smallest p-value of a candidate of `screened`, times the number of `trials` (Bonferroni).
+    """
     fit_quality = adequacy(problem, nominal.residual, 0).p_value
     if fit_quality < ALARM_P_VALUE_CERTAIN:
-        # whatever a look would say is no news
+        # no candidate can change the outcome any more
         return 2.0 * fit_quality
     score = 1.0
     for candidate in screened[:CANDIDATES_FITTED_FOR_ALARM]:
         p = float(chi2.sf(candidate.gain, candidate.strengths)) * trials
         if p < ALARM_P_VALUE_WORTH_FITTING:
-            # the linear look shares noise with the residual: only an unbiased fit may raise an alarm
-            one = unbiased_fit(problem, nominal.model.with_effects([candidate.effect]))
-            gained = nominal.chi_square - one.chi_square
-            p = trials * max(wald_p_value(problem, one, candidate.effect.key), luck(gained, candidate.strengths))
+            # the first-order test shares noise with the residual: only an unbiased fit may raise an alarm
+            corrected = unbiased_fit(problem, nominal.model.with_effects([candidate.effect]))
+            gained = nominal.chi_square - corrected.chi_square
+            p = trials * max(wald_p_value(problem, corrected, candidate.effect.key), luck(gained, candidate.strengths))
             if p < ALARM_P_VALUE_WORTH_FITTING:
-                before, after = under_its_noise(problem, nominal, one)
+                # an effect that changes the noise covariance must gain under its own covariance too
+                before, after = under_its_noise(problem, nominal, corrected)
                 p = max(p, trials * luck(before.chi_square - after.chi_square, candidate.strengths))
         score = min(score, p)
         if score < ALARM_P_VALUE_CERTAIN:

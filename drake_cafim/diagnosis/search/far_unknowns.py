@@ -1,4 +1,4 @@
-"""Unknowns of the scenario that are not where their priors say: a mismatch at their place, and rivals of effects.
+"""Unknown parameters far from their prior means: each is a mismatch at its place, and a rival of effects.
 
 A fit holds each unknown near its prior. Where the truth is far from it, some effect takes the difference: a mass twice
 as large as stated looks like an actuator's gain. So each unknown is fitted with its prior set aside as well, alone and
@@ -20,7 +20,7 @@ from drake_cafim.typing import Array
 def far_unknowns(scene: Scene, model: Model) -> tuple[UnknownParameter, ...]:
     """The unknowns whose values in `model` are more than `UNKNOWN_FAR_IN_PRIOR_STDS` from their prior means."""
     distance = distances(scene, model)
-    return tuple(one for one, z in zip(scene.unknown, distance, strict=True) if z > UNKNOWN_FAR_IN_PRIOR_STDS)
+    return tuple(unknown for unknown, z in zip(scene.unknown, distance, strict=True) if z > UNKNOWN_FAR_IN_PRIOR_STDS)
 
 
 def distances(scene: Scene, model: Model) -> Array:
@@ -28,8 +28,8 @@ def distances(scene: Scene, model: Model) -> Array:
     return np.asarray(np.abs(model.unknown - scene.priors.mean) / scene.priors.std, dtype=float)
 
 
-def freed(scene: Scene, parent: Fit, least: float) -> Iterator[Model]:
-    """`parent`'s model with one unknown's prior set aside: each that gains more than `least` in χ², to first order.
+def free_priors(scene: Scene, parent: Fit, least: float) -> Iterator[Model]:
+    """`parent`'s model without the prior of an unknown, for each unknown that so lowers χ² by more than `least`.
 
     With z and J linearised about `parent`, and the prior row of the unknown left out, χ² falls to zᵀz − gᵀ H⁻¹ g with
     g = Jᵀz and H = JᵀJ.
@@ -45,4 +45,4 @@ def freed(scene: Scene, parent: Fit, least: float) -> Iterator[Model]:
         own_H, own_g = H - np.outer(prior, prior), g - prior * distance
         step = np.linalg.lstsq(own_H, own_g, rcond=None)[0]
         if float(distance**2 + own_g @ step) > least:
-            yield parent.model.freed(unknown)
+            yield parent.model.without_prior(unknown)

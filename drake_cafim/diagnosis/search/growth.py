@@ -1,4 +1,4 @@
-"""Growing an explanation: screen to first order, refit exactly, admit another effect while the tests pass."""
+"""Forward selection of effects: screen to first order, refit exactly, accept another effect while the tests pass."""
 
 from collections.abc import Iterable
 
@@ -15,13 +15,14 @@ from drake_cafim.diagnosis.thresholds import CANDIDATE_GAIN_SHARE_REFITTED, GAIN
 
 
 def grow(state: State, best: Fit) -> Fit:
-    """The explanation that no further effect improves enough."""
+    """The explanation, grown from `best` effect by effect, that no further effect improves significantly."""
     state.frontier = [best]
     for depth in range(len(best.model.effects) + 1, state.settings.most_effects + 1):
         if not _is_worth_more(state, best):
             break
         _expand(state, depth)
         for candidate in state.frontier:
+            # the quick fits rank candidates, but noise in their regressors biases them: tests need the unbiased fit
             larger = unbiased_fit(state.problem, candidate.model)
             state.pool.add(larger)
             if _admit(state, best, larger):
@@ -30,31 +31,31 @@ def grow(state: State, best: Fit) -> Fit:
                     best = grown
                     break
         else:
-            state.trace.add(decisions.none_admitted(best))
+            state.trace.add(decisions.record_none_admitted(best))
             break
-    state.trace.add(*decisions.enough(best, state.settings.most_effects))
+    state.trace.add(*decisions.record_effect_limit(best, state.settings.most_effects))
     return best
 
 
 def _is_worth_more(state: State, best: Fit) -> bool:
-    """Whether what `best` leaves is worth another effect: the strongest score test over what is not yet in it."""
+    """Whether the score test of any further effect rejects, at the false-alarm rate, that it is absent."""
     scale, alpha, candidates = scale_of(best), state.settings.false_alarm_rate, state.screen(best)
     worth = any(chi2.sf(c.gain / scale, c.strengths) * state.trials <= alpha for c in candidates)
-    state.trace.add(*decisions.another(best, candidates, state.trials, alpha, worth))
+    state.trace.add(*decisions.record_next_effect(best, candidates, state.trials, alpha, worth))
     go_on = decisions.GoOn(state.settings.refined, CANDIDATE_GAIN_SHARE_REFITTED) if worth else None
-    state.trace.add(*decisions.screened(best, candidates, state.effects, state.trials, alpha, go_on))
+    state.trace.add(*decisions.record_screening(best, candidates, state.effects, state.trials, alpha, go_on))
     return worth
 
 
 def _admit(state: State, best: Fit, larger: Fit) -> bool:
-    """Whether `larger` is to be accepted instead of `best`."""
+    """Whether `larger` passes all tests against `best`."""
     done = list(checks(state.problem, best, larger, state.trials, state.settings.false_alarm_rate))
-    state.trace.add(*decisions.admitted(best, larger, done))
+    state.trace.add(*decisions.record_admission(best, larger, done))
     return all(check.passed for check in done)
 
 
 def _expand(state: State, depth: int) -> None:
-    """Move the frontier to the best explanations with one effect more."""
+    """Replaces the frontier by the best explanations with one more effect, `depth` in all."""
     found: dict[frozenset[Key], Fit] = {}
     for parent in state.frontier:
         present = parent.model.keys
@@ -73,14 +74,15 @@ def _expand(state: State, depth: int) -> None:
     for explanation in (*ranked[state.settings.beam :], *carried_on):
         state.pool.add(explanation)
     state.frontier = state.ranked(carried_on)
-    state.trace.add(*decisions.fitted(ranked, state.settings.beam, state.cost(1.0)))
+    state.trace.add(*decisions.record_fits(ranked, state.settings.beam, state.cost(1.0)))
 
 
 def _is_far_less(state: State, parent: Fit, found: Iterable[Fit], candidate: Candidate) -> bool:
-    """Whether another explanation leaves nothing but noise, and the first look at this candidate gains far less.
+    """Whether the candidate's first-order gain is far below that of an explanation that leaves only noise.
 
-    What does not become a rival need not be fitted.
+    Such a candidate cannot become a rival, so it need not be fitted.
     """
+    # where regressors are noisy, a first-order gain is no bound
     if state.problem.regressors_noisy:
         return False
     return any(

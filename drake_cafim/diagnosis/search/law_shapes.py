@@ -1,4 +1,4 @@
-"""The shape of a law that no strength gives, such as the width over which friction turns its sign."""
+"""Fits the shape parameters of a law, which are not strengths: as the width over which friction changes sign."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -13,61 +13,62 @@ from drake_cafim.diagnosis.thresholds import SHAPE_CHI_SQUARE_RANGE
 from drake_cafim.effects.effect import Effect
 
 FINER = (1.5, 1.15, 1.04)
-"""Ratios in which a shape is then changed, as long as it helps."""
+"""Factors by which a shape parameter is then multiplied and divided, as long as χ² falls."""
 
 
-def fit_shapes(problem: SearchProblem, one: Fit) -> Fit:
-    """The fit with the best shape of each effect, one after the other: from the grid, then between its values.
+def fit_shapes(problem: SearchProblem, best: Fit) -> Fit:
+    """The fit with the best shape of each effect in turn: first from the effect's grid, then between its values.
 
-    A width that is off makes a sign change look like a law that falls or rises near rest.
+    With a wrong width, a change of sign looks like a law that falls or rises near rest.
     """
-    for position in range(len(one.model.effects)):
-        first, before = one.chi_square, np.inf
-        while before - one.chi_square > SHAPE_CHI_SQUARE_RANGE:
-            before, effect = one.chi_square, one.model.effects[position]
-            one, worst = _best_shape(problem, one, position, effect.restarts())
+    for position in range(len(best.model.effects)):
+        first, before = best.chi_square, np.inf
+        while before - best.chi_square > SHAPE_CHI_SQUARE_RANGE:
+            before, effect = best.chi_square, best.model.effects[position]
+            best, worst = _best_shape(problem, best, position, effect.restarts())
             if not effect.shapes_about_values:
-                # what is tried are values of a grid, the same ones again
+                # the grid does not depend on the values: it would be the same again
                 break
-        if max(first, worst) - one.chi_square < SHAPE_CHI_SQUARE_RANGE:
+        # χ² hardly depends on the shape: values between those of the grid cannot matter
+        if max(first, worst) - best.chi_square < SHAPE_CHI_SQUARE_RANGE:
             continue
         for ratio in FINER:
             before = np.inf
-            while one.chi_square < before:
-                before = one.chi_square
-                one, _ = _best_shape(problem, one, position, one.model.effects[position].between_shapes(ratio))
-    return one
+            while best.chi_square < before:
+                before = best.chi_square
+                best, _ = _best_shape(problem, best, position, best.model.effects[position].between_shapes(ratio))
+    return best
 
 
-def _best_shape(problem: SearchProblem, one: Fit, position: int, others: Iterable[Effect]) -> tuple[Fit, float]:
-    """The best of the fit and those with each of `others` in the effect's place, and the largest χ² of these.
+def _best_shape(problem: SearchProblem, best: Fit, position: int, others: Iterable[Effect]) -> tuple[Fit, float]:
+    """The best of the given fit and those with each of `others` at `position`, and the largest χ² of these.
 
-    Where the rows are all but linear in the strengths, one look tells which of the shapes is worth a fit.
+    Where the rows are nearly linear in the strengths, χ² to first order selects the shape that is fitted.
     """
-    base, worst = one.model, -np.inf
+    base, worst = best.model, -np.inf
     trials = [replace(base, effects=(*base.effects[:position], it, *base.effects[position + 1 :])) for it in others]
-    expected = [chi for trial in trials if (chi := _expected(problem, one, trial, position)) is not None]
+    expected = [chi for trial in trials if (chi := _expected(problem, best, trial, position)) is not None]
     if expected:
         worst = max(expected)
-        trials = [trials[int(np.argmin(expected))]] if min(expected) < one.chi_square else []
+        trials = [trials[int(np.argmin(expected))]] if min(expected) < best.chi_square else []
     for model in trials:
         trial = fit(problem, model)
         worst = max(worst, trial.chi_square)
-        if trial.chi_square < one.chi_square:
-            one = trial
-    return one, worst
+        if trial.chi_square < best.chi_square:
+            best = trial
+    return best, worst
 
 
-def _expected(problem: SearchProblem, one: Fit, model: Model, position: int) -> float | None:
-    """χ² of a fit that begins at `model`, to first order; it has another shape than the fitted one at `position`.
+def _expected(problem: SearchProblem, best: Fit, model: Model, position: int) -> float | None:
+    """χ² to first order of a fit started from `model`, whose effect at `position` has another shape than in `best`.
 
-    None where the rows are too far from linear in the effect for that.
+    min over bounded d of |z + J d|², by bounded least squares. None where the rows are not linear enough in the effect.
     """
     effects, columns = model.effects, problem.shape_columns(model, position)
     if columns is None:
         return None
     first = len(model.unknown) + sum(len(effect.strengths) for effect in effects[:position])
-    residual, J = problem.residual(model), one.jacobian.copy()
+    residual, J = problem.residual(model), best.jacobian.copy()
     J[:, first : first + len(effects[position].strengths)] = columns
     basis, triangle = np.linalg.qr(J)
     along = basis.T @ residual

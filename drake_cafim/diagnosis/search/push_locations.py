@@ -1,7 +1,7 @@
-"""Where and when the pushes were that an explanation names: by their own ends.
+"""Locations of an explanation's pushes: each at its body, over its fitted interval.
 
-Blocks of time that stand out above noise end where a push sinks into it, so that they are shorter than a weak push and
-longer than a strong one; its fitted ends are neither.
+Blocks of time whose residual exceeds noise are shorter than a weak push, whose ends vanish in the noise, and longer
+than a strong one, since they have a fixed width; the fitted interval has neither error.
 """
 
 from dataclasses import replace
@@ -17,10 +17,9 @@ from drake_cafim.typing import Array
 
 
 def locate_named(problem: SearchProblem, best: Model, lacking: Model) -> tuple[Location, ...]:
-    """Where recordings differ from `lacking`, strongest first, each push of `best` at its body and over its interval.
+    """Where recordings differ from the model `lacking`, strongest first; each push of `best` is a location of its own.
 
-    A push has its part of all χ² that `best` takes off, and none where `lacking`
-    holds it already.
+    The share of a push is its part of the decrease of χ² by `best`, and 0 where `lacking` contains the push.
     """
     pushes = tuple(effect for effect in best.effects if effect.episode is not None)
     if not pushes:
@@ -29,13 +28,15 @@ def locate_named(problem: SearchProblem, best: Model, lacking: Model) -> tuple[L
     if not any(push in lacking.effects for push in pushes):
         shares = _shares(problem, best, lacking, pushes)
         lacking = lacking.with_effects(pushes)
-    rest = [replace(one, share=one.share * (1.0 - float(np.sum(shares)))) for one in problem.locate(lacking)]
+    rest = [
+        replace(location, share=location.share * (1.0 - float(np.sum(shares)))) for location in problem.locate(lacking)
+    ]
     named = [_location(push, float(share)) for push, share in zip(pushes, shares, strict=True)]
-    return tuple(sorted([*named, *rest], key=lambda one: -one.share))
+    return tuple(sorted([*named, *rest], key=lambda location: -location.share))
 
 
 def _shares(problem: Problem, best: Model, lacking: Model, pushes: tuple[Effect, ...]) -> Array:
-    """Of each push, of what `best` takes off χ²; they sum to what all of them take off, at most 1."""
+    """(p,) share of each push in the decrease of χ² by `best`; they sum to the share of all pushes together."""
     before = _chi_square(problem, lacking)
     explained = before - _chi_square(problem, best)
     together = before - _chi_square(problem, lacking.with_effects(pushes))

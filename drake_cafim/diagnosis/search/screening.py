@@ -1,4 +1,4 @@
-"""Score tests: how much each effect of the catalogue would gain, to first order, with the nuisance projected out."""
+"""Score tests: the first-order decrease of χ² by each effect, with the fitted parameters projected out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,23 +13,23 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect to start an exact fit from, and what its linear look gains in χ²."""
+    """An effect with values to start an exact fit from, and its `gain`, the decrease of χ² to first order."""
 
     effect: Effect
     gain: float
     strengths: int
     trials: int
-    """How many shapes were tried to find this one."""
+    """How many looks (shapes, places, times) were tried to find this one."""
 
 
-RAN_AWAY = 1e100
-"""A hidden state that was simulated with a value it is not stable for."""
-LEAST_APART = 1e-9
-"""Information on a combination of columns, against that on the best one, below which nothing tells them apart."""
+DIVERGED = 1e100
+"""Norm of a column beyond which a simulated state has diverged."""
+LEAST_INFORMATION = 1e-9
+"""Information on a combination of columns, over the largest one, below which the columns count as collinear."""
 
 
 def screen(problem: SearchProblem, at: Fit, effects: Sequence[Effect]) -> list[Candidate]:
-    """The candidates by what they gain, largest first, given the fitted model `at`."""
+    """The candidates among `effects` beyond the fitted model `at`, largest gain first."""
     basis = np.linalg.qr(at.jacobian)[0] if at.jacobian.shape[1] else np.zeros((len(at.residual), 0))
     residual = at.residual - basis @ (basis.T @ at.residual)
     found = []
@@ -54,36 +54,37 @@ def _best_look(problem: SearchProblem, at: Fit, effect: Effect, basis: Array, re
         if best is not None and gain <= best.gain:
             continue
         built = build(coefficients)
-        # a friction that drives or an inertia below zero is no explanation, however well it fits
+        # a friction that drives, or a negative inertia, is no explanation, however well it fits
         if built is not None and built.plausible():
             best = Candidate(built, gain, len(effect.strengths), 0)
     return None if best is None else Candidate(best.effect, best.gain, best.strengths, trials)
 
 
 def _projected(columns: Array, basis: Array, residual: Array) -> tuple[Array, float] | None:
-    """Coefficients of `columns` that take most off the residual once the nuisance is projected out, and what they take.
+    """Coefficients (c,) of `columns` X (R, c) by least squares beside the nuisance, and the decrease of χ².
 
-    `residual` is already orthogonal to the nuisance's orthonormal `basis`. None where the nuisance spans the columns.
+    With P = I − QQᵀ for the nuisance's orthonormal `basis` Q, and the `residual` z = P z, c = −(XᵀPX)⁻¹ Xᵀz and the
+    decrease is zᵀX (XᵀPX)⁻¹ Xᵀz. None where the nuisance spans the columns.
     """
-    # what ran away is no number at all once it is squared
+    # the square of a diverged state overflows
     with np.errstate(over="ignore", invalid="ignore"):
         together = columns.T @ columns
     full = np.sqrt(np.diag(together))
-    if not np.all(full < RAN_AWAY):
+    if not np.all(full < DIVERGED):
         return None
     size = np.maximum(full, 1e-300)
     along = basis.T @ columns / size
     gram = together / size / size[:, None] - along.T @ along
     left = np.sqrt(np.clip(np.diag(gram), 0.0, None))
-    # a direction that the nuisance spans says nothing, nor one that all but rounding leaves alone
+    # a column that the nuisance spans, or that is zero but for rounding, carries no information
     seen = (left > 1e-4) & (full > 1e-8 * np.max(full)) & (full > 0.0)
     if not np.any(seen):
         return None
     scale = left[seen]
     known, axes = np.linalg.eigh(gram[np.ix_(seen, seen)] / np.outer(scale, scale))
     score = (columns.T @ residual / size)[seen] / scale
-    told = known > LEAST_APART * known[-1]
-    solution = -axes[:, told] @ (axes[:, told].T @ score / known[told])
+    distinct = known > LEAST_INFORMATION * known[-1]
+    solution = -axes[:, distinct] @ (axes[:, distinct].T @ score / known[distinct])
     coefficients = np.zeros(len(full))
     coefficients[seen] = solution / scale / full[seen]
     return coefficients, float(-score @ solution)

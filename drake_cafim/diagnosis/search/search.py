@@ -1,4 +1,4 @@
-"""The search for what explains a misfit: detect, grow an explanation, let it compete with all others."""
+"""The search for the effects that explain a misfit: detect, grow an explanation, compare it with its rivals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.search import decisions
 from drake_cafim.diagnosis.search.competition import compete
 from drake_cafim.diagnosis.search.detection import detection_p_value
 from drake_cafim.diagnosis.search.growth import grow
-from drake_cafim.diagnosis.search.posterior import inclusion
+from drake_cafim.diagnosis.search.posterior import inclusion_probabilities
 from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.search.state import ROUNDS, Settings, State, has_moved
 from drake_cafim.diagnosis.thresholds import UNKNOWN_MOVE_IN_PRIOR_STDS
@@ -21,7 +21,7 @@ from drake_cafim.effects.effect import Effect
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the search found: the best fit, all that were tried, and the first look at the nominal model."""
+    """The result of a search: the best fit, the explanations it competed with, and the tests of the nominal model."""
 
     problem: SearchProblem
     nominal_problem: SearchProblem
@@ -30,16 +30,17 @@ class Outcome:
     competing: tuple[Fit, ...]
     """The explanations that were compared with the best one, which is among them.
 
-    One that the criterion would prefer has more effects, which did not pass the tests of an admission.
+    An explanation that the criterion prefers to the best one is not: it has more effects, and these failed a test.
     """
     hypotheses: int
     screened: tuple[Candidate, ...]
     detection_p_value: float
     probability: Mapping[Key, float]
-    """Posterior probability of each effect, and of each unknown whose prior is wrong, by (name, place)."""
+    """Posterior probability of each effect, and of each unknown without its prior, by (name, place)."""
 
     @property
     def scale(self) -> float:
+        """χ² of the best fit per degree of freedom, at least 1."""
         return scale_of(self.best)
 
 
@@ -47,47 +48,48 @@ def search(
     problem: SearchProblem,
     settings: Settings,
     progress: Callable[[str], None] = lambda text: None,
-    begun: Sequence[Effect] = (),
+    initial: Sequence[Effect] = (),
     trace: Trace | None = None,
 ) -> Outcome:
-    """The effects that the recordings ask for, beyond the scene's nominal physics and those `begun` with.
+    """The effects that explain the recordings beyond the scene's nominal physics, starting from the `initial` effects.
 
-    Each decision is added to `trace`.
+    `progress` is called with a few words on each stage; each decision is added to `trace`.
     """
     trace = Trace() if trace is None else trace
     progress("fitting the nominal model")
-    reckoned, nominal = Model(problem.scene.priors.mean), unbiased_fit(problem, problem.nominal())
+    under, nominal = Model(problem.scene.priors.mean), unbiased_fit(problem, problem.nominal())
     for _ in range(ROUNDS):
-        if not has_moved(problem, reckoned, nominal.model):
+        if not has_moved(problem, under, nominal.model):
             break
-        # other masses let other amounts of noise through, and a throw settles where they have it
-        reckoned, problem = nominal.model, problem.rewhitened(nominal.model)
-        nominal = unbiased_fit(problem, reckoned)
-        trace.add(decisions.whitened(problem, reckoned, nominal.model, UNKNOWN_MOVE_IN_PRIOR_STDS))
+        # the noise covariance depends on the masses, and the arcs of a throw are fitted under them
+        under, problem = nominal.model, problem.rewhitened(nominal.model)
+        nominal = unbiased_fit(problem, under)
+        trace.add(decisions.record_whitening(problem, under, nominal.model, UNKNOWN_MOVE_IN_PRIOR_STDS))
     effects = problem.hypotheses()
     progress(f"screening {len(effects)} hypotheses")
     screened = screen(problem, nominal, effects)
     trials = sum(candidate.trials for candidate in screened)
     detection = detection_p_value(problem, nominal, screened, trials)
-    trace.add(decisions.detected(detection, settings.false_alarm_rate, trials))
+    trace.add(decisions.record_detection(detection, settings.false_alarm_rate, trials))
     state = State(problem, settings, effects, trials, progress, trace)
     state.pool.add(nominal)
     state.screens[nominal.model.keys] = screened
     best = nominal
     if detection <= settings.false_alarm_rate:
-        best = _explained(state, _fit_begun(state, nominal, begun))
+        best = _explain(state, _fit_initial(state, nominal, initial))
     else:
-        trace.add(*decisions.screened(nominal, screened, effects, trials, settings.false_alarm_rate, None))
+        trace.add(*decisions.record_screening(nominal, screened, effects, trials, settings.false_alarm_rate, None))
     cost = state.cost(scale_of(best))
+    # larger explanations that failed a test may have a smaller criterion: they do not compete
     competing = tuple(found for found in state.pool.fits.values() if found is best or cost(found) > cost(best))
-    trace.add(*decisions.compared(competing, best, cost))
-    probability = inclusion(competing, cost)
+    trace.add(*decisions.record_choice(competing, best, cost))
+    probability = inclusion_probabilities(competing, cost)
     looks = tuple(screened)
     return Outcome(state.problem, problem, nominal, best, competing, trials, looks, detection, probability)
 
 
-def _explained(state: State, best: Fit) -> Fit:
-    """The most probable explanation, grown from `best`; and grown on where an unknown turns out far from its prior."""
+def _explain(state: State, best: Fit) -> Fit:
+    """The most probable explanation, grown from `best`, and again if an unknown turns out to be far from its prior."""
     for _ in range(ROUNDS):
         free = best.model.free
         best = compete(state, grow(state, best))
@@ -98,8 +100,8 @@ def _explained(state: State, best: Fit) -> Fit:
     return best
 
 
-def _fit_begun(state: State, nominal: Fit, effects: Sequence[Effect]) -> Fit:
-    """The fit with `effects`, the nominal one where there are none, or where they are an echo of noise."""
+def _fit_initial(state: State, nominal: Fit, effects: Sequence[Effect]) -> Fit:
+    """The fit with `effects`; the nominal one where there are none, or where their gain is an artefact of noise."""
     if not effects:
         return nominal
     found = unbiased_fit(state.problem, nominal.model.with_effects(effects))

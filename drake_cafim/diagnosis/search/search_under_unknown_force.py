@@ -1,7 +1,7 @@
-"""A search under forces that nobody knows, where one that reckons with none ends without an explanation.
+"""A search with unknown forces at the joints as additional noise, after a search without them ended unexplained.
 
-What a model leaves is taken for noise at first, so that a few stretches of time do not outweigh all others; each round
-knows of less of it, as far as the effects that were found explain it.
+At first all that the model leaves counts as noise, so that a few stretches of time do not outweigh all others; in each
+round the effects found so far explain a part, and the density of the unknown forces is estimated again from the rest.
 """
 
 from collections.abc import Callable
@@ -19,8 +19,8 @@ from drake_cafim.diagnosis.thresholds import MISFIT_SHARE_TO_EXPLAIN
 from drake_cafim.diagnosis.trace import Trace
 
 ROUNDS = 3
-UNKNOWN_FORCES = "forces that nobody knows"
-"""What a trace calls this search."""
+UNKNOWN_FORCES = "unknown forces"
+"""Name of this search in a trace."""
 
 
 def search_again(
@@ -29,37 +29,38 @@ def search_again(
     progress: Callable[[str], None] = lambda text: None,
     trace: Trace | None = None,
 ) -> Outcome | None:
-    """What explains the recordings but for forces that are white noise and little beside it; None where nothing does.
+    """The search with unknown white forces as noise; None unless its effects leave only noise and small such forces.
 
-    `outcome` is of a search that ended without an explanation. Each decision is added to `trace`.
+    `outcome` is of a search that ended unexplained. Each decision is added to `trace`.
     """
     trace = Trace(UNKNOWN_FORCES) if trace is None else trace
     nominal_problem, problem, best = outcome.nominal_problem, outcome.problem, outcome.best
     force = problem.likeliest_force(best.model)
     if force is None:
         return None
-    progress("reckoning with forces that nobody knows")
-    shaken = problem.shaken(force, best.model)
+    progress("searching with unknown forces counted as noise")
+    noisier = problem.with_unknown_force(force, best.model)
     if best.model.effects:
-        beside = unbiased_fit(shaken, best.model)
-        trace.add(*decisions.beside_forces(shaken, beside, settings.false_alarm_rate))
-        if not leaves_noise(shaken, beside, settings.false_alarm_rate):
+        beside = unbiased_fit(noisier, best.model)
+        trace.add(*decisions.record_unknown_forces_start(noisier, beside, settings.false_alarm_rate))
+        if not leaves_noise(noisier, beside, settings.false_alarm_rate):
             return None
-    begun = best.model.effects
+    initial = best.model.effects
     for _ in range(ROUNDS):
-        found = search(nominal_problem.shaken(force), settings, progress, begun, trace)
-        settled = {effect.key for effect in begun} == {effect.key for effect in found.best.model.effects}
-        begun = found.best.model.effects
-        if settled or not begun:
+        found = search(nominal_problem.with_unknown_force(force), settings, progress, initial, trace)
+        unchanged = {effect.key for effect in initial} == {effect.key for effect in found.best.model.effects}
+        initial = found.best.model.effects
+        if unchanged or not initial:
             break
         force = found.problem.likeliest_force(found.best.model)
         assert force is not None
-    trace.add(*decisions.remaining(found.problem, found.best, settings.false_alarm_rate))
-    if not begun or not leaves_noise(found.problem, found.best, settings.false_alarm_rate):
-        trace.add(decisions.refused_beside_forces(found.best))
+    trace.add(*decisions.record_residual(found.problem, found.best, settings.false_alarm_rate))
+    if not initial or not leaves_noise(found.problem, found.best, settings.false_alarm_rate):
+        trace.add(decisions.record_unknown_forces_failure(found.best))
         return None
+    # noise of any size would explain everything: under the stated noise, the effects must explain nearly all
     left, had = _excess(nominal_problem, found.best), _excess(nominal_problem, outcome.nominal)
-    trace.add(decisions.little_beside_forces(found.best, left, had, MISFIT_SHARE_TO_EXPLAIN))
+    trace.add(decisions.record_unknown_forces_share(found.best, left, had, MISFIT_SHARE_TO_EXPLAIN))
     if left > MISFIT_SHARE_TO_EXPLAIN * had:
         return None
     return replace(
@@ -70,7 +71,7 @@ def search_again(
     )
 
 
-def _excess(problem: Problem, one: Fit) -> float:
-    """What a model leaves beyond the noise that the channels have."""
-    rows = problem.rewhitened(one.model).rows_of(one.model)
+def _excess(problem: Problem, fit: Fit) -> float:
+    """Mean square of the rows − 1, at least 0, whitened with the noise of the channels alone."""
+    rows = problem.rewhitened(fit.model).rows_of(fit.model)
     return max(float(np.mean(rows**2)) - 1.0, 0.0)

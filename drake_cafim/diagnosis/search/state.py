@@ -1,4 +1,4 @@
-"""A search under way: what was fitted and screened under the present whitening of the noise."""
+"""The state of a search: the problem under its present whitening, and the fits and tests made under it."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -17,16 +17,17 @@ from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
 
 ROUNDS = 3
-"""Times, at most, that the noise is whitened anew as unknowns move."""
+"""Largest number of repetitions, of whitening while unknowns change, and of competitions between explanations."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How hard to search and how sure to be; nothing here depends on the case.
+    """Options of a search.
 
     - `false_alarm_rate`: probability that anything is named where nothing is missing.
-    - `most_effects`: how many an explanation may have.
-    - `beam`: explanations of each size that are carried on; `refined`: candidates each of them is refitted with.
+    - `most_effects`: largest number of effects of an explanation.
+    - `beam`: number of explanations of each size that are continued.
+    - `refined`: number of candidates that are fitted exactly beside each of these.
     """
 
     false_alarm_rate: float = 0.01
@@ -37,9 +38,9 @@ class Settings:
 
 @dataclass
 class Pool:
-    """Every explanation that was fitted, by what is in it.
+    """Every explanation that was fitted, by its effects and its unknowns without prior.
 
-    Echoes of noise, and fits that ran away, are no explanations and are left out.
+    Fits whose gain is an artefact of noise (`Fit.echo`), or whose χ² is infinite, are no explanations and are left out.
     """
 
     fits: dict[frozenset[Key], Fit] = field(default_factory=dict)
@@ -54,7 +55,7 @@ class Pool:
 
 @dataclass
 class State:
-    """A search under way: the problem under its present whitening, and what was fitted and screened under it."""
+    """The state of a search: the problem under its present whitening, and the fits and tests made under it."""
 
     problem: SearchProblem
     settings: Settings
@@ -68,7 +69,7 @@ class State:
     rests: list[tuple[Model, Fit]] = field(default_factory=list)
 
     def rest(self, model: Model) -> Fit:
-        """The fit of an explanation without one of its effects, computed once."""
+        """The quick fit of `model`, an explanation without one of its effects; cached."""
         for known, found in self.rests:
             if known.effects == model.effects and known.free == model.free:
                 return found
@@ -76,7 +77,7 @@ class State:
         return self.rests[-1][1]
 
     def screen(self, parent: Fit) -> list[Candidate]:
-        """Candidates that may join `parent`, screened once."""
+        """First-order candidates for one more effect beside `parent`; cached."""
         key = parent.model.keys
         if key not in self.screens:
             others = parent.model.effects
@@ -93,9 +94,9 @@ class State:
         return sorted(fits, key=self.cost(1.0))
 
     def rewhiten(self, best: Fit) -> Fit | None:
-        """Whiten under `best`, since accepted physics moves the noise too; what still competes is fitted anew.
+        """Whitens under `best`, since its effects change the noise covariance, and fits what still competes again.
 
-        None, and nothing is whitened anew, where under its own noise `best` is an echo of it.
+        None, with the state unchanged, if under its own covariance the gain of `best` is an artefact of noise.
         """
         cost = self.cost(1.0)
         reach = cost(best) + COMPETING_CRITERION_REACH * scale_of(best)
@@ -104,13 +105,13 @@ class State:
         for _ in range(ROUNDS):
             problem, pool = problem.rewhitened(best.model), Pool()
             for found in (best, *(other for other in competing if other.model.keys != best.model.keys)):
-                # the width of a sign change is chosen anew as well
+                # the best width of a change of sign depends on the covariance as well
                 pool.add(unbiased_fit(problem, fit_shapes(problem, fit(problem, found.model)).model))
                 if best.model.keys not in pool.fits:
-                    self.trace.add(decisions.echo(best.model))
+                    self.trace.add(decisions.record_echo(best.model))
                     return None
             before, best = best, pool.fits[best.model.keys]
-            self.trace.add(decisions.whitened(problem, before.model, best.model, UNKNOWN_MOVE_IN_PRIOR_STDS))
+            self.trace.add(decisions.record_whitening(problem, before.model, best.model, UNKNOWN_MOVE_IN_PRIOR_STDS))
             if not has_moved(problem, before.model, best.model):
                 break
         self.problem, self.pool, self.screens, self.rests = problem, pool, {}, []
@@ -119,5 +120,5 @@ class State:
 
 
 def has_moved(problem: SearchProblem, before: Model, after: Model) -> bool:
-    """Whether unknowns moved so far that the noise is to be whitened anew."""
+    """Whether unknowns changed so much that the noise covariance has to be computed again."""
     return bool(np.any(np.abs(after.unknown - before.unknown) > UNKNOWN_MOVE_IN_PRIOR_STDS * problem.scene.priors.std))
