@@ -106,7 +106,7 @@ def test_an_explanation_that_leaves_more_than_none_does_is_not_named() -> None:
     judgement = _of_search(outcome, state.Settings(), trace)
     assert judgement.kind == "unexplained" and judgement.best is nominal
     refusal = trace.records[-1]
-    assert refusal.step == "support" and not refusal.passed and "without it there is 2.85" in refusal.words
+    assert refusal.step == "support" and not refusal.passed and "without it 2.85" in refusal.words
 
 
 class _TwoRows:
