@@ -273,7 +273,7 @@ def record_residual(problem: SearchProblem, entry: Fit, rate: float) -> list[Rec
 def record_worse_than_none(best: Fit, nominal: Fit) -> Record:
     """An explanation that leaves more, in units of its own noise, than the nominal model does."""
     left, had = best.reduced_chi_square, nominal.reduced_chi_square
-    words = f"with it the residual is {short(left)} times the noise variance, without it {short(had)}, so it is not named"
+    words = f"with it the residual is {short(left)} times the noise variance, without it {short(had)}: it is not named"
     return Record("support", model_name(best.model), left, had, False, words, "misfit")
 
 
