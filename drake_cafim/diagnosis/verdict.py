@@ -212,6 +212,7 @@ class Verdict:
     next_experiment: Mapping[str, object] | None = field(default=None)
     far: tuple[NominalParameter, ...] = ()
     adequate: bool = False
+    noise: Mapping[str, ChannelNoise] = field(default_factory=dict)
 
     def __str__(self) -> str:
         return sentence(self)
