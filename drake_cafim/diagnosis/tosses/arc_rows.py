@@ -33,13 +33,13 @@ FIRST = 2
 
 @dataclass(frozen=True)
 class TossRun:
-    """One recording's share of the rows: `windows` samples of six rows each."""
+    """One recording's share of the rows: `windows` samples of six rows each, or of three of position alone."""
 
     name: str
     windows: int
     time: Array
     """(windows,) s of the samples."""
-    rows_per_window: ClassVar[int] = 6
+    rows_per_window: int = 6
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -91,7 +91,7 @@ class ArcRows(Problem):
     ) -> Self:
         """The problem whose innovations are linearised along the arcs under `model`, fitted from `start` (B)."""
         base = fit_initial_states(arcs, noise, model.physics(scene), start or arcs.start)
-        return cls(scene, _runs(arcs), arcs, noise, base, model)
+        return cls(scene, _runs(arcs, noise.rows), arcs, noise, base, model)
 
     @classmethod
     def at_nominal(cls, scene: Scene, arcs: Arcs, noise: PoseNoise) -> Self:
@@ -146,8 +146,9 @@ class ArcRows(Problem):
 
     def order_rows(self, innovations: Array) -> Array:
         """The innovations (R, k) that count of (B, S, 6, k), ordered by recording, arc and sample."""
+        measured = innovations[innovation_mask(self.arcs)][:, : self.noise.rows]
         # the size is given in full: for a model without parameters k = 0, where reshape cannot infer it
-        return np.asarray(innovations[innovation_mask(self.arcs)].reshape(self.rows, innovations.shape[3]), dtype=float)
+        return np.asarray(measured.reshape(self.rows, innovations.shape[3]), dtype=float)
 
     def shot(self, model: Model) -> Shot:
         """The arcs simulated under `model` from fitted initial states; cached for the last few models."""
@@ -189,12 +190,12 @@ def innovation_mask(arcs: Arcs) -> np.ndarray[Any, np.dtype[np.bool_]]:
     return arcs.held & (np.arange(arcs.times.shape[1]) >= FIRST)
 
 
-def _runs(arcs: Arcs) -> tuple[TossRun, ...]:
+def _runs(arcs: Arcs, rows: int) -> tuple[TossRun, ...]:
     keep = innovation_mask(arcs)
     runs = []
     for index, track in enumerate(arcs.tracks):
         own = arcs.recording == index
-        runs.append(TossRun(track.recording.name, int(keep[own].sum()), arcs.times[own][keep[own]]))
+        runs.append(TossRun(track.recording.name, int(keep[own].sum()), arcs.times[own][keep[own]], rows))
     return tuple(runs)
 
 

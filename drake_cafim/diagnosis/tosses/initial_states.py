@@ -63,7 +63,7 @@ class FittedArcs:
     @cached_property
     def far(self) -> Flags:
         """(B,) the arcs that misfit far more than the median arc."""
-        left = self.cost / _freedom(self.shot.arcs)
+        left = self.cost / _freedom(self.shot)
         return np.asarray(left > ARC_RESTART_CHI_SQUARE * max(1.0, float(np.median(left))))
 
     @cached_property
@@ -72,7 +72,7 @@ class FittedArcs:
         change = self._change(self.misfit)
         left = self.misfit + np.einsum("bij,bj->bi", self.innovation.triangle, change)
         promised = np.sum(self.misfit**2, axis=1) - np.sum(left**2, axis=1)
-        return np.asarray(promised > self.near * np.maximum(self.cost / _freedom(self.shot.arcs), 1.0))
+        return np.asarray(promised > self.near * np.maximum(self.cost / _freedom(self.shot), 1.0))
 
     def predict_start(self, added: Array) -> State:
         """The initial states that minimise χ² when `added` (B, 12) is added to the misfit z."""
@@ -179,9 +179,9 @@ def _innovation_of(shot: Shot, before: Shot, known: Innovation) -> Innovation:
     return known.replace_flights(new, Innovation.of(shot[new].start_jacobian)) if np.any(new) else known
 
 
-def _freedom(arcs: Arcs) -> Array:
-    """Degrees of freedom of each arc, (B,): six a sample, less the twelve of its initial state, at least 1."""
-    return np.asarray(np.maximum(6 * arcs.counts - 12, 1), dtype=float)
+def _freedom(shot: Shot) -> Array:
+    """Degrees of freedom of each arc, (B,): six (three) a sample, less twice that of its initial state, at least 1."""
+    return np.asarray(np.maximum(shot.noise.rows * (shot.arcs.counts - 2), 1), dtype=float)
 
 
 def _follows(arcs: Arcs) -> Flags:

@@ -25,13 +25,14 @@ from drake_cafim.diagnosis.tosses.jacobian import difference, force_rows, sensor
 from drake_cafim.diagnosis.tosses.pulses import strongest_pushes
 from drake_cafim.diagnosis.tosses.simulated_arcs import Shot
 from drake_cafim.diagnosis.tosses.surface_search import fit_surface
+from drake_cafim.diagnosis.tosses.turning import why_turns_matter
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.contact import ContactEffect, ContactLook
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.kinds import ByKind
-from drake_cafim.effects.link import Payload
+from drake_cafim.effects.link import Payload, TreeEffect
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.effects.surroundings import Surroundings
@@ -46,12 +47,21 @@ def hypotheses(problem: ArcRows) -> tuple[Effect, ...]:
     """Every effect of the scene's vocabulary that is observable in a toss, at each of its places.
 
     A delay common to all channels is not observable. An unmodeled contact is left out as well, since its regressors
-    need recordings that touch it at rest.
+    need recordings that touch it at rest. Where positions alone were measured, so are loads off a ball's centre.
     """
     body = problem.body
     columns = tuple(f"pose.{body}.{axis}" for axis in "xyz")
     where = Surroundings(problem.scene.tree, problem.scene.physics.contacts, columns, body)
-    return tuple(effect(at) for effect in problem.scene.vocabulary for at in effect.attachments(where))
+    found = [effect(at) for effect in problem.scene.vocabulary for at in effect.attachments(where)]
+    if problem.noise.turns_measured:
+        return tuple(found)
+    return tuple(effect for effect in found if not _turns_matter(problem.scene.physics, effect))
+
+
+def _turns_matter(physics: Physics, effect: Effect) -> bool:
+    """Whether the body's motion depends on its rotation once `effect` acts at its typical strengths."""
+    typical = effect.with_values({s.name: s.nominal + s.typical for s in effect.strengths})
+    return isinstance(effect, TreeEffect) and bool(why_turns_matter(physics.with_effects([typical])))
 
 
 def looks(problem: ArcRows, at: Fit, effect: Effect) -> Looks:

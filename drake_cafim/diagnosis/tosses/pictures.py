@@ -36,7 +36,7 @@ class TossPictures(Pictures):
 
     @property
     def row_labels(self) -> list[str]:
-        return list(ROWS)
+        return list(ROWS[: self.problem.noise.rows])
 
     def maps(self, before: Model, after: Model) -> list[ResidualMap]:
         """The root mean square of the innovations over each `TOGETHER` samples, under both models."""
@@ -50,7 +50,7 @@ class TossPictures(Pictures):
         return maps
 
     def forecast(self, recording: Recording, physics: Physics) -> Forecast:
-        tracks = [track_of(recording, self.problem.body)]
+        tracks = [track_of(recording, self.problem.body, turns=self.problem.noise.turns_measured)]
         return toss_forecasts(tracks, self.problem.noise, physics, self.problem.body)[0]
 
     def evidence(self, effect: Effect, without: Physics, with_it: Physics) -> Evidence:
@@ -67,7 +67,7 @@ class TossPictures(Pictures):
             width = max(width, _width(time))
             nothing = np.zeros((len(values), 0))
             means.append(WindowMeans(time.mean(axis=1), nothing, nothing, nothing, nothing))
-        channels = [Channel(f"innovation of {row}", "std of the noise") for row in ROWS]
+        channels = [Channel(f"innovation of {row}", "std of the noise") for row in self.row_labels]
         std = [np.ones_like(values) for values in rows[0]]
         return Evidence(effect, problem.scene.tree, channels, 0, width, means, rows[0], rows[1], std)
 
@@ -83,11 +83,11 @@ def _width(time: Array) -> float:
 
 
 def _cells(problem: ArcRows, rows: Array) -> list[Array]:
-    """Each recording's whitened rows, (cells, TOGETHER, 6); a rest that fills no cell is left out."""
+    """Each recording's whitened rows, (cells, TOGETHER, rows a sample); a rest that fills no cell is left out."""
     found, start = [], 0
     for run in problem.runs:
         z = rows[start : start + run.rows].reshape(run.shape)
         start += run.rows
         count = len(z) // TOGETHER
-        found.append(z[: count * TOGETHER].reshape(count, TOGETHER, 6))
+        found.append(z[: count * TOGETHER].reshape(count, TOGETHER, run.rows_per_window))
     return found

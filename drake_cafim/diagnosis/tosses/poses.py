@@ -13,12 +13,16 @@ from drake_cafim.recordings.recording import POSE_COMPONENTS, Recording
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
+LEVER = 0.05
+"""m, the radius of an ordinary ball."""
+QUATERNION = POSE_COMPONENTS[3:]
+
 
 @dataclass(frozen=True)
 class PoseNoise:
     """Standard deviations of a sample, `position` m and `rotation` rad per axis, with correlation times `memory` s.
 
-    A correlation time of 0 is white noise.
+    A correlation time of 0 is white noise; a `rotation` of infinity means that positions alone were measured.
     """
 
     position: float
@@ -29,6 +33,25 @@ class PoseNoise:
     def std(self) -> Array:
         """(6,) of position and rotation."""
         return np.array([self.position] * 3 + [self.rotation] * 3)
+
+    @property
+    def turns_measured(self) -> bool:
+        """Whether rotations were measured, and not positions alone."""
+        return bool(np.isfinite(self.rotation))
+
+    @property
+    def rows(self) -> int:
+        """The number of measurements in a sample: 6 of a pose, 3 of a position."""
+        return 6 if self.turns_measured else 3
+
+    @property
+    def step_std(self) -> Array:
+        """(6,) the std of which a simulation's error is a small share: without rotations, at `LEVER` that of position.
+
+        Unmeasured as it is, a rotation's error becomes one of position at the next touch.
+        """
+        rotation = self.rotation if self.turns_measured else self.position / LEVER
+        return np.array([self.position] * 3 + [rotation] * 3)
 
     @property
     def times(self) -> Array:
@@ -62,12 +85,20 @@ def tracked_body(scene: Scene, recordings: Sequence[Recording]) -> str:
     )
 
 
-def track_of(recording: Recording, body: str) -> PoseTrack:
+def measures_turns(recording: Recording, body: str) -> bool:
+    """Whether the recording has the body's quaternion, or a part of it that asks for the rest."""
+    return any(f"pose.{body}.{component}" in recording.columns for component in QUATERNION)
+
+
+def track_of(recording: Recording, body: str, *, turns: bool = True) -> PoseTrack:
     """The recording's poses without the samples in which a number is missing; quaternions are normalised.
 
-    Raises `InputError` where a quaternion is far from unit length or fewer than twelve samples are left.
+    Without `turns` only positions are read, and all quaternions are that of no rotation. Raises `InputError` where a
+    quaternion is far from unit length or fewer than twelve samples are left.
     """
-    pose = recording.matrix(f"pose.{body}", POSE_COMPONENTS)
+    pose = recording.matrix(f"pose.{body}", POSE_COMPONENTS if turns else POSE_COMPONENTS[:3])
+    if not turns:
+        pose = np.column_stack([pose, np.tile([1.0, 0.0, 0.0, 0.0], (len(pose), 1))])
     whole = np.all(np.isfinite(pose), axis=1)
     time, pose = recording.time[whole], pose[whole]
     length = np.linalg.norm(pose[:, 3:], axis=1)
@@ -79,14 +110,17 @@ def track_of(recording: Recording, body: str) -> PoseTrack:
     return PoseTrack(recording, time, pose[:, :3], pose[:, 3:] / length[:, None])
 
 
-def noise_of_poses(scene: Scene, body: str, tracks: Sequence[PoseTrack]) -> tuple[PoseNoise, tuple[str, ...]]:
+def noise_of_poses(
+    scene: Scene, body: str, tracks: Sequence[PoseTrack], *, turns: bool = True
+) -> tuple[PoseNoise, tuple[str, ...]]:
     """The noise stated in the scenario, or else estimated from fourth differences; and a note on each estimate.
 
-    Raises `InputError` for a std of zero.
+    `turns` says whether rotations were measured. Raises `InputError` for a std of zero.
     """
     notes = []
     found = []
-    for part, column in (("position", f"pose.{body}.x"), ("rotation", f"pose.{body}.qw")):
+    parts = [("position", f"pose.{body}.x"), ("rotation", f"pose.{body}.qw")]
+    for part, column in parts if turns else parts[:1]:
         std = scene.std(column)
         if std is None:
             std = float(np.sqrt(np.mean(_estimate_std(tracks, part) ** 2)))
@@ -98,7 +132,7 @@ def noise_of_poses(scene: Scene, body: str, tracks: Sequence[PoseTrack]) -> tupl
         found.append(std)
     channel = scene.channel(f"pose.{body}.x")
     memory = channel.correlation_time if channel is not None else 0.0
-    return PoseNoise(found[0], found[1], (memory, memory)), tuple(notes)
+    return PoseNoise(found[0], found[1] if turns else np.inf, (memory, memory if turns else 0.0)), tuple(notes)
 
 
 def _estimate_std(tracks: Sequence[PoseTrack], part: str) -> Array:

@@ -14,6 +14,7 @@ from drake_cafim.diagnosis.tosses.pose_readings import AXES
 from drake_cafim.diagnosis.tosses.poses import (
     PoseNoise,
     PoseTrack,
+    measures_turns,
     noise_of_poses,
     track_of,
     tracked_body,
@@ -21,6 +22,7 @@ from drake_cafim.diagnosis.tosses.poses import (
 )
 from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.tosses.quality import qualities
+from drake_cafim.diagnosis.tosses.turning import why_turns_matter
 from drake_cafim.diagnosis.verdict import ChannelNoise, Quality
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import POSE_COMPONENTS, Recording
@@ -49,7 +51,8 @@ class PreparedTosses:
         stated = [self.scene.std(f"{place}.{last}") is not None for last in ("x", "qw")]
         position = ChannelNoise(self.noise.position, "m", by_position, stated[0])
         rotation = ChannelNoise(self.noise.rotation, "rad", by_rotation, stated[1])
-        return {f"{place}.{axis}": position for axis in AXES} | {f"{place}.rotation": rotation}
+        found = {f"{place}.{axis}": position for axis in AXES}
+        return found | {f"{place}.rotation": rotation} if self.noise.turns_measured else found
 
     def under(self, model: Model) -> None:
         """None: a toss has no efforts whose noise would depend on `model`."""
@@ -82,8 +85,8 @@ def prepare_tosses(
 ) -> PreparedTosses:
     """The recordings' poses, with their noise as stated or estimated.
 
-    Raises `InputError` for recordings without the pose, for scenes with more than one contact, and for sensor effects
-    on channels that are not the body's pose.
+    Positions alone will do of a ball, and of a body that touches nothing. Raises `InputError` for recordings without
+    the pose, for scenes with more than one contact, and for sensor effects on channels that are not the body's pose.
     """
     if len(scene.physics.contacts) > 1:
         names = ", ".join(contact.name for contact in scene.physics.contacts)
@@ -92,11 +95,30 @@ def prepare_tosses(
     for recording in (*recordings, *held_out):
         check_usable(recording, [f"pose.{body}.{component}" for component in POSE_COMPONENTS])
     _check_sensors(scene, body)
-    tracks = tuple(track_of(recording, body) for recording in recordings)
-    noise, estimates = noise_of_poses(scene, body, tracks)
+    turns = _measure_turns(scene, [*recordings, *held_out], body)
+    tracks = tuple(track_of(recording, body, turns=turns) for recording in recordings)
+    noise, estimates = noise_of_poses(scene, body, tracks, turns=turns)
     noise, remarks = _with_memory(scene, noise, tracks, body)
-    held = tuple(track_of(recording, body) for recording in held_out)
+    held = tuple(track_of(recording, body, turns=turns) for recording in held_out)
+    if not turns:
+        notes = (f"pose.{body}: only positions are used; effects that need its rotation are not looked for", *notes)
     return PreparedTosses(scene, body, noise, tracks, held, (*estimates, *notes), (), remarks)
+
+
+def _measure_turns(scene: Scene, recordings: Sequence[Recording], body: str) -> bool:
+    """Whether all recordings have rotations. Raises `InputError` where one lacks them although they matter."""
+    without = [recording for recording in recordings if not measures_turns(recording, body)]
+    if not without:
+        return True
+    priors = scene.priors
+    for physics in (scene.physics, scene.physics_at(priors.mean + priors.std)):
+        if reason := why_turns_matter(physics):
+            raise InputError(
+                f"{without[0].name}: pose.{body} has no rotation (columns qw, qx, qy, qz), which is needed because "
+                f"{reason}; position alone is enough for a ball tracked at its centre, with its centre of mass there, "
+                "and for a body without contact that is tracked at its centre of mass"
+            )
+    return False
 
 
 def _check_sensors(scene: Scene, body: str) -> None:
@@ -118,12 +140,13 @@ def _with_memory(
     Fourth differences see only the fast part of correlated noise: an estimated std is corrected for its memory.
     """
     columns = {f"{part}.{axis}": std for part, std in (("position", noise.position), ("rotation", noise.rotation))
-               for axis in "xyz"}  # fmt: skip
+               for axis in "xyz" if np.isfinite(std)}  # fmt: skip
     spread = []
     for track in tracks:
         turns = unroll_rotation(track.quaternion)
         values = {f"position.{axis}": track.p[:, k] for k, axis in enumerate("xyz")}
-        values |= {f"rotation.{axis}": turns[:, k] for k, axis in enumerate("xyz")}
+        if noise.turns_measured:
+            values |= {f"rotation.{axis}": turns[:, k] for k, axis in enumerate("xyz")}
         spread.append(Recording(track.recording.name, track.time, values))
     estimated = set(columns) if scene.std(f"pose.{body}.x") is None else set()
     stated = {column: Memory(time) for column in columns if (time := noise.memory[column.startswith("rotation")]) > 0.0}
@@ -133,4 +156,4 @@ def _with_memory(
     position, rotation = (memories[part].time if part in memories else 0.0 for part in ("position.x", "rotation.x"))
     remarks = tuple(remark.replace("noise of position", f"noise of the position of pose.{body}").replace(
         "noise of rotation", f"noise of the rotation of pose.{body}") for remark in found)  # fmt: skip
-    return PoseNoise(std["position.x"], std["rotation.x"], (position, rotation)), remarks
+    return PoseNoise(std["position.x"], std.get("rotation.x", np.inf), (position, rotation)), remarks

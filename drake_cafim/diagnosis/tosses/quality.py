@@ -35,8 +35,9 @@ def _negative_log_likelihoods(tracks: Sequence[PoseTrack], noise: PoseNoise, phy
     fitted = fit_initial_states(arcs, noise, physics, arcs.start)
     rows = fitted.innovation(fitted.shot.rows[..., None])[0][..., 0]
     own = 0.5 * (np.sum(rows**2, axis=2) + fitted.innovation.spread)
-    level = float(np.sum(np.log(noise.std) + 0.5 * np.log(2.0 * np.pi))) + _memory_level(arcs, noise)
-    own = np.fmin(own + level, 6.0 * (0.5 * np.log(2.0 * np.pi * LOST**2) + 0.5))
+    measured = noise.std[: noise.rows]
+    level = float(np.sum(np.log(measured) + 0.5 * np.log(2.0 * np.pi))) + _memory_level(arcs, noise)
+    own = np.fmin(own + level, noise.rows * (0.5 * np.log(2.0 * np.pi * LOST**2) + 0.5))
     keep = innovation_mask(arcs)
     return [own[arcs.recording == index][keep[arcs.recording == index]] for index in range(len(tracks))]
 
@@ -53,8 +54,9 @@ def _memory_level(arcs: Arcs, noise: PoseNoise) -> float:
 def toss_forecasts(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physics, body: str) -> list[Forecast]:
     """Each recording simulated over windows of a second, each from a state fitted to the 50 ms before it.
 
-    Columns are the positions, m, and `pose.<body>.rotation`, rad, the angle turned since the window began; the
-    prediction adds to the measured one the angle between the predicted and the measured orientation.
+    Columns are the positions, m, and where rotations were measured `pose.<body>.rotation`, rad, the angle turned since
+    the window began; the prediction adds to the measured one the angle between the predicted and the measured
+    orientation.
     """
     before, windows = [], []
     for index, track in enumerate(tracks):
@@ -76,9 +78,10 @@ def toss_forecasts(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physi
         missed, p = (np.concatenate([values[b][later[b]] for b in own]) for values in (errors, whole.p))
         predicted = {f"pose.{body}.{axis}": p[:, k] + missed[:, k] for k, axis in enumerate("xyz")}
         measured = {f"pose.{body}.{axis}": p[:, k] for k, axis in enumerate("xyz")}
-        turned = np.concatenate([_rotation_angles(whole.quaternion[b][later[b]]) for b in own])
-        predicted[f"pose.{body}.rotation"] = turned + np.linalg.norm(missed[:, 3:], axis=1)
-        measured[f"pose.{body}.rotation"] = turned
+        if noise.turns_measured:
+            turned = np.concatenate([_rotation_angles(whole.quaternion[b][later[b]]) for b in own])
+            predicted[f"pose.{body}.rotation"] = turned + np.linalg.norm(missed[:, 3:], axis=1)
+            measured[f"pose.{body}.rotation"] = turned
         time = np.concatenate([whole.times[b][later[b]] for b in own])
         result.append(Forecast(track.recording.name, time, window, predicted, measured))
     return result

@@ -32,7 +32,7 @@ class Shot:
         """Simulates the arcs; `memory` (B, K, m) is the contact's state at their beginnings, None for zero."""
         times = true_times(physics, arcs.times)
         body = FreeBody(physics)
-        flights = fly(body, start, times, arcs.counts, arcs.recording, arcs.names, noise.std, memory)
+        flights = fly(body, start, times, arcs.counts, arcs.recording, arcs.names, noise.step_std, memory)
         return cls(arcs, noise, physics, start, flights)
 
     def simulate_again(self, which: Flags, start: State, memory: Array | None = None) -> "Shot":
@@ -41,7 +41,9 @@ class Shot:
         times = true_times(self.physics, self.arcs.times)[rows]
         counts, recording = self.arcs.counts[rows], self.arcs.recording[rows]
         remembered = None if memory is None else memory[rows]
-        flights = fly(self.body, start[rows], times, counts, recording, self.arcs.names, self.noise.std, remembered)
+        flights = fly(
+            self.body, start[rows], times, counts, recording, self.arcs.names, self.noise.step_std, remembered
+        )
         B, S = self.flights.shape
         places = np.arange(B * S).reshape(B, S)[rows].ravel()
         at_samples = replace_rows(self.flights.at_samples, places, flights.at_samples)
@@ -64,7 +66,7 @@ class Shot:
 
     @cached_property
     def rows(self) -> Array:
-        """The whitened errors (B, S, 6), of unit variance; zero where there is no sample."""
+        """The whitened errors (B, S, 6), of unit variance; zero where there is no sample or no measured rotation."""
         return self.whiten(self.errors[..., None])[..., 0]
 
     @cached_property
