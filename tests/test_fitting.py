@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.fit.fitting import Fit, _less, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import Fit, _subtract_excess, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.robust_covariance import wald_p_value
@@ -403,5 +403,5 @@ def test_a_direction_of_numbers_that_are_each_known_is_known(share: float, kept:
     axes, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))
     information = (axes * [0.2, 1.0, 2.0]) @ axes.T * np.outer(size, size)
     excess = share * 0.2 * np.outer(axes[:, 0], axes[:, 0]) * np.outer(size, size)
-    left = _less(information, excess) / np.outer(size, size)
+    left = _subtract_excess(information, excess) / np.outer(size, size)
     np.testing.assert_allclose(axes.T @ left @ axes, np.diag([0.2 * kept, 1.0, 2.0]), atol=1e-9)

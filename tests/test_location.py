@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_cafim import recordings
-from drake_cafim.diagnosis.fit.excess import Excess, count_blocks, standing_blocks
+from drake_cafim.diagnosis.fit.excess import Excess, count_blocks, significant_blocks
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.scene.scene import Scene
@@ -40,16 +40,16 @@ def test_what_stands_out_at_the_very_end_is_seen(shape: tuple[int, ...]) -> None
     """Of joints, whose rows are looked at one by one, and of throws, whose six rows are looked at together."""
     squares = np.random.default_rng(1).standard_normal(shape) ** 2
     blocks = count_blocks(len(squares))
-    assert list(standing_blocks(squares, blocks)) == []
+    assert list(significant_blocks(squares, blocks)) == []
     squares[-3:] += 20.0
-    (last,) = standing_blocks(squares, blocks)
+    (last,) = significant_blocks(squares, blocks)
     assert (last.start, min(last.stop, 61)) == (53, 61)
 
 
 def test_a_recording_of_few_windows_stands_out_by_its_excess_only() -> None:
     squares = np.random.default_rng(1).standard_normal(4) ** 2
-    assert list(standing_blocks(squares, count_blocks(4))) == []
-    assert len(list(standing_blocks(squares + 20.0, count_blocks(4)))) == 1
+    assert list(significant_blocks(squares, count_blocks(4))) == []
+    assert len(list(significant_blocks(squares + 20.0, count_blocks(4)))) == 1
 
 
 def test_places_are_ordered_by_their_share_of_the_excess() -> None:

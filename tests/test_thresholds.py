@@ -23,8 +23,8 @@ FOLDER = Path(drake_cafim.diagnosis.__file__).parent
 
 ITERATIONS = {
     # at most so many steps of an iteration, and what ends it
-    "fit/fitting.py": "ROUNDS CORRECTED STRIDE",
-    "fit/intervals.py": "DOUBLINGS FOLLOWED",
+    "fit/fitting.py": "MOST_CORRECTIONS CORRECTION_TOLERANCE LARGEST_STEP",
+    "fit/intervals.py": "DOUBLINGS REFINEMENTS",
     "joints/linearised_contact_effects.py": "IMPROVEMENTS",
     "joints/plane_candidates.py": "IMPROVEMENTS",
     "joints/unknown_force.py": "MOST_STEPS TOLERANCE",
@@ -37,9 +37,9 @@ ITERATIONS = {
 }
 ROUNDING = {
     # what stands for zero or infinity, or is lost in rounding
-    "fit/fitting.py": "NOTHING_KNOWN LEAST_KNOWN",
+    "fit/fitting.py": "NOTHING_KNOWN LEAST_INFORMATION",
     "fit/model.py": "FREE_PRIOR_STD_RATIO",
-    "fit/robust_covariance.py": "KNOWN ROUNDING LEAST",
+    "fit/robust_covariance.py": "LARGEST_VARIANCE ROUNDING LEAST_SHARE",
     "noise/stated.py": "LEAST_STD",
     "search/screening.py": "DIVERGED LEAST_INFORMATION",
     "tosses/innovation.py": "VAGUE",

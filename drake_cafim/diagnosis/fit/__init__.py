@@ -1,1 +1,1 @@
-"""Maximum a posteriori fits to whitened rows, and what counts as evidence for a larger model."""
+"""Maximum a posteriori fits to whitened rows, and the statistical tests of a larger model against a smaller one."""

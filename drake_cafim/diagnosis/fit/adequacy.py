@@ -11,19 +11,19 @@ from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE, WINDOWS_PER_BL
 from drake_cafim.typing import Array
 
 KINDS = 3
-"""Of statistics: total, by row and by stretch of time."""
+"""Number of kinds of statistics: by row, by stretch of time, and of neighbouring windows."""
 
 
 @dataclass(frozen=True)
 class Adequacy:
-    """The smallest of several p-values, times their number, and the share of χ² to expect."""
+    """The smallest of several p-values, times their number (Bonferroni), and χ² per degree of freedom."""
 
     p_value: float
     reduced_chi_square: float
 
 
 def by_run(problem: Problem, rows: Array) -> Iterator[tuple[int, Array]]:
-    """Each recording's whitened rows as (M, r)."""
+    """Index and whitened rows (M, r) of each recording: M windows of r rows."""
     start = 0
     for index, run in enumerate(problem.runs):
         stop = start + run.shape[0] * run.shape[1]
@@ -33,7 +33,7 @@ def by_run(problem: Problem, rows: Array) -> Iterator[tuple[int, Array]]:
 
 @dataclass(frozen=True)
 class Misfit:
-    """The farthest of one `kind` of statistic from what noise gives, in units of the noise.
+    """The worst statistic of one `kind`, relative to its threshold, in units of the noise.
 
     - "stretch": mean square of a row over `WINDOWS_PER_BLOCK` windows of one recording;
     - "neighbours": correlation of a row's neighbouring windows, in standard deviations of chance;
@@ -43,21 +43,21 @@ class Misfit:
     kind: str
     statistic: float
     threshold: float
-    """What noise alone passes, at the rate that was asked for."""
+    """The value that noise alone exceeds at the requested rate."""
     row: int
     run: int | None
     windows: tuple[int, int] | None
-    """First and last of a stretch."""
+    """First and last window of a stretch."""
     failing: int
     of: int
-    """How many of this kind are beyond their threshold, and how many there are."""
+    """Number of statistics of this kind in all, `failing` of which exceed their threshold."""
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Statistics of one kind over one recording, or over all: (blocks, r) or (r,), their p-values and their number.
+    """Statistics of one kind over one recording, or over all: (blocks, r) or (r,), and their p-values.
 
-    `level` says which statistic has a given p-value.
+    `recordings` is the number of such groups; `level` gives the statistic that has a given p-value.
     """
 
     kind: str
@@ -69,7 +69,7 @@ class _Group:
 
 
 def adequacy(problem: Problem, residual: Array, fitted: int) -> Adequacy:
-    """How well `residual` (whitened rows, then prior rows) agrees with unit white noise; `fitted` strengths."""
+    """Test of `residual` (whitened rows, then prior rows) against unit white noise; `fitted` strengths were fitted."""
     rows = residual[: problem.rows]
     p_values = [float(min(1.0, g.p.min() * g.p.size * g.recordings)) for g in _groups(problem, rows, fitted)]
     reduced = float(rows @ rows) / max(problem.rows - fitted, 1)
@@ -77,9 +77,9 @@ def adequacy(problem: Problem, residual: Array, fitted: int) -> Adequacy:
 
 
 def misfits(problem: Problem, residual: Array, fitted: int, rate: float) -> tuple[Misfit, ...]:
-    """The worst of each kind of statistic in `adequacy`, which finds more than noise where one is beyond its threshold.
+    """The worst statistic of each kind in `adequacy`, whose p-value is below `rate` where one exceeds its threshold.
 
-    `rate` is the probability that any of them is where there is nothing but noise.
+    `rate` is the probability that noise alone makes any statistic exceed its threshold.
     """
     kinds: dict[str, list[tuple[_Group, float]]] = {}
     for group in _groups(problem, residual[: problem.rows], fitted):
@@ -102,7 +102,8 @@ def _worst(kind: str, groups: list[tuple[_Group, float]]) -> Misfit:
 
 
 def _groups(problem: Problem, rows: Array, fitted: int) -> Iterator[_Group]:
-    """The statistics that tell whitened `rows` from unit white noise."""
+    """The statistics by which whitened `rows` are tested against unit white noise."""
+    # the stated noise may be a little too small, which is no misfit of the model
     wider = (1.0 + NOISE_STD_TOLERANCE) ** 2
     total = np.zeros(problem.runs[0].shape[1])
     count, runs = 0, len(problem.runs)

@@ -1,4 +1,4 @@
-"""What counts as evidence for an effect: criteria, and the tests that a larger explanation has to pass."""
+"""Evidence for an effect: the information criterion, and the tests of a larger explanation against a smaller one."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,44 +20,43 @@ from drake_cafim.diagnosis.thresholds import (
 from drake_cafim.typing import Array
 
 FAR_UNKNOWN_SURPRISE = -2.0 * float(np.log(2.0 * norm.sf(UNKNOWN_FAR_IN_PRIOR_STDS)))
-"""−2 ln of the probability, under its stated prior, that an unknown is as far from its mean as is called far."""
+"""−2 ln P(|z| > `UNKNOWN_FAR_IN_PRIOR_STDS`) for a standard normal z: the cost of setting a prior aside."""
 
 
-def criterion(one: Fit, scale: float, trials: int) -> float:
+def criterion(fit: Fit, scale: float, trials: int) -> float:
     """Extended Bayesian information criterion χ²/s² + k ln R + 2 m ln H, smaller is better.
 
-    k strengths over R rows (Schwarz, Ann. Statist. 6(2), 1978), and m effects, or unknowns whose prior is set aside,
-    chosen from H looks: a larger catalogue
-    offers more to find by chance (Chen, Chen, Biometrika 95(3), 2008).
-    `scale` s² widens the noise where even the best explanation leaves more than noise, so that a small gain over a
-    large misfit does not count as evidence (McCullagh, Nelder, Generalized Linear Models, 1989, §9.2). What is known
-    beforehand of an effect's odds, −2 ln of them, counts as well.
+    k strengths are fitted to R rows (Schwarz, Ann. Statist. 6(2), 1978); m effects, or unknowns whose prior is set
+    aside, are chosen from H = `trials` looks, since a larger catalogue offers more to find by chance (Chen, Chen,
+    Biometrika 95(3), 2008). `scale` s² widens the noise where even the best explanation leaves more than noise, so that
+    a small gain over a large misfit is no evidence (McCullagh, Nelder, Generalized Linear Models, 1989, §9.2). −2 ln of
+    an effect's prior odds, `Effect.surprise`, is added.
     """
-    surprise = sum(effect.surprise for effect in one.model.effects) + len(one.model.free) * FAR_UNKNOWN_SURPRISE
-    cost = one.strengths * np.log(max(one.data_rows, 2)) + 2.0 * len(one.model.keys) * np.log(max(trials, 1))
-    return one.chi_square / scale + float(cost) + surprise
+    surprise = sum(effect.surprise for effect in fit.model.effects) + len(fit.model.free) * FAR_UNKNOWN_SURPRISE
+    cost = fit.strengths * np.log(max(fit.data_rows, 2)) + 2.0 * len(fit.model.keys) * np.log(max(trials, 1))
+    return fit.chi_square / scale + float(cost) + surprise
 
 
-def scale_of(one: Fit) -> float:
+def scale_of(fit: Fit) -> float:
     """s²: χ² per degree of freedom, at least 1."""
-    return max(1.0, one.chi_square / max(one.degrees_of_freedom, 1))
+    return max(1.0, fit.chi_square / max(fit.degrees_of_freedom, 1))
 
 
-def luck(gain: float, strengths: int) -> float:
-    """Probability that so many strengths take so much off χ² where they stand for nothing, and noise is loud."""
+def luck_p_value(gain: float, strengths: int) -> float:
+    """Probability that as many strengths lower χ² by `gain` on noise alone, whose std may be a little understated."""
     return float(chi2.sf(max(gain, 0.0) / (1.0 + NOISE_STD_TOLERANCE) ** 2, max(strengths, 1)))
 
 
-def leaves_noise(problem: Problem, one: Fit, rate: float) -> bool:
-    """Whether what a fit leaves is as the noise predicts, at a `rate` of mistakes where it is."""
-    return adequacy(problem, one.residual, one.strengths).p_value > rate
+def leaves_noise(problem: Problem, fit: Fit, rate: float) -> bool:
+    """Whether the residual of a fit is as the noise predicts; `rate` is the probability of False where it is."""
+    return adequacy(problem, fit.residual, fit.strengths).p_value > rate
 
 
-def under_its_noise(problem: Problem, before: Fit, after: Fit) -> tuple[Fit, Fit]:
-    """Both fits where the rows are whitened under `after`.
+def refit_under_noise_of(problem: Problem, before: Fit, after: Fit) -> tuple[Fit, Fit]:
+    """Both explanations fitted to rows whitened under `after`.
 
-    An effect that moves the inertia also moves how much noise reaches the rows; under the whitening of `before` it may
-    gain by that alone.
+    An effect that changes the inertia also changes the noise covariance of the rows; under the whitening of `before`
+    it may gain by that alone.
     """
     if not problem.regressors_noisy:
         return before, after
@@ -65,25 +64,25 @@ def under_its_noise(problem: Problem, before: Fit, after: Fit) -> tuple[Fit, Fit
     return unbiased_fit(own, before.model), unbiased_fit(own, after.model)
 
 
-def gain_over_what_is_left(problem: Problem, before: Fit, after: Fit) -> float:
-    """What `after` takes off χ², each channel's part over its own χ² per row, at least 1, that `after` leaves.
+def gain_over_residual(problem: Problem, before: Fit, after: Fit) -> float:
+    """Decrease of χ², Σ_c Δχ²_c / max(s²_c, 1), s²_c the χ² per row that `after` leaves in channel c; and of priors.
 
-    What is missing at one joint says nothing against what is found at another, where noise is all that is left.
+    A misfit that remains at one joint is no evidence against an effect at another joint, where only noise remains.
     """
-    had, left = (_by_channel(problem, one) for one in (before, after))
+    had, left = (_by_channel(problem, fit) for fit in (before, after))
     per_row = left[0] * len(left[0]) / problem.rows
     return float(np.sum((had[0] - left[0]) / np.maximum(per_row, 1.0))) + had[1] - left[1]
 
 
-def _by_channel(problem: Problem, one: Fit) -> tuple[Array, float]:
-    """χ² of each channel's rows (r,), and what the priors cost beside them."""
-    parts = np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, one.residual[: problem.rows])], axis=0)
-    return parts, one.chi_square - float(np.sum(parts))
+def _by_channel(problem: Problem, fit: Fit) -> tuple[Array, float]:
+    """χ² of each channel's rows (r,), and that of the priors and penalties."""
+    parts = np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, fit.residual[: problem.rows])], axis=0)
+    return parts, fit.chi_square - float(np.sum(parts))
 
 
 @dataclass(frozen=True)
 class Check:
-    """One test that a larger explanation has to pass: its `statistic` must reach the `threshold`."""
+    """A test of a larger explanation: `passed` where its `statistic` reaches the `threshold`."""
 
     name: str
     statistic: float
@@ -91,17 +90,11 @@ class Check:
     passed: bool
 
 
-def accepted(problem: Problem, before: Fit, after: Fit, trials: int, rate: float) -> bool:
-    """Whether the larger explanation passes every test, see `checks`."""
-    return all(check.passed for check in checks(problem, before, after, trials, rate))
-
-
 def checks(problem: Problem, before: Fit, after: Fit, trials: int, rate: float) -> Iterator[Check]:
-    """The tests of whether `after` is more than the luck of the best of `trials` looks, at a false-alarm `rate`.
+    """The tests of `after`, the best of `trials` looks, against `before` at a false-alarm `rate`; until one fails.
 
-    They end with the first one that fails. Where even the larger one leaves far more than noise, small gains mean
-    little: the wrong law of one effect is patched by others that are not there. It must then take away a fair part of
-    what was left, again and again.
+    Where even `after` leaves far more than noise, a small gain means little, since effects that do not exist compensate
+    for the wrong law of another one. Then `after` must remove a fair share of χ², in most recordings.
     """
     for check in _checks(problem, before, after, trials, rate):
         yield check
@@ -118,36 +111,38 @@ def _checks(problem: Problem, before: Fit, after: Fit, trials: int, rate: float)
             MISFIT_SHARE_TO_EXPLAIN,
             after.chi_square < (1.0 - MISFIT_SHARE_TO_EXPLAIN) * before.chi_square,
         )
-        better = share_repeated(problem, before, after)
+        better = share_improved(problem, before, after)
+        # what exists acts in every recording; what compensates for something else helps in some
         yield Check("share of recordings", better, RECORDINGS_SHARE_IMPROVED, better >= RECORDINGS_SHARE_IMPROVED)
     known = {effect.key for effect in before.model.effects}
     new = [effect for effect in after.model.effects if effect.key not in known]
     strengths = len(after.model.vector) - len(before.model.vector)
     gain = (before.chi_square - after.chi_square) / scale_of(after)
     lucky = least_gain(strengths, trials, rate)
-    yield Check("gain", gain, lucky, not luck(gain, strengths) * trials > rate)
+    yield Check("gain", gain, lucky, not luck_p_value(gain, strengths) * trials > rate)
     least = strengths * np.log(max(after.data_rows, 2))
     yield Check("gain for its parameters", gain, float(least), not gain < least)
     for effect in new:
         statistic, freedom = wald_statistic(problem, after, effect.key)
         threshold = float(chi2.isf(min(rate / max(trials, 1), 1.0), freedom))
         yield Check("Wald statistic", statistic, threshold, not chi2.sf(statistic, freedom) * trials > rate)
-    gain = gain_over_what_is_left(problem, *under_its_noise(problem, before, after))
-    yield Check("gain under its own noise", gain, lucky, luck(gain, strengths) * trials <= rate)
+    # last, since it whitens and fits both again
+    gain = gain_over_residual(problem, *refit_under_noise_of(problem, before, after))
+    yield Check("gain under its own noise", gain, lucky, luck_p_value(gain, strengths) * trials <= rate)
 
 
 def least_gain(strengths: int, trials: int, rate: float) -> float:
-    """What so many strengths must take off χ² where the best of `trials` looks at noise takes less, but at a `rate`."""
+    """Decrease of χ² by as many strengths that the best of `trials` looks at noise exceeds with probability `rate`."""
     return float(chi2.isf(min(rate / max(trials, 1), 1.0), max(strengths, 1))) * (1.0 + NOISE_STD_TOLERANCE) ** 2
 
 
-def repeated(problem: Problem, before: Fit, after: Fit) -> bool:
-    """Whether `after` explains the recordings that the new effects act in better, all but a quarter of them."""
-    return share_repeated(problem, before, after) >= RECORDINGS_SHARE_IMPROVED
+def improves_most_recordings(problem: Problem, before: Fit, after: Fit) -> bool:
+    """Whether `share_improved` is at least `RECORDINGS_SHARE_IMPROVED`."""
+    return share_improved(problem, before, after) >= RECORDINGS_SHARE_IMPROVED
 
 
-def share_repeated(problem: Problem, before: Fit, after: Fit) -> float:
-    """Share of the recordings that the new effects act in which `after` explains better."""
+def share_improved(problem: Problem, before: Fit, after: Fit) -> float:
+    """Share of the recordings in which χ² is smaller under `after`, among those in which its new effects act."""
     known = {effect.key for effect in before.model.effects}
     new = [effect for effect in after.model.effects if effect.key not in known]
     pushed = [effect.episode.recording if effect.episode is not None else None for effect in new]

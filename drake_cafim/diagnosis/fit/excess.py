@@ -1,4 +1,4 @@
-"""Where the excess over noise lies: χ² beyond its expectation by place, and the intervals of time in which it shows."""
+"""The excess of χ² over its expectation under noise, by place, and the intervals of time in which it is significant."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -29,19 +29,19 @@ class Excess:
         return Excess(dict.fromkeys(places, 0.0), {})
 
     def add(self, place: Place, squares: Array) -> None:
-        """Adds `squares` z² of a place, whose expectation under noise is 1 each; a sum below it adds nothing."""
+        """Adds max(Σ z² − n, 0) of the n `squares` z² of a place."""
         self.chi_square[place] += max(float(np.sum(squares)) - squares.size, 0.0)
 
     def show(self, place: Place, recording: str, intervals: Sequence[Interval]) -> None:
-        """Adds intervals of time of a recording in which the place stands out from noise."""
+        """Adds intervals of a recording in which the place exceeds noise significantly."""
         if intervals:
             self.shown.setdefault((place, recording), []).extend(intervals)
 
     def locations(self, recordings: Sequence[str], condition: Callable[[Place], str]) -> tuple[Location, ...]:
         """The places that hold more than `LOCATION_EXCESS_SHARE` of the excess, strongest first, by recording.
 
-        `condition` says in words when it shows at a place. The share of a place is divided over the recordings in which
-        it shows.
+        `condition` gives in words when the excess shows at a place. The share of a place is divided equally among the
+        recordings in which it shows.
         """
         total = sum(self.chi_square.values())
         found = []
@@ -52,7 +52,7 @@ class Excess:
                 continue
             words = condition(place)
             for name in shown:
-                intervals = united(self.shown[place, name])
+                intervals = merge_intervals(self.shown[place, name])
                 found.append(Location(*place, share / len(shown), intervals, name, words))
         return tuple(found)
 
@@ -62,11 +62,11 @@ def count_blocks(windows: int) -> int:
     return max(windows // WINDOWS_PER_BLOCK, 1)
 
 
-def standing_blocks(squares: Array, blocks: int) -> Iterator[slice]:
-    """The blocks of `WINDOWS_PER_BLOCK` windows that stand out from noise, of all in a recording.
+def significant_blocks(squares: Array, blocks: int) -> Iterator[slice]:
+    """The blocks of `WINDOWS_PER_BLOCK` windows of a recording whose χ² is significant.
 
-    `squares` (M,) or (M, r) are z². A block with f of them stands out where P(χ²_f > Σ z²) · `blocks`, the number that
-    is tested in all, is below `LOCATION_P_VALUE`. The last block is shifted back so that it is full.
+    `squares` (M,) or (M, r) are z². A block with f of them is significant where P(χ²_f > Σ z²) · `blocks` is below
+    `LOCATION_P_VALUE`, `blocks` the number of tests in all. The last block is shifted back so that it is full.
     """
     for first in range(0, len(squares), WINDOWS_PER_BLOCK):
         part = slice(max(min(first, len(squares) - WINDOWS_PER_BLOCK), 0), first + WINDOWS_PER_BLOCK)
@@ -74,12 +74,12 @@ def standing_blocks(squares: Array, blocks: int) -> Iterator[slice]:
             yield part
 
 
-def united(intervals: list[Interval]) -> tuple[Interval, ...]:
-    """The intervals in order, those that touch made one."""
-    united: list[Interval] = []
+def merge_intervals(intervals: list[Interval]) -> tuple[Interval, ...]:
+    """The intervals in order, those that touch or overlap merged."""
+    merged: list[Interval] = []
     for start, stop in sorted(intervals):
-        if united and start <= united[-1][1] + 1e-9:
-            united[-1] = (united[-1][0], max(stop, united[-1][1]))
+        if merged and start <= merged[-1][1] + 1e-9:
+            merged[-1] = (merged[-1][0], max(stop, merged[-1][1]))
         else:
-            united.append((start, stop))
-    return tuple(united)
+            merged.append((start, stop))
+    return tuple(merged)

@@ -1,4 +1,4 @@
-"""Maximum a posteriori fits of a model's numbers to whitened rows."""
+"""Maximum a posteriori fits of a model's unknowns and strengths to whitened rows, by Levenberg–Marquardt."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,38 +15,38 @@ from drake_cafim.diagnosis.thresholds import (
 )
 from drake_cafim.typing import Array
 
-ROUNDS, CORRECTED = 5, 0.1
-"""Corrections for shared noise, at most, and the part of a standard deviation that ends them."""
-STRIDE = 3.0
-"""Times the size of a number, or its typical one, that a step changes it by at most."""
+MOST_CORRECTIONS, CORRECTION_TOLERANCE = 5, 0.1
+"""Largest number of corrections for shared noise, and their size, in standard deviations, at which they end."""
+LARGEST_STEP = 3.0
+"""Largest change of a parameter in one step, over its size or, if that is larger, its typical size."""
 NOTHING_KNOWN = 1e12
-"""Variance of numbers that are an echo of noise."""
-LEAST_KNOWN = 1e-13
-"""Of the information on what is known best; what is less is rounding."""
+"""Variance of a parameter of which the rows contain no information."""
+LEAST_INFORMATION = 1e-13
+"""Eigenvalue of the scaled information over the largest one, below which it is rounding error."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model: `residual` whitened rows and prior rows, `jacobian` of them, `covariance` of the numbers."""
+    """A fitted model, with its whitened rows and prior rows `residual` (R + n,) and their `jacobian` (R + n, n + k)."""
 
     model: Model
     residual: Array
     jacobian: Array
     covariance: Array
-    """(n + k, n + k) of unknowns and strengths, under the stated noise."""
+    """(n + k, n + k) of n unknowns and k strengths, under the stated noise."""
     data_rows: int
     unbiased: bool = False
-    """Whether the noise that regressors share with the residual was reckoned with."""
+    """Whether it is corrected for the noise that regressors share with the residual, see `unbiased_fit`."""
     echo: bool = False
-    """Whether what was fitted is an echo of noise, of which nothing is known; it explains nothing."""
+    """Whether its decrease of χ² is an artefact of noise in the regressors: then it explains nothing."""
     penalty: float = 0.0
-    """What is paid beside the rows, see `Problem.penalty`."""
+    """Addition to χ² beside the rows, see `Problem.penalty`."""
 
     @property
     def chi_square(self) -> float:
-        """Σ of squared whitened rows, priors included, and what is paid beside them."""
+        """Σ of squared whitened rows and prior rows, plus `penalty`; infinite where that is no number."""
         value = float(self.residual @ self.residual) + self.penalty
-        # what is beyond numbers fits worse than anything else
+        # an overflow fits worse than anything else
         return float("inf") if np.isnan(value) else value
 
     @property
@@ -56,27 +56,27 @@ class Fit:
 
     @property
     def strengths(self) -> int:
-        """How many numbers beside the unknowns that have priors were fitted."""
+        """Number of fitted parameters, the unknowns whose prior applies not counted."""
         return len(self.model.vector) - len(self.model.unknown) + len(self.model.free)
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Data rows less the strengths; an unknown and its prior row cancel."""
+        """Number of data rows less `strengths`; an unknown and its prior row cancel."""
         return self.data_rows - self.strengths
 
     @property
     def std(self) -> Array:
-        """(n + k,) of unknowns and strengths; of what the rows do not see, that of nothing known."""
+        """(n + k,) standard deviations; √`NOTHING_KNOWN` of strengths that do not move the rows."""
         known = np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
         return np.where(_unseen(self.model, self.jacobian), np.sqrt(NOTHING_KNOWN), known)
 
 
 def fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
-    """The model's numbers at the nearest minimum of χ², by damped Gauss–Newton (Levenberg, Marquardt).
+    """The fit at the nearest minimum of χ², by damped Gauss–Newton (Levenberg, Marquardt).
 
-    Quick, and biased towards zero where the regressors are noisy; `unbiased_fit` mends that.
+    It is quick, but biased towards zero where the regressors are noisy; `unbiased_fit` corrects that.
     """
-    model, residual, jacobian = _minimised(problem, model, np.zeros(len(model.vector)), iterations)
+    model, residual, jacobian = _minimise(problem, model, np.zeros(len(model.vector)), iterations)
     seen = jacobian[: problem.rows]
     covariance = _posterior(problem, model, seen.T @ seen)
     return Fit(model, residual, jacobian, covariance, problem.rows, penalty=problem.penalty(model))
@@ -86,47 +86,48 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
     """`fit`, corrected for the noise that the regressors share with the residual.
 
     With measurement noise e both the residual z and its Jacobian J are noisy, and E[Jᵀz] at the truth is not zero but
-    b = E[ΔJᵀΔz] (errors in variables; Fuller, Measurement Error Models, 1987, §1). b is taken from the difference
-    that one more dose of noise makes, and Jᵀz = b is solved instead; likewise E[ΔJᵀΔJ] is taken off the information.
-    A controller hands the noise on to the efforts, and so to what they drive (closed-loop identification; Ljung,
-    System Identification, 1999, §13.4).
+    b = E[ΔJᵀΔz] (errors in variables; Fuller, Measurement Error Models, 1987, §1). b is estimated by adding noise
+    once more, and Jᵀz = b is solved instead; likewise E[ΔJᵀΔJ] is subtracted from the information.
+    A controller passes the noise on to the efforts, and so to the motion that they drive (closed-loop identification;
+    Ljung, System Identification, 1999, §13.4).
     """
     if not problem.regressors_noisy:
         return replace(fit(problem, model, iterations), unbiased=True)
     n = len(model.vector)
-    model, residual, jacobian = _minimised(problem, model, np.zeros(n), iterations)
+    model, residual, jacobian = _minimise(problem, model, np.zeros(n), iterations)
     excess = np.zeros((n, n))
-    worth = _worth(problem, model, residual)
+    most = _largest_correction(problem, model, residual)
     first = model.vector
-    for _ in range(ROUNDS if n else 0):
+    for _ in range(MOST_CORRECTIONS if n else 0):
         before = model.vector
         offset, excess = problem.shared_noise(model, residual, jacobian)
-        corrected = _minimised(problem, model, offset, 4, worth)
-        if not float(offset @ (corrected[0].vector - first)) < worth:
+        corrected = _minimise(problem, model, offset, 4, most)
+        # a correction that costs about what the effects gained: they were fitted to noise
+        if not float(offset @ (corrected[0].vector - first)) < most:
             nothing = _posterior(problem, model, np.zeros((n, n)))
             paid = problem.penalty(model)
             return Fit(model, residual, jacobian, nothing, problem.rows, unbiased=True, echo=True, penalty=paid)
         model, residual, jacobian = corrected
-        # the noise that is shared grows with the numbers themselves, so a large correction is made again
-        if np.all(np.abs(model.vector - before) * np.linalg.norm(jacobian, axis=0) < CORRECTED):
+        # the shared noise grows with the parameters themselves, so a large correction is repeated
+        if np.all(np.abs(model.vector - before) * np.linalg.norm(jacobian, axis=0) < CORRECTION_TOLERANCE):
             break
     seen = jacobian[: problem.rows]
     raw = np.einsum("ij,ij->j", seen, seen)
     empty = raw - np.diag(excess) < REGRESSOR_SIGNAL_SHARE * raw
-    covariance = _posterior(problem, model, _without(_less(seen.T @ seen, excess), empty, raw))
+    covariance = _posterior(problem, model, _drop_empty(_subtract_excess(seen.T @ seen, excess), empty, raw))
     paid = problem.penalty(model)
     found = Fit(model, residual, jacobian, covariance, problem.rows, unbiased=True, penalty=paid)
-    return replace(found, echo=_owed_to_noise(found, empty))
+    return replace(found, echo=_is_echo(found, empty))
 
 
-def _owed_to_noise(found: Fit, empty: np.ndarray[Any, np.dtype[np.bool_]]) -> bool:
-    """Whether the explanation lives by numbers whose regressors are noise, `empty` (n + k,).
+def _is_echo(found: Fit, empty: np.ndarray[Any, np.dtype[np.bool_]]) -> bool:
+    """Whether the fit depends on parameters whose regressors are only noise, `empty` (n + k,).
 
-    It does where those take more off χ² than a criterion asks of as many numbers, ln R each over R rows (Schwarz, Ann.
-    Statist. 6(2), 1978); what they take off is what χ² rises by, to first order, where they are at their nominal values
-    and the other numbers follow. A direction that no row sees, as of a push along a link, takes off nothing.
+    It does where these lower χ² by more than ln R each over R rows, which an information criterion requires of as many
+    parameters (Schwarz, Ann. Statist. 6(2), 1978). Their decrease of χ² is its rise, to first order, when they are set
+    to their nominal values and the other parameters adapt. One that moves no row, as a push along a link, has none.
     """
-    change = _to_absent(found.model)
+    change = _change_to_absent(found.model)
     echoing = empty & np.isfinite(change)
     if not np.any(echoing):
         return False
@@ -140,46 +141,46 @@ def _owed_to_noise(found: Fit, empty: np.ndarray[Any, np.dtype[np.bool_]]) -> bo
     return gained > int(np.count_nonzero(echoing)) * float(np.log(max(found.data_rows, 2)))
 
 
-def _to_absent(model: Model) -> Array:
-    """(n + k,) how far each number is from where its effect is absent, by its slope here; NaN of all others."""
+def _change_to_absent(model: Model) -> Array:
+    """(n + k,) change of each amplitude that removes its effect; NaN of unknowns and of other strengths."""
     far = [np.nan] * len(model.unknown)
     for effect in model.effects:
         for s, value in zip(effect.strengths, effect.vector, strict=True):
-            # to first order in its inverse, what is absent at infinity is its own value away
+            # an effect that is absent at infinity, as a stiffness: to first order in 1/value the change is the value
             far.append((value if s.inverse else s.nominal - value) if s.amplitude else np.nan)
     return np.array(far)
 
 
-def _worth(problem: Problem, model: Model, residual: Array) -> float:
-    """Half of what the effects take off χ²; a correction that would cost more finds them to be noise altogether."""
+def _largest_correction(problem: Problem, model: Model, residual: Array) -> float:
+    """Half of the decrease of χ² by the effects, plus an allowance: a correction may cost no more."""
     if not model.effects:
         return np.inf
     without = problem.residual(replace(model, effects=()))
     return 0.5 * float(without @ without - residual @ residual) + CORRECTION_COST_ALLOWANCE
 
 
-def _less(information: Array, excess: Array) -> Array:
-    """The information less what noise in the regressors adds to it, of which each direction keeps a fifth.
+def _subtract_excess(information: Array, excess: Array) -> Array:
+    """The information I − E, of which each direction keeps at least the share `REGRESSOR_SIGNAL_SHARE` of I.
 
-    Where gaps close, one more dose of noise makes more of a difference than the noise that is there has made; with all
-    of it taken off, a direction of numbers that each are known would count as not known at all.
+    E is the `excess` by noise in the regressors. At closing gaps, noise that is added changes more than the noise that
+    is in the recordings did; without the bound, parameters that are known would count as unknown.
     """
     if not np.any(information):
         return information
     size = np.sqrt(np.diag(information))
     size = np.where(size > 0.0, size, 1.0)
     known, axes = np.linalg.eigh(information / np.outer(size, size))
-    root = np.sqrt(np.maximum(known, LEAST_KNOWN * np.max(known, initial=0.0)))
+    root = np.sqrt(np.maximum(known, LEAST_INFORMATION * np.max(known, initial=0.0)))
     whitened = (axes / root).T @ (excess / np.outer(size, size)) @ (axes / root)
     share, turned = np.linalg.eigh(0.5 * (whitened + whitened.T))
     factor = (axes * root) @ turned * np.sqrt(np.maximum(1.0 - share, REGRESSOR_SIGNAL_SHARE))
     return np.asarray((factor @ factor.T) * np.outer(size, size))
 
 
-def _without(information: Array, empty: np.ndarray[Any, np.dtype[np.bool_]], raw: Array) -> Array:
-    """The information without what the `empty` numbers owe to noise in their own regressors, of sizes `raw`².
+def _drop_empty(information: Array, empty: np.ndarray[Any, np.dtype[np.bool_]], raw: Array) -> Array:
+    """The information without that on `empty` parameters, whose regressors are noise; `raw` (n + k,) is its diagonal.
 
-    A gain of a channel that holds nothing but noise is such a number: nothing is known of it.
+    Such a parameter is the gain of a channel that contains only noise: nothing is known of it.
     """
     if not np.any(empty):
         return information
@@ -204,21 +205,24 @@ def _posterior(problem: Problem, model: Model, information: Array) -> Array:
 
 
 def _inverse(information: Array) -> Array:
-    # numbers in their own units differ by many powers of ten: a cubic stiffness beside a coefficient of friction
+    # parameters differ by many powers of ten: a cubic stiffness beside a coefficient of friction
     size = np.sqrt(np.abs(np.diag(information)))
     size[size == 0.0] = 1.0
     known, axes = np.linalg.eigh(information / np.outer(size, size))
-    # of what is not seen nothing is known, which is the opposite of a pseudoinverse's zero
-    least = LEAST_KNOWN * float(np.max(known, initial=0.0))
+    # a direction without information has an infinite variance; a pseudoinverse would make it zero
+    least = LEAST_INFORMATION * float(np.max(known, initial=0.0))
     known = np.maximum(known, least if least > 0.0 else 1.0 / NOTHING_KNOWN)
     return np.asarray((axes / known) @ axes.T / np.outer(size, size), dtype=float)
 
 
-def _minimised(
+def _minimise(
     problem: Problem, model: Model, offset: Array, iterations: int, most: float = np.inf
 ) -> tuple[Model, Array, Array]:
-    """Model, residual and Jacobian where ½ z·z − offset·numbers is smallest nearby, the second part at most `most`."""
-    # what begins beyond its bounds begins at them: there is no slope outside
+    """Model, residual and Jacobian at the nearest minimum of ½ |z|² − bᵀx over the parameters x, b the `offset`.
+
+    It ends early where bᵀ(x − x₀) exceeds `most`.
+    """
+    # start inside the bounds: there are no slopes outside
     model = model.at(model.vector)
     residual, jacobian = problem.residual(model), problem.jacobian(model)
     start, damping = model.vector, 1e-6
@@ -243,7 +247,7 @@ def _step(
 ) -> tuple[Model | None, Array, float]:
     """A model with a smaller objective, or None where no damping finds one."""
     scale = np.linalg.norm(jacobian, axis=0)
-    # what the rows do not see stays where it is: its slope is rounding
+    # a strength that does not move the rows keeps its value: its slope is rounding error
     unseen = _unseen(model, jacobian)
     scale[unseen] = 1.0
     scaled = np.where(unseen, 0.0, jacobian / scale)
@@ -256,15 +260,15 @@ def _step(
         if -float(gradient @ step) < least_gain:
             break
         step = np.clip(step, -reach * scale, reach * scale)
-        trial = _kept_near(problem, model.at(model.vector + step / scale))
+        trial = _clip_unknowns(problem, model.at(model.vector + step / scale))
         taken = (trial.vector - model.vector) * scale
         stopped = np.abs(taken - step) > 1e-9 * (1.0 + np.abs(step))
         if np.any(stopped) and not np.all(stopped):
-            # what met its bound stays there; the others then have another best step
+            # parameters that reach their bounds stay there, and the others are solved for again
             free = ~stopped
             toward = gradient[free] + damped[np.ix_(free, stopped)] @ taken[stopped]
             taken[free] = -np.linalg.solve(damped[np.ix_(free, free)], toward)
-            trial = _kept_near(problem, model.at(model.vector + taken / scale))
+            trial = _clip_unknowns(problem, model.at(model.vector + taken / scale))
         if not all(effect.plausible() for effect in trial.effects):
             damping = max(damping * 10.0, problem.least_damping)
             continue
@@ -277,30 +281,30 @@ def _step(
 
 
 def _least_gain(problem: Problem, residual: Array) -> float:
-    """Of χ²: what a step must promise to be worth taking."""
+    """Smallest predicted decrease of the objective for which a step is taken."""
     beyond = max(float(residual @ residual) - len(residual), 0.0)
     return problem.least_gain + problem.slack * beyond
 
 
 def _reach(model: Model) -> Array:
-    """How far a step may take each number: where little is known of one, its slope says nothing from afar."""
-    return STRIDE * _sizes(model)
+    """(n + k,) largest step of each parameter: the slope of a weakly determined one is not valid far away."""
+    return LARGEST_STEP * _sizes(model)
 
 
 def _unseen(model: Model, jacobian: Array) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Which strengths hardly move a row at their usual size; unknowns always have a prior's."""
+    """(n + k,) whether a strength of its typical size hardly moves the rows; False of unknowns, which have priors."""
     effect = np.linalg.norm(jacobian[:, len(model.unknown) :], axis=0) * _sizes(model)[len(model.unknown) :]
     return np.concatenate([np.zeros(len(model.unknown), dtype=bool), effect < VISIBLE_ROW_CHANGE])
 
 
 def _sizes(model: Model) -> Array:
-    """The typical size of each number, or its own if that is larger; infinite for unknowns, which have priors."""
+    """(n + k,) typical size of each strength, or its value if that is larger; infinite for unknowns."""
     sizes = [max(s.typical, abs(effect.values[s.name])) for effect in model.effects for s in effect.strengths]
     return np.array([np.inf] * len(model.unknown) + sizes)
 
 
-def _kept_near(problem: Problem, model: Model) -> Model:
-    """The model with its unknowns within `FARTHEST` of their priors and inside their physical bounds."""
+def _clip_unknowns(problem: Problem, model: Model) -> Model:
+    """The model with its unknowns within `UNKNOWN_REACH_IN_PRIOR_STDS` of their priors and in their physical bounds."""
     priors = problem.scene.priors
     reach = UNKNOWN_REACH_IN_PRIOR_STDS * problem.prior_std(model)
     near = np.clip(model.unknown, priors.mean - reach, priors.mean + reach)

@@ -12,9 +12,11 @@ from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 FREE_PRIOR_STD_RATIO = 1e4
-"""Far beyond what any recording leaves unknown, and near enough that what no row sees still has a curvature."""
+"""Prior std of an unknown without prior, over the stated one: so wide that any recording determines it better, and
+finite, so that the information stays regular where none does."""
 
 Key = tuple[str, str]
+"""Name of an effect or a parameter, and its place."""
 
 
 @dataclass(frozen=True)
@@ -24,12 +26,14 @@ class Model:
     unknown: Array
     effects: tuple[Effect, ...] = ()
     free: tuple[UnknownParameter, ...] = ()
-    """Unknowns that are fitted as if their priors said nothing."""
+    """Unknowns that are fitted without their priors."""
 
     @property
     def keys(self) -> frozenset[Key]:
         """(effect, place) of each effect, (parameter, place) of each unknown whose prior is set aside."""
-        return frozenset({*(effect.key for effect in self.effects), *((one.parameter, one.at) for one in self.free)})
+        return frozenset(
+            {*(effect.key for effect in self.effects), *((unknown.parameter, unknown.at) for unknown in self.free)}
+        )
 
     @property
     def named(self) -> bool:
@@ -54,9 +58,11 @@ class Model:
         return replace(self, unknown=vector[:n].copy(), effects=tuple(effects))
 
     def with_effects(self, effects: Sequence[Effect]) -> "Model":
+        """The model with further effects."""
         return replace(self, effects=(*self.effects, *effects))
 
     def without(self, effect: Effect) -> "Model":
+        """The model without `effect`, which is one of its own."""
         return replace(self, effects=tuple(other for other in self.effects if other is not effect))
 
     def without_prior(self, unknown: UnknownParameter) -> "Model":
@@ -69,8 +75,8 @@ class Model:
 
     def prior_std_ratios(self, scene: Scene) -> Array:
         """(n,) factors by which the priors' standard deviations are widened."""
-        return np.array([FREE_PRIOR_STD_RATIO if one in self.free else 1.0 for one in scene.unknown])
+        return np.array([FREE_PRIOR_STD_RATIO if unknown in self.free else 1.0 for unknown in scene.unknown])
 
     def physics(self, scene: Scene) -> Physics:
-        """What the model says acts."""
+        """The scene's physics at these unknowns, with the effects."""
         return scene.physics_at(self.unknown).with_effects(self.effects)

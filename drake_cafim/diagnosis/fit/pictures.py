@@ -1,4 +1,4 @@
-"""What a report draws of recordings and models, as numbers: residuals, missing forces, simulations."""
+"""The data of a report's pictures: residuals, missing forces and simulations of recordings under models."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ class WindowMeans:
 
 @dataclass(frozen=True)
 class Channel:
-    """What one row of a window is about, in words, and the unit of its mean over a window."""
+    """Label of a row of a window, and the unit of the row's mean over a window."""
 
     label: str
     unit: str
@@ -50,7 +50,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What an effect is judged by: each recording's missing forces without and with it, and its motion.
+    """The evidence for an effect: each recording's missing forces without and with it, and its motion.
 
     Rows are `channels` (r,); the forces at the joints, in the order of `tree`, begin at row `first_force`.
     """
@@ -71,7 +71,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Remains:
-    """What a model leaves in one row of all windows, `values` (M,), beside the motion `against` which it is shown."""
+    """The residual of one row in all windows, `values` (M,), and the motion `against` which it is plotted."""
 
     channel: Channel
     values: Array
@@ -80,42 +80,42 @@ class Remains:
 
 
 class Pictures(ABC):
-    """What a report draws of a problem's recordings."""
+    """Computes the data of a report's pictures from a problem's recordings."""
 
     row_note: ClassVar[str]
     """What the rows of a residual are, as a sentence."""
     simulation_note: ClassVar[str] = ""
-    """What drives a simulation of a recording, as a clause."""
+    """By what a simulation of a recording is driven, as a clause."""
 
     @property
     @abstractmethod
     def recordings(self) -> list[Recording]:
-        """The recordings that were fitted to."""
+        """The recordings of the fit."""
 
     @property
     @abstractmethod
     def row_labels(self) -> list[str]:
-        """What each row of a window is about, in words."""
+        """The label of each row of a window."""
 
     @abstractmethod
     def maps(self, before: Model, after: Model) -> list[ResidualMap]:
-        """The residual of all recordings under two models, whitened alike."""
+        """The residual of each recording under two models, with the same whitening."""
 
     @abstractmethod
     def forecast(self, recording: Recording, physics: Physics) -> Forecast:
         """A recording, fitted to or not, simulated over windows of up to a second."""
 
     def evidence(self, effect: Effect, without: Physics, with_it: Physics) -> Evidence | None:
-        """What speaks for `effect`: `with_it` is the corrected physics, `without` the same but for this effect.
+        """The evidence for `effect`: `with_it` is the corrected physics, `without` the same without this effect.
 
-        None where there are no forces to show it by.
+        None where there are no forces that show it.
         """
         return None
 
     def remains(self, physics: Physics, place: str) -> Remains | None:
-        """What `physics` leaves unexplained at a place; None where the place has no row of its own."""
+        """The residual under `physics` at a place; None where the place has no row of its own."""
         return None
 
     def laid_out(self, recording: Recording) -> WeakForm | None:
-        """A recording as a replay shows it; None where there are no joints to draw one from."""
+        """A recording as a weak form, for a replay; None where there are no joints."""
         return None

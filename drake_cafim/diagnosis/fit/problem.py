@@ -1,4 +1,4 @@
-"""All recordings against one scene: whitened residuals and their derivatives by whatever a model may change."""
+"""The interface of a fit: whitened residuals of all recordings of a scene, and their derivatives by parameters."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -16,17 +16,17 @@ class Rows(Protocol):
 
     @property
     def name(self) -> str:
-        """Of the recording."""
+        """The recording's name."""
         ...
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Windows, and rows of each."""
+        """Number of windows, and of rows of each."""
         ...
 
     @property
     def rows(self) -> int:
-        """How many."""
+        """Number of rows in all."""
         ...
 
     @property
@@ -36,43 +36,43 @@ class Rows(Protocol):
 
 
 class Problem(ABC):
-    """Recordings of one scene. Vectors over rows hold all recordings', then one row a prior."""
+    """Whitened rows (R,) of all recordings of a scene, then a prior row of each of its n unknowns."""
 
     scene: Scene
     runs: Sequence[Rows]
     regressors_noisy: ClassVar[bool] = True
-    """Whether the slopes by a model's numbers hold noise of the measurement."""
+    """Whether the Jacobian contains measurement noise."""
     least_gain: ClassVar[float] = 5e-4
-    """Of χ²; where a step promises less, the minimum is reached."""
+    """Smallest predicted decrease of ½ χ² for which a fit takes another step."""
     slack: ClassVar[float] = 0.0
-    """Of what χ² is beyond noise; as `least_gain`, where far too much is left to be exact about."""
+    """Share of the excess χ² − R that is added to `least_gain`: where much remains, a fit need not be exact."""
     least_damping: ClassVar[float] = 1e-6
-    """Of a step after one that failed."""
+    """Least damping of a step after one that failed."""
 
     @abstractmethod
     def rewhitened(self, model: Model) -> Self:
-        """The same recordings under another model's covariance."""
+        """The same recordings, whitened by the noise covariance under `model`."""
 
     @abstractmethod
     def plausible(self, model: Model) -> bool:
-        """Whether every effect of the model still is what its name says."""
+        """Whether every effect of `model` acts as its name says over these recordings."""
 
     @abstractmethod
     def rows_of(self, model: Model) -> Array:
-        """Whitened rows of all recordings."""
+        """Whitened rows (R,) of all recordings."""
 
     def shared_noise(self, model: Model, residual: Array, jacobian: Array) -> tuple[Array, Array]:
-        """ΔJᵀΔz (n,) and ΔJᵀΔJ (n, n), Δ by one more dose of noise; zero where slopes hold none."""
+        """ΔJᵀΔz (n,) and ΔJᵀΔJ (n, n), Δ the change by adding noise once more; zero if the Jacobian contains none."""
         n = jacobian.shape[1]
         return np.zeros(n), np.zeros((n, n))
 
     @abstractmethod
     def jacobian(self, model: Model) -> Array:
-        """∂residual/∂(unknowns, strengths)."""
+        """∂residual/∂(unknowns, strengths), (R + n, n + k)."""
 
     @property
     def rows(self) -> int:
-        """Whitened data rows, priors aside."""
+        """Number R of whitened rows, without prior rows."""
         return sum(run.rows for run in self.runs)
 
     def nominal(self) -> Model:
@@ -80,21 +80,20 @@ class Problem(ABC):
         return Model(self.scene.priors.mean)
 
     def residual(self, model: Model) -> Array:
-        """Whitened rows of all recordings, then (value − mean)/std of each prior."""
+        """Whitened rows of all recordings, then `prior_rows`: (R + n,)."""
         return np.concatenate([self.rows_of(model), self.prior_rows(model)])
 
     def prior_rows(self, model: Model) -> Array:
-        """(value − mean)/std of each prior; next to nothing of those that `model` sets aside."""
+        """(n,) (value − mean)/std of each prior; nearly zero where `model` sets the prior aside."""
         return np.asarray((model.unknown - self.scene.priors.mean) / self.prior_std(model), dtype=float)
 
     def prior_std(self, model: Model) -> Array:
-        """(n,) of the unknowns under `model`."""
+        """(n,) standard deviations of the priors, those that `model` sets aside widened."""
         return np.asarray(self.scene.priors.std * model.prior_std_ratios(self.scene), dtype=float)
 
     def penalty(self, model: Model) -> float:
-        """What a model pays in χ² beside its rows.
+        """Addition to a model's χ²: terms of −2 ln likelihood that the whitened rows do not contain.
 
-        That is ln det of what it does not know of how the recordings began, and what it would gain by letting less
-        noise through.
+        These are ln det of the covariance of unknown initial states, and the change of χ² by another amount of noise.
         """
         return 0.0

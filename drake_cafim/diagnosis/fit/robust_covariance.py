@@ -1,4 +1,4 @@
-"""Significance where the noise model does not hold: covariance from the residual's own blocks."""
+"""Wald tests and standard deviations that hold for a correlated residual: a sandwich covariance over blocks of time."""
 
 import numpy as np
 from scipy.stats import chi2
@@ -9,40 +9,40 @@ from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE, WINDOWS_PER_BLOCK
 from drake_cafim.typing import Array
 
-KNOWN = 1e8
-"""Variances, in units of what a number's would be were the others known, up to which a direction is known at all:
-slopes are differences, and right to no more than the root of what rounding leaves."""
+LARGEST_VARIANCE = 1e8
+"""Variance of a direction, over that with all others known, up to which the direction is determined: slopes are finite
+differences, exact to the square root of rounding errors only."""
 ROUNDING = 1e-12
-"""Of the largest variance."""
-LEAST = 1e-6
-"""Of the covariance under the stated noise, which is kept: what lies within one block, as a push, has no score there
-at the minimum, and the sandwich is zero but for rounding."""
+"""Variance over the largest one that is rounding error."""
+LEAST_SHARE = 1e-6
+"""Share of the covariance under the stated noise that is added to the sandwich, which vanishes but for rounding for an
+effect within a single block, as a push: its score there is zero at the minimum."""
 
 
 def _sizes(fitted: Fit) -> Array:
-    """(n,) how far the rows move with each number."""
+    """(n,) norm of each column of the Jacobian; 1 where it is zero."""
     size = np.linalg.norm(fitted.jacobian, axis=0)
     return np.asarray(np.where(size > 0.0, size, 1.0))
 
 
 def _factors(fitted: Fit) -> tuple[Array, Array]:
-    """F (n, a) and G (n, b) with FFᵀ + GGᵀ the covariance under the stated noise; G are directions that are not known.
+    """F (n, a) and G (n, b) with FFᵀ + GGᵀ the covariance under the stated noise; G spans undetermined directions.
 
-    Those stay in: a number that is known together with another alone is not known, and what says nothing is not exact.
+    G must be kept: where only the sum of two parameters is determined, neither of them is.
     """
     size = _sizes(fitted)
     spread, axes = np.linalg.eigh(fitted.covariance * np.outer(size, size))
     factor = axes * np.sqrt(np.clip(spread, 0.0, None)) / size[:, None]
-    known = spread < KNOWN
+    known = spread < LARGEST_VARIANCE
     return factor[:, known], factor[:, ~known]
 
 
 def _block_factor(problem: Problem, fitted: Fit, known: Array) -> Array:
-    """Factor (n, c) of a covariance of what is `known` (n, a) that allows for whatever correlation blocks of time have.
+    """Factor (n, c) of a covariance along `known` directions (n, a) that holds for any correlation within blocks.
 
-    The sandwich (JᵀJ)⁻¹ (Σ_b g_b g_bᵀ) (JᵀJ)⁻¹ with g_b = J_bᵀ z_b over blocks of four adequacy blocks
-    (Liang, Zeger, Biometrika 73(1), 1986), less each block's part of their sum: what that is, is no chance, but what
-    priors, and noise in the regressors, are known to make it.
+    The sandwich (JᵀJ)⁻¹ (Σ_b g_b g_bᵀ) (JᵀJ)⁻¹ with the scores g_b = J_bᵀ z_b of blocks of four adequacy blocks
+    (Liang, Zeger, Biometrika 73(1), 1986). Each block's share of Σ_b g_b is subtracted first: that sum is not zero
+    because of priors and of the correction for noise in the regressors, not by chance.
     """
     n = fitted.jacobian.shape[1]
     scores, sizes, start = [], [], 0
@@ -56,27 +56,26 @@ def _block_factor(problem: Problem, fitted: Fit, known: Array) -> Array:
         start += z.size
     varying = np.array(scores) - np.outer(sizes, np.sum(scores, axis=0)) / start
     meat = varying.T * np.sqrt(len(scores) / max(len(scores) - n, 1))
-    return np.hstack([known @ (known.T @ meat), np.sqrt(LEAST) * known])
+    return np.hstack([known @ (known.T @ meat), np.sqrt(LEAST_SHARE) * known])
 
 
 def _distance(difference: Array, factor: Array, alone: Array) -> float:
-    """dᵀ (FFᵀ)⁻¹ d of a difference (c,) with `factor` F (c, m), along what is known; `alone` (c,) are the units.
+    """dᵀ (FFᵀ)⁺ d of a `difference` d (c,) with `factor` F (c, m), over determined directions; `alone` (c,) scales d.
 
-    Directions of the difference itself are judged, all that is not known of the numbers reckoned with: one along which
-    nothing is known is worth nothing, and the others are left with their marginal variance.
+    Undetermined directions of d add nothing; the others count with their marginal variance.
     """
-    # a number that moves nothing, such as the rest of a spring without stiffness, says nothing
+    # a strength that moves nothing, as the rest position of a spring without stiffness, has no scale
     unit = np.where(alone > 0.0, np.sqrt(alone), 1.0)
     axes, root, _ = np.linalg.svd(factor / unit[:, None], full_matrices=False)
     spread = root**2
-    seen = spread < KNOWN
+    seen = spread < LARGEST_VARIANCE
     seen &= spread > ROUNDING * np.max(spread[seen], initial=0.0)
     along = axes[:, seen].T @ (difference / unit)
     return float(np.sum(along**2 / spread[seen]))
 
 
 def blockwise_std(problem: Problem, fitted: Fit) -> Array:
-    """(n,) of unknowns and strengths, with whatever correlation blocks of time have."""
+    """(n + k,) standard deviations that hold for any correlation of the residual within blocks of time."""
     known, nothing = _factors(fitted)
     return np.asarray(np.linalg.norm(np.hstack([_block_factor(problem, fitted, known), nothing]), axis=1))
 
@@ -88,10 +87,11 @@ def wald_p_value(problem: Problem, fitted: Fit, key: tuple[str, str]) -> float:
 
 
 def wald_statistic(problem: Problem, fitted: Fit, key: tuple[str, str]) -> tuple[float, int]:
-    """χ² of "this effect is absent" and its degrees of freedom, by the larger of the two covariances of the numbers.
+    """χ² of "the effect with this `key` is absent" and its degrees of freedom; the smaller of two Wald statistics.
 
-    What only says how an effect looks where it is there (where a mass is, how fast a friction falls) proves nothing,
-    and neither does what no row sees, such as a push along a link, nor an echo of noise.
+    One is by the covariance under the stated noise, the other by blocks of time. Only strengths that make the effect
+    vanish count, not its shape (where a mass is, how fast a friction falls); an artefact of noise has 0. Raises
+    `KeyError` where the fit has no such effect.
     """
     if fitted.echo:
         return 0.0, 1
@@ -103,8 +103,8 @@ def wald_statistic(problem: Problem, fitted: Fit, key: tuple[str, str]) -> tuple
             difference, slope = effect.vanishing()
             alone = slope**2 @ (1.0 / _sizes(fitted)[part] ** 2)
             known, nothing = _factors(fitted)
-            factors = (np.hstack([one, nothing]) for one in (known, _block_factor(problem, fitted, known)))
-            statistics = [_distance(difference, slope @ one[part], alone) for one in factors]
+            factors = (np.hstack([factor, nothing]) for factor in (known, _block_factor(problem, fitted, known)))
+            statistics = [_distance(difference, slope @ factor[part], alone) for factor in factors]
             return min(statistics) / (1.0 + NOISE_STD_TOLERANCE) ** 2, len(difference)
         start = stop
     raise KeyError(key)

@@ -1,4 +1,4 @@
-"""What the search, the verdict and the report ask of recordings of a scene, whatever kind of motion they hold."""
+"""The interface of search, verdict and report to recordings of a scene, of jointed robots and of throws alike."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
@@ -20,14 +20,14 @@ of them stand for."""
 
 @dataclass(frozen=True)
 class Looks:
-    """Linear looks at an effect, and how many more were `tried` to find where to look."""
+    """First-order tests (looks) of an effect, and how many more were `tried` to choose them."""
 
     found: Iterator[Look]
     tried: int = 0
 
 
 class SearchProblem(Problem):
-    """The one face of joints and throws: what effects there can be, how each moves the rows, and what is left where."""
+    """A problem with hypotheses: possible effects, how each changes the rows, and where a residual is."""
 
     @abstractmethod
     def hypotheses(self) -> tuple[Effect, ...]:
@@ -35,19 +35,19 @@ class SearchProblem(Problem):
 
     @abstractmethod
     def looks(self, at: Fit, effect: Effect) -> Looks:
-        """How `effect` would move the rows beyond the fitted model `at`."""
+        """The looks at `effect` beyond the fitted model `at`."""
 
     @abstractmethod
     def locate(self, lacking: Model) -> tuple[Location, ...]:
-        """Where and when the recordings differ from `lacking`, by the share of the excess χ², strongest first."""
+        """Where and when the recordings differ from the model `lacking`: shares of the excess χ², strongest first."""
 
     @property
     @abstractmethod
     def pictures(self) -> Pictures:
-        """What a report draws."""
+        """The data of a report's pictures."""
 
     def gain_without_echo(self, at: Fit, effect: Effect, gain: float, basis: Array) -> float:
-        """What is left of the `gain` in χ² of a look at `effect` once it is not told by noise that it shares.
+        """The `gain` in χ² of a look at `effect` without the part by noise that its columns share with the residual.
 
         `basis` (R, n) is orthonormal and spans the nuisance.
         """
@@ -58,19 +58,19 @@ class SearchProblem(Problem):
         return None
 
     def likeliest_force(self, model: Model) -> Array | None:
-        """(n,) density of white forces at the joints under which what `model` leaves is likeliest.
+        """(n,) density of white forces at the joints that maximises the likelihood of the residual under `model`.
 
-        None where the rows are not of forces.
+        None where the rows are no equations of motion.
         """
         return None
 
     def with_unknown_force(self, force: Array, model: Model | None = None) -> Self:
-        """The same recordings, whitened with such forces as noise, under `model` or else the same as now."""
-        raise TypeError(f"{type(self).__name__} knows no forces at joints")
+        """The same recordings, with white forces of that density as noise, whitened under `model` or as now."""
+        raise TypeError(f"{type(self).__name__} has no forces at joints")
 
     @property
     def force_remarks(self) -> tuple[str, ...]:
-        """The joints at which unknown forces make up a good part of the noise, in words."""
+        """A sentence for each joint at which unknown forces are a large part of the noise."""
         return ()
 
     def over_wider_windows(self, times: float) -> "tuple[Self, float] | None":

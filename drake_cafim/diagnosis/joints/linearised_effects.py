@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from drake_cafim.diagnosis.fit.fitting import Fit
-from drake_cafim.diagnosis.fit.pushes import Push, found_once, pushed
+from drake_cafim.diagnosis.fit.pushes import Push, push_over, search_once
 from drake_cafim.diagnosis.fit.search_problem import Look, Looks
 from drake_cafim.diagnosis.joints.linearised_contact_effects import contact_looks, surface_looks
 from drake_cafim.diagnosis.joints.plane_candidates import plane_looks
@@ -220,7 +220,7 @@ def _pushed_rows(run: Run, physics: Physics, force: Array) -> Array:
 
 def pushes(problem: WeakFormRows, at: Fit) -> tuple[list[Push], int]:
     """The strongest pushes of the residual, found once for all bodies."""
-    return found_once(problem.found_pushes, at.residual, lambda: strongest_pushes(problem, at.residual))
+    return search_once(problem.found_pushes, at.residual, lambda: strongest_pushes(problem, at.residual))
 
 
 def _push_looks(problem: WeakFormRows, physics: Physics, effect: ExternalDisturbance, at: Fit) -> Iterator[Look]:
@@ -235,4 +235,4 @@ def _push_looks(problem: WeakFormRows, physics: Physics, effect: ExternalDisturb
             force = along * pulse(time, *interval)[:, None, None]
             columns = np.zeros((problem.rows, 3))
             columns[start : start + run.rows] = run.whitened(_pushed_rows(run, physics, force))
-            yield columns, partial(pushed, effect, interval, name)
+            yield columns, partial(push_over, effect, interval, name)

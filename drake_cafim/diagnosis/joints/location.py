@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.fit.excess import Excess, Interval, Place, count_blocks, standing_blocks
+from drake_cafim.diagnosis.fit.excess import Excess, Interval, Place, count_blocks, significant_blocks
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.contact_consistency import wrong_contact
 from drake_cafim.diagnosis.joints.mismatch_conditions import condition, seen_at
@@ -49,7 +49,7 @@ def _intervals(squares: Array, windows: Windows, blocks: int) -> list[Interval]:
     Where single windows stand out, from the first to the last of these: a window weighs its middle most.
     """
     standing = np.zeros(len(squares), dtype=bool)
-    for part in standing_blocks(squares, blocks):
+    for part in significant_blocks(squares, blocks):
         standing[part] = True
     ends = np.flatnonzero(np.diff(np.concatenate([[False], standing, [False]]))).reshape(-1, 2)
     hop, middles = float(np.median(np.diff(windows.starts))), windows.centers

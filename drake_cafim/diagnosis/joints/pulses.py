@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import lapack
 
-from drake_cafim.diagnosis.fit.pushes import Push, tried_intervals
+from drake_cafim.diagnosis.fit.pushes import Push, candidate_intervals
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.effects.body import pulse
@@ -66,7 +66,7 @@ def pulses_of(problem: WeakFormRows, index: int) -> Iterable[Pulse]:
 
 def _laid_out(run: Run) -> Iterator[Pulse]:
     windows = run.weak.samples.windows
-    for start, duration in tried_intervals(windows.starts[0], windows.starts[-1] + windows.width):
+    for start, duration in candidate_intervals(windows.starts[0], windows.starts[-1] + windows.width):
         one = _laid(run, start, start + duration)
         if one is not None:
             yield one

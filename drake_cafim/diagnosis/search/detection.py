@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from scipy.stats import chi2
 
 from drake_cafim.diagnosis.fit.adequacy import adequacy
-from drake_cafim.diagnosis.fit.evidence import luck, under_its_noise
+from drake_cafim.diagnosis.fit.evidence import luck_p_value, refit_under_noise_of
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.robust_covariance import wald_p_value
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -33,11 +33,13 @@ def detection_p_value(problem: SearchProblem, nominal: Fit, screened: Sequence[C
             # the first-order test shares noise with the residual: only an unbiased fit may raise an alarm
             corrected = unbiased_fit(problem, nominal.model.with_effects([candidate.effect]))
             gained = nominal.chi_square - corrected.chi_square
-            p = trials * max(wald_p_value(problem, corrected, candidate.effect.key), luck(gained, candidate.strengths))
+            p = trials * max(
+                wald_p_value(problem, corrected, candidate.effect.key), luck_p_value(gained, candidate.strengths)
+            )
             if p < ALARM_P_VALUE_WORTH_FITTING:
                 # an effect that changes the noise covariance must gain under its own covariance too
-                before, after = under_its_noise(problem, nominal, corrected)
-                p = max(p, trials * luck(before.chi_square - after.chi_square, candidate.strengths))
+                before, after = refit_under_noise_of(problem, nominal, corrected)
+                p = max(p, trials * luck_p_value(before.chi_square - after.chi_square, candidate.strengths))
         score = min(score, p)
         if score < ALARM_P_VALUE_CERTAIN:
             break

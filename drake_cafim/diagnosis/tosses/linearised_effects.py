@@ -12,7 +12,7 @@ from drake_cafim.contact.change import Touch
 from drake_cafim.diagnosis.fit.evidence import scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.fit.pushes import pushed
+from drake_cafim.diagnosis.fit.pushes import push_over
 from drake_cafim.diagnosis.fit.search_problem import Look, Looks
 from drake_cafim.diagnosis.thresholds import (
     MISFIT_REDUCED_CHI_SQUARE,
@@ -259,4 +259,4 @@ def _push_looks(problem: ArcRows, shot: Shot, at: Fit, effect: ExternalDisturban
             steps += [(zero | {axis: 1.0}, None, 1.0) for axis in "xyz"]
         columns = _columns(problem, shot, effect.during(0.0, 0.0, name), steps)
         for k, interval in enumerate(intervals):
-            yield columns[:, 3 * k : 3 * k + 3], partial(pushed, effect, interval, name)
+            yield columns[:, 3 * k : 3 * k + 3], partial(push_over, effect, interval, name)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
-from drake_cafim.diagnosis.fit.excess import Excess, Place, count_blocks, standing_blocks
+from drake_cafim.diagnosis.fit.excess import Excess, Place, count_blocks, significant_blocks
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.thresholds import TOUCH_SHOWN_DURATION
 from drake_cafim.diagnosis.tosses.arc_rows import ArcRows, innovation_mask
@@ -24,7 +24,7 @@ def locate_tosses(problem: ArcRows, model: Model) -> tuple[Location, ...]:
         run, own = problem.runs[index], touching[index]
         for place, part in ((body, ~own), (contact, own)):
             excess.add(place, z[part] ** 2)
-        for block in standing_blocks(z**2, blocks):
+        for block in significant_blocks(z**2, blocks):
             interval = (float(run.time[block.start]), float(run.time[min(block.stop, len(z) - 1)]))
             excess.show(contact if np.mean(own[block]) > 0.5 else body, run.name, [interval])
 

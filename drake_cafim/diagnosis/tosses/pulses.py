@@ -3,7 +3,7 @@
 import numpy as np
 
 from drake_cafim.diagnosis.fit.fitting import Fit
-from drake_cafim.diagnosis.fit.pushes import Push, found_once, tried_intervals
+from drake_cafim.diagnosis.fit.pushes import Push, candidate_intervals, search_once
 from drake_cafim.diagnosis.tosses.arc_rows import ArcRows
 from drake_cafim.diagnosis.tosses.jacobian import force_rows
 from drake_cafim.diagnosis.tosses.simulated_arcs import Shot
@@ -17,7 +17,7 @@ TOGETHER = 8
 
 def strongest_pushes(problem: ArcRows, at: Fit) -> tuple[list[Push], int]:
     """The strongest push of each recording beyond the model `at`, best first, and the number of pulses tried."""
-    return found_once(problem.found_pushes, at.residual, lambda: _search(problem, at))
+    return search_once(problem.found_pushes, at.residual, lambda: _search(problem, at))
 
 
 def _search(problem: ArcRows, at: Fit) -> tuple[list[Push], int]:
@@ -25,7 +25,7 @@ def _search(problem: ArcRows, at: Fit) -> tuple[list[Push], int]:
     shot = problem.shot(at.model)
     starts = [run.time[0] for run in problem.runs]
     length = max(float(run.time[-1] - run.time[0]) for run in problem.runs)
-    trials = list(tried_intervals(0.0, length))
+    trials = list(candidate_intervals(0.0, length))
     basis = np.linalg.qr(at.jacobian)[0][: problem.rows] if at.jacobian.shape[1] else np.zeros((problem.rows, 0))
     residual = at.residual[: problem.rows]
     ends = np.cumsum([0, *(run.rows for run in problem.runs)])
