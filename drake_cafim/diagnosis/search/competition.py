@@ -20,14 +20,15 @@ from drake_cafim.diagnosis.thresholds import (
     GAIN_SHARE_FAR_LESS,
     RIVALS_FITTED_PER_PARENT,
 )
+from drake_cafim.effects.effect import Effect
 
 
 def compete(state: State, best: Fit) -> Fit:
     """The most probable of `best` and the explanations that may replace it or a part of it; these are fitted here."""
+    _fit_rivals(state, best)
+    new = best.model.effects
     for _ in range(ROUNDS):
-        if best.model.effects:
-            _fit_rivals(state, best)
-            _fit_equivalents(state, best)
+        _fit_equivalents(state, best, new)
         _fit_far_unknowns(state, best)
         _fit_instead_of_far_unknowns(state, best)
         chosen = _most_probable(state, best)
@@ -35,13 +36,16 @@ def compete(state: State, best: Fit) -> Fit:
         chosen = _most_probable(state, chosen)
         if chosen.model.keys <= best.model.keys:
             return chosen
-        # another explanation has rivals and simpler laws of its own, which must be fitted as well
+        # the effects that another explanation brings have simpler laws of their own, which must be fitted as well
+        new = tuple(effect for effect in chosen.model.effects if effect.key not in best.model.keys)
         best = chosen
     return best
 
 
 def _fit_rivals(state: State, best: Fit) -> None:
     """Fit explanations in which another effect replaces an accepted one, and the runners-up with one more effect."""
+    if not best.model.effects:
+        return
     state.progress("fitting rivals")
     parents = [state.rest(best.model.without(effect)) for effect in best.model.effects]
     size = len(best.model.effects)
@@ -55,12 +59,12 @@ def _fit_rivals(state: State, best: Fit) -> None:
                 _add(state, fit_shapes(state.problem, fit(state.problem, model)))
 
 
-def _fit_equivalents(state: State, best: Fit) -> None:
-    """Fit what may be equivalent to an accepted effect at its place.
+def _fit_equivalents(state: State, best: Fit, effects: Iterable[Effect]) -> None:
+    """Fit what may be equivalent to some of the accepted `effects`, each at its place.
 
     These are the simpler laws of its group, and pairs of effects with as many strengths together.
     """
-    for effect in best.model.effects:
+    for effect in effects:
         rest = best.model.without(effect)
         looks = {look.effect.key: look.effect for look in state.screen(state.rest(rest))}
         for simpler in looks.values():

@@ -77,4 +77,6 @@ def _expected(problem: SearchProblem, best: Fit, model: Model, position: int) ->
         for side, bound in ((-np.inf, "lower"), (np.inf, "upper"))
     )
     left = lsq_linear(triangle, -along, (lower - model.vector, upper - model.vector), method="bvls").cost
-    return float(residual @ residual - along @ along + 2.0 * left) + problem.penalty(model)
+    # what lags and unknown starts pay is theirs, and hardly changes with the shape of another law
+    paid = problem.penalty(model) if effects[position].late else best.penalty
+    return float(residual @ residual - along @ along + 2.0 * left) + paid
