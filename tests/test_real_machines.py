@@ -80,7 +80,7 @@ def test_simple_pendulum_lacks_its_motors_friction_and_inertia(data_folder: Path
     # in these two stretches of `energy`
     shaking = [item for item in verdict.mismatch.standing if item.recording is not None and "energy" in item.recording]
     assert any(start < 4.0 and stop > 5.0 for item in shaking for start, stop in item.intervals)
-    assert any("averaged out" in note for note in verdict.notes)
+    assert any("average out" in note for note in verdict.notes)
     assert verdict.held_out is not None
     given, corrected = verdict.held_out.nominal_as_given, verdict.held_out.corrected
     assert corrected.nll < given.nll
