@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drake_cafim.diagnosis.assembly import _rivals
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.search import competition, search, state
@@ -13,7 +14,7 @@ from drake_cafim.diagnosis.search.judgement import _of_search
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.friction import JointStribeckFriction
-from drake_cafim.effects.joint import JointCoulombFriction
+from drake_cafim.effects.joint import JointCoulombFriction, JointSpring
 
 
 class _Moving:
@@ -115,3 +116,15 @@ class _TwoRows:
     rows = 1000
     runs = (SimpleNamespace(name="run", rows=1000, shape=(500, 2), time=np.arange(500.0)),)
     pictures = SimpleNamespace(row_labels=("j1: q against v", "j1: forces"))
+
+
+def test_what_a_rival_needs_not_is_no_rival() -> None:
+    """Stribeck's friction is as good; beside it a spring that stands for nothing does not become a rival as well."""
+    spring = JointSpring("j2", {"stiffness": 1.0, "rest": 0.0})
+    best, rival = _found(COULOMB, 1000.0), _found(STRIBECK, 1001.0)
+    both = Fit(Model(np.zeros(0), (STRIBECK, spring)), rival.residual, np.zeros((1000, 5)), np.eye(5), 1000)
+    probability = {COULOMB.key: 0.9, STRIBECK.key: 0.1, spring.key: 0.0}
+    outcome: Any = SimpleNamespace(competing=(best, rival, both), probability=probability, scale=1.0)
+    scene: Any = SimpleNamespace(unknown=())
+    (found,) = _rivals(scene, outcome, best)
+    assert found.key == STRIBECK.key and found.probability == 0.1

@@ -124,12 +124,16 @@ def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[tuple[Expl
 def _rivals(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Rival, ...]:
     """What is in explanations that fit as well as the accepted one, which is preferred for its fewer numbers."""
     present, unknown = best.model.keys, {(one.parameter, one.at) for one in scene.unknown}
-    found: dict[tuple[str, str], float] = {}
-    for other in outcome.competing if present else ():
-        keys = other.model.keys
-        as_good = other.chi_square - best.chi_square < RIVAL_EXCESS_CHI_SQUARE * outcome.scale
-        if as_good and not present <= keys and len(keys) <= len(present) + 1:
-            found |= {key: outcome.probability[key] for key in keys - present}
+    as_good = [
+        other.model.keys
+        for other in outcome.competing
+        if other.chi_square - best.chi_square < RIVAL_EXCESS_CHI_SQUARE * outcome.scale
+        and not present <= other.model.keys
+        and len(other.model.keys) <= len(present) + 1
+    ]
+    # what an explanation that is as good without it holds besides, stands for nothing
+    least = [keys for keys in as_good if not any(fewer < keys for fewer in as_good)]
+    found = {key: outcome.probability[key] for keys in least if present for key in keys - present}
     return tuple(
         Rival(None, at, value, FAR_ALIKE, name)
         if (name, at) in unknown
