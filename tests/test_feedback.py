@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_cafim.diagnosis.joints.more_noise import DOSES, doses
+from drake_cafim.diagnosis.joints.more_noise import MOST_DRAWS, draws
 from drake_cafim.diagnosis.noise.feedback import Feedback
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.rows.samples import retaken
@@ -54,5 +54,5 @@ def test_what_noisy_efforts_shake_informs(tmp_path: Path) -> None:
     _, excess = problem.shared_noise(model, problem.residual(model), jacobian)
     shared = problem.noisier_in_loop.jacobian(model) - jacobian
     # what such efforts shake has to do with the rows' noise by chance alone, of which one dose holds too much
-    assert doses(shared, jacobian) == DOSES and doses(0.1 * jacobian, jacobian) == 1
+    assert draws(shared, jacobian) == MOST_DRAWS and draws(0.1 * jacobian, jacobian) == 1
     np.testing.assert_allclose(np.diag(jacobian.T @ jacobian - excess), np.diag(true.T @ true), rtol=0.1)

@@ -49,7 +49,7 @@ ROUNDING = {
 APPROXIMATION = {
     # steps of differences, nodes, coefficients, and where a series, a memory or a mean of draws is cut off
     "joints/pulses.py": "TAIL",
-    "joints/more_noise.py": "DOSES DRAWN",
+    "joints/more_noise.py": "MOST_DRAWS CHANCE_SHARE",
     "noise/coloured.py": "MEMORY",
     "noise/quantised.py": "DECAY TURN",
     "noise/differences.py": "DIFFERENCES",
@@ -69,8 +69,8 @@ APPROXIMATION = {
 }
 MEMORY = {
     # how much is kept from one call to the next, or reckoned at once
-    "joints/linearised_effects.py": "KEPT",
-    "joints/pulses.py": "KEPT",
+    "joints/linearised_effects.py": "CACHED_ROWS",
+    "joints/pulses.py": "CACHED_WINDOWS",
     "noise/coloured.py": "KEPT",
     "rows/effort_rows.py": "KEPT",
     "rows/force_rows.py": "KEPT",

@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.joints.effort_noise import effort_noise, effort_notes, with_std
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.quality import qualities
-from drake_cafim.diagnosis.joints.recording_notes import mistakes_of, notes_of, strangers
+from drake_cafim.diagnosis.joints.recording_notes import mistakes_of, notes_of, notes_on_unknown_joints
 from drake_cafim.diagnosis.noise.coloured import (
     Memory,
     estimate_memories,
@@ -184,7 +184,7 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
             *scene.stated.notes,
             *notes,
             *notes_of(even),
-            *strangers(scene, recordings),
+            *notes_on_unknown_joints(scene, recordings),
             *(f"held out: {mistake}" for mistake in mistakes_of(scene, held_out, std)),
         ),
         mistakes_of(scene, recordings, std),

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.diagnosis.joints.missing_forces import missing
+from drake_cafim.diagnosis.joints.missing_forces import missing_force
 from drake_cafim.diagnosis.predict.forecast import Forecast, forecast
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.dynamics.motion import Motion, motion
@@ -72,7 +72,7 @@ def lacking_arrows(
     The longest arrow stands for the largest residual of the model `beside`, or for a quarter of the largest effort or
     reading, if that is larger: otherwise noise alone would fill the picture.
     """
-    rows, other, centers = missing(weak, physics), missing(weak, beside), weak.samples.windows.centers
+    rows, other, centers = missing_force(weak, physics), missing_force(weak, beside), weak.samples.windows.centers
     arrows = []
     for j, joint in enumerate(physics.tree.joints):
         row = weak.dynamic.start + j

@@ -1,1 +1,1 @@
-"""Recordings of jointed robots: hypotheses about what their model lacks, and where it differs."""
+"""Diagnosis of jointed robots: their rows, the first-order tests of effects, and the locations of a misfit."""

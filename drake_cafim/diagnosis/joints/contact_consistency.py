@@ -1,4 +1,4 @@
-"""Whether it is a contact that is wrong: its sensor and the joints then miss the same force."""
+"""Tells a wrong contact law from a wrong sensor: under a wrong law, sensor and joints miss the same force."""
 
 import numpy as np
 
@@ -10,10 +10,10 @@ from drake_cafim.typing import Array
 
 
 def wrong_contact(problem: WeakFormRows, physics: Physics) -> str | None:
-    """The contact whose law is wrong, seen by one wrench sensor and one contact; None where the sensor is.
+    """The name of the contact whose law is wrong; None where the sensor is, or unless there is one of each.
 
-    A contact that pushes otherwise than predicted is missed by the sensor and by the joints alike: with the sensor's
-    reading in the prediction's place the joints agree. A sensor that reads wrongly leaves the joints alone.
+    A contact force that differs from the prediction shows at the sensor and at the joints alike: with the sensor's
+    reading instead of the prediction, the joints' equations hold. A wrong sensor does not affect the joints.
     """
     if len(physics.contacts) != 1 or len(problem.runs[0].weak.sensors) != 1:
         return None
@@ -24,14 +24,14 @@ def wrong_contact(problem: WeakFormRows, physics: Physics) -> str | None:
 
 
 def _excess(run: Run, physics: Physics) -> tuple[float, float, float, int]:
-    """χ² beyond the noise at the joints, with the predicted contact and with what the sensor reads instead of it.
+    """Excess χ² at the joints with the predicted contact force, and with the sensor's reading instead of it.
 
-    Then that of the sensor itself, and of how many rows.
+    Then that of the sensor's own rows, and their number.
     """
     weak = run.weak
     rows, covariance = weak.residual(physics), run.covariance
     sensed = slice(weak.dynamic.stop, weak.dynamic.stop + 6)
-    # what the sensor misses, as forces at the joints
+    # sensor rows are reading less prediction, and forces enter the dynamic rows with a minus sign
     across = -_at_joints(run, physics)
     instead = rows[:, weak.dynamic] + np.einsum("mjk,mk->mj", across, rows[:, sensed])
     own_block = covariance[:, weak.dynamic, weak.dynamic]
@@ -48,7 +48,7 @@ def _beyond(rows: Array, noise: Array) -> float:
 
 
 def _at_joints(run: Run, physics: Physics) -> Array:
-    """(M, n, 6): generalized forces by a unit wrench on the sensor, in its frame, in the middle of each window."""
+    """(M, n, 6) generalized forces by a unit wrench on the sensor, in its frame, at the middle of each window."""
     weak, sensor = run.weak, run.weak.sensors[0]
     moving = weak.motion(physics)
     middle = np.searchsorted(weak.samples.time, weak.samples.windows.centers)

@@ -1,7 +1,7 @@
-"""Mistakes of the data that look like physics: a sign turned, joints swapped, an effort without gravity.
+"""Finds mistakes of the data that look like physics: a wrong sign, swapped joints, an effort without gravity.
 
-A recording that agrees with the model once it is put right needs no missing physics to explain it. Each recording is
-looked at by itself, since files of one robot need not come from one program.
+A recording that agrees with the model once it is corrected needs no missing physics to explain it. Each recording is
+tested on its own, since the files of a robot need not come from one program.
 """
 
 import contextlib
@@ -34,36 +34,36 @@ from drake_cafim.typing import Array
 def data_mistakes(scene: Scene, recordings: Sequence[Recording], std: dict[str, float]) -> tuple[str, ...]:
     """A sentence for each mistake, with the files that have it; empty where there is none.
 
-    χ² is of the whitened rows under the model as given. What not all recordings share must put a recording right as
-    far as those without it are: otherwise it would stand in for physics that this recording shows and others do not.
+    χ² is of the whitened rows under the model as given. Unless all recordings share a mistake, correcting it must lower
+    χ² to that of the recordings without mistakes: else it may stand for physics that only this recording shows.
     """
-    found = [_Looked.at(scene, recording, std) for recording in recordings]
-    shared = set.intersection(*({one.key for one in looked.mistakes} for looked in found))
-    clean = max((looked.left for looked in found if not looked.mistakes), default=0.0)
+    found = [_Corrected.of(scene, recording, std) for recording in recordings]
+    shared = set.intersection(*({mistake.key for mistake in recording.mistakes} for recording in found))
+    clean = max((recording.left for recording in found if not recording.mistakes), default=0.0)
     files: dict[tuple[str, str], list[str]] = {}
-    for looked in found:
-        for one in looked.mistakes:
-            if one.key in shared or not clean or looked.left <= max(MISTAKE_CHI_SQUARE_PER_ROW, clean):
-                files.setdefault(one.key, []).append(looked.name)
+    for recording in found:
+        for mistake in recording.mistakes:
+            if mistake.key in shared or not clean or recording.left <= max(MISTAKE_CHI_SQUARE_PER_ROW, clean):
+                files.setdefault(mistake.key, []).append(recording.name)
     return tuple(f"{subject} of {_listed(names)} {words}" for (subject, words), names in files.items())
 
 
 @dataclass(frozen=True)
-class _Looked:
-    """The `mistakes` of the recording `name`, and the χ² a row that is `left` once they are put right."""
+class _Corrected:
+    """The `mistakes` of the recording `name`, and the χ² per row that is `left` once they are corrected."""
 
     name: str
     mistakes: tuple[Suspicion, ...]
     left: float
 
     @classmethod
-    def at(cls, scene: Scene, recording: Recording, std: dict[str, float]) -> "_Looked":
-        """Mistakes one after the other, while each explains most of what the ones before it leave."""
+    def of(cls, scene: Scene, recording: Recording, std: dict[str, float]) -> "_Corrected":
+        """Corrects mistakes one after the other, while each explains most of the χ² that the ones before it leave."""
         excerpt = _Excerpts.of(scene, recording, std)
         supposed: list[Suspicion] = []
         left, accepted = [excerpt.chi_square], 0
         while len(supposed) < MISTAKES_A_RECORDING and excerpt.glaring:
-            better = excerpt.better()
+            better = excerpt.best_correction()
             if better is None:
                 break
             suspicion, excerpt = better
@@ -72,6 +72,7 @@ class _Looked:
             agrees = all(excerpt.agrees(suspicion) for suspicion in supposed if suspicion.scales)
             if agrees and left[-1] < MISTAKE_CHI_SQUARE_SHARE_LEFT * left[accepted]:
                 accepted = len(supposed)
+            # a correction that removes a part may need the next one: of two equal mistakes the first leaves half
             elif left[-1] > MISTAKE_PART_SHARE_LEFT * left[-2]:
                 break
         return cls(recording.name, tuple(supposed[:accepted]), left[accepted])
@@ -85,73 +86,77 @@ class _Excerpts:
     std: dict[str, float]
     problem: WeakProblem
     rows: tuple[Array, ...]
-    """Of each stretch, (R,)."""
+    """Whitened rows (R,) of each stretch."""
 
     @classmethod
     def of(cls, scene: Scene, recording: Recording, std: dict[str, float]) -> "_Excerpts":
-        """Of the stretches in which the joints move; those with more gaps than windows are left out."""
+        """The stretches in which the joints move; those without a window, by gaps, are left out."""
         return cls._over(scene, std, _stretches(scene, recording))
 
     @classmethod
     def _over(cls, scene: Scene, std: dict[str, float], stretches: Sequence[Recording]) -> "_Excerpts":
         forms = []
-        for one in stretches:
+        for stretch in stretches:
             with contextlib.suppress(InputError):
-                forms.append(WeakForm(samples_of(scene, one, std), scene.wrench_sensors))
+                forms.append(WeakForm(samples_of(scene, stretch, std), scene.wrench_sensors))
         problem = WeakProblem.of(scene, forms, Model(scene.priors.mean))
         physics = _nominal(scene)
         return cls(scene, std, problem, tuple(run.residual(physics) for run in problem.runs))
 
     @property
     def chi_square(self) -> float:
-        """A row; 0 where there is none."""
+        """χ² per row; 0 where there is no row."""
         return float(np.mean(np.concatenate(self.rows) ** 2)) if self.rows else 0.0
 
     @property
     def glaring(self) -> bool:
+        """Whether χ² per row is so large that a mistake is looked for."""
         return self.chi_square >= MISTAKE_CHI_SQUARE_PER_ROW
 
     def agrees(self, suspicion: Suspicion) -> bool:
-        """Whether the motion is of the right size once `suspicion`, which scales it down, is put right."""
+        """Whether the motion has the right size once `suspicion`, which scales it down, is corrected.
+
+        Scaled down once more it must fit far worse: a motion that is almost none suits any model.
+        """
         if self.glaring:
             return False
         smaller = [suspicion.scaled_again(run.weak.samples.recording) for run in self.problem.runs]
         still = self._over(self.scene, self.std, smaller).chi_square
         return self.chi_square < MISTAKE_CHI_SQUARE_SHARE_LEFT * still
 
-    def better(self) -> "tuple[Suspicion, _Excerpts] | None":
-        """The suspicion whose putting right leaves least, and what it leaves; None where each makes it worse."""
-        quick = self._quickly()
+    def best_correction(self) -> "tuple[Suspicion, _Excerpts] | None":
+        """The suspicion whose correction leaves the least χ², and the corrected excerpts; None where all raise it."""
+        quick = self._approximate()
         best: tuple[Suspicion, _Excerpts] | None = None
         for index in np.argsort([left for left, _ in quick], kind="stable")[:MISTAKES_TRIED_EXACTLY]:
             left, suspected = quick[index]
             if left >= self.chi_square:
                 break
-            right = self._righted(suspected)
+            right = self._correct(suspected)
             if right.chi_square < (best[1].chi_square if best else self.chi_square):
                 best = suspected[0], right
         return best
 
-    def _quickly(self) -> list[tuple[float, list[Suspicion]]]:
-        """χ² a row under the covariance of what was given, and the suspicion in each stretch."""
+    def _approximate(self) -> list[tuple[float, list[Suspicion]]]:
+        """χ² per row of each correction under the present covariance, and the suspicion in each stretch."""
         physics, joints = _nominal(self.scene), self._glaring_joints()
         by_stretch = [list(suspicions(self.scene, run.weak.samples.recording, joints)) for run in self.problem.runs]
         result = []
         for suspected in zip(*by_stretch, strict=True):
             rows = []
-            for run, one in zip(self.problem.runs, suspected, strict=True):
-                righted = retaken(run.weak.samples, self.scene, one.put_right(run.weak.samples.recording))
-                rows.append(run.whitened(WeakForm(righted, self.scene.wrench_sensors).residual(physics)))
-            result.append((float(np.mean(np.concatenate([one.ravel() for one in rows]) ** 2)), list(suspected)))
+            for run, suspicion in zip(self.problem.runs, suspected, strict=True):
+                right = retaken(run.weak.samples, self.scene, suspicion.correct(run.weak.samples.recording))
+                rows.append(run.whitened(WeakForm(right, self.scene.wrench_sensors).residual(physics)))
+            result.append((float(np.mean(np.concatenate([part.ravel() for part in rows]) ** 2)), list(suspected)))
         return result
 
-    def _righted(self, suspected: Sequence[Suspicion]) -> "_Excerpts":
+    def _correct(self, suspected: Sequence[Suspicion]) -> "_Excerpts":
         runs = zip(self.problem.runs, suspected, strict=True)
-        right = [one.put_right(run.weak.samples.recording) for run, one in runs]
+        right = [suspicion.correct(run.weak.samples.recording) for run, suspicion in runs]
         return self._over(self.scene, self.std, right)
 
     def _glaring_joints(self) -> list[int]:
-        """The joints whose rows are far beyond noise in any stretch."""
+        """The joints whose rows exceed noise by far in any stretch."""
         found: set[int] = set()
         for run, rows in zip(self.problem.runs, self.rows, strict=True):
             squares = np.mean(rows.reshape(run.shape) ** 2, axis=0)
@@ -162,7 +167,7 @@ class _Excerpts:
 
 
 def _stretches(scene: Scene, recording: Recording) -> list[Recording]:
-    """The middle of a recording, and for joints that hardly move there the stretch in which they move most."""
+    """The middle of a recording, and for each joint that hardly moves there the stretch in which it moves most."""
     q = np.nan_to_num(recording.matrix("q", scene.tree.joint_names))
     last = max(0, len(q) - MISTAKE_EXCERPT_SAMPLES)
     starts = [last // 2, *range(0, last + 1, MISTAKE_EXCERPT_SAMPLES // 2)]

@@ -1,4 +1,4 @@
-"""What is not known of a model's unknowns, as physics."""
+"""The uncertainty of a model's unknowns as sigma points: physics with the unknowns one standard deviation off."""
 
 from dataclasses import replace
 
@@ -11,9 +11,12 @@ from drake_cafim.typing import Array
 
 
 def doubts(scene: Scene, model: Model, covariance: Array) -> list[Physics]:
-    """The physics a standard deviation off along each axis of what is not known of its unknowns, priors aside."""
+    """Physics with the unknowns one standard deviation off along each principal axis of their `covariance` (n, n).
+
+    The axes are those in units of the priors, whose standard deviations are not exceeded.
+    """
     priors = scene.priors
-    # nothing is known worse than before anything was recorded
+    # recordings cannot make an unknown less certain than its prior
     spread, axes = np.linalg.eigh(covariance / np.outer(priors.std, priors.std))
     off = (axes * np.sqrt(np.clip(spread, 0.0, 1.0))).T * priors.std
-    return [replace(model, unknown=priors.clip(model.unknown + one)).physics(scene) for one in off]
+    return [replace(model, unknown=priors.clip(model.unknown + change)).physics(scene) for change in off]

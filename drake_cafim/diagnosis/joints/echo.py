@@ -1,4 +1,4 @@
-"""What an effect gains by an echo of noise: a drive that a controller made of the noise that the residual holds."""
+"""Corrects a coupling's first-order gain for noise that a controller carries into the drive as well as the residual."""
 
 from dataclasses import dataclass
 
@@ -15,10 +15,10 @@ from drake_cafim.typing import Array
 
 
 def gain_without_echo(problem: WeakFormRows, at: Fit, effect: Effect, gain: float, basis: Array) -> float:
-    """What a coupling gains beyond what its drive, an effort that a controller made of noise, shares with the noise.
+    """The `gain` of a coupling less the part by noise that its drive, a controller's effort, shares with the residual.
 
-    As in `unbiased_fit`, the shared part is what one more dose of noise changes in both. What was looked at may be
-    another spring than the one that it makes likely, whose own look may point elsewhere: the gain is the look's.
+    As in `unbiased_fit`, the shared part is estimated by adding noise once more. Other effects keep their gain. The
+    gain of a coupling stays that of its look, since a look at the spring that it makes likely may point elsewhere.
     """
     return _WithoutEcho(problem, at, gain, basis)(effect)
 
@@ -49,13 +49,13 @@ def _of_coupling(problem: WeakFormRows, at: Fit, effect: JointCoupling, gain: fl
     along = basis[:rows].T @ column
     left = max(float(column @ column - along @ along), 0.0)
     score = float(np.sqrt(gain * left)) + float((louder - column) @ noise[:rows])
-    # a drive that ran away tells of nothing; a power would raise where the product is infinite
+    # a diverged drive has no information; `score**2` would raise OverflowError where the product is infinite
     square = score * score
     return square / left if score > 0.0 and 0.0 < left < np.inf and square < np.inf else 0.0
 
 
 def _coupling_column(problem: WeakFormRows, physics: Physics, effect: JointCoupling) -> Array:
-    """Whitened rows (R,) of a coupling with its values."""
+    """Change of the whitened rows (R,) by a coupling with its values."""
     joint = problem.scene.tree.joint_index(effect.at)
     gain = float(physics.effort_gains[joint])
     parts = []

@@ -1,10 +1,10 @@
-"""The noise of measured efforts whose std nobody states, from what the equations of motion leave.
+"""Estimates the noise of measured efforts without a stated std, from the residual of the equations of motion.
 
-Differences of an effort's own samples would show what a controller makes of the sensors' noise, which is real and no
-noise of the effort. The equations know: efforts that acted leave nothing, an error of their measurement does. What
-physics is missing leaves something too, but it goes on from window to window, where white noise does not: over a few
-windows in a row, what missing physics leaves is taken for a parabola in time, and a step where the joint turns round.
-All that is left may refine the estimate as far as those few windows leave it open, and no further.
+Differences of an effort's samples would also show the sensor noise that a controller feeds back, which are efforts that
+really acted. The equations tell them apart: an effort that acted leaves no residual, an error of its measurement does.
+Missing physics leaves a residual too, but one that changes slowly from window to window, where white noise does not:
+over a few successive windows it is modelled as a parabola in time, and a step where the joint reverses. The whole
+residual, slow part included, refines the estimate within the uncertainty of the estimate without the slow part.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -33,20 +33,21 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class Stretch:
-    """What a few windows hold of one joint's equation without its slow part, white but for the effort's noise.
+    """A joint's `rows` (ν,) over a few windows, of variance 1 + σ² `gains` (ν,) where the effort's noise has the std σ.
 
-    `rows` (ν,), with variance 1 + σ² `gains` (ν,) where the effort's noise has the std σ.
+    They are combinations of windows in which the channels' noise and the effort's noise are both independent.
     """
 
     rows: Array
     gains: Array
 
     def chi_square(self, variance: float) -> float:
+        """Σ rows²/(1 + σ² gains) for the `variance` σ² of the effort's noise."""
         return float(np.sum(self.rows**2 / (1.0 + variance * self.gains)))
 
     @property
-    def counted(self) -> tuple[float, float, float]:
-        """The most c that its χ² counts for, and the mean and the variance of min(χ²_ν, c)."""
+    def bound_and_moments(self) -> tuple[float, float, float]:
+        """The bound c on the χ² of this stretch, and the mean and the variance of min(χ²_ν, c)."""
         degrees = len(self.rows)
         most = float(chi2.ppf(EFFORT_NOISE_TRUSTED_QUANTILE, degrees))
         beyond = float(chi2.sf(most, degrees))
@@ -56,11 +57,11 @@ class Stretch:
 
 
 def effort_noise(scene: Scene, forms: Sequence[WeakForm], model: Model, joints: Sequence[int]) -> dict[str, float]:
-    """Standard deviation of one sample by column of the `joints` by index, N m or N; 0 where none is seen.
+    """Standard deviation σ of one sample of the efforts of `joints` (indices), by column, N m or N; 0 if undetectable.
 
     Huber's proposal 2 (Robust Estimation of a Location Parameter, Ann. Math. Statistics 35(1), 1964) over stretches of
-    windows without their slow part: Σ min(χ²(σ), c) = Σ E min(χ²_ν, c), within `EFFORT_NOISE_STDS` of which the whole
-    stretches have the last word, Σ χ²(σ) = Σ ν. `forms` take the efforts of `joints` as exact.
+    windows without their slow part, Σ min(χ²(σ), c) = Σ E min(χ²_ν, c). Within `EFFORT_NOISE_STDS` of this estimate the
+    whole stretches decide, Σ χ²(σ) = Σ ν. `forms` must hold the efforts of `joints` as exact.
     """
     physics = model.physics(scene)
     stretches: dict[int, list[Stretch]] = {j: [] for j in joints}
@@ -80,26 +81,26 @@ def effort_noise(scene: Scene, forms: Sequence[WeakForm], model: Model, joints: 
 
 
 def with_std(form: WeakForm, std: Mapping[str, float]) -> WeakForm:
-    """The recording with another noise of some columns, by name."""
+    """The recording with the standard deviations `std` of the noise of some columns, by name."""
     return WeakForm(replace(form.samples, std=form.samples.std | dict(std)), form.sensors)
 
 
 def effort_notes(scene: Scene, noise: Mapping[str, float]) -> tuple[str, ...]:
-    """What was estimated, in words."""
+    """A note for each estimated standard deviation of `noise`, by column."""
     notes = []
     for column, std in noise.items():
         joint = scene.tree.joints[scene.tree.joint_index(column.removeprefix("u."))]
         unit = "N" if joint.prismatic else "N m"
-        notes.append(f"Noise of {column}: " + (f"estimated {std:.2g} {unit}" if std > 0.0 else "none is seen"))
+        notes.append(f"Noise of {column}: " + (f"estimated {std:.2g} {unit}" if std > 0.0 else "none is detectable"))
     return tuple(notes)
 
 
 def _stretches(
     form: WeakForm, physics: Physics, joint: int, residual: Array, noise: Array
 ) -> Iterator[tuple[Stretch, Stretch]]:
-    """Without the slow part and with it, of one recording.
+    """The stretches of one recording, each without its slow part and with it.
 
-    `residual` (M,) is a joint's, and `noise` (M, M) the covariance of its noise but the effort's.
+    `residual` (M,) is of the joint's rows, `noise` (M, M) the covariance of their noise without the effort's.
     """
     windows = form.samples.windows
     gain = float(physics.effort_gains[joint])
@@ -118,7 +119,7 @@ def _stretches(
 
 
 def _slow(time: Array, turning: Array) -> Array:
-    """(K, p) orthonormal: the powers of time, and a step where the joint turns round."""
+    """(K, p) orthonormal basis of the slow part: powers of time, and a step where the joint reverses."""
     powers = np.vander((time - time.mean()) / np.ptp(time), EFFORT_NOISE_TREND)
     basis, _ = np.linalg.qr(powers)
     step = turning - basis @ (basis.T @ turning)
@@ -128,31 +129,33 @@ def _slow(time: Array, turning: Array) -> Array:
 
 
 def _stretch(basis: Array, residual: Array, noise: Array, by_effort: Array) -> Stretch:
-    """What lies in `basis` (K, ν), in the axes in which noise and the effort's noise are independent."""
+    """The residual projected on `basis` (K, ν), in the axes that diagonalise both covariances."""
     gains, axes = scipy.linalg.eigh(basis.T @ by_effort @ basis, basis.T @ noise @ basis)
     return Stretch(np.asarray(axes.T @ (basis.T @ residual)), np.maximum(gains, 0.0))
 
 
 def _variance(stretches: Sequence[Stretch], whole: Sequence[Stretch]) -> float:
-    """σ² under which the stretches are as spread as χ² says; 0 where they are no more than that without it."""
+    """σ² at which χ² of the stretches has its expectation; 0 where χ² is no larger without such noise."""
     if not stretches:
         return 0.0
-    counted = [one.counted for one in stretches]
+    counted = [stretch.bound_and_moments for stretch in stretches]
     expected = sum(mean for _, mean, _ in counted)
     reach = EFFORT_NOISE_STDS * float(np.sqrt(sum(variance for _, _, variance in counted)))
-    highest = EFFORT_NOISE_LARGEST / float(np.median([one.gains.max() for one in stretches]))
+    highest = EFFORT_NOISE_LARGEST / float(np.median([stretch.gains.max() for stretch in stretches]))
 
     def robust(variance: float) -> float:
-        return sum(min(one.chi_square(variance), most) for one, (most, _, _) in zip(stretches, counted, strict=True))
+        return sum(
+            min(stretch.chi_square(variance), most) for stretch, (most, _, _) in zip(stretches, counted, strict=True)
+        )
 
     least = _root(lambda variance: robust(variance) - expected - reach, highest)
     most = _root(lambda variance: robust(variance) - expected + reach, highest)
-    rows = sum(len(one.rows) for one in whole)
-    return float(np.clip(_root(lambda v: sum(one.chi_square(v) for one in whole) - rows, highest), least, most))
+    rows = sum(len(stretch.rows) for stretch in whole)
+    return float(np.clip(_root(lambda v: sum(stretch.chi_square(v) for stretch in whole) - rows, highest), least, most))
 
 
 def _root(falling: Callable[[float], float], highest: float) -> float:
-    """Where a function that falls crosses zero between 0 and `highest`, or the end that is nearest to it."""
+    """The zero of a decreasing function between 0 and `highest`, or the end nearest to it."""
     if falling(0.0) <= 0.0:
         return 0.0
     return float(brentq(falling, 0.0, highest)) if falling(highest) < 0.0 else highest

@@ -1,4 +1,4 @@
-"""Linear looks at what a contact or its surface may do beyond the model."""
+"""First-order tests (looks) of effects of a contact, and of its surface's offset and tilt."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
@@ -17,19 +17,19 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 IMPROVEMENTS = 8
-"""Steps by which the best of a grid of surfaces is improved."""
+"""Number of Levenberg–Marquardt steps from the best surface of a grid."""
 
 
 def contact_looks(
     problem: WeakFormRows, at: Fit, effect: ContactEffect | SurfaceEffect
 ) -> Iterator[tuple[Array, Callable[[Array], Effect | None]]]:
-    """Whitened columns (R, c) of the effect's looks, and the effect that coefficients stand for."""
+    """Whitened columns (R, c) of each look, and the function from their coefficients to the effect."""
     physics = at.model.physics(problem.scene)
-    contact = next((one for one in physics.contacts if effect.meets(one)), None)
+    contact = next((candidate for candidate in physics.contacts if effect.meets(candidate)), None)
     if contact is None:
         return
     touches = [contact.touch(run.weak.motion(physics)) for run in problem.runs]
-    looks = list(effect.looks(contact, _joined(touches)))
+    looks = list(effect.looks(contact, _concatenate(touches)))
     if not looks:
         return
     parts = []
@@ -52,11 +52,14 @@ def contact_looks(
 def surface_looks(
     problem: WeakFormRows, at: Fit, effect: SurfaceEffect
 ) -> Iterator[tuple[Array, Callable[[Array], Effect | None]]]:
-    """`contact_looks`, and all of a surface that was found from a grid of others."""
+    """`contact_looks`, and one column of a whole change of the surface, fitted from a grid of surfaces.
+
+    A surface that moves far changes when it is touched, which no derivative at the nominal surface shows.
+    """
     yield from contact_looks(problem, at, effect)
     physics = at.model.physics(problem.scene)
-    if any(effect.meets(one) for one in physics.contacts):
-        found = _settled(problem, at, physics, effect)
+    if any(effect.meets(contact) for contact in physics.contacts):
+        found = _fit_surface(problem, at, physics, effect)
         whole = _change(problem, physics, found)[:, None]
         yield (
             whole,
@@ -64,28 +67,28 @@ def surface_looks(
         )
 
 
-def _settled(problem: WeakFormRows, at: Fit, physics: Physics, effect: SurfaceEffect) -> SurfaceEffect:
-    """The surface that fits best with the model's numbers free to first order: the best of a grid, then improved."""
+def _fit_surface(problem: WeakFormRows, at: Fit, physics: Physics, effect: SurfaceEffect) -> SurfaceEffect:
+    """The best surface of a grid, improved by Levenberg–Marquardt steps; other parameters adapt to first order."""
     basis = np.linalg.qr(at.jacobian)[0][: problem.rows]
     here = at.residual[: problem.rows]
 
-    def remaining(one: SurfaceEffect) -> Array:
-        rows = here + _change(problem, physics, one)
+    def residual_with(surface: SurfaceEffect) -> Array:
+        rows = here + _change(problem, physics, surface)
         return rows - basis @ (basis.T @ rows)
 
     trials = [effect.with_values(values) for values in effect.grid()]
-    best = min(trials, key=lambda one: float(np.sum(remaining(one) ** 2)))
-    rows, damping = remaining(best), 1e-4
+    best = min(trials, key=lambda surface: float(np.sum(residual_with(surface) ** 2)))
+    rows, damping = residual_with(best), 1e-4
     steps = np.array([effect.difference_step * strength.typical for strength in effect.strengths])
     for _ in range(IMPROVEMENTS):
         columns = [
-            (remaining(best.with_values(best.vector + change)) - rows) / np.sum(change) for change in np.diag(steps)
+            (residual_with(best.with_values(best.vector + change)) - rows) / np.sum(change) for change in np.diag(steps)
         ]
         J = np.stack(columns, axis=1)
         normal = J.T @ J
         step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), J.T @ rows)
         trial = best.with_values(best.vector + step)
-        trial_rows = remaining(trial) if trial.plausible() else rows
+        trial_rows = residual_with(trial) if trial.plausible() else rows
         if trial_rows @ trial_rows < rows @ rows:
             best, rows, damping = trial, trial_rows, 0.1 * damping
         else:
@@ -94,7 +97,7 @@ def _settled(problem: WeakFormRows, at: Fit, physics: Physics, effect: SurfaceEf
 
 
 def _change(problem: WeakFormRows, physics: Physics, effect: SurfaceEffect) -> Array:
-    """By how much the effect moves the whitened rows, (R,)."""
+    """Change of the whitened rows (R,) by the effect."""
     changed = physics.with_effects([effect])
     parts = [run.weak.contact_rows(changed) - run.weak.contact_rows(physics) for run in problem.runs]
     return np.concatenate([run.whitened(part) for run, part in zip(problem.runs, parts, strict=True)])
@@ -104,8 +107,8 @@ def _rows(run: Run, physics: Physics, effect: ContactEffect | SurfaceEffect, val
     return run.weak.contact_rows(physics.with_effects([effect.with_values(values)]))
 
 
-def _joined(touches: list[Touch]) -> Touch:
-    """The touches of several recordings, one after the other."""
-    names = [one.name for one in fields(Touch) if one.name not in ("arm", "axes")]
+def _concatenate(touches: list[Touch]) -> Touch:
+    """The touches of several recordings, concatenated."""
+    names = [field.name for field in fields(Touch) if field.name not in ("arm", "axes")]
     together = {name: np.concatenate([getattr(touch, name) for touch in touches]) for name in names}
     return Touch(**together, arm=touches[0].arm, axes=touches[0].axes)

@@ -1,4 +1,4 @@
-"""What joints' recordings may lack, and linear looks at it: how an effect would move their whitened rows."""
+"""Hypotheses for recordings of joints, and their first-order tests (looks): columns by which effects move the rows."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,25 +29,25 @@ from drake_cafim.effects.surroundings import Surroundings
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
-KEPT = 30_000
-"""Rows of all recordings up to which looks at joints' laws are kept for the next model they are asked of."""
+CACHED_ROWS = 30_000
+"""Largest number of rows of all recordings at which the looks at joint laws are cached, to limit memory."""
 
 
 def hypotheses(problem: WeakFormRows) -> tuple[Effect, ...]:
-    """Every effect of the vocabulary at every place of the scene where it can be."""
+    """Every effect of the scene's vocabulary at every place where it can act."""
     columns = tuple(name for name, _ in problem.runs[0].labels)
     where = Surroundings(problem.scene.tree, problem.scene.physics.contacts, columns)
     return tuple(effect(at) for effect in problem.scene.vocabulary for at in effect.attachments(where))
 
 
 def looks(problem: WeakFormRows, at: Fit, effect: Effect) -> Looks:
-    """Linear looks at `effect` beyond the fitted model `at`."""
+    """First-order tests of `effect` beyond the fitted model `at`."""
     return _LooksByKind(problem, at)(effect)
 
 
 @dataclass(frozen=True)
 class _LooksByKind(ByKind[Looks]):
-    """Whitened columns (R, c) along which an effect moves the rows, and the effect that coefficients stand for."""
+    """Builds the looks at an effect of each kind: whitened columns (R, c), and the effect for their coefficients."""
 
     problem: WeakFormRows
     at: Fit
@@ -91,7 +91,7 @@ class _LooksByKind(ByKind[Looks]):
         return Looks(iter([(self.problem.sensor_columns(effect), effect.from_directions)]))
 
     def tree(self, effect: Effect) -> Looks:
-        """By differences of all rows along its directions."""
+        """Looks by differences of all rows along the effect's directions."""
         return Looks(_difference_looks(self.problem, self._physics, self.at, effect))
 
 
@@ -110,9 +110,9 @@ def _difference_looks(problem: WeakFormRows, physics: Physics, at: Fit, effect: 
 
 
 def _moves(problem: WeakFormRows, column: str) -> bool:
-    """Whether a channel has far more signal than noise: else a larger gain would explain noise by shrinking it.
+    """Whether a channel has far more signal than noise: else a small gain would fit by shrinking the noise.
 
-    Of a wrench it is the prediction that a gain scales.
+    True of a wrench, where the gain scales the prediction and not the noisy reading.
     """
     if column.startswith("wrench."):
         return True
@@ -122,13 +122,13 @@ def _moves(problem: WeakFormRows, column: str) -> bool:
 
 
 def _force_looks(problem: WeakFormRows, physics: Physics, effect: JointForce) -> Iterator[Look]:
-    """The joint law's starts; they see all recordings at once, so that a grid is the same in each."""
+    """The looks at a joint law, from all recordings at once so that its grid is the same in each."""
     joint = problem.scene.tree.joint_index(effect.at)
     samples = tuple(run.weak.joint_samples(physics)[joint] for run in problem.runs)
     known = problem.force_looks.get(effect.key)
-    if known is None or any(one is not other for one, other in zip(known[0], samples, strict=True)):
+    if known is None or any(sample is not other for sample, other in zip(known[0], samples, strict=True)):
         known = samples, _force_rows(problem, joint, effect, samples)
-        if problem.rows < KEPT:
+        if problem.rows < CACHED_ROWS:
             problem.force_looks[effect.key] = known
     for rows, shape in known[1]:
         yield rows, partial(effect.from_coefficients, shape=shape)
@@ -137,11 +137,11 @@ def _force_looks(problem: WeakFormRows, physics: Physics, effect: JointForce) ->
 def _force_rows(
     problem: WeakFormRows, joint: int, effect: JointForce, samples: Sequence[JointSamples]
 ) -> list[tuple[Array, Mapping[str, float]]]:
-    """Whitened rows (R, c) of each start, and its shape."""
+    """Whitened columns (R, c) of each start of the law, and its shape."""
     starts = list(effect.starts(concatenate(samples)))
     if not starts:
         return []
-    ends = np.cumsum([len(one.q) for one in samples])[:-1]
+    ends = np.cumsum([len(sample.q) for sample in samples])[:-1]
     all_columns = np.concatenate([start.columns for start in starts], axis=1)
     rows = problem.joint_columns(joint, np.split(all_columns, ends))
     widths = np.cumsum([start.columns.shape[1] for start in starts])[:-1]
@@ -149,7 +149,7 @@ def _force_rows(
 
 
 def _drive_looks(problem: WeakFormRows, physics: Physics, effect: ActuatorEffect) -> Iterator[Look]:
-    """The actuator's looks, of which only the joint's own rows know."""
+    """The looks at an actuator effect, which enters only the rows of its own joint."""
     joint = problem.scene.tree.joint_index(effect.at)
     gain = float(physics.effort_gains[joint])
     efforts = [run.weak.terms(physics).driven.effort(physics, joint) for run in problem.runs]
@@ -166,13 +166,14 @@ def _drive_looks(problem: WeakFormRows, physics: Physics, effect: ActuatorEffect
                 if step.behind is not None:
                     driven = effect.with_values(step.behind).drive(effort)
                     behind = windows.held(driven.times, driven.ramped) @ driven.values
+                # efforts are subtracted in the equation of motion
                 rows[:, weak.dynamic.start + joint, k] = -(ahead - behind) / (step.size * gain)
             parts.append(run.whitened(rows))
         yield np.concatenate(parts), partial(effect.from_look, look)
 
 
 def _coupling_looks(problem: WeakFormRows, physics: Physics, effect: JointCoupling) -> Iterator[Look]:
-    """The coupling's trials: the rotor simulated with each, which no coefficient can stand for."""
+    """The looks at a coupling: the rotor is simulated with each trial value, since the rows are not linear in them."""
     joint = problem.scene.tree.joint_index(effect.at)
     gain = float(physics.effort_gains[joint])
     drives = [run.weak.couplings.rotor_drives(physics)[joint] for run in problem.runs]
@@ -199,17 +200,17 @@ def _scaled(effect: JointCoupling, values: Mapping[str, float], coefficients: Ar
 
 
 def _body_force_columns(problem: WeakFormRows, physics: Physics, unit: BodyForce) -> Array:
-    """Whitened rows (R, 1) of a force on a body."""
+    """Whitened column (R, 1) of a force on a body."""
     parts = []
     for run in problem.runs:
         weak = run.weak
         moving = weak.motion(physics)
         force = moving.project(replace(physics, body_forces=(unit,)).body_wrenches(moving))
-        parts.append(run.whitened(_pushed_rows(run, physics, force[..., None])))
+        parts.append(run.whitened(_force_on_rows(run, physics, force[..., None])))
     return np.concatenate(parts)
 
 
-def _pushed_rows(run: Run, physics: Physics, force: Array) -> Array:
+def _force_on_rows(run: Run, physics: Physics, force: Array) -> Array:
     """Rows (M, r, k) of generalized forces (N, n, k)."""
     windows, weak = run.weak.samples.windows, run.weak
     rows = np.zeros((len(windows), weak.rows_per_window, force.shape[2]))
@@ -219,20 +220,20 @@ def _pushed_rows(run: Run, physics: Physics, force: Array) -> Array:
 
 
 def pushes(problem: WeakFormRows, at: Fit) -> tuple[list[Push], int]:
-    """The strongest pushes of the residual, found once for all bodies."""
+    """The strongest pulses of force at the joints in the residual of `at`, cached, and the number of those tested."""
     return search_once(problem.found_pushes, at.residual, lambda: strongest_pushes(problem, at.residual))
 
 
 def _push_looks(problem: WeakFormRows, physics: Physics, effect: ExternalDisturbance, at: Fit) -> Iterator[Look]:
-    """A pulse along each axis, at the strongest pushes and a little beside them."""
+    """Looks at a push on a body: pulses along three axes over the strongest pushes' intervals and nearby ones."""
     body = physics.tree.body(effect.at)
     for push in pushes(problem, at)[0][:2]:
         run = problem.runs[push.run]
         time, name, moving = run.weak.samples.time, run.weak.samples.recording.name, run.weak.motion(physics)
         along = moving.force_at(body.joint, body.p_JB + body.R_JB @ effect.point(body))
-        start = sum(one.rows for one in problem.runs[: push.run])
+        start = sum(other.rows for other in problem.runs[: push.run])
         for interval in push.intervals():
             force = along * pulse(time, *interval)[:, None, None]
             columns = np.zeros((problem.rows, 3))
-            columns[start : start + run.rows] = run.whitened(_pushed_rows(run, physics, force))
+            columns[start : start + run.rows] = run.whitened(_force_on_rows(run, physics, force))
             yield columns, partial(push_over, effect, interval, name)

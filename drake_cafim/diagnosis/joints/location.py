@@ -1,4 +1,4 @@
-"""Where the excess over noise lies: which rows, which joints and sensors, and when."""
+"""Locates a misfit of joints: the share of the excess χ² by joint, sensor or contact, and its intervals of time."""
 
 import numpy as np
 from scipy.stats import chi2
@@ -17,17 +17,17 @@ from drake_cafim.typing import Array
 
 
 def locate(problem: WeakFormRows, model: Model) -> tuple[Location, ...]:
-    """The places by their share of the excess χ² under `model`, strongest first, with the intervals where it shows.
+    """The places with their shares of the excess χ² under `model`, strongest first, and the intervals of each.
 
-    Rows of the equation of motion stand for their joint, kinematic rows and wrench rows for their sensor; where sensor
-    and joints miss the same force, for the contact.
+    Rows of the equation of motion belong to their joint, kinematic rows and wrench rows to their sensor; all but the
+    kinematic ones to the contact where its law is wrong (`wrong_contact`).
     """
     physics = model.physics(problem.scene)
     places = places_of(problem)
     contact = wrong_contact(problem, physics)
     if contact is not None:
-        felt = problem.runs[0].weak.kinematic_rows
-        places = [*places[:felt], *[("contact", contact)] * (len(places) - felt)]
+        kinematic = problem.runs[0].weak.kinematic_rows
+        places = [*places[:kinematic], *[("contact", contact)] * (len(places) - kinematic)]
     excess = Excess.at(places)
     standard: dict[Place, list[list[Array]]] = {place: [] for place in places}
     blocks = sum(count_blocks(len(run.weak.samples.windows)) for run in problem.runs) * len(places)
@@ -44,9 +44,10 @@ def locate(problem: WeakFormRows, model: Model) -> tuple[Location, ...]:
 
 
 def _intervals(squares: Array, windows: Windows, blocks: int) -> list[Interval]:
-    """Stretches of time, s, of blocks whose `squares` (M,) stand out among so many blocks.
+    """Intervals, s, of successive blocks whose `squares` (M,) are significant among `blocks` tests.
 
-    Where single windows stand out, from the first to the last of these: a window weighs its middle most.
+    Where single windows are significant, from the first to the last of these, each counted by its middle, where its
+    test function has most of its weight.
     """
     standing = np.zeros(len(squares), dtype=bool)
     for part in significant_blocks(squares, blocks):
@@ -64,18 +65,18 @@ def _intervals(squares: Array, windows: Windows, blocks: int) -> list[Interval]:
 
 
 def _condition(problem: WeakFormRows, physics: Physics, place: Place, rows: list[list[Array]]) -> str:
-    """The condition of one place, by the strongest of its rows in each recording."""
+    """The condition in words under which a place's misfit shows, by the largest of its rows in each recording."""
     names = problem.scene.tree.joint_names
     label = place[1].removeprefix("v.").removeprefix("q.")
-    together = [np.stack(one)[np.argmax([np.sum(row**2) for row in one])] for one in rows]
+    together = [np.stack(own)[np.argmax([np.sum(row**2) for row in own])] for own in rows]
     joint = names.index(label) if label in names else None
     return condition(seen_at(problem.runs, physics, together, joint))
 
 
 def standardised(run: Run, rows: Array) -> Array:
-    """Rows (M, r) in units of their own standard deviation, given the kinematic rows of the same window.
+    """Rows (M, r) over their standard deviation; dynamic and sensor rows given the kinematic rows of their window.
 
-    A row of the equation of motion keeps to its own joint this way, which the Cholesky factor does not see to.
+    Unlike whitening by a Cholesky factor, this does not mix rows of different joints.
     """
     k = run.weak.kinematic_rows
     covariance = run.covariance
@@ -90,7 +91,7 @@ def standardised(run: Run, rows: Array) -> Array:
 
 
 def places_of(problem: WeakFormRows) -> list[Place]:
-    """Kind and name of what each row of a window stands for, in the rows' order."""
+    """Kind and name of the place of each row of a window, in the rows' order."""
     weak = problem.runs[0].weak
     names = problem.scene.tree.joint_names
     places = [("sensor", f"v.{name}") for name in names] if weak.kinematic_rows else []

@@ -1,4 +1,4 @@
-"""Under what condition a mismatch shows, in words: at reversals, with the load, on one side, for a moment."""
+"""The condition under which a mismatch shows, in words: at reversals, with the load, on one side, for a moment."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,9 +21,10 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class Seen:
-    """One place's misfit and its joint's motion by window, over all recordings, (M,) each; `name` of each's recording.
+    """One place's standardised misfit and its joint's motion by window of all recordings, (M,) each.
 
-    q in rad or m, v per second, u in N m or N; None where the place belongs to no joint.
+    `start` and `stop` are in s of the recording `name`; q in rad or m, v per s, u in N m or N; these and `joint` are
+    None where the place belongs to no joint.
     """
 
     misfit: Array
@@ -37,7 +38,7 @@ class Seen:
 
 
 def condition(seen: Seen) -> str:
-    """The condition in words; empty where the misfit is there all the time."""
+    """The condition in words; empty where the misfit shows all the time."""
     excess = np.clip(seen.misfit**2 - 1.0, 0.0, None)
     total = float(excess.sum())
     if total <= 0.0 or len(excess) < 10:
@@ -46,7 +47,7 @@ def condition(seen: Seen) -> str:
 
 
 def _moment(seen: Seen, share: Array) -> str:
-    """A short stretch of one recording."""
+    """The condition of a misfit that shows only in a short interval of one recording; else empty."""
     strongest = int(np.argmax(share))
     own = np.array([name == seen.name[strongest] for name in seen.name])
     near = own & (share > MOMENT_EXCESS_SHARE * share[strongest])
@@ -63,7 +64,7 @@ def _at_joint(seen: Seen, share: Array) -> str:
     if seen.joint is None or seen.q is None or seen.v is None or seen.u is None:
         return ""
     turning = np.abs(seen.v) < REVERSAL_SPEED_SHARE * float(np.abs(seen.v).max())
-    # a window in which the motion turns round is rarely alone: its neighbours see it too
+    # windows overlap, so that the neighbours of a window with a reversal contain it too
     turning = turning | np.roll(turning, 1) | np.roll(turning, -1)
     if np.mean(turning) < CONDITION_TIME_SHARE and float(share[turning].sum()) > CONDITION_EXCESS_SHARE:
         return f"at reversals of v.{seen.joint}"
@@ -71,7 +72,7 @@ def _at_joint(seen: Seen, share: Array) -> str:
     if sided:
         return sided
     sizes = {f"|u.{seen.joint}|": np.abs(seen.u), f"|v.{seen.joint}|": np.abs(seen.v)}
-    # with what stands still nothing grows
+    # a constant has no rank correlation
     sizes = {name: size for name, size in sizes.items() if np.ptp(size) > 0.0}
     if not sizes or not np.ptp(np.abs(seen.misfit)) > 0.0:
         return ""
@@ -82,7 +83,7 @@ def _at_joint(seen: Seen, share: Array) -> str:
 
 
 def _one_side(value: Array, share: Array, name: str) -> str:
-    """Whether the misfit keeps to one end of what `value` takes."""
+    """The condition of a misfit that shows only at one end of the range of `value` (M,); else empty."""
     order = np.argsort(value)
     for ascending, word in ((order, "below"), (order[::-1], "above")):
         held = np.cumsum(share[ascending])
@@ -93,17 +94,17 @@ def _one_side(value: Array, share: Array, name: str) -> str:
 
 
 def seen_at(runs: Sequence[Run], physics: Physics, rows: Sequence[Array], joint: int | None) -> Seen:
-    """What `condition` needs, from each recording's standardised `rows` (M,) of one place."""
+    """The input of `condition`, from each recording's standardised `rows` (M,) of one place."""
     windows = [run.weak.samples.windows for run in runs]
     names = [run.weak.samples.recording.name for run in runs for _ in range(len(run.weak.samples.windows))]
-    start = np.concatenate([one.starts for one in windows])
-    stop = start + np.concatenate([np.full(len(one), one.width) for one in windows])
+    start = np.concatenate([window.starts for window in windows])
+    stop = start + np.concatenate([np.full(len(window), window.width) for window in windows])
     if joint is None:
         return Seen(np.concatenate(rows), start, stop, names)
     means = []
-    for run, one in zip(runs, windows, strict=True):
+    for run, window in zip(runs, windows, strict=True):
         measured = run.weak.measurement(physics)
         motion = np.stack([measured.q_hat[:, joint], measured.v_hat[:, joint], measured.u[:, joint]], axis=1)
-        means.append(one.value @ motion / np.asarray(one.value.sum(axis=1)).reshape(-1, 1))
+        means.append(window.value @ motion / np.asarray(window.value.sum(axis=1)).reshape(-1, 1))
     q, v, u = np.concatenate(means).T
     return Seen(np.concatenate(rows), start, stop, names, physics.tree.joint_names[joint], q, v, u)

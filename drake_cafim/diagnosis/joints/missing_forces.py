@@ -1,4 +1,4 @@
-"""What a model leaves unexplained in recordings, window by window, as forces."""
+"""The forces that a model lacks in each window of a recording: the residual of its equations as means over windows."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from drake_cafim.typing import Array
 
 
 def channels(problem: WeakFormRows) -> list[Channel]:
-    """What each row of a window is about, and the unit of its mean."""
+    """Label of each row of a window, and the unit of its mean."""
     joints = {joint.name: joint for joint in problem.scene.tree.joints}
     found = []
     for kind, name in places_of(problem):
@@ -27,30 +27,30 @@ def channels(problem: WeakFormRows) -> list[Channel]:
     return found
 
 
-def missing(weak: WeakForm, physics: Physics) -> Array:
-    """(M, r) means over each window of what the physics lacks: a force at a joint, or a sensor's excess.
+def missing_force(weak: WeakForm, physics: Physics) -> Array:
+    """(M, r) means over each window, ∫ w r dt / ∫ w dt: a missing force at a joint, or the error of a sensor.
 
-    The dynamic rows are those that a force at the joint would have to make up: ṗ less everything that acts.
+    In the dynamic rows r is ṗ less everything that acts, which a force at the joint would have to supply.
     """
     rows = weak.residual(physics) / weight(weak)[:, None]
     rows[:, weak.dynamic] *= physics.effort_gains
     return np.asarray(rows, dtype=float)
 
 
-def missing_std(run: Run) -> Array:
-    """(M, r) standard deviation of `missing` by the noise alone."""
+def missing_force_std(run: Run) -> Array:
+    """(M, r) standard deviation of `missing_force` by the noise alone."""
     covariance = run.covariance
     std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     return np.asarray(std / weight(run.weak)[:, None], dtype=float)
 
 
 def weight(weak: WeakForm) -> Array:
-    """∫ w dt of each window, (M,) s."""
+    """(M,) s, ∫ w dt of each window's test function w."""
     return np.asarray(weak.samples.windows.value @ np.ones(len(weak.samples.time)), dtype=float)
 
 
 def window_means(weak: WeakForm, physics: Physics) -> WindowMeans:
-    """Position, velocity, acceleration and effort as the windows see them."""
+    """Means over each window of position, velocity, acceleration and effort, weighted by the test function."""
     windows, measured = weak.samples.windows, weak.measurement(physics)
     area = weight(weak)[:, None]
     return WindowMeans(

@@ -1,4 +1,4 @@
-"""What a model gains by how it reads the channels: lags that let less noise through, and values between samples."""
+"""Corrections of χ² for how a model reads channels: lags that change their noise, and interpolation that smooths it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -13,16 +13,16 @@ from drake_cafim.scene.scene import Scene
 
 @dataclass(frozen=True)
 class Smoothing:
-    """Of `runs` that are whitened `under` a model."""
+    """The noise that interpolation between samples removes from `runs`, which are whitened `under` a model."""
 
     scene: Scene
     runs: Sequence[Run]
     under: Model
     _readings: dict[int, Reading] = field(default_factory=dict, repr=False, compare=False)
-    """How channels enter each recording's rows, where an explanation reads them between their samples."""
+    """Cache: how channels enter each recording's rows, where a model reads them between their samples."""
 
-    def gained(self, model: Model) -> float:
-        """What χ² is too small by where channels are read between their samples, against those of the whitening."""
+    def decrease(self, model: Model) -> float:
+        """Decrease of χ² by reading channels between samples under `model`, less that under the whitening's model."""
         physics, under = model.physics(self.scene), self.under.physics(self.scene)
         total = 0.0
         for index, run in enumerate(self.runs):
@@ -32,19 +32,17 @@ class Smoothing:
         return total
 
     def _reading(self, index: int) -> Reading:
-        """What a recording's rows take from the samples, kept."""
+        """How the channels enter the rows of the recording with this index; cached."""
         if index not in self._readings:
             run, under = self.runs[index], self.under.physics(self.scene)
             self._readings[index] = Reading.of(run.weak, under, run.whiten.covariance, (run.jacobian, run.labels))
         return self._readings[index]
 
 
-def as_late(one: Model, other: Model) -> bool:
-    """Whether the two have the same lags of positions and velocities, within a part of their time constants."""
-    first, second = (_lags(model) for model in (one, other))
-    return first.keys() == second.keys() and all(
-        abs(first[at] - second[at]) < EQUAL_LAG_DIFFERENCE * max(first[at], second[at]) for at in first
-    )
+def has_equal_lags(first: Model, other: Model) -> bool:
+    """Whether two models have equal lags of positions and velocities, but for `EQUAL_LAG_DIFFERENCE`."""
+    a, b = _lags(first), _lags(other)
+    return a.keys() == b.keys() and all(abs(a[at] - b[at]) < EQUAL_LAG_DIFFERENCE * max(a[at], b[at]) for at in a)
 
 
 def _lags(model: Model) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""What a report draws of recordings of joints."""
+"""The data of a report's pictures of recordings of joints."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -8,7 +8,7 @@ import numpy as np
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.pictures import Channel, Evidence, Pictures, Remains, ResidualMap
 from drake_cafim.diagnosis.joints.location import places_of, standardised
-from drake_cafim.diagnosis.joints.missing_forces import channels, missing, missing_std, window_means
+from drake_cafim.diagnosis.joints.missing_forces import channels, missing_force, missing_force_std, window_means
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.predict.forecast import Forecast, forecast
 from drake_cafim.diagnosis.rows.samples import samples_of
@@ -20,7 +20,7 @@ from drake_cafim.scenario.physics import Physics
 
 @dataclass(frozen=True)
 class JointPictures(Pictures):
-    """Of the recordings of `problem`."""
+    """The data of the pictures of `problem`'s recordings."""
 
     problem: WeakFormRows
 
@@ -66,9 +66,9 @@ class JointPictures(Pictures):
             forms[0].dynamic.start,
             forms[0].samples.windows.width,
             [window_means(form, with_it) for form in forms],
-            [missing(form, without) for form in forms],
-            [missing(form, with_it) for form in forms],
-            [missing_std(run) for run in self.problem.runs],
+            [missing_force(form, without) for form in forms],
+            [missing_force(form, with_it) for form in forms],
+            [missing_force_std(run) for run in self.problem.runs],
         )
 
     def remains(self, physics: Physics, place: str) -> Remains | None:
@@ -79,18 +79,18 @@ class JointPictures(Pictures):
         j = self._joint_of(row)
         joint = self.problem.scene.tree.joints[j]
         means = [window_means(form, physics) for form in forms]
-        values = np.concatenate([missing(form, physics)[:, row] for form in forms])
+        values = np.concatenate([missing_force(form, physics)[:, row] for form in forms])
         unit = joint.position_unit
         against = [
-            (f"position of {joint.name} ({unit})", np.concatenate([one.q[:, j] for one in means])),
-            (f"velocity ({unit}/s)", np.concatenate([one.v[:, j] for one in means])),
-            (f"effort ({joint.effort_unit})", np.concatenate([one.u[:, j] for one in means])),
-            ("time (s)", np.concatenate([one.time - one.time[0] for one in means])),
+            (f"position of {joint.name} ({unit})", np.concatenate([mean.q[:, j] for mean in means])),
+            (f"velocity ({unit}/s)", np.concatenate([mean.v[:, j] for mean in means])),
+            (f"effort ({joint.effort_unit})", np.concatenate([mean.u[:, j] for mean in means])),
+            ("time (s)", np.concatenate([mean.time - mean.time[0] for mean in means])),
         ]
         return Remains(self._channels[row], values, against)
 
     def _joint_of(self, row: int) -> int:
-        """The joint whose motion a row is shown against: its own, or the one that carries the sensor."""
+        """The joint whose motion a row is plotted against: its own, or the one that moves the sensor."""
         weak = self.problem.forms[0]
         if row < weak.kinematic_rows:
             return row

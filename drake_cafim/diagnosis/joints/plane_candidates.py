@@ -1,4 +1,4 @@
-"""Looking for planes in the way: where the forces that a body is missing point, and how deep in it pushes back."""
+"""First-order test of an unmodelled plane: its normal from the directions of missing forces, its depth from a grid."""
 
 from collections.abc import Callable, Iterator
 
@@ -20,12 +20,16 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
 IMPROVEMENTS = 10
+"""Number of Levenberg–Marquardt steps from the best plane of the grid."""
 
 
 def plane_looks(
     problem: WeakFormRows, at: Fit, effect: UnmodeledContact
 ) -> Iterator[tuple[Array, Callable[[Array], Effect | None]]]:
-    """The plane that fits best as one column (R, 1), and the effect that it stands for."""
+    """The best plane as one column (R, 1), its whole force, and the function from its coefficient to the effect.
+
+    Nothing where no force is missing, or where the plane explains too little or is not touched and left.
+    """
     physics = at.model.physics(problem.scene)
     normal = _direction(problem, physics, effect.at)
     if normal is None:
@@ -43,13 +47,16 @@ def plane_looks(
 
 
 def _path(run: Run, physics: Physics, at: str) -> tuple[Array, Array, Array]:
-    """Position and velocity (N, 3) of the body's origin, and the joints' forces (N, n, 3) by unit forces there."""
+    """Position and velocity (N, 3) of the body's origin, and the generalized forces (N, n, 3) by unit forces there."""
     moving, body = run.weak.motion(physics), physics.tree.body(at)
     return *moving.point(body.joint, body.p_JB), moving.force_at(body.joint, body.p_JB)
 
 
 def _direction(problem: WeakFormRows, physics: Physics, at: str) -> Array | None:
-    """The unit vector along which the body is pushed in the windows that miss a force; None where none does."""
+    """The unit vector (3,) along which forces on the body are missing; None where no window misses one.
+
+    It is the main axis of the windows' missing forces, each by least squares.
+    """
     spread, mean = np.zeros((3, 3)), np.zeros(3)
     for run in problem.runs:
         weak = run.weak
@@ -62,7 +69,7 @@ def _direction(problem: WeakFormRows, physics: Physics, at: str) -> Array | None
         force = np.einsum("mab,mb->ma", np.linalg.pinv(information, rcond=1e-3, hermitian=True), score)
         gain = np.sum(force * score, axis=1)
         strong = gain > PLANE_FORCE_CHI_SQUARE
-        # forces count by how well they stand out, not by their size alone
+        # weighted by significance instead of size
         weighted = (
             force[strong] * np.sqrt(gain[strong] / np.maximum(np.sum(force[strong] ** 2, axis=1), 1e-300))[:, None]
         )
@@ -71,13 +78,14 @@ def _direction(problem: WeakFormRows, physics: Physics, at: str) -> Array | None
     if not np.any(mean):
         return None
     normal = np.linalg.eigh(spread)[1][:, -1]
+    # a plane pushes: the normal points along the force
     return np.asarray(normal if normal @ mean > 0.0 else -normal)
 
 
 def _best_of_grid(
     problem: WeakFormRows, physics: Physics, effect: UnmodeledContact, normal: Array, here: Array, basis: Array
 ) -> tuple[UnmodeledContact | None, float]:
-    """The best depth at which the plane begins, with the stiffness and damping that go with it, and its gain."""
+    """The best plane of a grid of offsets along `normal`, with least-squares stiffness and damping; and its gain."""
     heights = np.concatenate([_path(run, physics, effect.at)[0] @ normal for run in problem.runs])
     best, best_gain = None, 0.0
     nx, ny, nz = (float(x) for x in normal)
@@ -99,13 +107,13 @@ def _best_of_grid(
 def _improved(
     problem: WeakFormRows, physics: Physics, start: UnmodeledContact, here: Array, basis: Array
 ) -> UnmodeledContact:
-    """The plane nearby that fits best with the model's numbers free to first order (Levenberg, Marquardt)."""
+    """The best plane near `start` by Levenberg–Marquardt steps; the model's parameters adapt to first order."""
 
-    def remaining(one: UnmodeledContact) -> Array:
-        change = problem.plane_columns(one, physics, slopes=False)[:, 0]
+    def residual_with(plane: UnmodeledContact) -> Array:
+        change = problem.plane_columns(plane, physics, slopes=False)[:, 0]
         return np.asarray(here + change - basis @ (basis.T @ change))
 
-    best, rows, damping = start, remaining(start), 1e-3
+    best, rows, damping = start, residual_with(start), 1e-3
     for _ in range(IMPROVEMENTS):
         J = problem.plane_columns(best, physics)
         J = J - basis @ (basis.T @ J)
@@ -117,7 +125,7 @@ def _improved(
         vector = np.maximum(best.vector + step, lower)
         vector[3:] /= np.linalg.norm(vector[3:])
         trial = best.with_values(vector)
-        trial_rows = remaining(trial)
+        trial_rows = residual_with(trial)
         if trial.plausible() and trial_rows @ trial_rows < rows @ rows:
             best, rows, damping = trial, trial_rows, max(0.2 * damping, 1e-9)
         else:

@@ -1,4 +1,4 @@
-"""Recordings of joints as the search, the verdict and the report ask of them."""
+"""The search problem of recordings of joints: weak-form rows with hypotheses, looks, locations and pictures."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -66,7 +66,7 @@ class WeakProblem(WeakFormRows, SearchProblem):
 
 
 def _under_windows(form: WeakForm, times: float) -> WeakForm:
-    """The recording under windows `times` as wide, or half of that and so on while too few fit or they are too wide."""
+    """The recording with windows `times` as wide, halved while these are too wide or too few of them fit."""
     while times > 1.0:
         short = times * form.samples.windows.width <= WIDEST_WINDOW
         wide = over_wider_windows(form.samples, times) if short else None

@@ -1,6 +1,6 @@
-"""Where in the recordings a short push would explain most: matched filters for pulses of force at the joints.
+"""Detects short pushes: matched filters for pulses of force at the joints, over all intervals of time.
 
-A push on a body is, over its short time, some force at each joint; which body it was on is asked afterwards.
+A short push on any body is a pulse of force at the joints; on which body it acted is tested afterwards.
 """
 
 from collections.abc import Iterable, Iterator
@@ -16,16 +16,16 @@ from drake_cafim.effects.body import pulse
 from drake_cafim.typing import Array
 
 TAIL = 8
-"""Windows behind a pulse that its whitened rows are followed through."""
-KEPT = 2000
-"""Windows of a recording whose pulses are kept."""
+"""Number of windows after a pulse for which its whitened rows are computed; then they have decayed."""
+CACHED_WINDOWS = 2000
+"""Largest number of windows of a recording whose pulses are cached, to limit memory."""
 
 
 @dataclass(frozen=True)
 class Pulse:
-    """A pulse over [start, stop] s of a recording, and the rows that it touches.
+    """A pulse over [start, stop] s of a recording, and the whitened `rows` that it moves.
 
-    `directions` (R, n) are orthonormal in those whitened `rows`: what any force at each joint moves them by.
+    The columns of `directions` (R, n) are orthonormal and span the changes of these rows by a force at each joint.
     """
 
     start: float
@@ -34,13 +34,13 @@ class Pulse:
     directions: Array
 
     def gain(self, residual: Array) -> float:
-        """What the pulse takes off the χ² of a recording's whitened rows."""
+        """Decrease of χ² of a recording's whitened rows by the pulse with its best force."""
         along = residual[self.rows] @ self.directions
         return float(along @ along)
 
 
 def strongest_pushes(problem: WeakFormRows, residual: Array) -> tuple[list[Push], int]:
-    """The strongest push of each recording, best first, given whitened rows; and how many pulses were tried."""
+    """The strongest push of each recording, best first, in the whitened `residual`; and the number of pulses tested."""
     found: list[Push] = []
     trials = first = 0
     for index, run in enumerate(problem.runs):
@@ -48,32 +48,32 @@ def strongest_pushes(problem: WeakFormRows, residual: Array) -> tuple[list[Push]
         gains = [(pulse.gain(own), pulse) for pulse in pulses_of(problem, index)]
         trials += len(gains)
         if gains:
-            gain, best = max(gains, key=lambda one: one[0])
+            gain, best = max(gains, key=lambda pair: pair[0])
             found.append(Push(index, best.start, best.stop, gain))
         first += run.rows
     return sorted(found, key=lambda push: -push.gain), trials
 
 
 def pulses_of(problem: WeakFormRows, index: int) -> Iterable[Pulse]:
-    """The pulses that are tried in one recording; those of a short one are kept, whatever the residual."""
+    """The pulses that are tested in a recording; cached for short ones, since they do not depend on the residual."""
     run = problem.runs[index]
-    if len(run.weak.samples.windows) > KEPT:
-        return _laid_out(run)
+    if len(run.weak.samples.windows) > CACHED_WINDOWS:
+        return _pulses(run)
     if index not in problem.tried_pulses:
-        problem.tried_pulses[index] = list(_laid_out(run))
+        problem.tried_pulses[index] = list(_pulses(run))
     return problem.tried_pulses[index]
 
 
-def _laid_out(run: Run) -> Iterator[Pulse]:
+def _pulses(run: Run) -> Iterator[Pulse]:
     windows = run.weak.samples.windows
     for start, duration in candidate_intervals(windows.starts[0], windows.starts[-1] + windows.width):
-        one = _laid(run, start, start + duration)
-        if one is not None:
-            yield one
+        candidate = _pulse(run, start, start + duration)
+        if candidate is not None:
+            yield candidate
 
 
-def _laid(run: Run, start: float, stop: float) -> Pulse | None:
-    """The pulse in whitened rows."""
+def _pulse(run: Run, start: float, stop: float) -> Pulse | None:
+    """The pulse over [start, stop] s; None where it touches fewer than two windows."""
     weak = run.weak
     windows, time, r = weak.samples.windows, weak.samples.time, weak.rows_per_window
     touched = np.flatnonzero((windows.starts + windows.width > start) & (windows.starts < stop))

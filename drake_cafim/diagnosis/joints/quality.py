@@ -17,9 +17,9 @@ from drake_cafim.typing import Array
 
 
 def qualities(groups: Sequence[list[WeakForm]], scene: Scene, model: Model, covariance: Array) -> list[Quality]:
-    """Of each group of recordings under `model`; all are simulated side by side.
+    """The figures of fit of each group of recordings under `model`, whose unknowns have the `covariance` (n, n).
 
-    `covariance` (n, n) is of its unknowns.
+    All recordings are simulated at once.
     """
     physics = model.physics(scene)
     forms = [form for group in groups for form in group]
@@ -31,7 +31,7 @@ def qualities(groups: Sequence[list[WeakForm]], scene: Scene, model: Model, cova
 
 
 def _likelihoods(forms: Sequence[WeakForm], filtered: Sequence[Innovations]) -> list[Array | NotComputable]:
-    """−ln of the likelihood of each recording's samples, where its filter did not fail."""
+    """−ln likelihood of each recording's samples; not computable where its filter failed."""
     found: list[Array | NotComputable] = []
     for form, innovation in zip(forms, filtered, strict=True):
         if innovation.lost is None:

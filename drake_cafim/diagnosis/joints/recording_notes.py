@@ -1,4 +1,4 @@
-"""What is to be said of recordings before they are diagnosed: mistakes, columns that are left alone, repairs."""
+"""Notes on recordings before their diagnosis: mistakes of the data, ignored columns, repairs while reading."""
 
 from collections.abc import Sequence
 
@@ -14,34 +14,36 @@ JOINT_KINDS = ("q", "v", "u", "cmd")
 
 
 def mistakes_of(scene: Scene, recordings: Sequence[Recording], std: dict[str, float]) -> tuple[str, ...]:
-    """What is wrong with each recording: its units where they show, else what the equations of motion tell."""
+    """A sentence for each mistake: of units where limits show it, otherwise by the equations of motion."""
     limits = {
         j.name: j.position_limits for j in scene.tree.joints if not j.prismatic and np.isfinite(j.position_limits[0])
     }
     units = [unit_mistakes(recording, limits) for recording in recordings]
-    others = [bridge_slow_channels(one)[0] for one, found in zip(recordings, units, strict=True) if not found]
+    others = [
+        bridge_slow_channels(recording)[0] for recording, found in zip(recordings, units, strict=True) if not found
+    ]
     return (
         *(sentence for found in units for sentence in found),
         *(data_mistakes(scene, others, std) if others else ()),
     )
 
 
-def strangers(scene: Scene, recordings: Sequence[Recording]) -> list[str]:
-    """Notes on columns of joints that the model does not have."""
+def notes_on_unknown_joints(scene: Scene, recordings: Sequence[Recording]) -> list[str]:
+    """A note for each recording with columns of joints that the model does not have."""
     known = {f"{kind}.{joint}" for kind in JOINT_KINDS for joint in scene.joint_names}
     notes = []
     for recording in recordings:
         columns = [name for name in recording.columns if name.split(".")[0] in JOINT_KINDS and name not in known]
         if columns:
-            notes.append(f"{recording.name}: left alone, since the model has no such joint: {', '.join(columns)}")
+            notes.append(f"{recording.name}: ignored, since the model has no such joint: {', '.join(columns)}")
     return notes
 
 
 def notes_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """What was noticed while the files were read, each under its name."""
+    """Notes on each recording from reading its file, and on ignored columns."""
     notes: list[str] = []
     for recording in recordings:
         notes.extend(f"{recording.name}: {note}" for note in recording.notes)
         if recording.other_columns:
-            notes.append(f"{recording.name}: left alone: {', '.join(recording.other_columns)}")
+            notes.append(f"{recording.name}: ignored columns: {', '.join(recording.other_columns)}")
     return tuple(notes)

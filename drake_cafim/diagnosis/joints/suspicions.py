@@ -1,4 +1,4 @@
-"""What may be wrong with a recording's columns, and the columns put right."""
+"""Possible mistakes of a recording's columns (signs, units, swapped joints), and the corrected columns."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,11 +15,11 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class Suspicion:
-    """A mistake that `subject` may hold, as "u.elbow", in words: `predicate`; and its columns put right.
+    """A possible mistake: `subject` names the columns, `predicate` says what is wrong; `columns` are corrected.
 
-    A mistake that `scales` the motion down when it is put right is believed only where nothing but noise is left then,
-    and where the motion scaled down once more leaves far more: a motion 57 times as small suits any model that asks for
-    too much effort better, and one that is almost none asks for none.
+    A mistake whose correction scales the motion down (`scales`) is believed only if just noise remains then, and far
+    more once the motion is scaled down again: any model that predicts too much effort fits a motion 57 times as small
+    better.
     """
 
     subject: str
@@ -29,21 +29,21 @@ class Suspicion:
 
     @property
     def key(self) -> tuple[str, str]:
-        """The same for the same mistake of another recording."""
+        """Equal for the same mistake in another recording."""
         return self.subject, self.predicate
 
-    def put_right(self, recording: Recording) -> Recording:
+    def correct(self, recording: Recording) -> Recording:
         """`recording` with the suspected columns replaced."""
         return replace(recording, columns={**recording.columns, **self.columns})
 
     def scaled_again(self, recording: Recording) -> Recording:
-        """`recording`, in which this is put right, with the suspected columns divided by 180/π once more."""
+        """`recording`, already corrected, with the suspected columns divided by 180/π once more."""
         again = {name: recording.columns[name] / DEGREES for name in self.columns}
         return replace(recording, columns={**recording.columns, **again})
 
 
 def suspicions(scene: Scene, recording: Recording, joints: Sequence[int]) -> Iterator[Suspicion]:
-    """Every mistake that is looked for in `recording`, of the `joints` by index and of what joints share."""
+    """Every mistake that is tested in `recording`: of the `joints` by index, and of all joints or a sensor together."""
     names = scene.tree.joint_names
     for j in joints:
         yield from _turned(recording, [names[j]])
@@ -63,7 +63,7 @@ def suspicions(scene: Scene, recording: Recording, joints: Sequence[int]) -> Ite
 
 
 def _turned(recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
-    """The sign of one kind of channel at all of `joints` is turned, or of q and v together."""
+    """The sign of u, v or q is wrong at all of `joints`, or of q and v together."""
     for kinds in ("u", "v", "q", "qv"):
         columns = _columns(recording, kinds, joints)
         if columns:
@@ -72,7 +72,7 @@ def _turned(recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
 
 
 def _in_degrees(scene: Scene, recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
-    """Positions, velocities or both of the revolute ones among `joints` are in degrees."""
+    """Positions, velocities or both are in degrees at the revolute ones of `joints`."""
     revolute = [name for name in joints if not scene.tree.joints[scene.tree.joint_index(name)].prismatic]
     for kinds in ("q", "v", "qv"):
         columns = _columns(recording, kinds, revolute)
@@ -85,7 +85,7 @@ def _in_degrees(scene: Scene, recording: Recording, joints: Sequence[str]) -> It
 
 
 def _swapped(recording: Recording, a: str, b: str) -> Iterator[Suspicion]:
-    """Channels of the joints `a` and `b` stand in each other's columns."""
+    """Channels of the joints `a` and `b` are in each other's columns."""
     for kinds in ("u", "qv", "qvu"):
         present = [kind for kind in kinds if f"{kind}.{a}" in recording.columns]
         exchanged = {}
@@ -97,7 +97,7 @@ def _swapped(recording: Recording, a: str, b: str) -> Iterator[Suspicion]:
 
 
 def _without_gravity(scene: Scene, recording: Recording) -> Suspicion:
-    """The efforts lack what holds the nominal robot still against gravity."""
+    """The efforts lack those that hold the nominal robot at rest against gravity."""
     names = scene.tree.joint_names
     q = np.nan_to_num(recording.matrix("q", names))
     physics = Model(scene.priors.mean).physics(scene)
@@ -107,13 +107,13 @@ def _without_gravity(scene: Scene, recording: Recording) -> Suspicion:
 
 
 def _columns(recording: Recording, kinds: str, joints: Sequence[str]) -> list[str]:
-    """The columns of all `kinds` at all `joints`; none where one of them is missing."""
+    """The columns of all `kinds` at all `joints`; empty where any is missing."""
     wanted = [f"{kind}.{name}" for kind in kinds for name in joints]
     return wanted if all(name in recording.columns for name in wanted) else []
 
 
-def _plural(columns: Sequence[str], one: str, more: str | None = None) -> str:
-    return f"has {one}" if len(columns) == 1 else f"have {more or one}"
+def _plural(columns: Sequence[str], singular: str, more: str | None = None) -> str:
+    return f"has {singular}" if len(columns) == 1 else f"have {more or singular}"
 
 
 def _listed(names: Sequence[str]) -> str:

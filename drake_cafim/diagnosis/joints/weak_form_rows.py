@@ -1,4 +1,4 @@
-"""Recordings of joints against a scene: equations of motion in their weak form, whitened, as fits ask for them."""
+"""Recordings of joints as whitened weak-form equations of motion: their residual, Jacobian and noise, for fits."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,8 +10,8 @@ import numpy as np
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.joints.differences import Differences
-from drake_cafim.diagnosis.joints.more_noise import closed, doses, noisy_numbers, with_more_noise
-from drake_cafim.diagnosis.joints.noise_of_reading import Smoothing, as_late
+from drake_cafim.diagnosis.joints.more_noise import draws, has_feedback, noisy_parameters, with_more_noise
+from drake_cafim.diagnosis.joints.noise_of_reading import Smoothing, has_equal_lags
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
@@ -29,22 +29,22 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class WeakFormRows(Problem):
-    """Recordings of one scene in weak form: what a fit asks of them."""
+    """The whitened weak-form rows of a scene's recordings."""
 
     scene: Scene
     runs: tuple[Run, ...]
     under: Model
-    """What the rows are whitened under."""
+    """The model whose noise covariance whitens the rows."""
     unknown_force: Array = field(default_factory=lambda: np.zeros(0))
-    """(n,) or empty: the density of white forces at the joints that nobody knows, (N m)² s or N² s."""
+    """(n,) or empty: density of unknown white forces at the joints that count as noise, (N m)² s or N² s."""
     found_pushes: list[Any] = field(default_factory=list, repr=False, compare=False)
-    """The last residual that was searched for pushes, and what was found."""
+    """Cache: the last residual that was searched for pushes, and the result."""
     tried_pulses: dict[int, list[Any]] = field(default_factory=dict, repr=False, compare=False)
-    """The pulses that are tried, by recording."""
+    """Cache: the pulses that are tested, by recording."""
     force_looks: dict[tuple[str, str], Any] = field(default_factory=dict, repr=False, compare=False)
-    """The last looks at each joint law, with the samples that they saw."""
+    """Cache: the last looks at each joint law, with the samples that they are of."""
     _sensor_columns: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
-    _more_doses: dict[int, tuple[Self, Self]] = field(default_factory=dict, repr=False, compare=False)
+    _more_draws: dict[int, tuple[Self, Self]] = field(default_factory=dict, repr=False, compare=False)
     _last_rewhitened: list[tuple[Model, Self]] = field(default_factory=list, repr=False, compare=False)
 
     @classmethod
@@ -58,75 +58,78 @@ class WeakFormRows(Problem):
         return cls(scene, tuple(runs), model, unknown_force)
 
     def rewhitened(self, model: Model) -> Self:
-        """The same recordings under another model's covariance; the last one is kept."""
+        """The same recordings, whitened under `model`; the last result is cached."""
         if not self._last_rewhitened or self._last_rewhitened[0][0] is not model:
             self._last_rewhitened[:] = [(model, self.of(self.scene, self.forms, model, self.unknown_force))]
         return self._last_rewhitened[0][1]
 
     @cached_property
     def noisier(self) -> Self:
-        """The same recordings with their noise once more on top, under the same whitening."""
+        """The same recordings with noise added once more, under the same whitening."""
         return self._with_more_noise(fed_back=False)
 
     @cached_property
     def noisier_in_loop(self) -> Self:
-        """`noisier` with the efforts that the controller would have made of it.
+        """`noisier` with the efforts by which the controller answers the added noise.
 
-        The motion that those make obeys the equations, so residuals do not see them; regressors do.
+        The motion by these efforts obeys the equations, so they change the Jacobian but not the residual.
         """
-        return self._with_more_noise(fed_back=True) if closed(self.runs) else self.noisier
+        return self._with_more_noise(fed_back=True) if has_feedback(self.runs) else self.noisier
 
-    def _with_more_noise(self, fed_back: bool, dose: int = 0) -> Self:
-        return type(self)(self.scene, with_more_noise(self.runs, fed_back, dose), self.under, self.unknown_force)
+    def _with_more_noise(self, fed_back: bool, draw: int = 0) -> Self:
+        return type(self)(self.scene, with_more_noise(self.runs, fed_back, draw), self.under, self.unknown_force)
 
     def plausible(self, model: Model) -> bool:
-        """Whether every joint effect of the model still is what its name says, over all recordings."""
-        asked = _Plausible(self, model)
-        return all(effect.plausible() and asked(effect) for effect in model.effects)
+        """Whether every effect of `model` acts as its name says, by its values and over all recordings."""
+        is_plausible = _Plausible(self, model)
+        return all(effect.plausible() and is_plausible(effect) for effect in model.effects)
 
     def rows_of(self, model: Model) -> Array:
         return self.data_rows(model.physics(self.scene))
 
     def data_rows(self, physics: Physics) -> Array:
-        """Whitened rows of all recordings."""
+        """Whitened rows (R,) of all recordings under `physics`."""
         return np.concatenate([run.residual(physics) for run in self.runs])
 
     def shared_noise(self, model: Model, residual: Array, jacobian: Array) -> tuple[Array, Array]:
-        """The first with what a controller makes of the noise, which slopes share with it; the second without.
+        """ΔJᵀΔz (n,) with the efforts by which a controller answers the noise, and ΔJᵀΔJ (n, n) without them.
 
-        Efforts that noise has made are real, and so is what they shake: such slopes are no error, and they inform.
+        Efforts that a controller makes of noise really act, and so does the motion they excite: the derivatives by it
+        are correlated with the residual, but they are no error and add information.
         """
         change = self.noisier.residual(model) - residual
-        noisy = noisy_numbers(model)
+        noisy = noisy_parameters(model)
         error = (self.noisier.jacobian(model) - jacobian) * noisy
         if self.noisier_in_loop is self.noisier:
             return error.T @ change, error.T @ error
         shared = (self.noisier_in_loop.jacobian(model) - jacobian) * noisy
         offsets = [shared.T @ change]
-        for dose in range(1, doses(shared, jacobian)):
-            quiet, closed = self._dose(dose)
-            offsets.append(((closed.jacobian(model) - jacobian) * noisy).T @ (quiet.residual(model) - residual))
+        for draw in range(1, draws(shared, jacobian)):
+            open_loop, closed_loop = self._draw(draw)
+            offsets.append(
+                ((closed_loop.jacobian(model) - jacobian) * noisy).T @ (open_loop.residual(model) - residual)
+            )
         return np.asarray(np.mean(offsets, axis=0)), error.T @ error
 
-    def _dose(self, dose: int) -> tuple[Self, Self]:
-        """`noisier` and `noisier_in_loop` with other noise."""
-        if dose not in self._more_doses:
-            self._more_doses[dose] = (self._with_more_noise(False, dose), self._with_more_noise(True, dose))
-        return self._more_doses[dose]
+    def _draw(self, draw: int) -> tuple[Self, Self]:
+        """`noisier` and `noisier_in_loop` with another draw of noise."""
+        if draw not in self._more_draws:
+            self._more_draws[draw] = (self._with_more_noise(False, draw), self._with_more_noise(True, draw))
+        return self._more_draws[draw]
 
     def penalty(self, model: Model) -> float:
         physics = model.physics(self.scene)
-        begun = sum(run.marginalise_start(physics).paid for run in self.runs) if has_unknown_start(physics) else 0.0
-        return begun + self._noise_cost(model)
+        start = sum(run.marginalise_start(physics).paid for run in self.runs) if has_unknown_start(physics) else 0.0
+        return start + self._noise_cost(model)
 
     def _noise_cost(self, model: Model) -> float:
-        """What χ² is too small by where the model's lags let less noise through than those of the whitening.
+        """Decrease of χ² by noise that the model's lags remove and those of the whitening do not.
 
-        Undoing a lag raises a channel's noise: explanations with and without one are compared each under its own.
+        Inverting a lag amplifies a channel's noise: explanations with and without one compare each under its own noise.
         """
-        if as_late(model, self.under):
-            return self._smoothing.gained(model)
-        rows, own = (one.rows_of(model) for one in (self, self.rewhitened(model)))
+        if has_equal_lags(model, self.under):
+            return self._smoothing.decrease(model)
+        rows, own = (problem.rows_of(model) for problem in (self, self.rewhitened(model)))
         return float(own @ own - rows @ rows)
 
     @cached_property
@@ -162,7 +165,7 @@ class WeakFormRows(Problem):
         return np.concatenate([found, np.zeros((len(model.unknown), found.shape[1]))])
 
     def joint_columns(self, joint: int, columns: Sequence[Array]) -> Array:
-        """Whitened rows (R, k) of forces at a joint, one (N, k) array a recording."""
+        """Whitened rows (R, k) of forces at a joint, given as one (N, k) array per recording."""
         result = []
         for run, column in zip(self.runs, columns, strict=True):
             weak = run.weak
@@ -172,7 +175,7 @@ class WeakFormRows(Problem):
         return np.concatenate(result)
 
     def sensor_columns(self, effect: SensorEffect) -> Array:
-        """Whitened rows (R, k) by an effect's strengths, through the rows' slopes in its channels' samples."""
+        """Whitened rows (R, k) by an effect's strengths: the rows' derivatives by its channels' samples, chained."""
         if effect.key not in self._sensor_columns:
             result = []
             for run in self.runs:
@@ -183,7 +186,7 @@ class WeakFormRows(Problem):
         return self._sensor_columns[effect.key]
 
     def plane_columns(self, effect: UnmodeledContact, physics: Physics, slopes: bool = True) -> Array:
-        """Whitened rows (R, k) by the strengths of a plane in the way; without `slopes` of its force itself, (R, 1)."""
+        """Whitened rows (R, k) by the strengths of a plane; without `slopes`, (R, 1) by its whole force."""
         body = physics.tree.body(effect.at)
         result = []
         for run in self.runs:
@@ -193,21 +196,21 @@ class WeakFormRows(Problem):
                 force = effect.slopes(p_WP, v_WP, moving.lasting)
             else:
                 force = effect.force(p_WP, v_WP, None, None, moving.lasting)[..., None]
-            felt = np.einsum("nja,nak->njk", moving.force_at(body.joint, body.p_JB), force)
-            result.append(run.whitened(run.pushed(felt, physics.effort_gains)))
+            efforts = np.einsum("nja,nak->njk", moving.force_at(body.joint, body.p_JB), force)
+            result.append(run.whitened(run.pushed(efforts, physics.effort_gains)))
         return np.concatenate(result)
 
 
 @dataclass(frozen=True)
 class _Plausible(ByKind[bool]):
-    """Whether an effect of `model` is what its name says over all recordings of `problem`."""
+    """Whether an effect of `model` acts as its name says over all recordings of `problem`."""
 
     problem: WeakFormRows
     model: Model
 
     @property
     def _leaves_more_than_noise(self) -> bool:
-        """Whether no noise explains what the model leaves."""
+        """Whether the residual is far above noise."""
         rows = self.problem.rows_of(self.model)
         return float(rows @ rows) > MISFIT_REDUCED_CHI_SQUARE * len(rows)
 
@@ -219,6 +222,7 @@ class _Plausible(ByKind[bool]):
         together = concatenate([run.weak.joint_samples(physics)[joint] for run in self.problem.runs])
         if not effect.plausible_over(together):
             return False
+        # a law that hardly acts may be real where noise remains, but compensates for something else where more does
         return effect.stands_out(together) or not self._leaves_more_than_noise
 
     def obstacle(self, effect: UnmodeledContact) -> bool:
@@ -227,7 +231,7 @@ class _Plausible(ByKind[bool]):
 
 @dataclass(frozen=True)
 class _KnownColumns(ByKind[Array | None]):
-    """Whitened rows (R, k) by an effect's strengths where they are known; None where differences give them."""
+    """Whitened rows (R, k) by an effect's strengths, analytic; None where finite differences are needed."""
 
     problem: WeakFormRows
     physics: Physics
@@ -248,7 +252,7 @@ class _KnownColumns(ByKind[Array | None]):
 
 
 def touched_and_left(runs: Sequence[Run], effect: UnmodeledContact, physics: Physics) -> bool:
-    """Whether a plane in the way is one over all recordings."""
+    """Whether the body touches the plane and leaves it again over all recordings."""
     body = physics.tree.body(effect.at)
     paths = [run.weak.motion(physics).point(body.joint, body.p_JB)[0] for run in runs]
     return effect.touched_and_left(np.concatenate(paths))
