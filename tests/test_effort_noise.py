@@ -70,8 +70,8 @@ def test_physics_that_passed_for_noise_is_given_back(tmp_path: Path) -> None:
     prepared = _prepared(tmp_path, 0.05, 1.0)
     effects = [JointCoulombFriction("shoulder", {"torque": 1.0, "slip_velocity": 0.005})]
     effects += [JointCoulombFriction("elbow", {"torque": 0.4, "slip_velocity": 0.005})]
-    finer = prepared.under(Model(prepared.scene.priors.mean, tuple(effects)))
-    assert finer is not None and finer.under(Model(prepared.scene.priors.mean, tuple(effects))) is None
+    finer = prepared.with_noise_beside(Model(prepared.scene.priors.mean, tuple(effects)))
+    assert finer is not None and finer.with_noise_beside(Model(prepared.scene.priors.mean, tuple(effects))) is None
     std = finer.weak[0].samples.std
     assert std["u.shoulder"] < 0.8 * prepared.effort_noise["u.shoulder"]
     # at the elbow most of a row's noise is the sensors', so its effort's is less well known

@@ -1,4 +1,4 @@
-"""The verdict put together: explanations, rivals, parameters, and how each model does."""
+"""Assembles the verdict of a judgement: explanations, rivals, parameters, locations, and figures of fit."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -31,20 +31,20 @@ from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.scenario.unknown import UnknownParameter
 from drake_cafim.scene.scene import Scene
 
-MADE_UP_FOR = (
-    "the unknowns, fitted alone, make up for what is missing and predict these recordings worse than as given; in the "
-    "corrected scenario they are as given"
+COMPENSATING = (
+    "fitted without the missing physics, the unknowns compensate for it and predict these recordings worse than the "
+    "values as given, which the corrected scenario keeps"
 )
 
-FAR_ALIKE = "with another value, far from its prior, it moves the measurements alike"
+FAR_ALIKE = "with a value far from its prior it changes the measurements alike"
 NOTHING_MOVES = "nothing moves in the recordings beyond its noise, so that no effect was looked for"
 Progress = Callable[[str], None]
 
 
 def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Progress) -> Verdict:
-    """The verdict that a judgement of `prepared` recordings comes to; what cannot be computed is NaN, with a note."""
+    """The verdict by a judgement of `prepared` recordings; a figure that cannot be computed is NaN, with a note."""
     scene, outcome, best, kind = prepared.scene, judgement.outcome, judgement.best, judgement.kind
-    # where the mismatch is: of the nominal physics at the numbers that the explanation found, or of what remains
+    # locate what remains, or, once all is explained, what the nominal physics lacks at the fitted unknowns
     lacking = best.model if kind == "unexplained" else Model(best.model.unknown)
     nominally = outcome.nominal_problem
     locations: tuple[Location, ...] = ()
@@ -61,17 +61,17 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Pro
     comparisons = comparisons_of(prepared, [outcome.nominal, best])
     given, fitted = comparisons[0].nominal_as_given.nll, comparisons[0].corrected.nll
     if kind == "unexplained" and not best.model.effects and fitted > given:
-        corrected, notes = scene.corrected(scene.priors.mean, ()), (*notes, MADE_UP_FOR)
-        comparisons = [replace(one, corrected=one.nominal_as_given) for one in comparisons]
+        corrected, notes = scene.corrected(scene.priors.mean, ()), (*notes, COMPENSATING)
+        comparisons = [replace(comparison, corrected=comparison.nominal_as_given) for comparison in comparisons]
     train, *held_out = comparisons
     explanation, unknown_std = _explanations(scene, outcome, best)
     notes = (*notes, *unknown_std, *train.missing("train"), *(held_out[0].missing("held_out") if held_out else ()))
     parameters = parameters_of(scene, best)
     unknown = far_unknowns(scene, best.model) if kind == "unexplained" and not prepared.mistakes else ()
-    far = tuple(parameters[scene.unknown.index(one)] for one in unknown)
-    # what two sides of a normal distribution say, of the farthest of all unknowns
-    chance = min((2.0 * float(norm.sf(one.distance)) * len(scene.unknown) for one in far), default=1.0)
-    places = [_place_of(one, 1.0 / len(unknown) if judgement.adequate else 0.0) for one in unknown]
+    far = tuple(parameters[scene.unknown.index(parameter)] for parameter in unknown)
+    # two-sided p-value of the farthest unknown by its prior, times the number of unknowns (Bonferroni)
+    chance = min((2.0 * float(norm.sf(parameter.distance)) * len(scene.unknown) for parameter in far), default=1.0)
+    places = [_location(parameter, 1.0 / len(unknown) if judgement.adequate else 0.0) for parameter in unknown]
     return Verdict(
         kind=kind,
         mismatch=Mismatch(kind != "none", min(outcome.detection_p_value, chance), (*locations, *places)),
@@ -94,8 +94,8 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Pro
     )
 
 
-def _place_of(unknown: UnknownParameter, share: float) -> Location:
-    """Where an unknown that is far from its prior is."""
+def _location(unknown: UnknownParameter, share: float) -> Location:
+    """The location of a mismatch that is an unknown far from its prior."""
     kind = unknown.kind if unknown.effect is None else effect_named(unknown.effect).place.value
     return Location(kind, unknown.at, share)
 
@@ -115,15 +115,18 @@ def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[tuple[Expl
             unit = effect.unit(strength, scene.tree)
             values[strength.name] = Value(effect.values[strength.name], float(std[position]), unit)
             position += 1
-        values |= {one.name: Value(value, None, one.unit) for one, value in effect.choices.items()}
+        values |= {choice.name: Value(value, None, choice.unit) for choice, value in effect.choices.items()}
         sentence = effect.sentence(scene.tree)
         found.append(Explanation(effect, outcome.probability.get(effect.key, 1.0), values, sentence))
     return tuple(sorted(found, key=lambda e: -e.probability)), notes
 
 
 def _rivals(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Rival, ...]:
-    """What is in explanations that fit as well as the accepted one, which is preferred for its fewer numbers."""
-    present, unknown = best.model.keys, {(one.parameter, one.at) for one in scene.unknown}
+    """Effects and unknowns of explanations that fit as well as the accepted one, which the criterion prefers.
+
+    An explanation that contains the accepted one is no rival, nor is one with more than one part in addition.
+    """
+    present, unknown = best.model.keys, {(known.parameter, known.at) for known in scene.unknown}
     as_good = [
         other.model.keys
         for other in outcome.competing
@@ -144,30 +147,31 @@ def _rivals(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Rival, ...]:
 
 def _why_alike(best: Fit, name: str) -> str:
     reasons = [effect.alike[name] for effect in best.model.effects if name in effect.alike]
-    return reasons[0] if reasons else "over these motions the two move the measurements alike"
+    return reasons[0] if reasons else "over these motions the two change the measurements alike"
 
 
 def parameters_of(scene: Scene, best: Fit) -> tuple[NominalParameter, ...]:
+    """The scenario's unknowns with their fitted values and standard deviations."""
     return tuple(
         NominalParameter(
-            one.parameter,
-            one.at,
+            unknown.parameter,
+            unknown.at,
             float(value),
             float(std),
-            one.prior.unit,
-            one.prior.mean,
-            one.prior.std,
-            one.effect,
+            unknown.prior.unit,
+            unknown.prior.mean,
+            unknown.prior.std,
+            unknown.effect,
         )
-        for one, value, std in zip(scene.unknown, best.model.unknown, best.std, strict=False)
+        for unknown, value, std in zip(scene.unknown, best.model.unknown, best.std, strict=False)
     )
 
 
 def comparisons_of(prepared: PreparedRecordings, fits: Sequence[Fit]) -> list[Comparison]:
-    """Each group of recordings under the scene as given, and under the two `fits`."""
+    """For each group of recordings, the figures of fit of the scene as given and of the two `fits`."""
     priors, n = prepared.scene.priors, len(prepared.scene.unknown)
     candidates = [(Model(priors.mean), np.diag(priors.std**2))]
-    candidates += [(one.model, one.covariance[:n, :n]) for one in fits]
+    candidates += [(fit.model, fit.covariance[:n, :n]) for fit in fits]
     found: list[list[Quality]] = []
     for k, (model, covariance) in enumerate(candidates):
         # where nothing is missing, two of the three are the same
@@ -179,4 +183,4 @@ def comparisons_of(prepared: PreparedRecordings, fits: Sequence[Fit]) -> list[Co
             and np.array_equal(doubt, covariance)
         ]
         found.append(found[same[0]] if same else prepared.qualities(model, covariance))
-    return [Comparison(*(one[k] for one in found)) for k in range(len(found[0]))]
+    return [Comparison(*(qualities[k] for qualities in found)) for k in range(len(found[0]))]

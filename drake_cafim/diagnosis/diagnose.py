@@ -1,4 +1,4 @@
-"""The whole diagnosis: recordings and a scene in, a verdict out."""
+"""Runs a diagnosis from recordings and a scene to a verdict, and the estimation of a scenario's unknown parameters."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,6 +24,7 @@ from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 
 NO_ESTIMATES = "What follows is fitted to the recordings as they are, and no estimate:"
+"""The line above fitted parameters where the recordings have mistakes."""
 
 Progress = Callable[[str], None]
 
@@ -37,11 +38,11 @@ def diagnose(
     settings: Settings | None = None,
     progress: Progress = lambda text: None,
 ) -> Verdict:
-    """What the recordings say is missing in the scene's model.
+    """The verdict on which physics is missing in the scene's model, given recordings of the robot.
 
-    `held_out` chooses and fits nothing: it is only simulated with and without what was found. `effects` are effect
-    classes of one's own that are looked for beside the catalogue's. `settings` say how hard to search and how sure to
-    be. `progress` is told, in a few words each time, what is being done.
+    `held_out` recordings are used for no choice and no fit, only for figures of fit. `effects` are further effect
+    classes to test beside the catalogue's. `settings` are the options of the search. `progress` is called with a few
+    words at each stage.
 
         verdict = drake_cafim.diagnose(scene, [drake_cafim.read("run_1.parquet")])
         print(verdict)                # the sentence
@@ -62,22 +63,22 @@ def examine(
     settings: Settings | None = None,
     progress: Progress = lambda text: None,
 ) -> tuple[Verdict, Outcome]:
-    """`diagnose`, with the search's own account beside the verdict, for pictures."""
+    """The verdict of `diagnose`, and the outcome of the search that led to it, from which a report draws."""
     settings = settings or Settings()
-    progress("reading noise and laying windows")
+    progress("estimating the noise and setting up the equations")
     prepared = prepare(scene.with_effect_classes(effects), recordings, held_out)
     trace = Trace()
     if prepared.mistakes or not prepared.moves:
-        # physics that would make up for a mistake of the data is none, nor is what nothing moves by
+        # an effect that compensates for wrong data is no physics, and without motion none can be told apart
         settings = replace(settings, most_effects=0)
         trace.add(*map(record_data_mistake, prepared.mistakes))
     judgement = judge(prepared.problem(), settings, progress, trace)
     for _ in range(EFFORT_NOISE_ROUNDS):
-        finer = prepared.under(judgement.best.model)
+        finer = prepared.with_noise_beside(judgement.best.model)
         if finer is None:
             break
-        progress("searching under the noise that efforts have beside what was found")
-        # the verdict stands by the last search: what earlier ones decided under other noise did not shape it
+        progress("searching again with less noise of the efforts")
+        # a new trace, since decisions under the former noise did not shape the verdict
         trace = Trace()
         trace.add(*map(record_data_mistake, finer.mistakes))
         prepared, judgement = finer, judge(finer.problem(), settings, progress, trace)
@@ -88,10 +89,10 @@ def examine(
 
 @dataclass(frozen=True)
 class Estimate:
-    """The unknown parameters as fitted, how the model then does, and what was noticed while reading.
+    """The fitted unknown parameters, the figures of fit, and the notes on the recordings.
 
-    `data_mistakes`, `noise_remarks`, `notes` and `noise` are those of a `Verdict`. With a mistake the numbers are those
-    of the recordings as they are, and no estimates.
+    `data_mistakes`, `noise_remarks`, `notes` and `noise` are those of a `Verdict`. If the recordings have mistakes,
+    the values are fitted to them as they are, and no estimates.
     """
 
     parameters: tuple[NominalParameter, ...]
@@ -102,28 +103,28 @@ class Estimate:
     noise: Mapping[str, ChannelNoise] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        """What is to be known first, a line each, then the numbers."""
+        """Mistakes of the data first, then a line for each parameter, remark and note."""
         lines = [mistakes_sentence(self.data_mistakes), NO_ESTIMATES] if self.data_mistakes else []
-        lines += [f"{one.parameter} of {one.at}: {one.value:.6g} ± {one.std:.2g} {one.unit}" for one in self.parameters]
+        lines += [f"{p.parameter} of {p.at}: {p.value:.6g} ± {p.std:.2g} {p.unit}" for p in self.parameters]
         lines += [f"{remark[0].upper()}{remark[1:]}." for remark in self.noise_remarks]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
 
 def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progress = lambda text: None) -> Estimate:
-    """The scenario's `unknown` parameters from recordings; the model's own effects are in it, no others are sought.
+    """Estimates the scenario's `unknown` parameters from recordings, without looking for missing physics.
 
         found = drake_cafim.estimate(scene, [drake_cafim.read("run_1.parquet")])
-        for one in found.parameters:
-            print(one.parameter, one.at, one.value, one.std, one.unit)
+        for parameter in found.parameters:
+            print(parameter.parameter, parameter.at, parameter.value, parameter.std, parameter.unit)
 
-    `found.train` compares the model as given with the fitted one. `progress` is told what is being done. Raises
-    `InputError` for recordings that lack what the scene needs.
+    `found.train` compares the model as given with the fitted one. `progress` is called with a few words at each stage.
+    Raises `InputError` for recordings that lack what the scene needs.
     """
     prepared = prepare(scene, recordings)
     scene, problem = prepared.scene, prepared.problem()
     progress("fitting the unknown parameters")
     fitted = unbiased_fit(problem, problem.nominal())
-    finer = prepared.under(fitted.model)
+    finer = prepared.with_noise_beside(fitted.model)
     if finer is not None:
         prepared, problem = finer, finer.problem()
         fitted = unbiased_fit(problem, fitted.model)

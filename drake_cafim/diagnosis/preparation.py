@@ -1,4 +1,4 @@
-"""Recordings made ready for a diagnosis: their noise, their mistakes, and their rows."""
+"""Prepares recordings for a diagnosis: estimates their noise, finds mistakes of the data, sets up their equations."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -44,7 +44,7 @@ class PreparedRecordings(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader should know of how the recordings were read."""
+        """Notes on how the recordings were read."""
         ...
 
     @property
@@ -54,12 +54,12 @@ class PreparedRecordings(Protocol):
 
     @property
     def noise_remarks(self) -> tuple[str, ...]:
-        """What is to be said of the noise."""
+        """Sentences on noise that is not as stated."""
         ...
 
     @property
     def moves(self) -> bool:
-        """Whether anything moves in any of the recordings, beyond its noise."""
+        """Whether anything moves in any of the recordings by more than noise."""
         ...
 
     @property
@@ -67,16 +67,16 @@ class PreparedRecordings(Protocol):
         """The noise of each column, stated or estimated."""
         ...
 
-    def under(self, model: Model) -> "PreparedRecordings | None":
-        """The same under the noise that is left beside `model`; None where it is much as it was."""
+    def with_noise_beside(self, model: Model) -> "PreparedRecordings | None":
+        """The same recordings with the noise estimated again under `model`; None where it has hardly changed."""
         ...
 
     def problem(self) -> SearchProblem:
-        """The recordings' likelihood, white under the scene's own physics."""
+        """The recordings' rows, whitened under the scene's physics as given."""
         ...
 
     def qualities(self, model: Model, covariance: Array) -> list[Quality]:
-        """How well `model` does on the recordings, and on those held out where there are any.
+        """The figures of fit of `model` on the recordings, and on those held out where there are any.
 
         `covariance` (n, n) is that of its unknowns.
         """
@@ -85,7 +85,7 @@ class PreparedRecordings(Protocol):
 
 @dataclass(frozen=True)
 class Prepared:
-    """Recordings laid out as weak forms, with what was noticed while reading them."""
+    """Recordings of joints as weak forms, with notes on them."""
 
     scene: Scene
     weak: list[WeakForm]
@@ -94,12 +94,12 @@ class Prepared:
     mistakes: tuple[str, ...]
     noise_remarks: tuple[str, ...]
     effort_noise: Mapping[str, float]
-    """Std by column of the efforts whose noise nobody stated, N m or N."""
+    """Estimated std by column of the efforts without a stated one, N m or N."""
 
-    def under(self, model: Model) -> "Prepared | None":
-        """The same under the noise of efforts that is left beside `model`; None where it is much as it was.
+    def with_noise_beside(self, model: Model) -> "Prepared | None":
+        """The same recordings with the noise of efforts estimated again; None where it has hardly changed.
 
-        What physics was missing when it was first estimated may have passed for noise in part.
+        Physics that was missing at the first estimate, and that `model` contains, may have counted as noise in part.
         """
         joints = [self.scene.tree.joint_index(column.removeprefix("u.")) for column in self.effort_noise]
         exact = [with_std(form, dict.fromkeys(self.effort_noise, 0.0)) for form in self.weak]
@@ -127,24 +127,24 @@ class Prepared:
 
     @property
     def moves(self) -> bool:
-        """Whether any joint moves in any of the recordings, beyond its noise."""
+        """Whether any joint moves in any of the recordings by more than noise."""
         return any(moves(form.samples) for form in self.weak)
 
     def problem(self) -> WeakProblem:
-        """The recordings' whitened equations, under the model as given."""
+        """The recordings' equations, whitened under the model as given."""
         return WeakProblem.of(self.scene, self.weak, Model(self.scene.priors.mean))
 
     def qualities(self, model: Model, covariance: Array) -> list[Quality]:
-        """How `model` does on the recordings, and on those held out where there are any.
+        """The figures of fit of `model` on the recordings, and on those held out where there are any.
 
-        `covariance` (n, n) is of its unknowns.
+        `covariance` (n, n) is that of its unknowns.
         """
         groups = [self.weak, self.held_out] if self.held_out else [self.weak]
         return qualities(groups, self.scene, model, covariance)
 
 
 def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> PreparedRecordings:
-    """The recordings' weak forms, or a thrown body's poses, under the noise that was stated or, where not, is seen.
+    """The recordings as weak forms, or as poses of a thrown body, with the noise stated or else estimated.
 
     Raises `InputError` for recordings that lack what the scene needs.
     """
@@ -153,33 +153,33 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
         return prepare_tosses(scene, recordings, held_out, (*scene.stated.notes, *notes_of(recordings)))
     for recording in (*recordings, *held_out):
         check_usable(recording, needed_columns(scene))
-    scene = _facing(scene, recordings)
+    scene = _orient_surfaces(scene, recordings)
     std, notes = noise_of(scene, recordings)
     stated = stated_memories(scene, list(std))
     estimated = {column for column in std if scene.std(column) is None}
-    seen, told = estimate_memories(recordings, std, stated, estimated)
-    known = stated | seen
+    from_spectra, remarks = estimate_memories(recordings, std, stated, estimated)
+    known = stated | from_spectra
     std = correct_for_memory(std, known, estimated, step_of(recordings))
 
-    def laid(recording: Recording, std: dict[str, float]) -> WeakForm:
+    def lay_out(recording: Recording, std: dict[str, float]) -> WeakForm:
         memories = quantised_memories(recording, std) | known
         recording, bridges = bridge_slow_channels(recording)
         samples = samples_of(scene, recording, std, memories=memories, bridges=bridges)
         return WeakForm(samples, scene.wrench_sensors)
 
     even = [bridge_slow_channels(recording)[0] for recording in recordings]
-    forms = [laid(recording, std) for recording in recordings]
+    forms = [lay_out(recording, std) for recording in recordings]
     measured = [j for j, name in enumerate(scene.tree.joint_names) if f"u.{name}" in estimated]
     noise: dict[str, float] = {}
     if measured:
-        # what the equations say of it can only be known once they are laid out with efforts taken as exact
+        # the noise of efforts is estimated from the residual of the equations, set up first with exact efforts
         noise = effort_noise(scene, forms, Model(scene.priors.mean), measured)
         std, notes = std | noise, (*notes, *effort_notes(scene, noise))
-        forms = [laid(recording, std) for recording in recordings]
+        forms = [lay_out(recording, std) for recording in recordings]
     return Prepared(
         scene,
         forms,
-        [laid(recording, std) for recording in held_out],
+        [lay_out(recording, std) for recording in held_out],
         (
             *scene.stated.notes,
             *notes,
@@ -188,12 +188,12 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
             *(f"held out: {mistake}" for mistake in mistakes_of(scene, held_out, std)),
         ),
         mistakes_of(scene, recordings, std),
-        told,
+        remarks,
         noise,
     )
 
 
-def _facing(scene: Scene, recordings: Sequence[Recording]) -> Scene:
-    """The scene with its contact planes on the side on which the first recording starts."""
+def _orient_surfaces(scene: Scene, recordings: Sequence[Recording]) -> Scene:
+    """The scene with each contact plane on the side on which the first recording starts."""
     q = recordings[0].matrix("q", scene.tree.joint_names)
     return scene.with_surfaces_at(q[np.flatnonzero(np.all(np.isfinite(q), axis=1))[0]])

@@ -54,7 +54,7 @@ class PreparedTosses:
         found = {f"{place}.{axis}": position for axis in AXES}
         return found | {f"{place}.rotation": rotation} if self.noise.turns_measured else found
 
-    def under(self, model: Model) -> None:
+    def with_noise_beside(self, model: Model) -> None:
         """None: a toss has no efforts whose noise would depend on `model`."""
 
     @property
