@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_cafim.commands.inputs import read_report, report_file
+from drake_cafim.commands.inputs import read_report, refuse_thrown, report_file
 from drake_cafim.design.planner import PLANNERS, PlannerName
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
@@ -78,6 +78,7 @@ def discriminate_command(
         return record
     request.check()
     scene = Scene.load(request.scenario, packages=dict(request.packages))
+    refuse_thrown(scene, "cafim discriminate")
     scene, report, pairs = _report_and_pairs(request, scene)
     finished.unlink(missing_ok=True)
     random = np.random.default_rng(request.seed)

@@ -38,6 +38,15 @@ def in_folder(folder: Path) -> list[str]:
     return sorted(str(p) for p in folder.iterdir() if p.suffix in SUFFIXES and not p.name.startswith("."))
 
 
+def refuse_thrown(scene: Scene, command: str) -> None:
+    """Raises `InputError` where the scene is a thrown body, of which `command` has nothing to move or to draw."""
+    if scene.tree.floating:
+        raise InputError(
+            f"{scene.name}: {command} is of robots, expected a model with joints; a thrown body can be diagnosed and "
+            "estimated"
+        )
+
+
 def report_file(path: Path) -> Path:
     """The report.json that `path` is, or that is in the folder `path`."""
     return path / "report.json" if path.is_dir() else path

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.geometry import Meshcat
 
-from drake_cafim.commands.inputs import read_all, read_report, report_file
+from drake_cafim.commands.inputs import read_all, read_report, refuse_thrown, report_file
 from drake_cafim.diagnosis.noise.stated import noise_of
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
@@ -35,6 +35,7 @@ def replay_command(
     if out.suffix not in (".html", ".mcap"):
         raise InputError(f"--out {out}: expected a page, .html, or a recording with its residuals, .mcap")
     scene = Scene.load(address, packages=packages)
+    refuse_thrown(scene, "cafim replay")
     (read,) = read_all(scene, [recording])
     scene = _facing(scene.for_recordings([read]), read)
     std, _ = noise_of(scene, [read])

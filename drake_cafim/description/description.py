@@ -31,6 +31,15 @@ class Mimic:
 
 
 @dataclass(frozen=True)
+class Closure:
+    """A constraint called `name` that holds two bodies together, by which a chain of joints may close."""
+
+    name: str
+    body: str
+    other: str
+
+
+@dataclass(frozen=True)
 class VisualMesh:
     """A mesh that the replay shows at R (3, 3), p (3,) m in a body's frame; `color` red, green, blue, opacity."""
 
@@ -53,6 +62,7 @@ class Description:
     - `places`: `file, line n` of each body and joint, by name.
     - `positions` (rad, m): of joints whose position in the file's reference pose is not 0.
     - `shown`: visual meshes beside those in `text`.
+    - `closures`: constraints between bodies, which the parser ignores.
     """
 
     text: str
@@ -65,6 +75,7 @@ class Description:
     places: Mapping[str, str] = field(default_factory=dict)
     positions: Mapping[str, float] = field(default_factory=dict)
     shown: tuple[VisualMesh, ...] = ()
+    closures: tuple[Closure, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -79,6 +90,7 @@ class ModelStatements:
     places: Mapping[str, str] = field(default_factory=dict)
     positions: Mapping[str, float] = field(default_factory=dict)
     shown: tuple[VisualMesh, ...] = ()
+    closures: tuple[Closure, ...] = ()
 
 
 def combine_descriptions(descriptions: Iterable[Description], notes: Iterable[str] = ()) -> ModelStatements:
@@ -89,6 +101,7 @@ def combine_descriptions(descriptions: Iterable[Description], notes: Iterable[st
         rotor_inertias={name: value for file in found for name, value in file.rotor_inertias.items()},
         effort_limits={name: value for file in found for name, value in file.effort_limits.items()},
         mimics=tuple(mimic for file in found for mimic in file.mimics),
+        closures=tuple(closure for file in found for closure in file.closures),
         notes=tuple(dict.fromkeys([*(note for file in found for note in file.notes), *notes])),
         places={name: place for file in found for name, place in file.places.items()},
         positions={name: value for file in found for name, value in file.positions.items()},

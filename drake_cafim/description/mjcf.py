@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from drake_cafim.description.description import Description, StatedEffect, list_names
 from drake_cafim.description.inertia import is_unphysical, nearest_physical_inertia
 from drake_cafim.description.mjcf_actuators import effort_limits, read_actuators
-from drake_cafim.description.mjcf_couplings import read_couplings
+from drake_cafim.description.mjcf_couplings import read_closures, read_couplings
 from drake_cafim.description.mjcf_defaults import Defaults, bodies, include_all
 from drake_cafim.description.mjcf_frames import Compiler, binding_range, set_pose
 from drake_cafim.description.mjcf_meshes import Meshes
@@ -53,6 +53,7 @@ def mjcf_description(document: XmlDocument, packages: Packages) -> Description:
             _write_out(body, defaults, childclass)
     driving = read_actuators(root, defaults)
     _name_all(worlds)
+    closures = read_closures(root)
     efforts, notes = effort_limits(driving, worlds, compiler)
     for world in worlds:
         _keep_shapes(world, taken)
@@ -80,6 +81,7 @@ def mjcf_description(document: XmlDocument, packages: Packages) -> Description:
         rotor_inertias=taken.rotors,
         effort_limits=efforts,
         mimics=mimics,
+        closures=closures,
         notes=tuple(taken.notes),
         places=places,
         positions=taken.references,

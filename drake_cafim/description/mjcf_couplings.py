@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from xml.etree.ElementTree import Element
 
-from drake_cafim.description.description import Mimic, list_names
+from drake_cafim.description.description import Closure, Mimic, list_names
 from drake_cafim.description.xml_document import numbers
 
 
@@ -15,7 +15,7 @@ def read_couplings(root: Element, references: Mapping[str, float]) -> tuple[tupl
     """
     mimics, others = [], []
     for element in [constraint for section in root.findall("equality") for constraint in section]:
-        if element.get("active", "true") == "false":
+        if not _acts(element):
             continue
         coefficients = (numbers(element, "polycoef") or [0.0, 1.0]) + [0.0, 0.0]
         joint, leader = element.get("joint1"), element.get("joint2")
@@ -31,3 +31,21 @@ def read_couplings(root: Element, references: Mapping[str, float]) -> tuple[tupl
     if tendons:
         notes.append(f"tendons are ignored ({list_names(tendons)})")
     return tuple(mimics), notes
+
+
+def read_closures(root: Element) -> tuple[Closure, ...]:
+    """The constraints that hold two bodies together; not those to a mocap body, which a user of MuJoCo moves."""
+    moved_by_hand = {body.get("name") for body in root.iter("body") if body.get("mocap") == "true"}
+    found = []
+    for element in [constraint for section in root.findall("equality") for constraint in section]:
+        bodies = element.get("body1"), element.get("body2", "world")
+        if element.tag not in ("connect", "weld") or bodies[0] is None or not _acts(element):
+            continue
+        if not moved_by_hand & set(bodies):
+            name = element.get("name") or f"{element.tag} of {bodies[0]} and {bodies[1]}"
+            found.append(Closure(name, bodies[0], bodies[1]))
+    return tuple(found)
+
+
+def _acts(constraint: Element) -> bool:
+    return constraint.get("active", "true") != "false"

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pydrake.multibody.plant import MultibodyPlant
 
 from drake_cafim.description.description import ModelStatements
-from drake_cafim.dynamics.tree import Tree
+from drake_cafim.dynamics.tree import FIXED, Tree
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.schema import UNRECORDED
@@ -55,6 +55,18 @@ def check_mimics(tree: Tree, statements: ModelStatements) -> None:
             raise InputError(
                 f"{place}: joint {mimic.joint!r} follows {mimic.leader!r}, and what follows a joint that moves is not "
                 f"supported; expected `lock: [{mimic.leader}]` in the scenario, which holds both"
+            )
+
+
+def check_closures(tree: Tree, statements: ModelStatements, source: str) -> None:
+    """Raises `InputError` for a constraint by which a chain of joints that move closes."""
+    riding = {body.name: body.joint for body in tree.bodies} | {"world": FIXED}
+    for closure in statements.closures:
+        if riding.get(closure.body, FIXED) != riding.get(closure.other, FIXED):
+            raise InputError(
+                f"{source}: the constraint {closure.name} closes a chain of joints, and closed chains are not "
+                f"supported; hold the joints between {closure.body} and {closure.other} by `lock:`, or take the "
+                "constraint out of the model file if it does not act"
             )
 
 

@@ -47,6 +47,10 @@ def add_plant(
         with capture_log():  # warnings about collision shapes, which are not used here
             plant.Finalize()
     except RuntimeError as error:
+        if "loops in the system graph" in str(error):
+            raise InputError(
+                "a link of the model has two parent joints: closed chains are not supported, expected a tree"
+            ) from None
         raise InputError(f"the model cannot be finalized: {' '.join(str(error).split())}") from None
     return plant, scene_graph, statements
 
@@ -115,7 +119,7 @@ class _Model:
         if str(path).endswith(DIRECTIVES):
             content = yaml.safe_load(path.read_text(encoding="utf-8"))
             return self._add_directives(content.get("directives", []), str(path), path)
-        description = read_description(path, self._packages)
+        description = _described(path, self._packages)
         with capture_log() as warnings, _as_input_error(str(path)):
             self._parser.AddModelsFromString(description.text, description.form)
         return combine_descriptions([description], _in_words(warnings, path))
@@ -137,7 +141,7 @@ class _Model:
                 if not isinstance(entry, dict) or not self._ours(str(entry.get("file", ""))):
                     continue
                 path = self._file(str(entry["file"]).removeprefix("file://"), near)
-                found.append(read_description(path, self._packages))
+                found.append(_described(path, self._packages))
                 plain = Path(scratch) / f"{k}_{path.stem}.{found[-1].form}"
                 plain.write_text(found[-1].text, encoding="utf-8")
                 entry["file"] = f"file://{plain}"
@@ -152,6 +156,14 @@ class _Model:
         name = re.match(r"(?:package|model)://([^/]+)/", address)
         known = name is None or self._packages.find(name.group(1), self._folder / "scenario") is not None
         return known and not address.endswith(DIRECTIVES)
+
+
+def _described(path: Path, packages: Packages) -> Description:
+    """The file's description. Raises `InputError` for a force between bodies that our equations of motion lack."""
+    description = read_description(path, packages)
+    if "linear_bushing_rpy" in description.text:
+        raise InputError(f"{path}: drake:linear_bushing_rpy is not supported, expected forces at joints only")
+    return description
 
 
 @contextmanager

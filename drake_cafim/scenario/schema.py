@@ -23,19 +23,19 @@ EXPECTED = "a scenario (.yaml): a mapping with the key model"
 class Weld:
     """A body that is welded to the world at identity."""
 
-    body: str = ""
+    body: str = ""  # the body's name in the model
 
 
 @dc.dataclass
 class Channel:
     """Noise of one kind of channel (`q`), of one joint's (`q.elbow`), or of a sensor (`wrench.wrist`)."""
 
-    # Standard deviation of one sample, SI: `{all: 2e-4}`, or by part: force, torque, position, rotation.
-    # The file may hold a plain number for `all`. Empty: estimated from the recording.
+    # Standard deviation of one sample, SI: a number; of a wrench `{force: , torque: }`, of a pose
+    # `{position: , rotation: }`. Left out: estimated from the recordings. 0 of `u`: efforts are exact.
     std: dict[str, float] = dc.field(
         default_factory=dict, metadata={"range": Range(least=0.0, most=1e6), "plain": "all"}
     )
-    correlation_time: float = number(0.0, "s", least=0.0, most=1e6)  # 0: white
+    correlation_time: float = number(0.0, "s", least=0.0, most=1e6)  # of the noise; 0: white
     hold: str = "zero_order"  # of u between samples: zero_order or first_order
     body: str = ""  # of a wrench sensor: the body it belongs to
     frame: str = ""  # of a wrench sensor: the frame it measures in
@@ -45,14 +45,14 @@ class Channel:
 class Unknown:
     """A nominal parameter that may be wrong, with its Gaussian prior."""
 
-    parameter: str = ""
+    parameter: str = ""  # what may be wrong, see the table below
     std: float = number(0.0, least=0.0, above=True)  # of the prior, in the parameter's unit
-    mean: float | None = None  # missing: the model's value
-    body: str | None = None
-    joint: str | None = None
-    contact: list[str] = dc.field(default_factory=list, metadata={"length": 2})  # two bodies
+    mean: float | None = None  # of the prior; left out: the model's value
+    body: str | None = None  # the body whose parameter it is; one of body, joint, contact, or effect with at
+    joint: str | None = None  # the joint whose parameter it is
+    contact: list[str] = dc.field(default_factory=list, metadata={"length": 2})  # the two bodies of the contact
     effect: str | None = None  # with `at`: a parameter of an entry of `effects:`
-    at: str | None = None
+    at: str | None = None  # the place of that effect
 
 
 @dc.dataclass
@@ -61,55 +61,58 @@ class Ground:
 
     point: list[float] = dc.field(
         default_factory=lambda: [0.0, 0.0, 0.0], metadata={"length": 3, "range": Range(-1e6, 1e6, "m")}
-    )
+    )  # on its surface
     normal: list[float] = dc.field(
         default_factory=lambda: [0.0, 0.0, 1.0], metadata={"length": 3, "range": Range(-1e6, 1e6)}
-    )
+    )  # out of it, of any length
 
 
 @dc.dataclass
 class ContactPair:
     """The nominal contact model of two bodies; the moving or tracked one first."""
 
-    bodies: list[str] = dc.field(default_factory=list, metadata={"length": 2})
-    law: str = "kelvin_voigt"  # or paper, hunt_crossley
-    stiffness: float = number(0.0, "N/m", least=0.0, above=True)  # of a box on a plane, per corner
-    damping: float = number(0.0, "N s/m", least=0.0, most=1e9)
-    dissipation: float = number(0.0, "s/m", least=0.0, most=1e6)  # hunt_crossley
-    friction: float = number(0.0, least=0.0, most=100.0)
-    slip_velocity: float | None = number(None, "m/s", least=0.0, most=100.0, above=True)  # tanh(|v_t|/slip_velocity)
-    resistance: float | None = number(None, "N s/m", least=0.0, most=1e9, above=True)  # the paper's R
-    ground: Ground | None = None
+    bodies: list[str] = dc.field(default_factory=list, metadata={"length": 2})  # their names
+    law: str = "kelvin_voigt"  # of the normal force: kelvin_voigt, paper or hunt_crossley
+    stiffness: float = number(0.0, "N/m", least=0.0, above=True)  # K; of a box on a plane, per corner
+    damping: float = number(0.0, "N s/m", least=0.0, most=1e9)  # C, of kelvin_voigt and paper
+    dissipation: float = number(0.0, "s/m", least=0.0, most=1e6)  # c, of hunt_crossley
+    friction: float = number(0.0, least=0.0, most=100.0)  # μ
+    # −μ λ tanh(|v_t|/slip_velocity) along the sliding velocity v_t; friction needs this or resistance
+    slip_velocity: float | None = number(None, "m/s", least=0.0, most=100.0, above=True)
+    resistance: float | None = number(None, "N s/m", least=0.0, most=1e9, above=True)  # −R v_t, at most μ λ
+    ground: Ground | None = None  # what the second body is, where the model file does not have it
 
 
 @dc.dataclass
 class EffectEntry:
     """Physics beyond the model file, as `{effect: joint_coulomb_friction, at: elbow, torque: 1.2}`."""
 
-    effect: str = ""
-    at: str = ""
-    parameters: dict[str, float] = dc.field(default_factory=dict, metadata={"flat": True})  # flat in the file
-    interval: list[float] = dc.field(default_factory=list, metadata={"length": 2})  # s, external_disturbance
-    recording: str | None = None
+    effect: str = ""  # its name in the vocabulary
+    at: str = ""  # where it acts
+    # the effect's own parameters by name, written beside `effect` and `at`
+    parameters: dict[str, float] = dc.field(default_factory=dict, metadata={"flat": True})
+    interval: list[float] = dc.field(default_factory=list, metadata={"length": 2})  # s; of external_disturbance
+    recording: str | None = None  # of external_disturbance: the recording in which it acts; left out: in each
 
 
 @dc.dataclass
 class Scenario:
     """A robot's model, the noise of its sensors, its unknown parameters, its contacts, and effects known to act."""
 
-    model: str = ""  # path relative to the scenario file, or package://...
-    directives: list[dict[str, typing.Any]] = dc.field(default_factory=list)  # Drake's model directives instead
+    model: str = ""  # .urdf, .sdf, .xml (MJCF) or .dmd.yaml: a path relative to the scenario file, or package://...
+    directives: list[dict[str, typing.Any]] = dc.field(default_factory=list)  # Drake's model directives, in its place
     gravity: list[float] = dc.field(
         default_factory=lambda: [0.0, 0.0, -9.81], metadata={"length": 3, "range": Range(-1e4, 1e4, "m/s²")}
-    )  # world
-    weld: list[Weld] = dc.field(default_factory=list)
+    )  # in the world
+    weld: list[Weld] = dc.field(default_factory=list)  # bodies that are fixed to the world
     packages: dict[str, str] = dc.field(default_factory=dict)  # where package://name/... leads, relative to the file
     # Joints that are held: at a position, rad or m; as a list at the file's value or 0; `unrecorded`: those without q.
     lock: dict[str, float] | list[str] | str = dc.field(default_factory=dict)
+    # Noise by kind of column (`q`, `v`, `u`), by column (`q.elbow`), sensor (`wrench.wrist`) or body (`pose.ball`).
     channels: dict[str, Channel] = dc.field(default_factory=dict)
-    unknown: list[Unknown] = dc.field(default_factory=list)
-    contact: list[ContactPair] = dc.field(default_factory=list)
-    effects: list[EffectEntry] = dc.field(default_factory=list)
+    unknown: list[Unknown] = dc.field(default_factory=list)  # parameters of the model that may simply be wrong
+    contact: list[ContactPair] = dc.field(default_factory=list)  # the contacts of the nominal model
+    effects: list[EffectEntry] = dc.field(default_factory=list)  # physics beyond the model file that is known to act
     topics: dict[str, Topic] = dc.field(default_factory=dict)  # names in bags, logs and foreign tables
     diagram: dict[str, typing.Any] = dc.field(default_factory=dict)  # the world that `cafim run` builds, see diagrams/
     task: dict[str, typing.Any] = dc.field(default_factory=dict)  # numbers of the planner's task, see tasks/

@@ -21,7 +21,13 @@ from drake_cafim.effects.effect import Effect
 from drake_cafim.errors import InputError
 from drake_cafim.parameters import Parameters
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.scenario.holding import check_mimics, explain_missing_joints, locked_positions, resolve_lock
+from drake_cafim.scenario.holding import (
+    check_closures,
+    check_mimics,
+    explain_missing_joints,
+    locked_positions,
+    resolve_lock,
+)
 from drake_cafim.scenario.known_effects import known_effects
 from drake_cafim.scenario.model_file import MODEL_SUFFIXES, add_plant
 from drake_cafim.scenario.model_physics import (
@@ -155,7 +161,7 @@ class Scene:
         """The scene for these recordings: `lock: unrecorded` locks the joints that they have no column of.
 
         Where commands (`u` with std 0) exceed a joint's effort limit, the limit acts. Raises `InputError` for a joint
-        without a column that the scenario does not lock.
+        without a column that the scenario does not lock, and for a chain of joints that a constraint closes.
         """
         names = self.tree.joint_names
         if self.tree.floating or not names:
@@ -164,11 +170,12 @@ class Scene:
             name: recording for recording in recordings for name in names if f"q.{name}" not in recording.columns
         }
         if not lacking:
+            check_closures(self.tree, self.stated, self.name)
             return self._with_limits_that_act(recordings)
         if self.scenario.lock == UNRECORDED and len(lacking) < len(names):
             scenario = replace(self.scenario, lock=list(lacking))
             held = Scene.build(scenario, self.folder, self.name, effects=self.vocabulary)
-            return held._with_limits_that_act(recordings)
+            return held.for_recordings(recordings)
         raise InputError(explain_missing_joints(next(iter(lacking.values())), tuple(lacking)))
 
     def _with_limits_that_act(self, recordings: Sequence[Recording]) -> "Scene":
@@ -301,15 +308,19 @@ def _entry(effect: Effect) -> EffectEntry:
 
 
 def _check_supported(plant: MultibodyPlant, name: str) -> None:
-    """Raises `InputError` for a floating body with joints: floating robots are not supported, only floating bodies."""
+    """Raises `InputError` for a floating body with joints, and for constraints between bodies."""
     free = plant.GetFloatingBaseBodies()
     for body in [plant.get_body(index) for index in free]:
         joints = [plant.get_joint(index) for index in plant.GetJointIndices(body.model_instance())]
         if any(joint.num_velocities() > 0 and joint.child_body().index() not in free for joint in joints):
             raise InputError(
-                f"{name}: nothing holds {body.name()}, which carries the joints; expected it under "
-                f"`weld: [{{body: {body.name()}}}]` of a scenario"
+                f"{name}: nothing holds {body.name()}, which carries the joints, and a floating base with joints is "
+                f"not supported; expected it under `weld: [{{body: {body.name()}}}]` of a scenario if it stands still"
             )
+    if plant.num_constraints() > 0:
+        raise InputError(
+            f"{name}: constraints of the model close a chain of joints, and closed chains are not supported"
+        )
 
 
 def resolve(address: str) -> Path:

@@ -22,10 +22,10 @@ from drake_cafim.diagnosis.thresholds import (
 )
 from drake_cafim.diagnosis.tosses.arc_rows import ArcRows
 from drake_cafim.diagnosis.tosses.jacobian import difference, force_rows, sensor_rows
+from drake_cafim.diagnosis.tosses.poses import why_turns_matter
 from drake_cafim.diagnosis.tosses.pulses import strongest_pushes
 from drake_cafim.diagnosis.tosses.simulated_arcs import Shot
 from drake_cafim.diagnosis.tosses.surface_search import fit_surface
-from drake_cafim.diagnosis.tosses.turning import why_turns_matter
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.effects.body import ExternalDisturbance
@@ -55,13 +55,22 @@ def hypotheses(problem: ArcRows) -> tuple[Effect, ...]:
     found = [effect(at) for effect in problem.scene.vocabulary for at in effect.attachments(where)]
     if problem.noise.turns_measured:
         return tuple(found)
-    return tuple(effect for effect in found if not _turns_matter(problem.scene.physics, effect))
+    turns_matter = _TurnsMatter(problem.scene.physics)
+    return tuple(effect for effect in found if not turns_matter(effect))
 
 
-def _turns_matter(physics: Physics, effect: Effect) -> bool:
-    """Whether the body's motion depends on its rotation once `effect` acts at its typical strengths."""
-    typical = effect.with_values({s.name: s.nominal + s.typical for s in effect.strengths})
-    return isinstance(effect, TreeEffect) and bool(why_turns_matter(physics.with_effects([typical])))
+@dataclass(frozen=True)
+class _TurnsMatter(ByKind[bool]):
+    """Whether the body's motion depends on its rotation once the effect acts at its typical strengths."""
+
+    physics: Physics
+
+    def other(self, effect: Effect) -> bool:
+        return False
+
+    def tree(self, effect: TreeEffect) -> bool:
+        typical = effect.with_values({s.name: s.nominal + s.typical for s in effect.strengths})
+        return bool(why_turns_matter(self.physics.with_effects([typical])))
 
 
 def looks(problem: ArcRows, at: Fit, effect: Effect) -> Looks:

@@ -19,10 +19,10 @@ from drake_cafim.diagnosis.tosses.poses import (
     track_of,
     tracked_body,
     unroll_rotation,
+    why_turns_matter,
 )
 from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.tosses.quality import qualities
-from drake_cafim.diagnosis.tosses.turning import why_turns_matter
 from drake_cafim.diagnosis.verdict import ChannelNoise, Quality
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import POSE_COMPONENTS, Recording

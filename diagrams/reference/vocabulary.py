@@ -1,0 +1,165 @@
+"""The effects: law, parameters, places, and what each is confused with."""
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from drake_cafim.diagrams.reference.tables import code, table
+from drake_cafim.effects.catalogue import EFFECTS
+from drake_cafim.effects.effect import Effect, Strength
+from drake_cafim.effects.stated import bounds, is_required
+from drake_cafim.effects.surroundings import Surroundings
+from drake_cafim.numerics.ranges import LARGEST
+from drake_cafim.recordings.recording import WRENCH_COMPONENTS
+from drake_cafim.scene.scene import Scene
+
+BODY = """<link name="BODY"><inertial><mass value="1"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><geometry><sphere radius="0.1"/></geometry></collision></link>"""
+ROTOR = """<transmission><type>transmission_interface/SimpleTransmission</type><joint name="JOINT">
+<hardwareInterface>EffortJointInterface</hardwareInterface></joint>
+<actuator name="motor"><drake:rotor_inertia value="0.01"/><drake:gear_ratio value="1"/></actuator></transmission>"""
+ROBOT = f"""<robot name="r"><link name="base"/>{BODY}<joint name="JOINT" type="revolute"><parent link="base"/>
+<child link="BODY"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="9" velocity="9"/></joint>{{}}</robot>"""
+CONTACT = (
+    "contact: [{bodies: [BODY, SURFACE], ground: {}, stiffness: 1000.0, damping: 1.0, friction: 0.3, "
+    "slip_velocity: 0.01}]"
+)
+FAMILIES = {
+    "joint": "Joint and transmission",
+    "actuator": "Actuator",
+    "link": "Link and environment",
+    "contact": "Contact",
+    "surface": "Surface",
+    "sensor": "Sensor and timing",
+}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A robot with one joint, a wrench sensor and a contact, a thrown ball on the ground, and the robot with less."""
+
+    robot: Surroundings
+    thrown: Surroundings
+    measured_effort: Surroundings
+    without_rotor: Surroundings
+
+    def places(self, effect: type[Effect]) -> list[str]:
+        """Where the effect is looked for, in sentences; the conditions are found by what the lesser robots lack."""
+        here, there = list(effect.attachments(self.robot)), list(effect.attachments(self.thrown))
+        conditions = {
+            "whose effort is commanded (`std: 0`)": self.measured_effort,
+            "whose rotor's inertia is in the model": self.without_rotor,
+        }
+        met = [words for words, less in conditions.items() if here and not list(effect.attachments(less))]
+        found = [" ".join([f"of robots at {_places(here)}", *met])] if here else []
+        return found + ([f"of thrown bodies at {_places(there)}"] if there else [])
+
+
+def vocabulary() -> str:
+    """A section for each effect, by family."""
+    settings = _settings()
+    families = dict.fromkeys(effect.family for effect in EFFECTS)
+    parts = []
+    for family in families:
+        parts.append(f"### {FAMILIES.get(family, family.capitalize())}")
+        parts += [_section(effect, settings) for effect in EFFECTS if effect.family == family]
+    return "\n\n".join(parts)
+
+
+def overview() -> str:
+    """A table of all effects with their laws."""
+    settings = _settings()
+    rows = []
+    for one in EFFECTS:
+        places = _places([*one.attachments(settings.robot), *one.attachments(settings.thrown)])
+        rows.append([f"[{one.name}](#{one.name})", places, _law(one)])
+    return table(["effect", "`at`", "law"], rows)
+
+
+def _section(effect: type[Effect], settings: Settings) -> str:
+    lines = [f"#### {effect.name}", f"**Law:** {_law(effect)}"]
+    if effect.words:
+        lines.append(f"It {effect.words}.")
+    lines.append(f"**Looked for** {'; '.join(settings.places(effect))}.")
+    if effect.brief:
+        lines.append("It acts once: `interval: [start, stop]` (s) and `recording` say when.")
+    stated = [s for s in (*effect.strengths, *effect.shapes) if not (effect.brief and s.name in ("start", "stop"))]
+    head = ["parameter", "unit", "range", "without the effect", "typical"]
+    lines.append(table(head, [_parameter(strength, effect) for strength in stated]))
+    alternatives = [code(one.name) for one in EFFECTS if one.group == effect.group and one.group and one is not effect]
+    if alternatives:
+        lines.append(f"**At most one at a place** of it and {', '.join(alternatives)}.")
+    confused = [f"- {code(name)}: {reason}" for name, reason in _confused(effect)]
+    if confused:
+        lines += ["**Confused with**", "\n".join(confused)]
+    lines.append(f"**Source:** {effect.reference}")
+    return "\n\n".join(lines)
+
+
+def _law(effect: type[Effect]) -> str:
+    return effect.formula or (effect.__doc__ or "").strip().splitlines()[0].rstrip(".")
+
+
+def _confused(effect: type[Effect]) -> Iterator[tuple[str, str]]:
+    """Names of effects that are confused with this one, by either one's statement, with the reason."""
+    yield from effect.alike.items()
+    for other in EFFECTS:
+        if effect.name in other.alike and other.name not in effect.alike:
+            yield other.name, other.alike[effect.name]
+
+
+def _parameter(strength: Strength, effect: type[Effect]) -> list[str]:
+    unit = "" if strength.unit == "1" else strength.unit
+    if strength.linear_unit is not None:
+        unit += f" ({strength.linear_unit or '1'})"
+    shape = strength in effect.shapes
+    absent = "∞" if strength.inverse else f"{strength.nominal:g}" if strength.amplitude and not shape else ""
+    if strength.through:
+        absent = f"any, where {strength.through} is 0"
+    name = code(strength.name) + (" (required)" if not shape and is_required(strength, effect) else "")
+    typical = f"one of {', '.join(f'{x:g}' for x in strength.grid)}" if strength.grid else f"{strength.typical:g}"
+    return [name, unit, _range(strength), absent, typical]
+
+
+def _range(strength: Strength) -> str:
+    if strength.choices:
+        return " or ".join(f"{choice:g}" for choice in strength.choices)
+    within = bounds(strength)
+    least = "" if within.least <= -LARGEST else f"≥ {within.least:g}"
+    most = "" if within.most >= LARGEST else f"≤ {within.most:g}"
+    return ", ".join(part for part in (least, most) if part)
+
+
+def _places(found: list[str]) -> str:
+    """The places as addresses of a scenario, as `q.<joint>`; a sensor's components and a body's axes are one."""
+    parts = {}
+    for place in found:
+        plain = place
+        for word in ("JOINT", "BODY", "SURFACE", "SENSOR"):
+            plain = plain.replace(word, f"<{word.lower()}>")
+        head, _, last = plain.rpartition(".")
+        plain = f"{head}.<axis>" if last in (*WRENCH_COMPONENTS, "x", "y", "z") else plain
+        parts[code(plain)] = True
+    return ", ".join(parts)
+
+
+def _settings() -> Settings:
+    with tempfile.TemporaryDirectory() as scratch:
+        robot = _scene(Path(scratch), ROBOT.format(ROTOR), "weld: [{body: base}]")
+        plain = _scene(Path(scratch), ROBOT.format(""), "weld: [{body: base}]")
+        ball = _scene(Path(scratch), f'<robot name="r">{BODY}</robot>', "")
+    columns = ["q.JOINT", "v.JOINT", *(f"wrench.SENSOR.{axis}" for axis in WRENCH_COMPONENTS)]
+    return Settings(
+        Surroundings(robot.tree, robot.physics.contacts, columns),
+        Surroundings(ball.tree, ball.physics.contacts, [f"pose.BODY.{axis}" for axis in "xyz"], "BODY"),
+        Surroundings(robot.tree, robot.physics.contacts, [*columns, "u.JOINT"]),
+        Surroundings(plain.tree, plain.physics.contacts, columns),
+    )
+
+
+def _scene(folder: Path, model: str, more: str) -> Scene:
+    (folder / "model.urdf").write_text(model, encoding="utf-8")
+    (folder / "scenario.yaml").write_text(f"model: model.urdf\n{CONTACT}\n{more}\n", encoding="utf-8")
+    return Scene.load(folder / "scenario.yaml")
