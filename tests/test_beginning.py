@@ -10,7 +10,7 @@ from drake_cafim import recordings
 from drake_cafim.diagnosis.fit.evidence import leaves_noise
 from drake_cafim.diagnosis.fit.fitting import fit, unbiased_fit
 from drake_cafim.diagnosis.preparation import Prepared, prepare
-from drake_cafim.diagnosis.rows.initial_uncertainty import StartMarginal, start_rows, unsettled
+from drake_cafim.diagnosis.rows.initial_uncertainty import StartMarginal, gap_start_rows, start_rows
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.effects.actuator import ActuatorLag, Effort
 from drake_cafim.effects.coupling import JointBacklash, RotorDrive
@@ -97,7 +97,7 @@ def test_a_start_in_a_gap_is_forgotten(tmp_path: Path) -> None:
     gap = JointBacklash("elbow", {"gap": 0.01, "stiffness": 1000.0, "damping": 10.0})
     drive = RotorDrive(time, push, np.full(len(time), 10.0), 0.2)
     windows = weak.samples.windows
-    doubts = unsettled(gap, drive, windows)
+    doubts = gap_start_rows(gap, drive, windows)
     shown = np.flatnonzero(np.any(doubts != 0.0, axis=1))
     assert len(shown) and np.array_equal(shown, np.arange(len(shown))) and len(shown) < 12
     change = np.abs(windows.rate @ (gap.twist_rates_from(drive) - gap.twist_rate(drive)[:, None]))

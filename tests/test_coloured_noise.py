@@ -81,8 +81,8 @@ def test_covariances_are_kept_by_all_that_they_depend_on(monkeypatch: pytest.Mon
     cases = [
         (time, Memory(tau, share, 1.0 - share)) for time in times for tau in (0.0101, 0.0203) for share in (1.0, 0.5)
     ]
-    for most in (coloured_noise.KEPT, 1000):
-        monkeypatch.setattr(coloured_noise, "KEPT", most)
+    for most in (coloured_noise.CACHED_ENTRIES, 1000):
+        monkeypatch.setattr(coloured_noise, "CACHED_ENTRIES", most)
         monkeypatch.setattr(coloured_noise, "_COVARIANCES", {})
         for _ in range(2):
             for time, memory in cases:

@@ -13,7 +13,7 @@ from drake_cafim.contact import NORMAL_LAWS, ContactLaw, ContactParameters
 from drake_cafim.contact.system import PARAMETER_NAMES, ContactLawSystem, SphereContact
 from drake_cafim.diagnosis.tosses.compiled_contact import forces, law_of
 from drake_cafim.dynamics import contact as on_tree
-from drake_cafim.dynamics.touching import pressed
+from drake_cafim.dynamics.touching import sphere_wrenches
 from drake_cafim.errors import InputError
 
 FORMS = {"slip_velocity": 0.05, "resistance": 2.0}
@@ -223,7 +223,7 @@ def test_arms_and_throws_are_pressed_by_the_same_law(law):
     place, velocity = np.zeros((count, 1, 3)), np.zeros((count, 1, 6))
     place[:, 0, 2], velocity[:, 0, 5] = -penetration, -rate
     geometry, numbers = contact.numbers
-    linked = pressed(
+    linked = sphere_wrenches(
         np.tile(np.eye(3), (count, 1, 1, 1)), place, velocity, np.array([0]), geometry[None], numbers[None]
     )
     np.testing.assert_array_equal(linked[:, 0, 5], expected)

@@ -12,7 +12,7 @@ from drake_cafim.design.planner import PlannerConfig
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.discrimination.closed_loop import measured, simulated, simulated_together
 from drake_cafim.discrimination.design import Designer, Effort, default_effort
-from drake_cafim.discrimination.evidence import Course, expected, expected_log_odds, explain, looked
+from drake_cafim.discrimination.evidence import Course, expected, expected_log_odds, explain, linearise
 from drake_cafim.discrimination.hypotheses import Pair, named_pair
 from drake_cafim.discrimination.motions import Limits, Shape, control_points, inverse_dynamics, plan
 from drake_cafim.discrimination.outcome import log_odds, settled_after
@@ -137,7 +137,7 @@ def test_the_expected_odds_of_linear_rows_are_those_of_gaussians(linear: Linear)
     # no bound is met: the same law, of which a negative coefficient is no friction
     free = replace(linear, effects=linear.effects | {"joint_viscous_friction": _aligned(linear)})
     linear = free
-    own, other = expected(linear, looked(linear, truth), looked(linear, rival))
+    own, other = expected(linear, linearise(linear, truth), linearise(linear, rival))
     assert expected_log_odds(own, other)[-1] == pytest.approx(closed(truth) - closed(rival), abs=2e-3)
 
 
@@ -271,7 +271,7 @@ def test_a_designed_motion_beats_random_ones_and_its_run_says_so(scene: Scene) -
 def test_the_time_until_odds_are_settled_goes_on_over_repeats(scene: Scene) -> None:
     designer, pair = Designer.of(scene), faint(scene)
     problem = designer.problem(designer.motion(designer.random_commands(np.random.default_rng(5))))
-    own, other = expected(problem, looked(problem, pair.first), looked(problem, pair.second))
+    own, other = expected(problem, linearise(problem, pair.first), linearise(problem, pair.second))
     after_one = float(expected_log_odds(own, other)[-1])
     duration = designer.shape.duration
     within, beyond = (Soonest((pair,), log_odds=x * after_one).directions(problem, pair)[0] for x in (0.2, 2.0))
@@ -286,7 +286,7 @@ def test_a_walk_has_passed_a_threshold_as_often_as_is_said() -> None:
     walks = np.maximum.accumulate(np.cumsum(steps, axis=1), axis=1)
     means = np.array([1.0, 3.0, 6.0])
     found = np.mean(walks[:, (500 * means - 1).astype(int)] >= threshold, axis=0)
-    # a walk that is looked at in steps misses some of its peaks
+    # a walk that is linearise at in steps misses some of its peaks
     np.testing.assert_allclose(passed(means, threshold), found, atol=0.03)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from drake_cafim.diagnosis.joints.more_noise import MOST_DRAWS, draws
 from drake_cafim.diagnosis.noise.feedback import Feedback
 from drake_cafim.diagnosis.preparation import Prepared, prepare
-from drake_cafim.diagnosis.rows.samples import retaken
+from drake_cafim.diagnosis.rows.samples import with_recording
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.effects.coupling import JointElasticity
 from tests.concealed.case import World
@@ -48,7 +48,7 @@ def test_what_noisy_efforts_shake_informs(tmp_path: Path) -> None:
     model = problem.nominal().with_effects([JointElasticity(concealed["at"], values)])
     problem = problem.rewhitened(model)
     [run] = problem.runs
-    samples = retaken(run.weak.samples, scene, clean)
+    samples = with_recording(run.weak.samples, scene, clean)
     exact = replace(problem, runs=(replace(run, weak=WeakForm(samples, run.weak.sensors)),))
     jacobian, true = problem.jacobian(model), exact.jacobian(model)
     _, excess = problem.shared_noise(model, problem.residual(model), jacobian)

@@ -10,7 +10,7 @@ from drake_cafim import recordings
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.diagnosis.rows.samples import noisier
+from drake_cafim.diagnosis.rows.samples import add_noise
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.kinked_law_noise import beyond_slope
 from drake_cafim.diagnosis.whitening.noise_jacobian import POSITION_STEP
@@ -58,7 +58,7 @@ def _louder(problem: WeakProblem, physics: Physics) -> Array:
     samples, quiet = run.weak.samples, run.weak.residual(physics)
     changes = []
     for draw in range(4):
-        more = noisier(samples, np.random.default_rng(draw))
+        more = add_noise(samples, np.random.default_rng(draw))
         q, v, u = (
             now + DOSE * (loud - now) for now, loud in ((samples.q, more.q), (samples.v, more.v), (samples.u, more.u))
         )
@@ -107,7 +107,7 @@ def test_rows_are_as_noisy_as_expected_where_friction_jumps(tmp_path: Path) -> N
     known = WeakForm(replace(samples, kinked_v=exact), run.weak.sensors).residual(physics)
     changes = []
     for draw in range(24):
-        louder = WeakForm(noisier(samples, np.random.default_rng(draw)), run.weak.sensors)
+        louder = WeakForm(add_noise(samples, np.random.default_rng(draw)), run.weak.sensors)
         changes.append(run.whitened(louder.residual(physics) - known).reshape(run.shape))
     squares = np.mean(np.square(changes), axis=(0, 1))
     # jumps are few and large; by slopes alone the second joint's rows are 5.3 times as noisy as expected

@@ -10,7 +10,7 @@ from drake_cafim.diagnosis.diagnose import diagnose
 from drake_cafim.diagnosis.fit.evidence import leaves_noise
 from drake_cafim.diagnosis.fit.fitting import unbiased_fit
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.joints.unknown_force import likeliest
+from drake_cafim.diagnosis.joints.unknown_force import force_density
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.judgement import judge
 from drake_cafim.diagnosis.search.search import search
@@ -45,7 +45,7 @@ def _problem(folder: Path, shaken: bool) -> tuple[WeakProblem, str]:
 def test_the_density_is_the_one_that_was_hidden(tmp_path: Path) -> None:
     problem, joint = _problem(tmp_path, shaken=True)
     nominal = unbiased_fit(problem, problem.nominal())
-    density = likeliest(problem, nominal.model)
+    density = force_density(problem, nominal.model)
     # of some 600 windows, whose squares are known to a twentieth
     assert density[0] == pytest.approx(DENSITY, rel=0.15)
     assert density[1] < 0.05 * DENSITY
@@ -59,7 +59,7 @@ def test_the_density_is_the_one_that_was_hidden(tmp_path: Path) -> None:
 def test_where_nothing_shakes_there_is_none(tmp_path: Path) -> None:
     problem, _ = _problem(tmp_path, shaken=False)
     nominal = unbiased_fit(problem, problem.nominal())
-    density = likeliest(problem, nominal.model)
+    density = force_density(problem, nominal.model)
     assert np.all(density < 0.02 * DENSITY)
     assert problem.with_unknown_force(density, nominal.model).force_remarks == ()
 

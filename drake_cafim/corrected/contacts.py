@@ -12,7 +12,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_cafim.corrected.body_forces import applied, motion_at
 from drake_cafim.corrected.clock import Clock
-from drake_cafim.corrected.reading import array, read, remembered
+from drake_cafim.corrected.reading import array, discrete_state, read
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import Motion
 from drake_cafim.dynamics.tree import Body, Tree
@@ -76,7 +76,7 @@ class ContactSystem(LeafSystem):
         touch = self.contact.touch(moving)
         if not self.contact.memory:
             return np.zeros((1, 0))
-        state = remembered(context)
+        state = discrete_state(context)
         if not np.isfinite(state[0]):
             return self.contact.recall(np.zeros(1), touch, touch)
         return self.contact.ahead(state[None, 1:], touch, np.array([context.get_time() - state[0]]), np.zeros(1))

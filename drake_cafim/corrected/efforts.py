@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_cafim.corrected.clock import Clock
-from drake_cafim.corrected.reading import array, read, remembered
+from drake_cafim.corrected.reading import array, discrete_state, read
 from drake_cafim.effects.actuator import ActuatorEffect, Effort
 from drake_cafim.typing import Array
 
@@ -59,7 +59,7 @@ class DelaySystem(ActuatorSystem):
         clock.keep(self, np.full(past, np.nan), self._update_state)
 
     def _past(self, context: Context) -> Array:
-        return remembered(context)
+        return discrete_state(context)
 
     def _acting(self, context: Context, asked: float) -> float:
         past = self._past(context)
@@ -89,7 +89,7 @@ class LagSystem(ActuatorSystem):
         clock.keep(self, np.full(1, np.nan), self._update_state)
 
     def _now(self, context: Context, asked: float) -> float:
-        known = float(remembered(context)[0])
+        known = float(discrete_state(context)[0])
         return known if np.isfinite(known) else asked
 
     def _acting(self, context: Context, asked: float) -> float:

@@ -13,7 +13,7 @@ def read(port: InputPort, context: Context) -> Array:
     return np.array(cast(Array, port.Eval(context)), dtype=float)
 
 
-def remembered(context: Context) -> Array:
+def discrete_state(context: Context) -> Array:
     """A copy of discrete state 0."""
     return np.array(context.get_discrete_state(0).get_value(), dtype=float)
 

@@ -11,7 +11,7 @@ from pydrake.systems.framework import (
 )
 
 from drake_cafim.corrected.clock import Clock
-from drake_cafim.corrected.reading import array, read, remembered
+from drake_cafim.corrected.reading import array, discrete_state, read
 from drake_cafim.effects.coupling import JointCoupling
 from drake_cafim.errors import InputError
 from drake_cafim.typing import Array
@@ -81,7 +81,7 @@ class DiscreteRotor(RotorSystem):
         clock.keep(self, np.full(2, np.nan), self._step)
 
     def _rotor(self, context: Context) -> Array:
-        rotor = remembered(context)
+        rotor = discrete_state(context)
         return rotor if np.isfinite(rotor[0]) else self._balanced(context)
 
     def _step(self, context: Context) -> Array:
@@ -107,7 +107,7 @@ class ContinuousRotor(RotorSystem):
         return np.array(context.get_continuous_state_vector().CopyToVector(), dtype=float)
 
     def _start(self, context: Context, state: State) -> EventStatus:
-        if not remembered(context)[0]:
+        if not discrete_state(context)[0]:
             state.get_mutable_continuous_state().SetFromVector(self._balanced(context))
             state.get_mutable_discrete_state(0).SetFromVector(array(np.ones(1)))
         return EventStatus.Succeeded()

@@ -11,7 +11,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_cafim.corrected.clock import Clock
-from drake_cafim.corrected.reading import array, read, remembered
+from drake_cafim.corrected.reading import array, discrete_state, read
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.timing import POINTS, interpolation
 from drake_cafim.recordings.recording import POSE_COMPONENTS
@@ -86,7 +86,7 @@ class ShiftedSensorSystem(SensorSystem):
 
     def _samples(self, context: Context) -> Array:
         """The stored samples (past, 1 + c): time, then the channels."""
-        return remembered(context).reshape(self._past, -1)
+        return discrete_state(context).reshape(self._past, -1)
 
     def _update_state(self, context: Context) -> Array:
         now = np.concatenate([[context.get_time()], self._true(context)[self._on]])
@@ -127,7 +127,7 @@ class LagSensor(SensorSystem):
 
     def _samples(self, context: Context) -> Array:
         """The stored samples (2, 1 + c): time, then the channels."""
-        return remembered(context)[: 2 + 2 * len(self._on)].reshape(2, -1)
+        return discrete_state(context)[: 2 + 2 * len(self._on)].reshape(2, -1)
 
     def _update_state(self, context: Context) -> Array:
         true = self._true(context)[self._on]
@@ -136,7 +136,7 @@ class LagSensor(SensorSystem):
 
     def _written(self, context: Context, true: Array) -> Array:
         samples, now = self._samples(context), context.get_time()
-        written = remembered(context)[samples.size :]
+        written = discrete_state(context)[samples.size :]
         if not np.isfinite(samples[1, 0]):
             return true
         if now - samples[1, 0] < SAME_TIME:

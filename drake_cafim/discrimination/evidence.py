@@ -118,13 +118,13 @@ def explain(
     Only the first `rows` are used, where given, and the residual is multiplied by `weight`.
     """
     count = problem.rows if rows is None else rows
-    here = looked(problem, model)
+    here = linearise(problem, model)
     start = replace(here, rows=weight * (here.rows - instead)[:count], slopes=weight * here.slopes[:count])
     return _improved(problem, start, instead, steps=steps, weight=weight)
 
 
-def looked(problem: WeakProblem, model: Model) -> Explained:
-    """The model at its present values, without a fit."""
+def linearise(problem: WeakProblem, model: Model) -> Explained:
+    """The residual and the Jacobian of `model` at its present values."""
     rows = problem.residual(model)[: problem.rows]
     return Explained(model, coordinates(problem, model), rows, slopes(problem, model))
 
@@ -212,7 +212,7 @@ class Course:
 def expected(problem: WeakProblem, truth: Explained, rival: Explained, *, steps: int = 5) -> tuple[Course, Course]:
     """The courses of both models along a planned motion, for the noiseless data that `truth` predicts.
 
-    Both are results of `looked` on `problem`, whose data are the nominal model's predictions: to first order in the
+    Both are results of `linearise` on `problem`, whose data are the nominal model's predictions: to first order in the
     data, a model's residual on the data of `truth` is its residual on `problem` minus that of `truth`.
     """
     best = _improved(problem, replace(rival, rows=rival.rows - truth.rows), truth.rows, steps=steps)

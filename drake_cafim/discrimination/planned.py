@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.noise.coloured import stated_memories
-from drake_cafim.diagnosis.rows.samples import Samples, retaken, samples_of
+from drake_cafim.diagnosis.rows.samples import Samples, samples_of, with_recording
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.discrimination.motions import Motion
 from drake_cafim.dynamics.motion import motion
@@ -78,7 +78,7 @@ class Bench:
     def reading(self, recording: Recording, like: WeakProblem | None = None) -> WeakProblem:
         """The whitened rows of a recording on this bench's time grid; `like` as for `problem`."""
         scene = self.scene
-        weak = WeakForm(retaken(self.samples, scene, recording), scene.wrench_sensors)
+        weak = WeakForm(with_recording(self.samples, scene, recording), scene.wrench_sensors)
         if like is not None:
             return WeakProblem(scene, (replace(like.runs[0], weak=weak),), like.under)
         return WeakProblem.of(scene, [weak], Model(scene.priors.mean))

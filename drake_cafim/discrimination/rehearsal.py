@@ -12,7 +12,7 @@ import numpy as np
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.discrimination.closed_loop import measured, simulated_together
-from drake_cafim.discrimination.evidence import Course, Explained, explain, looked
+from drake_cafim.discrimination.evidence import Course, Explained, explain, linearise
 from drake_cafim.discrimination.hypotheses import Pair
 from drake_cafim.discrimination.motions import Limits, Motion
 from drake_cafim.discrimination.planned import Bench
@@ -35,7 +35,7 @@ class Run:
     def courses(self, rival: Model) -> tuple[Course, Course]:
         """The course of the truth, and that of a rival linearized at its fit."""
         best: Explained = explain(self.problem, rival, steps=STEPS)
-        return Course.of(self.problem, looked(self.problem, self.truth)), Course.of(self.problem, best)
+        return Course.of(self.problem, linearise(self.problem, self.truth)), Course.of(self.problem, best)
 
 
 def runs(bench: Bench, limits: Limits, truth: Model, planned: Sequence[Motion]) -> list[Run]:

@@ -15,7 +15,7 @@ from drake_cafim.discrimination.evidence import (
     Explained,
     expected,
     expected_log_odds,
-    looked,
+    linearise,
     slopes,
 )
 from drake_cafim.discrimination.hypotheses import Pair
@@ -68,7 +68,7 @@ class _PlannedCourses:
 
     def _at(self, model: Model) -> Explained:
         if id(model) not in self._known:
-            self._known[id(model)] = looked(self.problem, model)
+            self._known[id(model)] = linearise(self.problem, model)
         return self._known[id(model)]
 
 

@@ -10,7 +10,7 @@ from drake_cafim.contact.change import ContactChange, Touch, surface_axes
 from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.contact.normal import NORMAL_LAWS
 from drake_cafim.dynamics.motion import Motion
-from drake_cafim.dynamics.touching import met, read
+from drake_cafim.dynamics.touching import sensor_reading, touch_kinematics
 from drake_cafim.numerics.cross import cross
 from drake_cafim.typing import Array
 
@@ -66,7 +66,7 @@ class SphereContact:
 
     @cached_property
     def numbers(self) -> tuple[Array, Array] | None:
-        """Geometry (10,) and law (7,) as arguments of `pressed`; None for other than a sphere without changes.
+        """Geometry (10,) and law (7,) as arguments of `sphere_wrenches`; None for other than a sphere without changes.
 
         The law is its kind, stiffness, damping or dissipation, smoothing, friction, and kind and width of the friction.
         """
@@ -99,7 +99,7 @@ class SphereContact:
     def touch(self, moving: Motion) -> Touch:
         """The kinematics of the sphere's deepest point relative to the plane, over samples (N,)."""
         motion = (moving.R_WJ, moving.p_WJ, moving.velocities)
-        depth, rate, slip, position, w_WJ = met(*motion, self.joint, *self._placed)
+        depth, rate, slip, position, w_WJ = touch_kinematics(*motion, self.joint, *self._placed)
         return Touch(depth, rate, slip, position, w_WJ, self._below, self._axes)
 
     def recall(self, time: Array, touch: Touch, at: Touch) -> Array:
@@ -156,5 +156,5 @@ class WrenchSensor:
     def reading(self, moving: Motion, wrench_W: Array) -> Array:
         """Force then torque (N, 6) in S about So, for a wrench (N, 6) about the world origin, moment first."""
         R_JS, p_JS, wrench = (np.ascontiguousarray(a, dtype=float) for a in (self.R_JS, self.p_JS, wrench_W))
-        found = read(moving.R_WJ, moving.p_WJ, self.joint, R_JS, p_JS, wrench)
+        found = sensor_reading(moving.R_WJ, moving.p_WJ, self.joint, R_JS, p_JS, wrench)
         return np.asarray(found, dtype=float)

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_cafim.dynamics.recursions import balanced, equations, kinematics, projected
+from drake_cafim.dynamics.recursions import equations, kinematics, momentum_terms, project_wrenches
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.dynamics.tree import FIXED, Tree
 from drake_cafim.numerics.cross import cross
@@ -60,7 +60,7 @@ class Motion:
 
     def project(self, wrench: Array) -> Array:
         """Generalized forces (N, n) of wrenches (N, n, 6) that act on the links."""
-        return np.asarray(projected(self.tree.frames[0], self.axes, np.ascontiguousarray(wrench)), dtype=float)
+        return np.asarray(project_wrenches(self.tree.frames[0], self.axes, np.ascontiguousarray(wrench)), dtype=float)
 
     def point(self, joint: int, p_JP: Array) -> tuple[Array, Array]:
         """World position and velocity, each (N, 3), of the point `p_JP` (3,) m fixed in frame J; cached by point."""
@@ -122,7 +122,7 @@ def momentum_balance(moving: Motion, gravity: Array) -> MomentumBalance:
     """Generalized momentum and its inertial and gravity forces; `gravity` (3,) m/s² in the world."""
     places = (moving.R_WJ, moving.p_WJ, moving.axes, moving.velocities)
     numbers = (np.ascontiguousarray(values, dtype=float) for values in (*places, *moving.tree.lumps, gravity))
-    return MomentumBalance(*balanced(moving.tree.frames[0], *numbers))
+    return MomentumBalance(*momentum_terms(moving.tree.frames[0], *numbers))
 
 
 def equations_of_motion(moving: Motion, gravity: Array) -> tuple[Array, Array]:

@@ -169,7 +169,7 @@ def equations(
 
 
 @compiled
-def balanced(
+def momentum_terms(
     parents: Indices, R: Array, p: Array, S: Array, V: Array, mass: Array, center: Array, inertia: Array, gravity: Array
 ) -> tuple[Array, Array]:
     """Generalized momentum M v and ∂T/∂q + gravity, each (N, n), without rotor inertias; arguments as of `equations`.
@@ -203,7 +203,7 @@ def balanced(
 
 
 @compiled
-def projected(parents: Indices, S: Array, wrench: Array) -> Array:
+def project_wrenches(parents: Indices, S: Array, wrench: Array) -> Array:
     """Generalized forces (N, n) of wrenches (N, n, 6) on the links: S_k · the sum of the wrenches on k's subtree."""
     N, n = wrench.shape[:2]
     result, total = np.empty((N, n)), np.empty((n, 6))

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from drake_cafim.dynamics.recursions import equations, kinematics, projected
-from drake_cafim.dynamics.touching import pressed
+from drake_cafim.dynamics.recursions import equations, kinematics, project_wrenches
+from drake_cafim.dynamics.touching import sphere_wrenches
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array, Indices
 
@@ -33,7 +33,7 @@ def _solve(A: Array, b: Array) -> None:
 
 
 @compiled
-def stepped(
+def integrate(
     parents: Indices, R_PF: Array, p_PF: Array, joint_axes: Array, prismatic: Indices, mass: Array, center: Array,
     inertia: Array, rotors: Array, dampings: Array, gravity: Array, joints: Indices, placed: Array, laws: Array,
     q: Array, v: Array, force: Array, slope: Array, duration: Array, count: int,
@@ -41,7 +41,8 @@ def stepped(
     """Positions and velocities (B, n) after `count` steps of `duration` (B,) s each, by the rule of `stepper.step`.
 
     The tree's arrays as for `kinematics` and `equations`, `rotors` and `dampings` (n,) of its joints, contacts as for
-    `pressed`. `force` (B, n) acts at the joints in addition to damping; its `slope` ∂force/∂v (B, n) enters implicitly.
+    `sphere_wrenches`. `force` (B, n) acts at the joints in addition to damping; its `slope` ∂force/∂v (B, n) enters
+    implicitly.
     """
     B, n = q.shape
     q, v, change = q.copy(), v.copy(), np.empty(n)
@@ -52,7 +53,7 @@ def stepped(
                 middle[i, j] = q[i, j] + 0.5 * duration[i] * v[i, j]
         R, p, S, V = kinematics(parents, R_PF, p_PF, joint_axes, prismatic, middle, v)
         M, bias = equations(parents, R, p, S, V, v, mass, center, inertia, gravity)
-        push = projected(parents, S, pressed(R, p, V, joints, placed, laws))
+        push = project_wrenches(parents, S, sphere_wrenches(R, p, V, joints, placed, laws))
         for i in range(B):
             h = duration[i]
             for j in range(n):

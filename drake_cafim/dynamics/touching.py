@@ -8,7 +8,7 @@ from drake_cafim.typing import Array, Indices
 
 
 @compiled
-def met(
+def touch_kinematics(
     R: Array, p: Array, V: Array, joint: int, p_JC: Array, radius: float, point: Array, normal: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Penetration m, rate m/s (N,), slip m/s and position m (N, 3) of a sphere's deepest point; and ω rad/s (N, 3).
@@ -51,16 +51,16 @@ def _friction_ratio(normal: float, speed: float, law: Array) -> float:
 
 
 @compiled
-def pressed(R: Array, p: Array, V: Array, joints: Indices, placed: Array, laws: Array) -> Array:
+def sphere_wrenches(R: Array, p: Array, V: Array, joints: Indices, placed: Array, laws: Array) -> Array:
     """Wrenches (N, n, 6) on the links about the world's origin, moment first, by the contacts of C spheres with planes.
 
-    `R`, `p` and `V` as for `met`. `joints` (C,) are the spheres' joints, `placed` (C, 10) centre, radius, point and
-    normal of each, `laws` (C, 7) the numbers of its law, as in `SphereContact.numbers`.
+    `R`, `p` and `V` as for `touch_kinematics`. `joints` (C,) are the spheres' joints, `placed` (C, 10) centre, radius,
+    point and normal of each, `laws` (C, 7) the numbers of its law, as in `SphereContact.numbers`.
     """
     wrench, f = np.zeros((*p.shape[:2], 6)), np.empty(3)
     for k in range(len(joints)):
         j, at, law = joints[k], placed[k], laws[k]
-        depth, rate, slip, place, _ = met(R, p, V, j, at[:3], at[3], at[4:7], at[7:])
+        depth, rate, slip, place, _ = touch_kinematics(R, p, V, j, at[:3], at[3], at[4:7], at[7:])
         for i in range(len(p)):
             # a law has damping or dissipation, never both: `law` holds the one that it has
             normal = normal_force_at(int(law[0]), depth[i], rate[i], law[1], law[2], law[2], law[3])[0]
@@ -78,11 +78,11 @@ def pressed(R: Array, p: Array, V: Array, joints: Indices, placed: Array, laws: 
 
 
 @compiled
-def read(R: Array, p: Array, joint: int, R_JS: Array, p_JS: Array, wrench: Array) -> Array:
+def sensor_reading(R: Array, p: Array, joint: int, R_JS: Array, p_JS: Array, wrench: Array) -> Array:
     """The reading (N, 6), force then torque in a sensor's frame S about So, for a wrench about the world's origin.
 
-    The wrench (N, 6) has its moment first; `R` and `p` as for `met`; `R_JS` (3, 3) and `p_JS` (3,) m are the sensor's
-    pose in its joint's frame.
+    The wrench (N, 6) has its moment first; `R` and `p` as for `touch_kinematics`; `R_JS` (3, 3) and `p_JS` (3,) m are
+    the sensor's pose in its joint's frame.
     """
     N = len(p)
     result, moment, at, onto = np.empty((N, 6)), np.empty(3), np.empty(3), np.empty(3)

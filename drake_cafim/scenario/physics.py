@@ -10,7 +10,7 @@ import numpy as np
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.inverses import inverses
 from drake_cafim.dynamics.motion import Motion, equations_of_motion, momentum_balance
-from drake_cafim.dynamics.touching import pressed
+from drake_cafim.dynamics.touching import sphere_wrenches
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.body import BodyForce
@@ -54,7 +54,7 @@ class Physics:
 
     @cached_property
     def spheres(self) -> tuple[Indices, Array, Array] | None:
-        """The contacts as arrays for `pressed`: joints (C,), places (C, 10), laws (C, 7).
+        """The contacts as arrays for `sphere_wrenches`: joints (C,), places (C, 10), laws (C, 7).
 
         None where an effect changes one of the contacts, whose law is then no longer one of numbers alone.
         """
@@ -120,7 +120,7 @@ class Physics:
         `memory` (N, m) holds the contacts' internal states as `contact_memory` gives them; None means none.
         """
         if self.spheres is not None:
-            return np.asarray(pressed(moving.R_WJ, moving.p_WJ, moving.velocities, *self.spheres), dtype=float)
+            return np.asarray(sphere_wrenches(moving.R_WJ, moving.p_WJ, moving.velocities, *self.spheres), dtype=float)
         total = np.zeros((*moving.q.shape, 6))
         start = 0
         for contact in self.contacts:

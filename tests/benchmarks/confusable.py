@@ -17,7 +17,7 @@ from drake_cafim.design.planner import PlannerConfig, candidate_commands
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.discrimination.design import Designer
-from drake_cafim.discrimination.evidence import expected, looked, strength_at
+from drake_cafim.discrimination.evidence import expected, linearise, strength_at
 from drake_cafim.discrimination.hypotheses import Pair, parsed
 from drake_cafim.discrimination.motions import Motion, Shape
 from drake_cafim.discrimination.scores import TWENTY_TO_ONE
@@ -215,7 +215,8 @@ def _worth_of(problem: WeakProblem, truth: Model, rival: Model) -> float:
     time = problem.runs[0].weak.samples.time
     repeats = KNOWN / float(time[-1] - time[0]) - 1.0
     own, other = (
-        course.after(course, repeats) for course in expected(problem, looked(problem, truth), looked(problem, rival))
+        course.after(course, repeats)
+        for course in expected(problem, linearise(problem, truth), linearise(problem, rival))
     )
     return 0.5 * float(other.misfit[-1] - own.misfit[-1])
 

@@ -36,7 +36,7 @@ from drake_cafim.cli import progress_line
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.discrimination.closed_loop import noisy
 from drake_cafim.discrimination.design import Designer, Progress
-from drake_cafim.discrimination.evidence import Course, Explained, explain, looked
+from drake_cafim.discrimination.evidence import Course, Explained, explain, linearise
 from drake_cafim.discrimination.motions import Motion
 from drake_cafim.discrimination.rehearsal import Run, runs
 from drake_cafim.discrimination.scores import TWENTY_TO_ONE, Information, Soonest, Value
@@ -69,7 +69,7 @@ def cycles(designer: Designer, truth: Model, rivals: Sequence[Model], planned: S
     found = []
     for run in runs(designer.bench, designer.limits, truth, planned):
         explained = (explain(run.problem, rival) for rival in rivals)
-        found.append(Cycle(run, (looked(run.problem, truth), *explained)))
+        found.append(Cycle(run, (linearise(run.problem, truth), *explained)))
     return found
 
 

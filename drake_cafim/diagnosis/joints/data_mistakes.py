@@ -13,7 +13,7 @@ import numpy as np
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.suspicions import Suspicion, suspicions
-from drake_cafim.diagnosis.rows.samples import retaken, samples_of
+from drake_cafim.diagnosis.rows.samples import samples_of, with_recording
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import (
     MISTAKE_CHI_SQUARE_PER_ROW,
@@ -145,7 +145,7 @@ class _Excerpts:
         for suspected in zip(*by_stretch, strict=True):
             rows = []
             for run, suspicion in zip(self.problem.runs, suspected, strict=True):
-                right = retaken(run.weak.samples, self.scene, suspicion.correct(run.weak.samples.recording))
+                right = with_recording(run.weak.samples, self.scene, suspicion.correct(run.weak.samples.recording))
                 rows.append(run.whitened(WeakForm(right, self.scene.wrench_sensors).residual(physics)))
             result.append((float(np.mean(np.concatenate([part.ravel() for part in rows]) ** 2)), list(suspected)))
         return result

@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.noise.feedback import Feedback
-from drake_cafim.diagnosis.rows.samples import noisier
+from drake_cafim.diagnosis.rows.samples import add_noise
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.typing import Array
@@ -26,7 +26,7 @@ def with_more_noise(runs: Sequence[Run], fed_back: bool, draw: int = 0) -> tuple
     """The runs with noise added once more; where `fed_back`, with the efforts by which the controller answers it."""
     louder = []
     for index, run in enumerate(runs):
-        samples = noisier(run.weak.samples, np.random.default_rng(index + draw * len(runs)), fed_back)
+        samples = add_noise(run.weak.samples, np.random.default_rng(index + draw * len(runs)), fed_back)
         louder.append(replace(run, weak=WeakForm(samples, run.weak.sensors)))
     return tuple(louder)
 

@@ -28,7 +28,7 @@ class Smoothing:
         for index, run in enumerate(self.runs):
             if shifts_of(run.weak.samples, physics) != shifts_of(run.weak.samples, under):
                 reading = self._reading(index)
-                total += reading.gained(physics) - reading.gained(under)
+                total += reading.decrease(physics) - reading.decrease(under)
         return total
 
     def _reading(self, index: int) -> Reading:

@@ -12,7 +12,7 @@ from drake_cafim.diagnosis.joints.echo import gain_without_echo
 from drake_cafim.diagnosis.joints.linearised_effects import hypotheses, looks
 from drake_cafim.diagnosis.joints.location import locate
 from drake_cafim.diagnosis.joints.pictures import JointPictures
-from drake_cafim.diagnosis.joints.unknown_force import likeliest, remarks
+from drake_cafim.diagnosis.joints.unknown_force import force_density, remarks
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.rows.samples import over_wider_windows
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
@@ -46,7 +46,7 @@ class WeakProblem(WeakFormRows, SearchProblem):
         return self.effect_columns(model, position) if model.effects[position].all_but_linear else None
 
     def likeliest_force(self, model: Model) -> Array:
-        return likeliest(self, model)
+        return force_density(self, model)
 
     def with_unknown_force(self, force: Array, model: Model | None = None) -> Self:
         return self.of(self.scene, self.forms, model or self.under, force)

@@ -18,7 +18,7 @@ MOST_STEPS, TOLERANCE = 12, 0.02
 """Largest number of scoring steps, and the relative change of the densities at which they end."""
 
 
-def likeliest(problem: WeakFormRows, model: Model) -> Array:
+def force_density(problem: WeakFormRows, model: Model) -> Array:
     """(n,) density of a white force at each joint, (N m)² s or N² s: the maximum likelihood given `model`.
 
     Each density is a variance component of the rows, estimated by Fisher scoring and bounded below by zero (Harville,

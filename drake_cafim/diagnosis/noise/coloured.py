@@ -27,7 +27,7 @@ from drake_cafim.typing import Array
 
 MEMORY = 8.0
 """Correlation times beyond which the correlation counts as zero: e⁻⁸ = 3·10⁻⁴."""
-KEPT = 10_000_000
+CACHED_ENTRIES = 10_000_000
 """Most entries of all cached covariances together, 120 MB."""
 _COVARIANCES: dict[tuple[bytes, "CorrelatedNoise"], sp.csr_matrix] = {}
 
@@ -125,7 +125,7 @@ def covariance(time: Array, memory: CorrelatedNoise) -> sp.csr_matrix:
     key = time.tobytes(), memory
     if key not in _COVARIANCES:
         found = _covariance(time, memory)
-        while _COVARIANCES and found.nnz + sum(cached.nnz for cached in _COVARIANCES.values()) > KEPT:
+        while _COVARIANCES and found.nnz + sum(cached.nnz for cached in _COVARIANCES.values()) > CACHED_ENTRIES:
             make_room(_COVARIANCES, len(_COVARIANCES))
         _COVARIANCES[key] = found
     return _COVARIANCES[key]

@@ -11,7 +11,7 @@ from drake_cafim.numerics.compiled import compiled
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.typing import Array
 
-DECAY, TURN = 3.0, 15.0**0.5
+DECAY, ROTATION = 3.0, 15.0**0.5
 """Rates a and b of the rounding error's correlation, per quantisation step that the channel moves."""
 
 
@@ -33,12 +33,12 @@ class Rounding(CorrelatedNoise):
         return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
 
     def correlation(self, apart: Array) -> Array:
-        turned = TURN / DECAY * apart
-        return np.asarray(np.exp(-apart) * (np.cos(turned) - DECAY / TURN * np.sin(turned)))
+        turned = ROTATION / DECAY * apart
+        return np.asarray(np.exp(-apart) * (np.cos(turned) - DECAY / ROTATION * np.sin(turned)))
 
     def drawn(self, rng: np.random.Generator, time: Array) -> Array:
         phi = np.ascontiguousarray(np.moveaxis(_oscillation(np.diff(self.age(time))), 2, 0))
-        lasting = np.diag([1.0 / (DECAY**2 + TURN**2), 1.0])
+        lasting = np.diag([1.0 / (DECAY**2 + ROTATION**2), 1.0])
         # process noise Q = P − Φ P Φᵀ keeps the stationary covariance P
         fresh, axes = np.linalg.eigh(lasting - phi @ lasting @ np.swapaxes(phi, 1, 2))
         pushes = np.einsum("nij,nj->ni", axes * np.sqrt(np.maximum(fresh, 0.0))[:, None], rng.normal(size=fresh.shape))
@@ -58,10 +58,12 @@ def _propagate(steps: Array, start: Array, pushes: Array) -> Array:
 
 def _oscillation(age: Array) -> Array:
     """Transition matrix Φ (2, 2, ...) of the oscillator's position and velocity over an age difference `age` (...,)."""
-    fading, turned = np.exp(-age), TURN / DECAY * age
+    fading, turned = np.exp(-age), ROTATION / DECAY * age
     cosine, sine = fading * np.cos(turned), fading * np.sin(turned)
-    damped = DECAY / TURN * sine
-    return np.array([[cosine + damped, sine / TURN], [-(DECAY**2 + TURN**2) / TURN * sine, cosine - damped]])
+    damped = DECAY / ROTATION * sine
+    return np.array(
+        [[cosine + damped, sine / ROTATION], [-(DECAY**2 + ROTATION**2) / ROTATION * sine, cosine - damped]]
+    )
 
 
 def quantum(values: Array) -> float | None:

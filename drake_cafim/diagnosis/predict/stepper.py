@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.dynamics.motion import equations_of_motion, motion
-from drake_cafim.dynamics.stepping import stepped
+from drake_cafim.dynamics.stepping import integrate
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.scenario.physics import Physics
@@ -91,7 +91,7 @@ def _step_compiled(physics: Physics, state: State, force: Array, slope: Array, d
     tree = physics.tree
     numbers = (*tree.lumps, physics.rotor_inertias, physics.dampings, physics.gravity)
     samples = (*numbers, *(physics.spheres or ()), state.q, state.v, force, slope, duration)
-    q, v = stepped(*tree.frames, *(np.ascontiguousarray(values) for values in samples), count)
+    q, v = integrate(*tree.frames, *(np.ascontiguousarray(values) for values in samples), count)
     return State(q, v, state.memory)
 
 

@@ -10,7 +10,7 @@ from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
-KEPT = 16
+CACHED_TERMS = 16
 """Most cached terms of each kind."""
 
 
@@ -64,7 +64,7 @@ class EffortRows:
         key = (lag.at, lag.settling or 0.0)
         if key not in self._behind:
             time, asked = self.rows.windows.time, self.rows.effort(physics.tree.joint_index(lag.at))
-            make_room(self._behind, KEPT)
+            make_room(self._behind, CACHED_TERMS)
             self._behind[key] = float(np.std(_means(asked, time) - lag.drive(asked).means(time)))
         return self._behind[key]
 
@@ -76,7 +76,7 @@ class EffortRows:
             windows = self.rows.windows
             effort = self.effort(physics, joint)
             integral = np.asarray(windows.held(effort.times, effort.ramped) @ effort.values)
-            make_room(self._acting, KEPT)
+            make_room(self._acting, CACHED_TERMS)
             self._acting[key] = ActingEffort(integral, self._step(joint, effort))
         return self._acting[key]
 

@@ -14,7 +14,7 @@ from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
-KEPT = 64
+CACHED_TERMS = 64
 """Most cached terms."""
 
 
@@ -62,7 +62,7 @@ class ForceRows:
 
     def _cached(self, key: tuple[object, ...], compute: Callable[[], Array]) -> Array:
         if key not in self._known:
-            make_room(self._known, KEPT)
+            make_room(self._known, CACHED_TERMS)
             self._known[key] = compute()
         return self._known[key]
 

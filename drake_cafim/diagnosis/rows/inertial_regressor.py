@@ -18,7 +18,7 @@ from drake_cafim.typing import Array, Indices
 
 INERTIAL = 10
 """Inertial parameters of a link: m, m c (3), I_Jo (6)."""
-LINKS_KEPT = 4
+CACHED_REGRESSORS = 4
 """Most cached regressors of each link."""
 
 
@@ -77,7 +77,7 @@ class LinkRegressors:
             carriers = np.flatnonzero(carried)
             known, key = self._known.setdefault(j, {}), tuple(columns[k] for k in carriers)
             if key not in known:
-                make_room(known, LINKS_KEPT)
+                make_room(known, CACHED_REGRESSORS)
                 known[key] = self._of(smooth, v, j, carriers)
             inertia[:, carriers, j], weight[:, carriers, j] = known[key]
         return InertialRegressor(inertia, weight)

@@ -26,11 +26,11 @@ from drake_cafim.recordings.recording import WRENCH_COMPONENTS
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
-TURNS, SETTLED = 60, 1e-8
+MOST_SWEEPS, TOLERANCE = 60, 1e-8
 """Most sweeps of the coordinate ascent over the variances, and the relative change at which it has converged."""
-LAGS_KEPT = 8
+CACHED_LAGS = 8
 """Most cached rows of sensors' lags."""
-UNSETTLED, FORGOTTEN = 12, 0.01
+MOST_WINDOWS, DECAYED_SHARE = 12, 0.01
 """Most windows that the initial position in a gap may change; the fraction of its largest change that counts as 0."""
 
 
@@ -88,7 +88,7 @@ def likeliest_widths(gram: Array, seen: Array) -> Array:
 @compiled
 def _maximise(gram: Array, seen: Array, variances: Array) -> Array:
     """Variances (c,) by coordinate ascent of the marginal likelihood (Tipping, Faul, AISTATS 2003)."""
-    for _ in range(TURNS):
+    for _ in range(MOST_SWEEPS):
         before = variances.copy()
         for i in range(len(seen)):
             others = np.sqrt(variances)
@@ -96,7 +96,7 @@ def _maximise(gram: Array, seen: Array, variances: Array) -> Array:
             left, answer = _project(gram, seen, others, i)
             wanted = (answer**2 - left) / left**2 if left > INITIAL_DOUBT_ROW_CHANGE else 0.0
             variances[i] = min(max(wanted, 0.0), 1.0)
-        if np.all(np.abs(variances - before) <= SETTLED * variances):
+        if np.all(np.abs(variances - before) <= TOLERANCE * variances):
             break
     return variances
 
@@ -157,13 +157,13 @@ def _coupling_rows(weak: WeakForm, physics: Physics, coupling: JointCoupling) ->
     drive, windows = weak.couplings.rotor_drives(physics)[joint], weak.samples.windows
     slopes = windows.rate @ coupling.twist_rate_by_start(drive)
     if coupling.impacts:
-        slopes = np.concatenate([slopes, unsettled(coupling, drive, windows)], axis=1)
+        slopes = np.concatenate([slopes, gap_start_rows(coupling, drive, windows)], axis=1)
     rows = np.zeros((len(slopes), weak.rows_per_window, slopes.shape[1]))
     rows[:, weak.dynamic.start + joint] = -drive.inertia * slopes / physics.effort_gains[joint]
     return rows
 
 
-def unsettled(coupling: JointCoupling, drive: RotorDrive, windows: Windows) -> Array:
+def gap_start_rows(coupling: JointCoupling, drive: RotorDrive, windows: Windows) -> Array:
     """(M, c) largest changes of ∫ ẇ ψ̇ dt by a rotor's unknown initial position in its gap; one free column a window.
 
     Windows are free until the initial position has no effect any more. An impact at another time is not linear in the
@@ -171,9 +171,9 @@ def unsettled(coupling: JointCoupling, drive: RotorDrive, windows: Windows) -> A
     """
     default = coupling.twist_rate(drive)
     change = np.max(np.abs(windows.rate @ (coupling.twist_rates_from(drive) - default[:, None])), axis=1)
-    known = min(UNSETTLED, len(change))
+    known = min(MOST_WINDOWS, len(change))
     largest = float(np.max(change[:known]))
-    last = int(np.flatnonzero(change[:known] > FORGOTTEN * largest)[-1]) if largest > 0.0 else -1
+    last = int(np.flatnonzero(change[:known] > DECAYED_SHARE * largest)[-1]) if largest > 0.0 else -1
     found = np.zeros((len(change), known))
     found[range(last + 1), range(last + 1)] = largest
     return found
@@ -192,7 +192,7 @@ def _sensor_lag_rows(weak: WeakForm, physics: Physics, lag: SensorEffect) -> Arr
     """(M, r, c) rows by the initial deviation of a lagging sensor's channels; cached with the measurement."""
     known, key = weak.terms(physics).in_doubt, (lag.at, lag.settling or 0.0)
     if key not in known:
-        make_room(known, LAGS_KEPT)
+        make_room(known, CACHED_LAGS)
         known[key] = _compute_sensor_lag_rows(weak, physics, lag)
     return known[key]
 

@@ -94,7 +94,7 @@ def over_wider_windows(samples: Samples, times: float) -> Samples | None:
     return replace(samples, windows=wide) if len(wide) >= 3 else None
 
 
-def noisier(samples: Samples, rng: np.random.Generator, fed_back: bool = False) -> Samples:
+def add_noise(samples: Samples, rng: np.random.Generator, fed_back: bool = False) -> Samples:
     """The samples with another realisation of their noise added.
 
     With `fed_back`, the efforts also change by the linear feedback that is estimated from the samples.
@@ -128,7 +128,7 @@ def noisier(samples: Samples, rng: np.random.Generator, fed_back: bool = False) 
     return replace(samples, recording=recording, q=q, v=v, u=u, wrenches=wrenches)
 
 
-def retaken(samples: Samples, scene: Scene, recording: Recording) -> Samples:
+def with_recording(samples: Samples, scene: Scene, recording: Recording) -> Samples:
     """The samples of another `recording` that has the same times and the same noise; operators are shared.
 
     So are the smoothers of joints that move in both alike.

@@ -95,9 +95,9 @@ def _chosen(smoothers: Sequence[Velocity], index: np.ndarray[Any, np.dtype[np.in
     used = smoothers[: int(index.max()) + 1]
     row = index * len(index) + np.arange(len(index))
     return Velocity(
-        sp.csr_matrix(sp.vstack([one.from_v for one in used], format="csr")[row]),
-        sp.csr_matrix(sp.vstack([one.from_q for one in used], format="csr")[row]),
-        np.concatenate([one.std for one in used])[row],
+        sp.csr_matrix(sp.vstack([smoother.from_v for smoother in used], format="csr")[row]),
+        sp.csr_matrix(sp.vstack([smoother.from_q for smoother in used], format="csr")[row]),
+        np.concatenate([smoother.std for smoother in used])[row],
     )
 
 

@@ -21,9 +21,9 @@ from drake_cafim.recordings.recording import WRENCH_COMPONENTS
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Indices
 
-BARELY = 1e-12
+JUST_INSIDE = 1e-12
 """Depth on either side of the surface at which the jump is evaluated, m."""
-RARE = 1e-6
+RARE_SIDE = 1e-6
 """Probability of being on the other side of the surface below which a sample is ignored."""
 
 
@@ -39,7 +39,7 @@ def impact_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matrix:
         depth = touch.penetration
         wrong_side = ndtr(-np.abs(depth) / np.maximum(_depth_std(weak, contact, moving), 1e-300))
         enters = np.append(np.diff(np.signbit(depth)), False)
-        near = np.flatnonzero((wrong_side > RARE) | enters)
+        near = np.flatnonzero((wrong_side > RARE_SIDE) | enters)
         if not len(near):
             continue
         jump = _jump(weak, physics, contact, touch, states, near)
@@ -57,7 +57,7 @@ def _jump(
     weak: WeakForm, physics: Physics, contact: SphereContact, touch: Touch, memory: Array, near: Indices
 ) -> Array:
     """(K, n + 6 s) jumps of generalised forces and sensor readings when `contact` sets in, at the samples `near`."""
-    inside, outside = (contact.force(touch.at_depth(side), memory) for side in (BARELY, -BARELY))
+    inside, outside = (contact.force(touch.at_depth(side), memory) for side in (JUST_INSIDE, -JUST_INSIDE))
     force, moment = inside[0] - outside[0], inside[1] - outside[1]
     moving = weak.motion(physics)
     wrench = np.zeros((len(force), weak.joints, 6))

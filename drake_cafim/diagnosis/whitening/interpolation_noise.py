@@ -15,15 +15,15 @@ from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
 
-KEPT = 8
+CACHED_VALUES = 8
 """Most cached values."""
-WIDE = 28.0
+WIDE_WINDOW = 28.0
 """Samples in a window from which on interpolation removes less than a fraction 3e-5 of the noise's variance."""
 
 
 def shifts_of(samples: Samples, physics: Physics) -> tuple[SensorEffect, ...]:
-    """The effects on position and velocity sensors that shift time; none where windows have `WIDE` samples or more."""
-    if samples.windows.width >= WIDE * float(np.median(np.diff(samples.time))):
+    """The effects on position and velocity sensors that shift time; none for windows of `WIDE_WINDOW` samples or more."""
+    if samples.windows.width >= WIDE_WINDOW * float(np.median(np.diff(samples.time))):
         return ()
     shifts = (effect for effect in physics.sensors if effect.shifts)
     return tuple(effect for effect in shifts if not effect.at.startswith("wrench."))
@@ -43,7 +43,7 @@ class Reading:
     jacobian: sp.csr_matrix
     labels: Sequence[tuple[str, slice]]
     inverse: sp.csr_matrix
-    _gained: dict[tuple[object, ...], float] = field(default_factory=dict, repr=False, compare=False)
+    _decreases: dict[tuple[object, ...], float] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(
@@ -59,20 +59,20 @@ class Reading:
             known = noise_jacobian(weak, replace(under, sensors=others))
         return cls(weak.samples, *known, inverse_near_diagonal(whitened))
 
-    def gained(self, physics: Physics) -> float:
+    def decrease(self, physics: Physics) -> float:
         """Expected decrease of χ² by the interpolation of noise under the time shifts of `physics`; cached.
 
         For rows r whose noise has the covariance D, and C by which they are whitened, E rᵀ C⁻¹ r = tr C⁻¹ D.
         """
         shifts = shifts_of(self.samples, physics)
         key = tuple((effect.key, *effect.values.values()) for effect in shifts)
-        if key not in self._gained:
-            make_room(self._gained, KEPT)
-            self._gained[key] = sum(self._gained_in(name, part, shifts) for name, part in self.labels)
-        return self._gained[key]
+        if key not in self._decreases:
+            make_room(self._decreases, CACHED_VALUES)
+            self._decreases[key] = sum(self._decrease_in(name, part, shifts) for name, part in self.labels)
+        return self._decreases[key]
 
-    def _gained_in(self, name: str, part: slice, shifts: Sequence[SensorEffect]) -> float:
-        """`gained` by the channel `name`, whose slice of the Jacobian is `part`."""
+    def _decrease_in(self, name: str, part: slice, shifts: Sequence[SensorEffect]) -> float:
+        """`decrease` by the channel `name`, whose slice of the Jacobian is `part`."""
         time, on_channel = self.samples.time, [effect for effect in shifts if effect.channels((name,))]
         # a slow channel is interpolated between its samples either way
         if not on_channel or name in self.samples.bridges or name.startswith("wrench."):

@@ -20,7 +20,7 @@ from drake_cafim.typing import Array
 NODES = np.linspace(-5.0, 5.0, 51)
 SHARES = np.exp(-0.5 * NODES**2) / np.sum(np.exp(-0.5 * NODES**2))
 """Nodes of the mean over normal errors, in standard deviations, and their weights; wide, as rare jumps are large."""
-WORTH = 1e-3
+LEAST_SHARE = 1e-3
 """Fraction of the variance propagated by slopes below which the scatter counts as zero."""
 
 
@@ -55,7 +55,7 @@ def beyond_slope(force: Callable[[Array], Array], std: Array) -> Array:
     forces = np.stack([force(node * std) for node in NODES])
     mean, linear = np.tensordot(SHARES, forces, 1), np.tensordot(SHARES * NODES, forces, 1)
     beyond = np.tensordot(SHARES, forces**2, 1) - mean**2 - linear**2
-    return np.sqrt(np.where(beyond > WORTH * linear**2, np.maximum(beyond, 0.0), 0.0))
+    return np.sqrt(np.where(beyond > LEAST_SHARE * linear**2, np.maximum(beyond, 0.0), 0.0))
 
 
 def _correlation(weak: WeakForm, joint: int) -> sp.csr_matrix:

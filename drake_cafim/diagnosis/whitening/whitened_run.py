@@ -15,7 +15,7 @@ from drake_cafim.typing import Array
 
 IMPOSSIBLE = 1e9
 """Standard deviations of noise beyond which a row counts as diverged."""
-DOUBTS_KEPT = 6
+CACHED_STARTS = 6
 """Most cached whitened rows of initial values."""
 
 
@@ -27,7 +27,7 @@ class Run:
     whiten: Whitening
     jacobian: sp.csr_matrix
     labels: tuple[tuple[str, slice], ...]
-    _doubts: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
+    _start_rows: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def name(self) -> str:
@@ -74,10 +74,10 @@ class Run:
     def _doubted(self, rows: Array) -> Array:
         """`whitened` rows of initial values; cached, since most parameter values leave them unchanged."""
         key = rows.tobytes()
-        if key not in self._doubts:
-            make_room(self._doubts, DOUBTS_KEPT)
-            self._doubts[key] = self.whitened(rows)
-        return self._doubts[key]
+        if key not in self._start_rows:
+            make_room(self._start_rows, CACHED_STARTS)
+            self._start_rows[key] = self.whitened(rows)
+        return self._start_rows[key]
 
     def pushed(self, force: Array, gains: Array) -> Array:
         """Rows (M, r, k) of generalised forces `force` (N, n, k), at joints whose efforts have the `gains` (n,)."""
