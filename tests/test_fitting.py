@@ -204,7 +204,7 @@ class _Unseen(_Pushed):
     def __init__(self, louder: float) -> None:
         rng = np.random.default_rng(4)
         self.scene = SimpleNamespace(
-            unknown=(None, None),
+            unknown=2 * (SimpleNamespace(through=""),),
             priors=SimpleNamespace(mean=np.zeros(2), std=np.array([0.5, 0.1]), clip=np.array),
         )
         self.columns, self.noise = rng.normal(size=(1000, 2)) * [1.0, 3e4], rng.normal(size=1000)

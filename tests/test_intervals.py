@@ -44,6 +44,9 @@ class Curve(OneWindow):
     def penalty(self, model: Model) -> float:
         return 0.0
 
+    def prior_std(self, model: Model) -> Any:
+        return np.ones(1)
+
     def fit(self) -> Fit:
         model = Model(np.zeros(1), (JointViscousFriction("a", {"coefficient": 1.0}),))
         jacobian = np.array([[1.0, 1.0 / STD], [1.0, 0.0]])

@@ -151,7 +151,7 @@ def test_no_key_takes_what_is_no_number_and_no_name(folder: Path, value: Any) ->
         (("unknown", 0, "body"), "palm", "unknown[0].body is 'palm', which the model lacks; it has: base"),
         (("unknown", 1, "parameter"), "mass", "unknown[1].parameter is 'mass', which a joint lacks"),
         (("unknown", 2, "contact"), ["tool"], "unknown[2].contact is ['tool'], expected a list of 2"),
-        (("unknown", 3, "at"), "shoulder", "unknown[3]: joint_coulomb_friction at shoulder is not under effects:"),
+        (("unknown", 3, "at"), "palm", "unknown[3].at is palm, expected one of"),
         (("unknown", 3, "parameter"), "width", "unknown[3].parameter is 'width', which joint_coulomb_friction lacks"),
         (("contact", 0, "stiffness"), 0.0, "contact[0].stiffness is 0 N/m, expected a finite number above 0"),
         (("contact", 0, "friction"), -0.1, "contact[0].friction is -0.1, expected"),

@@ -22,7 +22,9 @@ class _Moving:
 
     def __init__(self, places: list[float]) -> None:
         self.places, self.whitened_at = iter(places), list[float]()
-        self.scene = SimpleNamespace(priors=SimpleNamespace(mean=np.zeros(1), std=np.full(1, 2.0)))
+        self.scene = SimpleNamespace(
+            unknown=(SimpleNamespace(typical=np.inf),), priors=SimpleNamespace(mean=np.zeros(1), std=np.full(1, 2.0))
+        )
 
     def nominal(self) -> Model:
         return Model(np.zeros(1))
@@ -68,7 +70,7 @@ def _found(effect: Effect, chi_square: float, echo: bool = False) -> Fit:
 
 def _under_way(monkeypatch: pytest.MonkeyPatch, answers: dict[str, Fit]) -> Any:
     """A search whose fits come out as `answers` has them by the effect's name."""
-    scene = SimpleNamespace(priors=SimpleNamespace(std=np.zeros(0)))
+    scene = SimpleNamespace(unknown=(), priors=SimpleNamespace(std=np.zeros(0)))
     problem: Any = SimpleNamespace(scene=scene)
     problem.rewhitened = lambda model: SimpleNamespace(scene=scene)
     monkeypatch.setattr(state, "fit", lambda problem, model: SimpleNamespace(model=model))

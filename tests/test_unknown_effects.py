@@ -1,4 +1,4 @@
-"""`unknown:` with a parameter of an effect under `effects:`, in estimation, diagnosis and the corrected scenario."""
+"""`unknown:` with a parameter of an effect, stated under `effects:` or not: estimated, diagnosed, put back."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from drake_cafim.diagnosis.diagnose import diagnose, estimate
+from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.report_json import parameters_of
 from drake_cafim.scenario.scenario_yaml import as_yaml
@@ -69,14 +70,18 @@ def pressed(cubic: float) -> Recording:
 
 
 def scene_of(folder: Path, model: str, effect: dict[str, Any], unknown: dict[str, Any], **more: Any) -> Scene:
+    entry = unknown | {"effect": effect["effect"], "at": effect["at"]}
+    return with_unknowns(folder, model, [entry], effects=[effect], **more)
+
+
+def with_unknowns(folder: Path, model: str, unknown: list[dict[str, Any]], **more: Any) -> Scene:
     std = (2e-4, 2e-3) if model == PENDULUM else (2e-6, 2e-4)
     (folder / "model.urdf").write_text(model)
     raw = {
         "model": "model.urdf",
         "weld": [{"body": "base"}],
         "channels": {"q": {"std": std[0]}, "v": {"std": std[1]}, "u": {"std": 0.0}},
-        "effects": [effect],
-        "unknown": [unknown | {"effect": effect["effect"], "at": effect["at"]}],
+        "unknown": unknown,
     }
     return Scene.build(parse(raw | more, "arm.yaml"), folder, "arm.yaml")
 
@@ -124,3 +129,65 @@ def test_a_diagnosis_fits_it_reports_it_and_puts_it_back(tmp_path: Path) -> None
     assert again.unknown[0].mean == pytest.approx(entry["value"])
     assert yaml.safe_load((tmp_path / "corrected.yaml").read_text())["unknown"][0]["effect"] == effect["effect"]
     assert Scene.load(tmp_path / "corrected.yaml").priors.mean[0] == pytest.approx(entry["value"])
+
+
+@pytest.mark.parametrize(
+    ("model", "effect", "unknown", "recording", "truth"), CASES, ids=[c[1]["effect"] for c in CASES]
+)
+def test_the_effect_need_not_be_stated(
+    tmp_path: Path, model: str, effect: dict[str, Any], unknown: dict[str, Any], recording: Recording, truth: float
+) -> None:
+    more = {"contact": [GROUND | {"damping": 60.0}]} if model == SLIDER else {}
+    entry = unknown | {"effect": effect["effect"], "at": effect["at"]}
+    scene = with_unknowns(tmp_path, model, [entry], **more)
+    assert [(one.name, one.at) for one in scene.known] == [(effect["effect"], scene.unknown[0].at)]
+    found = estimate(scene, [recording])
+    [one] = found.parameters
+    assert abs(one.value - truth) < max(5.0 * one.std, 0.01 * truth) and one.prior_mean == unknown.get("mean", 0.0)
+    assert 0.0 < one.std < 0.1 * one.prior_std
+    # the ball's motion is integrated with an error that its rows see
+    assert found.goodness_of_fit.accepted or model == SLIDER
+
+
+LOAD = [{"effect": "payload", "at": "rod", "parameter": "mass", "std": 0.5},
+        {"effect": "payload", "at": "rod", "parameter": "z", "std": 0.3, "mean": -0.2}]  # fmt: skip
+
+
+def test_a_payload_that_only_unknown_names_is_put_back_as_an_effect(tmp_path: Path) -> None:
+    scene = with_unknowns(tmp_path, PENDULUM, LOAD)
+    [load] = scene.known
+    assert load.values == {"mass": 0.0, "x": 0.0, "y": 0.0, "z": -0.2}
+    assert [one.prior.name for one in scene.unknown] == ["payload.mass@rod", "payload.z@rod"]
+    corrected = scene.corrected(np.array([0.3, -0.4]), ())
+    (tmp_path / "corrected.yaml").write_text(as_yaml(corrected.scenario, tmp_path, tmp_path))
+    again = Scene.load(tmp_path / "corrected.yaml")
+    assert again.known[0].values == {"mass": 0.3, "x": 0.0, "y": 0.0, "z": -0.4}
+    assert again.priors.mean.tolist() == [0.3, -0.4]
+    assert [body.mass for body in again.physics.tree.bodies if "payload" in body.name] == [0.3]
+
+
+def test_where_nothing_is_carried_no_more_is_known_of_the_place_than_before(tmp_path: Path) -> None:
+    found = estimate(with_unknowns(tmp_path, PENDULUM, LOAD), [swung()])
+    mass, z = found.parameters
+    assert found.goodness_of_fit.accepted and mass.value < 3.0 * mass.std < 0.2
+    assert z.std <= 0.3 * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"effect": "paylod"}, "arm.yaml: unknown[1].effect: "),
+        ({"at": "arm"}, "arm.yaml: unknown[1].at is arm, expected one of"),
+        ({"parameter": "weight"}, "unknown[1].parameter is 'weight', which payload lacks; valid: mass, x, y, z"),
+        ({"parameter": "x"}, "arm.yaml: unknown[1]: payload needs mass"),
+        ({"mean": -1.0}, "arm.yaml: unknown[1].mass is -1"),
+        ({"effect": "external_disturbance", "parameter": "x"}, "unknown[1]: external_disturbance acts once"),
+        ({"effect": "joint_elasticity", "at": "pivot", "parameter": "stiffness"}, "unknown[1] (stiffness of joint_ela"),
+    ],
+    ids=str,
+)
+def test_an_unknown_of_no_effect_is_refused_by_its_own_name(tmp_path: Path, change: dict[str, Any], words: str) -> None:
+    first = {"body": "rod", "parameter": "mass", "std": 0.1}
+    with pytest.raises(InputError) as refused:
+        with_unknowns(tmp_path, PENDULUM, [first, LOAD[0] | change])
+    assert words in str(refused.value)

@@ -113,7 +113,10 @@ def _unknowns() -> str:
         for place, parameters in PLACES.items()
         for name, unit in parameters.items()
     ]
-    head = "### What `unknown:` may name\n\nAlso each parameter of an effect under `effects:`, with `effect` and `at`."
+    head = """### What `unknown:` may name
+
+Also each parameter of an effect, with `effect` and `at`, as `{effect: payload, at: link7, parameter: mass, std: 1.0}`.
+The effect need not stand under `effects:`; its other parameters then are at the values without effect."""
     return f"{head}\n\n" + table(["parameter", "of a", "unit", ""], rows)
 
 

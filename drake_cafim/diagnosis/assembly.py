@@ -30,6 +30,7 @@ from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.scenario.unknown import UnknownParameter
 from drake_cafim.scene.scene import Scene
+from drake_cafim.typing import Array
 
 COMPENSATING = (
     "fitted without the missing physics, the unknowns compensate for it and predict these recordings worse than the "
@@ -150,20 +151,21 @@ def _why_alike(best: Fit, name: str) -> str:
     return reasons[0] if reasons else "over these motions the two change the measurements alike"
 
 
-def parameters_of(scene: Scene, best: Fit) -> tuple[NominalParameter, ...]:
-    """The scenario's unknowns with their fitted values and standard deviations."""
+def parameters_of(scene: Scene, best: Fit, std: Array | None = None) -> tuple[NominalParameter, ...]:
+    """The scenario's unknowns with their fitted values, and with `std` (n,) or else the fit's standard deviations."""
+    deviations = best.std if std is None else std
     return tuple(
         NominalParameter(
             unknown.parameter,
             unknown.at,
             float(value),
-            float(std),
+            float(deviation),
             unknown.prior.unit,
             unknown.prior.mean,
             unknown.prior.std,
             unknown.effect,
         )
-        for unknown, value, std in zip(scene.unknown, best.model.unknown, best.std, strict=False)
+        for unknown, value, deviation in zip(scene.unknown, best.model.unknown, deviations, strict=False)
     )
 
 

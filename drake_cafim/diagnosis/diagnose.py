@@ -3,25 +3,35 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from drake_cafim.diagnosis.assembly import comparisons_of, parameters_of, verdict_of
-from drake_cafim.diagnosis.fit.fitting import unbiased_fit
+from drake_cafim.diagnosis.fit.evidence import scale_of
+from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.intervals import standard_deviations
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.conclusion import record_conclusion, record_data_mistake
+from drake_cafim.diagnosis.search.goodness_of_fit import GoodnessOfFit, goodness_of_fit
 from drake_cafim.diagnosis.search.judgement import judge
 from drake_cafim.diagnosis.search.search import Outcome
-from drake_cafim.diagnosis.search.state import Settings
-from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_ROUNDS
+from drake_cafim.diagnosis.search.state import ROUNDS, Settings, has_moved
+from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_ROUNDS, UNKNOWN_FAR_IN_PRIOR_STDS
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.verdict import (
     ChannelNoise,
     Comparison,
     NominalParameter,
     Verdict,
+    far_sentence,
     mistakes_sentence,
 )
 from drake_cafim.effects.effect import Effect
+from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
+from drake_cafim.typing import Array
 
 NO_ESTIMATES = "What follows is fitted to the recordings as they are, and no estimate:"
 """The line above fitted parameters where the recordings have mistakes."""
@@ -89,31 +99,50 @@ def examine(
 
 @dataclass(frozen=True)
 class Estimate:
-    """The fitted unknown parameters, the figures of fit, and the notes on the recordings.
+    """The fitted unknown parameters, whether the model fits with them, and the notes on the recordings.
 
-    `data_mistakes`, `noise_remarks`, `notes` and `noise` are those of a `Verdict`. If the recordings have mistakes,
-    the values are fitted to them as they are, and no estimates.
+    `goodness_of_fit` compares the residual with the noise. If it is not `accepted`, the parameters' `std` are wider
+    than noise alone implies: by the root of the reduced χ², or as blocks of the residual imply; none is wider than its
+    prior's. `train` compares the model as given with the fitted one. `data_mistakes`, `noise_remarks`, `notes` and
+    `noise` are those of a `Verdict`. If the recordings have mistakes, the values are fitted to them as they are, and no
+    estimates.
     """
 
     parameters: tuple[NominalParameter, ...]
     train: Comparison
+    goodness_of_fit: GoodnessOfFit
     data_mistakes: tuple[str, ...] = ()
     noise_remarks: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     noise: Mapping[str, ChannelNoise] = field(default_factory=dict)
 
+    @property
+    def far(self) -> tuple[NominalParameter, ...]:
+        """The parameters so far from their priors that they are a mismatch at their places."""
+        return tuple(one for one in self.parameters if one.distance > UNKNOWN_FAR_IN_PRIOR_STDS)
+
     def __str__(self) -> str:
-        """Mistakes of the data first, then a line for each parameter, remark and note."""
-        lines = [mistakes_sentence(self.data_mistakes), NO_ESTIMATES] if self.data_mistakes else []
-        lines += [f"{p.parameter} of {p.at}: {p.value:.6g} ± {p.std:.2g} {p.unit}" for p in self.parameters]
+        """Mistakes of the data and the goodness of fit first, then a line for each parameter, remark and note."""
+        lines = [mistakes_sentence(self.data_mistakes)] if self.data_mistakes else []
+        lines += [str(self.goodness_of_fit), *(f"WARNING: {far_sentence(one)}" for one in self.far)]
+        lines += [NO_ESTIMATES] if self.data_mistakes else []
+        lines += [
+            f"{_name(one)} of {one.at}: {one.value:.6g} ± {one.std:.2g} {one.unit}".removesuffix(" 1")
+            for one in self.parameters
+        ]
         lines += [f"{remark[0].upper()}{remark[1:]}." for remark in self.noise_remarks]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
+
+
+def _name(parameter: NominalParameter) -> str:
+    return f"{parameter.effect} {parameter.parameter}" if parameter.effect else parameter.parameter
 
 
 def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progress = lambda text: None) -> Estimate:
     """Estimates the scenario's `unknown` parameters from recordings, without looking for missing physics.
 
         found = drake_cafim.estimate(scene, [drake_cafim.read("run_1.parquet")])
+        found.goodness_of_fit.accepted     # whether the residual is as the noise predicts
         for parameter in found.parameters:
             print(parameter.parameter, parameter.at, parameter.value, parameter.std, parameter.unit)
 
@@ -121,20 +150,39 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
     Raises `InputError` for recordings that lack what the scene needs.
     """
     prepared = prepare(scene, recordings)
-    scene, problem = prepared.scene, prepared.problem()
+    scene = prepared.scene
     progress("fitting the unknown parameters")
-    fitted = unbiased_fit(problem, problem.nominal())
+    problem, fitted = _fitted(prepared.problem(), Model(scene.priors.mean))
     finer = prepared.with_noise_beside(fitted.model)
     if finer is not None:
-        prepared, problem = finer, finer.problem()
-        fitted = unbiased_fit(problem, fitted.model)
+        prepared = finer
+        problem, fitted = _fitted(finer.problem(), fitted.model)
+    goodness, notes = goodness_of_fit(problem, fitted)
     progress("simulating")
     train = comparisons_of(prepared, [fitted, fitted])[0]
     return Estimate(
-        parameters_of(scene, fitted),
+        parameters_of(scene, fitted, fitted.std if goodness.accepted else _widened(problem, fitted)),
         train,
+        goodness,
         prepared.mistakes,
         prepared.noise_remarks,
-        (*prepared.notes, *train.missing("train")),
+        (*prepared.notes, *notes, *train.missing("train")),
         prepared.channel_noise,
     )
+
+
+def _fitted(problem: SearchProblem, start: Model) -> tuple[SearchProblem, Fit]:
+    """The fit, and the problem whose noise is whitened as the fitted model lets it through."""
+    fitted = unbiased_fit(problem, start)
+    for _ in range(ROUNDS if len(start.unknown) else 0):
+        before, problem = fitted.model, problem.rewhitened(fitted.model)
+        fitted = unbiased_fit(problem, before)
+        if not has_moved(problem, before, fitted.model):
+            break
+    return problem, fitted
+
+
+def _widened(problem: SearchProblem, fitted: Fit) -> Array:
+    """(n,) standard deviations of the unknowns where more than noise is left."""
+    std = compute(lambda: standard_deviations(problem, fitted, scale_of(fitted)))
+    return fitted.std if isinstance(std, NotComputable) else np.where(np.isfinite(std), std, fitted.std)

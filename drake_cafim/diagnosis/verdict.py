@@ -241,7 +241,7 @@ def _finding(verdict: Verdict) -> str:
     named = "; ".join(explanation.sentence for explanation in verdict.explanation)
     if verdict.kind == "explained":
         return f"The model lacks {named}. With that, what remains is noise."
-    far = " ".join(map(_far, verdict.far))
+    far = " ".join(map(far_sentence, verdict.far))
     if verdict.adequate:
         return f"The model lacks {named}. {far}" if named else far
     rest = ", ".join(dict.fromkeys(location.name for location in verdict.mismatch.standing[:3]))
@@ -262,7 +262,7 @@ def _finding(verdict: Verdict) -> str:
     )
 
 
-def _far(found: NominalParameter) -> str:
+def far_sentence(found: NominalParameter) -> str:
     """A parameter that is far from its prior, as a sentence."""
     unit = "" if found.unit == "1" else f" {found.unit}"
     return (

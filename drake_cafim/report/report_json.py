@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from drake_cafim.diagnosis.diagnose import Estimate
-from drake_cafim.diagnosis.verdict import ChannelNoise, Comparison, NominalParameter, Quality, Verdict
+from drake_cafim.diagnosis.search.goodness_of_fit import GoodnessOfFit
+from drake_cafim.diagnosis.verdict import ChannelNoise, Comparison, Location, NominalParameter, Quality, Verdict
 
 SCHEMA = "drake_cafim.report/1"
 
@@ -40,7 +41,8 @@ def _report_of(
             "schema": SCHEMA,
             "verdict": None,
             "sentence": str(noticed) if noticed else None,
-            "mismatch": None,
+            "goodness_of_fit": _goodness(noticed.goodness_of_fit) if noticed else None,
+            "mismatch": _remaining(noticed.goodness_of_fit) if noticed else None,
             "data_mistakes": list(noticed.data_mistakes) if noticed else [],
             "noise_remarks": list(noticed.noise_remarks) if noticed else [],
             "explanation": [],
@@ -60,17 +62,7 @@ def _report_of(
         "mismatch": {
             "detected": verdict.mismatch.detected,
             "p_value": verdict.mismatch.p_value,
-            "locations": [
-                {
-                    "kind": location.kind,
-                    "name": location.name,
-                    "share": location.share,
-                    "intervals": [list(i) for i in location.intervals],
-                    "recording": location.recording,
-                    "where": location.where,
-                }
-                for location in verdict.mismatch.locations
-            ],
+            "locations": _locations(verdict.mismatch.locations),
         },
         "data_mistakes": list(verdict.data_mistakes),
         "noise_remarks": list(verdict.noise_remarks),
@@ -107,6 +99,38 @@ def _report_of(
         "next_experiment": verdict.next_experiment,
         "files": dict(files),
     }
+
+
+def _goodness(goodness: GoodnessOfFit) -> dict[str, Any]:
+    return {
+        "accepted": goodness.accepted,
+        "reduced_chi_square": goodness.reduced_chi_square,
+        "p_value": goodness.p_value,
+        "rows": goodness.rows,
+    }
+
+
+def _remaining(goodness: GoodnessOfFit) -> dict[str, Any]:
+    """The `mismatch` of an estimation: what the fitted model leaves."""
+    return {
+        "detected": not goodness.accepted,
+        "p_value": goodness.p_value,
+        "locations": _locations(goodness.locations),
+    }
+
+
+def _locations(locations: Sequence[Location]) -> list[dict[str, Any]]:
+    return [
+        {
+            "kind": location.kind,
+            "name": location.name,
+            "share": location.share,
+            "intervals": [list(i) for i in location.intervals],
+            "recording": location.recording,
+            "where": location.where,
+        }
+        for location in locations
+    ]
 
 
 def _with_nulls(report: dict[str, Any]) -> dict[str, Any]:

@@ -29,10 +29,10 @@ def known_effects(
     parameter, for a value out of range, and for an effect that is stated twice.
     """
     effects: list[Effect] = []
+    channels = tuple(channels)
     for i, entry in enumerate(entries):
         key = f"{source}: effects[{i}]"
-        effect = _effect(entry, vocabulary, key)
-        _check_place(effect, physics, tuple(channels), f"{key}.at")
+        effect = known_effect(entry, physics, vocabulary, channels, key)
         twice = [k for k, other in enumerate(effects) if other == effect or _same(other, effect)]
         if twice:
             raise InputError(f"{key} states {effect.name} at {effect.at} a second time, after effects[{twice[0]}]")
@@ -40,11 +40,20 @@ def known_effects(
     return effects
 
 
+def known_effect(
+    entry: EffectEntry, physics: Physics, vocabulary: Sequence[type[Effect]], channels: Sequence[str], key: str
+) -> Effect:
+    """The effect of one entry, which messages call `key`; raises `InputError` as `known_effects` does."""
+    effect = _effect(entry, vocabulary, key)
+    _check_place(effect, physics, channels, f"{key}.at")
+    return effect
+
+
 def _effect(entry: EffectEntry, vocabulary: Sequence[type[Effect]], key: str) -> Effect:
     for name in ("effect", "at"):
         if not getattr(entry, name):
             raise InputError(f"{key} has no {name}, expected a name")
-    kind = _kind(entry.effect, vocabulary, f"{key}.effect")
+    kind = effect_class(entry.effect, vocabulary, f"{key}.effect")
     given = dict(entry.parameters)
     for name in given:
         if (kind.name, name) in not_built.PARAMETERS:
@@ -68,7 +77,8 @@ def _effect(entry: EffectEntry, vocabulary: Sequence[type[Effect]], key: str) ->
     return effect
 
 
-def _kind(name: str, vocabulary: Sequence[type[Effect]], key: str) -> type[Effect]:
+def effect_class(name: str, vocabulary: Sequence[type[Effect]], key: str) -> type[Effect]:
+    """The class of the vocabulary of this name; raises `InputError` that names `key` where there is none."""
     not_built.refuse_value(name, not_built.EFFECTS, key)
     try:
         return effect_named(name, vocabulary)

@@ -51,7 +51,7 @@ class Unknown:
     body: str | None = None  # the body whose parameter it is; one of body, joint, contact, or effect with at
     joint: str | None = None  # the joint whose parameter it is
     contact: list[str] = dc.field(default_factory=list, metadata={"length": 2})  # the two bodies of the contact
-    effect: str | None = None  # with `at`: a parameter of an entry of `effects:`
+    effect: str | None = None  # with `at`: a parameter of an effect, stated under `effects:` or not
     at: str | None = None  # the place of that effect
 
 

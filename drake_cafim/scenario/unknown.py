@@ -35,6 +35,10 @@ class UnknownParameter:
     prior: Parameter
     effect: str | None = None
     """The effect's name, for a parameter of an effect that the scenario states; else None."""
+    through: str = ""
+    """The effect's parameter that this one is multiplied by in its law, as a place by the mass that is there."""
+    typical: float = np.inf
+    """The usual size of an effect's parameter, which a prior may be far wider than."""
 
     @property
     def key(self) -> tuple[str, str, str | None]:
@@ -150,7 +154,7 @@ def _check(name: str, valid: Sequence[str], key: str) -> None:
 
 def _of_effect(entry: Unknown, physics: Physics, effects: Sequence[Effect], key: str) -> UnknownParameter:
     """A parameter of an effect that the scenario states under `effects:`."""
-    stated = [effect for effect in effects if effect.name == entry.effect and _same_place(effect.at, entry.at or "")]
+    stated = [effect for effect in effects if effect.name == entry.effect and same_place(effect.at, entry.at or "")]
     if len(stated) != 1:
         known = ", ".join(f"{effect.name} at {effect.at}" for effect in effects) or "none"
         found = f"{len(stated)} times" if stated else "not"
@@ -167,10 +171,10 @@ def _of_effect(entry: Unknown, physics: Physics, effects: Sequence[Effect], key:
     allowed.check(mean, f"{key}.mean")
     name = f"{effect.name}.{strength.name}@{effect.at}"
     prior = Parameter(name, mean, entry.std, allowed.least, allowed.most, effect.unit(strength, physics.tree))
-    return UnknownParameter(strength.name, "effect", effect.at, prior, effect.name)
+    return UnknownParameter(strength.name, "effect", effect.at, prior, effect.name, strength.through, strength.typical)
 
 
-def _same_place(first: str, second: str) -> bool:
+def same_place(first: str, second: str) -> bool:
     """Whether two names mean the same place; the bodies of a contact may be in either order."""
     return first == second or ("/" in first and set(first.split("/")) == set(second.split("/")))
 

@@ -43,6 +43,7 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import UNRECORDED, Channel, EffectEntry, Scenario, Weld, load
 from drake_cafim.scenario.surfaces import contact_of
 from drake_cafim.scenario.unknown import UnknownParameter, apply_unknowns, priors, unknown_parameters, with_unknowns
+from drake_cafim.scenario.unknown_effects import effects_of_unknowns
 from drake_cafim.typing import Array
 
 DIAGRAMS = packaged_folder("diagrams")
@@ -69,7 +70,7 @@ class Scene:
     - `stated`: what the model's files state beyond what Drake's parser reads.
     - `limited`: the joints whose commands exceed the model's effort limits in the recordings, so that the limits act.
     - `bare`: the physics before any effect; `of_model`: the effects that the model's files state; `known`: those of
-      the scenario, with the values that it states.
+      the scenario, with the values that it states; those that only `unknown:` names are at their prior means.
     """
 
     name: str
@@ -152,9 +153,20 @@ class Scene:
         bare = Physics(self.tree, np.array(self.scenario.gravity, dtype=float), contacts)
         sensors = [name for name in self.scenario.channels if name.startswith(("wrench.", "pose."))]
         of_model = tuple(model_effects(self.stated, self.tree, self.vocabulary))
-        known = tuple(known_effects(self.scenario.effects, bare, self.vocabulary, sensors, self.name))
-        unknown = unknown_parameters(self.scenario.unknown, bare, known, self.name)
-        scene = replace(self, bare=bare, of_model=of_model, known=known, unknown=unknown, nominal_contacts=contacts)
+        stated = known_effects(self.scenario.effects, bare, self.vocabulary, sensors, self.name)
+        other = effects_of_unknowns(self.scenario.unknown, stated, bare, self.vocabulary, sensors, self.name)
+        scenario = replace(self.scenario, effects=[*self.scenario.effects, *map(_entry, other)])
+        known = (*stated, *other)
+        unknown = unknown_parameters(scenario.unknown, bare, known, self.name)
+        scene = replace(
+            self,
+            scenario=scenario,
+            bare=bare,
+            of_model=of_model,
+            known=known,
+            unknown=unknown,
+            nominal_contacts=contacts,
+        )
         return replace(scene, physics=scene.physics_at(priors(unknown).mean), wrench_sensors=self._sensors())
 
     def for_recordings(self, recordings: Sequence[Recording]) -> "Scene":

@@ -76,7 +76,7 @@ def fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
 
     It is quick, but biased towards zero where the regressors are noisy; `unbiased_fit` corrects that.
     """
-    model, residual, jacobian = _minimise(problem, model, np.zeros(len(model.vector)), iterations)
+    model, residual, jacobian = _minimise(problem, _off_saddle(problem, model), np.zeros(len(model.vector)), iterations)
     seen = jacobian[: problem.rows]
     covariance = _posterior(problem, model, seen.T @ seen)
     return Fit(model, residual, jacobian, covariance, problem.rows, penalty=problem.penalty(model))
@@ -94,7 +94,7 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
     if not problem.regressors_noisy:
         return replace(fit(problem, model, iterations), unbiased=True)
     n = len(model.vector)
-    model, residual, jacobian = _minimise(problem, model, np.zeros(n), iterations)
+    model, residual, jacobian = _minimise(problem, _off_saddle(problem, model), np.zeros(n), iterations)
     excess = np.zeros((n, n))
     most = _largest_correction(problem, model, residual)
     first = model.vector
@@ -240,6 +240,22 @@ def _minimise(
         if abs(gained) < 2.0 * _least_gain(problem, residual) + 1e-5 * (residual @ residual) / len(residual):
             break
     return model, residual, jacobian
+
+
+def _off_saddle(problem: Problem, model: Model) -> Model:
+    """The model whose unknown factors, as the mass of a load whose place is unknown, are not zero.
+
+    Where one is, the rows have no slope by what it is multiplied by. It then begins one prior standard deviation away.
+    """
+    multiplied = [one for one in problem.scene.unknown if one.through]
+    if not multiplied:
+        return model
+    unknown, names = model.unknown.copy(), [one.key for one in problem.scene.unknown]
+    for one in multiplied:
+        factor = (one.through, one.at, one.effect)
+        if factor in names and unknown[names.index(factor)] == 0.0:
+            unknown[names.index(factor)] = problem.scene.priors.std[names.index(factor)]
+    return replace(model, unknown=problem.scene.priors.clip(unknown))
 
 
 def _step(

@@ -22,7 +22,11 @@ def standard_deviations(problem: Problem, fit: Fit, scale: float) -> Array:
     minima by noise (Davies, Biometrika 74(1), 1987): its shape is unknown, and the std of an amplitude is its value.
     """
     std = np.maximum(fit.std * np.sqrt(scale), blockwise_std(problem, fit))
-    for index in range(len(fit.model.unknown), len(std)):
+    n = len(fit.model.unknown)
+    if n:
+        # what was known before the recordings is still known, whatever the noise
+        std[:n] = np.minimum(std[:n], problem.prior_std(fit.model))
+    for index in range(n, len(std)):
         bounds = _bounds(fit, index)
         if 0.0 < std[index] < np.inf and fit.covariance[index, index] < NOTHING_KNOWN:
             sides = zip(

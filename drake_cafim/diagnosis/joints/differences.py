@@ -59,7 +59,7 @@ class Differences:
         return self._difference(model, index, effect.difference_step * size)
 
     def _difference(self, model: Model, index: int, step: float) -> Array:
-        up, down, taken = _either_side(model, index, step)
+        up, down, taken = _either_side(self.scene, model, index, step)
         if not has_unknown_start(up.physics(self.scene)):
             return self._change_of(up, down, WeakForm.residual) / taken
         ahead, widths = self._residual(up, [None] * len(self.runs))
@@ -88,15 +88,17 @@ class Differences:
 
     def _contact_difference(self, model: Model, index: int, step: float) -> Array:
         """(R + n,) derivative by a parameter that enters the contact rows only."""
-        up, down, taken = _either_side(model, index, step)
+        up, down, taken = _either_side(self.scene, model, index, step)
         return self._change_of(up, down, WeakForm.contact_rows) / taken
 
 
-def _either_side(model: Model, index: int, step: float) -> tuple[Model, Model, float]:
+def _either_side(scene: Scene, model: Model, index: int, step: float) -> tuple[Model, Model, float]:
     """The model with a parameter `step` larger and smaller, and the difference between the two within its bounds."""
     vector = model.vector
     ahead, behind = vector.copy(), vector.copy()
     ahead[index] += step
     behind[index] -= step
+    n = len(model.unknown)
+    ahead[:n], behind[:n] = scene.priors.clip(ahead[:n]), scene.priors.clip(behind[:n])
     up, down = model.at(ahead), model.at(behind)
     return up, down, float(up.vector[index] - down.vector[index])
