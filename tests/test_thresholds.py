@@ -43,6 +43,7 @@ ROUNDING = {
     "noise/stated.py": "LEAST_STD",
     "search/screening.py": "DIVERGED LEAST_INFORMATION",
     "tosses/innovation.py": "VAGUE",
+    "tosses/poses.py": "OFF_CENTRE UNEVEN",
     "whitening/covariance.py": "NONE",
     "whitening/whitened_run.py": "IMPOSSIBLE",
 }
@@ -92,6 +93,7 @@ FIGURES = {
     "predict/innovations.py": "SEGMENT",
     "search/decisions.py": "REFUSED NOISE_ALLOWED",
     "tosses/pictures.py": "TOGETHER",
+    "tosses/poses.py": "LEVER",
     "tosses/quality.py": "LOST",
 }
 STRUCTURE = {
@@ -99,6 +101,7 @@ STRUCTURE = {
     "fit/adequacy.py": "KINDS",
     "rows/inertial_regressor.py": "INERTIAL",
     "tosses/arc_rows.py": "FIRST",
+    "tosses/poses.py": "QUATERNION",
     "tosses/compiled_contact.py": "FRICTIONLESS SLIPPING RESISTING CUBIC DISSIPATION RELAXING TIME ROLLING STATIC "
     "VELOCITY DISTANCE OF_LAW STRIBECK ANISOTROPIC PRESLIDING",
 }

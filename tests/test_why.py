@@ -14,7 +14,8 @@ from drake_cafim.cli import main
 NAMED, RIVAL, BOTH = "joint_coulomb_friction@elbow", "joint_stribeck_friction@elbow", "payload@link3"
 RECORDS: list[dict[str, Any]] = [
     {"step": "screen", "asked": "the others", "statistic": 7.5, "threshold": 812.0, "passed": False,
-     "words": "to first order, 2 further candidates lower χ² by at most 7.5 each", "others": ["payload@link2", BOTH]},
+     "words": "one of 2 further candidates that lower χ² by at most 7.5 each, to first order",
+     "others": ["payload@link2", BOTH]},
     {"step": "admit", "asked": NAMED, "statistic": 41.2, "threshold": 17.9, "passed": True,
      "words": "it passed all 4 tests", "test": "gain"},
     {"step": "another", "asked": "effect number 2", "statistic": 11.0, "threshold": 24.0, "passed": False,
@@ -66,7 +67,9 @@ def test_why_its_rival_was_not(report: Path) -> None:
 
 def test_an_effect_that_was_left_aside_with_others_has_an_answer(report: Path) -> None:
     done = why(report, BOTH)
-    said = "Payload at link3 is not named: to first order, 2 further candidates lower χ² by at most 7.5 each."
+    said = (
+        "Payload at link3 is not named: one of 2 further candidates that lower χ² by at most 7.5 each, to first order."
+    )
     assert said in done.output
     assert "would have to be above 812; it is 7.5" in done.output
 

@@ -1,4 +1,4 @@
-"""Whether whitened rows look like unit white noise: goodness of fit in total, by row and by stretch of time."""
+"""Goodness-of-fit tests of whitened rows against unit white noise: by row, by stretch of time, and of neighbours."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -32,8 +32,8 @@ TESTS = {
     "gain for its parameters": "lowers χ² by {s}; the Bayesian information criterion requires {t} for its parameters",
     "Wald statistic": "has a Wald statistic of {s} (χ² of its difference from no effect); on noise alone, the best of "
     "all candidates would have less than {t}",
-    "gain under its own noise": "lowers χ² by {s} if the noise covariance is computed with it, each channel in units "
-    "of what remains there; at least {t} is required",
+    "gain under its own noise": "lowers χ² by {s} under the noise covariance that it implies, each channel in units of "
+    "the noise that remains there; at least {t} is required",
 }
 """The sentence of each test that an effect must pass, by the test's name."""
 MISFITS = {
@@ -56,7 +56,8 @@ def record_whitening(
     """The rows were whitened under `before`, and a fit to them gave `after`; passed where unknowns hardly changed."""
     std = problem.scene.priors.std
     moved = float(np.max(np.abs(after.unknown - before.unknown) / std, initial=0.0))
-    words = f"noise covariance computed again: unknowns changed by up to {short(moved, 2)} prior standard deviations"
+    words = "noise covariance computed again"
+    words += f"; unknowns changed by up to {short(moved, 2)} prior standard deviations" if len(std) else ""
     values = [
         f"{strength.name.replace('_', ' ')} of {spoken(name_of(old.key))} from {short(a)} to {short(b)}"
         for old, new in zip(before.effects, after.effects, strict=False)
@@ -130,12 +131,16 @@ def record_screening(
     hidden = {name_of(effect.key) for effect in effects} - excluded - seen
     excluded -= {name_of(key) for key in present}
     if rest:
-        words = f"to first order, {len(rest)} further candidates lower χ² by at most {short(rest[0].gain)} each"
+        words = (
+            f"one of {len(rest)} further candidates that lower χ² by at most {short(rest[0].gain)} each, to first order"
+        )
         records.append(
             _record_together([name_of(c.effect.key) for c in rest], rest[0].gain, records[-1].threshold, words, beside)
         )
     if hidden:
-        words = f"{len(hidden)} further effects change nothing in these recordings, or fit only with impossible values"
+        words = (
+            f"one of {len(hidden)} effects that change nothing in these recordings, or fit only with impossible values"
+        )
         records.append(_record_together(hidden, None, None, words, beside))
     if excluded:
         words = (

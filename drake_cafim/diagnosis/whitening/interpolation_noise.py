@@ -22,7 +22,7 @@ WIDE_WINDOW = 28.0
 
 
 def shifts_of(samples: Samples, physics: Physics) -> tuple[SensorEffect, ...]:
-    """The effects on position and velocity sensors that shift time; none where windows have `WIDE_WINDOW` samples."""
+    """The effects on position and velocity sensors that shift time; none where a window has `WIDE_WINDOW` or more."""
     if samples.windows.width >= WIDE_WINDOW * float(np.median(np.diff(samples.time))):
         return ()
     shifts = (effect for effect in physics.sensors if effect.shifts)
