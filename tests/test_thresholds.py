@@ -92,6 +92,7 @@ FIGURES = {
     "predict/inverse_dynamics.py": "CUTOFF LARGEST_SHARE NYQUIST_SHARE ORDER SHORTEST TRANSIENT WIDER",
     "predict/innovations.py": "SEGMENT",
     "search/decisions.py": "REFUSED NOISE_ALLOWED",
+    "search/goodness_of_fit.py": "PLACES",
     "tosses/pictures.py": "TOGETHER",
     "tosses/poses.py": "LEVER",
     "tosses/quality.py": "LOST",
