@@ -10,7 +10,7 @@ import pytest
 
 from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.joints.missing_forces import missing, window_means
+from drake_cafim.diagnosis.joints.missing_forces import missing_force, window_means
 from drake_cafim.diagnosis.predict.stepper import State, advance
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.verdict import Rival, Verdict
@@ -177,7 +177,7 @@ def test_missing_force_is_the_law(scene: Scene, friction: tuple[Verdict, Outcome
     weak = outcome.problem.runs[0].weak
     row = outcome.problem.pictures.row_labels.index("hinge: forces")
     v = window_means(weak, verdict.corrected.physics).v[:, 0]
-    lacking = missing(weak, scene.physics)[:, row]
+    lacking = missing_force(weak, scene.physics)[:, row]
     assert np.ptp(v) > 1.0
     np.testing.assert_allclose(lacking, -0.2 * v, atol=0.02)
 

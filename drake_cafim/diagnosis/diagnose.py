@@ -119,16 +119,15 @@ class Estimate:
     @property
     def far(self) -> tuple[NominalParameter, ...]:
         """The parameters so far from their priors that they are a mismatch at their places."""
-        return tuple(one for one in self.parameters if one.distance > UNKNOWN_FAR_IN_PRIOR_STDS)
+        return tuple(parameter for parameter in self.parameters if parameter.distance > UNKNOWN_FAR_IN_PRIOR_STDS)
 
     def __str__(self) -> str:
         """Mistakes of the data and the goodness of fit first, then a line for each parameter, remark and note."""
         lines = [mistakes_sentence(self.data_mistakes)] if self.data_mistakes else []
-        lines += [str(self.goodness_of_fit), *(f"WARNING: {far_sentence(one)}" for one in self.far)]
+        lines += [str(self.goodness_of_fit), *(f"WARNING: {far_sentence(parameter)}" for parameter in self.far)]
         lines += [NO_ESTIMATES] if self.data_mistakes else []
         lines += [
-            f"{_name(one)} of {one.at}: {one.value:.6g} ± {one.std:.2g} {one.unit}".removesuffix(" 1")
-            for one in self.parameters
+            f"{_name(p)} of {p.at}: {p.value:.6g} ± {p.std:.2g} {p.unit}".removesuffix(" 1") for p in self.parameters
         ]
         lines += [f"{remark[0].upper()}{remark[1:]}." for remark in self.noise_remarks]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])

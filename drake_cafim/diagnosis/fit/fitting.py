@@ -247,12 +247,12 @@ def _off_saddle(problem: Problem, model: Model) -> Model:
 
     Where one is, the rows have no slope by what it is multiplied by. It then begins one prior standard deviation away.
     """
-    multiplied = [one for one in problem.scene.unknown if one.through]
+    multiplied = [parameter for parameter in problem.scene.unknown if parameter.through]
     if not multiplied:
         return model
-    unknown, names = model.unknown.copy(), [one.key for one in problem.scene.unknown]
-    for one in multiplied:
-        factor = (one.through, one.at, one.effect)
+    unknown, names = model.unknown.copy(), [parameter.key for parameter in problem.scene.unknown]
+    for parameter in multiplied:
+        factor = (parameter.through, parameter.at, parameter.effect)
         if factor in names and unknown[names.index(factor)] == 0.0:
             unknown[names.index(factor)] = problem.scene.priors.std[names.index(factor)]
     return replace(model, unknown=problem.scene.priors.clip(unknown))

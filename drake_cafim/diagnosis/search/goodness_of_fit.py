@@ -1,4 +1,4 @@
-"""Whether a fitted model leaves what noise predicts, and if not, where."""
+"""The goodness of fit of a fitted model in words: whether the residual is as noise predicts, and if not, where."""
 
 from dataclasses import dataclass
 
@@ -11,16 +11,16 @@ from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.numerics.rounding import grouped, rounded
 
 PLACES = 3
-"""How many places a sentence names."""
+"""Largest number of places that the sentence names."""
 
 
 @dataclass(frozen=True)
 class GoodnessOfFit:
-    """What a fitted model leaves of the recordings, compared with what their noise predicts.
+    """The residual of a fitted model compared with what the noise predicts.
 
-    - `accepted`: whether the rest is as the noise predicts; where it is, it is refused once in a hundred times.
-    - `reduced_chi_square`: its mean square over the noise variance, 1 for noise alone, of so many `rows`.
-    - `p_value`: that noise alone leaves as much, in all, at any place or in any stretch of time.
+    - `accepted`: whether the residual is as the noise predicts, at the search's false-alarm rate.
+    - `reduced_chi_square`: χ² per degree of freedom of the `rows`, 1 for noise alone.
+    - `p_value`: the probability that noise alone gives as large a residual, in total or in any stretch of time.
     - `locations`: where the model does not fit, strongest first; none where it is accepted.
     """
 
@@ -36,30 +36,30 @@ class GoodnessOfFit:
             f"p = {rounded(self.p_value, 2)}"
         )
         if self.accepted:
-            return f"Goodness of fit: the model fits, what it leaves is as the noise predicts ({figures})."
+            return f"Goodness of fit: the model fits, the residual is as the noise predicts ({figures})."
         return (
-            f"Goodness of fit: WARNING, the model does not fit ({figures}).{self._where()} The numbers below make up "
-            "for what it cannot express: do not trust them. `cafim diagnose` looks for what is missing."
+            f"Goodness of fit: WARNING, the model does not fit ({figures}).{self._where()} The values below compensate "
+            "for missing physics: do not trust them. `cafim diagnose` looks for what is missing."
         )
 
     def _where(self) -> str:
         """The strongest places, and when it shows at the first of them, as a sentence."""
         shares: dict[str, float] = {}
-        for one in self.locations:
-            shares[one.name] = shares.get(one.name, 0.0) + one.share
+        for location in self.locations:
+            shares[location.name] = shares.get(location.name, 0.0) + location.share
         if not shares:
             return ""
         strongest = sorted(shares, key=lambda name: -shares[name])[:PLACES]
-        first = next(one for one in self.locations if one.name == strongest[0])
+        first = next(location for location in self.locations if location.name == strongest[0])
         details = [f"from {start:.3g} to {stop:.3g} s of {first.recording}" for start, stop in first.intervals[:1]]
         details += [first.where] if first.where else []
         places = [f"{name} ({shares[name]:.0%})" for name in strongest]
         places[0] += f" {', '.join(details)}" if details else ""
-        return f" What is left is at {'; '.join(places)}."
+        return f" The misfit is at {'; '.join(places)}."
 
 
 def goodness_of_fit(problem: SearchProblem, fitted: Fit) -> tuple[GoodnessOfFit, tuple[str, ...]]:
-    """That of a fit, and a note where the places cannot be computed."""
+    """The goodness of fit of `fitted`, and a note where the places cannot be computed."""
     left = adequacy(problem, fitted.residual, fitted.strengths)
     accepted = left.p_value > Settings().false_alarm_rate
     where: tuple[Location, ...] = ()

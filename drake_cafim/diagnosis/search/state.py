@@ -122,5 +122,5 @@ class State:
 def has_moved(problem: SearchProblem, before: Model, after: Model) -> bool:
     """Whether unknowns changed so much that the noise covariance has to be computed again."""
     scene = problem.scene
-    size = np.minimum(scene.priors.std, [one.typical for one in scene.unknown])
+    size = np.minimum(scene.priors.std, [unknown.typical for unknown in scene.unknown])
     return bool(np.any(np.abs(after.unknown - before.unknown) > UNKNOWN_MOVE_IN_PRIOR_STDS * size))
