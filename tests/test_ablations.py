@@ -92,7 +92,8 @@ def test_a_payload_makes_up_for_the_lost_mass(tmp_path: Path) -> None:
         ablation.lost_mass(_machine(), "link", 1.9, np.array([0.0, 0.0, -0.6]))
 
 
-@pytest.mark.ci
+# a minute of two commands, each of which compiles anew; the same drive is diagnosed in test_real_machines.py
+@pytest.mark.long
 def test_friction_taken_out_of_a_real_drive_is_found_again(data_folder: Path, tmp_path: Path) -> None:
     assert ablate.main(["--data", str(data_folder), "--out", str(tmp_path), "--only", "0"]) == 0
     lost, control = json.loads((tmp_path / "ablations.json").read_text())
