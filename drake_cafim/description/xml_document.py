@@ -7,6 +7,9 @@ from xml.parsers import expat
 
 from drake_cafim.errors import InputError
 
+DEPTH = 200
+"""Largest depth to which elements nest: an MJCF's bodies nest as deep as the robot's longest chain of links."""
+
 
 @dataclass
 class XmlDocument:
@@ -42,11 +45,31 @@ def parse_document(content: bytes, path: Path) -> XmlDocument:
     builder, parser = TreeBuilder(), expat.ParserCreate()
     lines: dict[Element, tuple[Path, int]] = {}
 
+    depth = 0
+
     def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > DEPTH:
+            raise InputError(
+                f"{path}: elements nest more than {DEPTH} deep in line {parser.CurrentLineNumber}, expected a robot"
+            )
         lines[builder.start(tag, attributes)] = path, parser.CurrentLineNumber
 
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    def refuse_entity(name: str, *_: object) -> None:
+        raise InputError(
+            f"{path}: it declares the entity {name!r} in line {parser.CurrentLineNumber}, expected a model file "
+            "without entities of its own"
+        )
+
     parser.StartElementHandler = start
-    parser.EndElementHandler = builder.end
+    parser.EndElementHandler = end
+    parser.EntityDeclHandler = refuse_entity
     parser.CharacterDataHandler = builder.data
     try:
         parser.Parse(content, True)

@@ -5,12 +5,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import yaml
 from rosbags import rosbag1, rosbag2
 
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.mcap import full_name, mcap_messages
 from drake_cafim.recordings.messages import Raw
+from drake_cafim.yaml_file import read_mapping
 
 STORAGE = (".mcap", ".db3")
 
@@ -25,10 +25,11 @@ def folder_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
     metadata = _metadata(path)
     if metadata is None:
         notes.append("the bag has no readable metadata.yaml, as when the recorder was killed; its files are read")
-    elif metadata.get("compression_mode", "").lower() in ("file", "message"):
+    elif str(metadata.get("compression_mode")).lower() in ("file", "message"):
         yield from rosbags_messages(path, notes)
         return
-    names = [Path(name).name for name in (metadata or {}).get("relative_file_paths", [])]
+    listed = (metadata or {}).get("relative_file_paths")
+    names = [Path(name).name for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
     files = [path / name for name in names] or _storage(path)
     for file in files:
         if not file.is_file():
@@ -86,10 +87,10 @@ def rosbags_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
 def _metadata(path: Path) -> dict[str, Any] | None:
     """The bag's metadata; None where the file is missing or damaged."""
     try:
-        loaded = yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))
-        return dict(loaded["rosbag2_bagfile_information"])
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError):
+        found = read_mapping(path / "metadata.yaml", "a ROS 2 bag's metadata").get("rosbag2_bagfile_information")
+    except InputError:
         return None
+    return found if isinstance(found, dict) else None
 
 
 def _storage(path: Path) -> list[Path]:

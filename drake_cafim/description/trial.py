@@ -1,0 +1,73 @@
+"""Trial of an action in a child process, where one that ends the process, or never ends, does no harm."""
+
+import os
+import select
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable
+
+from drake_cafim.errors import InputError
+
+PATIENCE = 60.0
+"""s, longest duration of a trial; the largest public robot description takes about one second."""
+
+
+def try_apart(action: Callable[[], object], source: str) -> None:
+    """Call `action` in a forked child; whatever it raises there is left to the caller's own call of it.
+
+    C++ code that recurses without an end, or fails in a destructor, ends its process, which no `except` can prevent.
+    Raises `InputError`, which names `source`, where the child was ended by a signal, or runs longer than `PATIENCE`.
+    On systems where a process with threads cannot be forked nothing is tried.
+    """
+    if sys.platform != "linux":
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 on forks of processes with threads
+        sys.stdout.flush()
+        sys.stderr.flush()
+        child = os.fork()
+    if child == 0:
+        _run_quietly(action)
+    finished = False
+    try:
+        finished = _is_finished(child)
+        if not finished:
+            raise InputError(f"{source}: reading it takes longer than {PATIENCE:g} s, expected a model of a robot")
+    finally:
+        if not finished:
+            os.kill(child, signal.SIGKILL)
+        _, status = os.waitpid(child, 0)
+    if os.WIFSIGNALED(status):
+        name = signal.Signals(os.WTERMSIG(status)).name
+        raise InputError(
+            f"{source}: Drake's parser ends the process ({name}) on it, as where definitions refer to each other in a "
+            "circle or nest too deeply; expected a model that it can read"
+        )
+
+
+def _run_quietly(action: Callable[[], object]) -> None:
+    """Call `action` and end this process without any of Python's clean-up, which belongs to the parent."""
+    try:
+        # a terminal's Ctrl-C is the parent's to answer
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)
+        action()
+    except BaseException:  # the caller sees it when it calls the action itself
+        pass
+    finally:
+        os._exit(0)
+
+
+def _is_finished(child: int) -> bool:
+    """Whether the child has ended within `PATIENCE` seconds."""
+    descriptor = os.pidfd_open(child)
+    try:
+        ready, _, _ = select.select([descriptor], [], [], PATIENCE)
+        return bool(ready)
+    finally:
+        os.close(descriptor)
