@@ -10,15 +10,17 @@ from collections.abc import Callable
 
 from drake_cafim.errors import InputError
 
-PATIENCE = 60.0
-"""s, longest duration of a trial; the largest public robot description takes about one second."""
+COMPUTING = 10.0
+"""s, longest time that a trial computes; the largest public robot description takes about one."""
+PATIENCE = 120.0
+"""s, longest time that is waited for a trial, which a busy machine may hold up."""
 
 
 def try_apart(action: Callable[[], object], source: str) -> None:
     """Call `action` in a forked child; whatever it raises there is left to the caller's own call of it.
 
     C++ code that recurses without an end, or fails in a destructor, ends its process, which no `except` can prevent.
-    Raises `InputError`, which names `source`, where the child was ended by a signal, or runs longer than `PATIENCE`.
+    Raises `InputError`, which names `source`, where the child was ended by a signal, or takes too long.
     On systems where a process with threads cannot be forked nothing is tried.
     """
     if sys.platform != "linux":
@@ -34,17 +36,23 @@ def try_apart(action: Callable[[], object], source: str) -> None:
     try:
         finished = _is_finished(child)
         if not finished:
-            raise InputError(f"{source}: reading it takes longer than {PATIENCE:g} s, expected a model of a robot")
+            raise InputError(_too_long(source, PATIENCE))
     finally:
         if not finished:
             os.kill(child, signal.SIGKILL)
         _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status):
+        if os.WTERMSIG(status) == signal.SIGPROF:
+            raise InputError(_too_long(source, COMPUTING))
         name = signal.Signals(os.WTERMSIG(status)).name
         raise InputError(
             f"{source}: Drake's parser ends the process ({name}) on it, as where definitions refer to each other in a "
             "circle or nest too deeply; expected a model that it can read"
         )
+
+
+def _too_long(source: str, seconds: float) -> str:
+    return f"{source}: Drake's parser takes longer than {seconds:g} s with it, expected a model of a robot"
 
 
 def _run_quietly(action: Callable[[], object]) -> None:
@@ -53,6 +61,8 @@ def _run_quietly(action: Callable[[], object]) -> None:
         # a terminal's Ctrl-C is the parent's to answer
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, signal.SIG_IGN)
+            signal.signal(signal.SIGPROF, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_PROF, COMPUTING)
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, 1)
         os.dup2(nowhere, 2)

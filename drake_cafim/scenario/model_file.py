@@ -65,6 +65,7 @@ def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> ModelS
     that they state beyond it is returned. Raises `InputError` for what Drake's parser refuses.
     """
     statements = _Model(scenario, folder, plant).add()
+    _refuse_equal_names(plant)
     for i, weld in enumerate(scenario.weld):
         if not plant.HasBodyNamed(weld.body):
             names = ", ".join(_body_names(plant))
@@ -91,6 +92,23 @@ def _add_rotor(plant: MultibodyPlant, name: str, inertia: float) -> None:
     joint = plant.GetJointByName(name)
     if isinstance(joint, RevoluteJoint | PrismaticJoint):
         plant.AddJointActuator(name, joint).set_default_rotor_inertia(inertia)
+
+
+def _refuse_equal_names(plant: MultibodyPlant) -> None:
+    """Raises `InputError` for two bodies or joints of one name in different models, as of two equal arms."""
+    models = [ModelInstanceIndex(i) for i in range(plant.num_model_instances())]
+    bodies = [(plant.get_body(i).name(), model) for model in models for i in plant.GetBodyIndices(model)]
+    joints = [(plant.get_joint(i).name(), model) for model in models for i in plant.GetJointIndices(model)]
+    for kind, found in (("body", bodies), ("joint", joints)):
+        known: dict[str, str] = {}
+        for name, index in found:
+            model = plant.GetModelInstanceName(index)
+            if name in known:
+                raise InputError(
+                    f"the {kind} {name!r} is in the models {known[name]} and {model}; expected names that differ, since "
+                    "columns and scenarios have nothing else to tell them by"
+                )
+            known[name] = model
 
 
 def _body_names(plant: MultibodyPlant) -> list[str]:
