@@ -1,4 +1,4 @@
-"""Recordings that claim more than they hold, or hold what no recorder writes: a result or one sentence, little memory."""
+"""Recordings that claim more than they hold, or hold what no recorder writes: one sentence, and little memory."""
 
 import io
 import resource
@@ -135,7 +135,8 @@ INSERT INTO topics VALUES (2, NULL, 5, x'00', '');"""
     "rows",
     [
         "CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, data);"
-        "INSERT INTO messages VALUES (1, 1, NULL, NULL), (2, 1, 'soon', 'text'), (3, NULL, 1, 1000000000), (4, 2, 1, x'00'),"
+        "INSERT INTO messages VALUES (1, 1, NULL, NULL), (2, 1, 'soon', 'text'), (3, NULL, 1, 1000000000),"
+        "(4, 2, 1, x'00'),"
         "(5, 1, 1.5, x'00'), (6, 1, 9223372036854775807, x'0001000000000000');",
         "CREATE VIEW messages AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) "
         "SELECT 1 AS topic_id, i AS timestamp, x'00' AS data FROM n;",

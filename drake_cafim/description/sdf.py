@@ -30,7 +30,8 @@ def _take_effects(joint: Element) -> Iterator[StatedEffect]:
     if dynamics is None:
         return
     friction, stiffness, rest = (
-        _number(dynamics.findtext(key) or "0", f"joint {name!r}: {key}") for key in ("friction", "spring_stiffness", "spring_reference")
+        _number(dynamics.findtext(key) or "0", f"joint {name!r}: {key}")
+        for key in ("friction", "spring_stiffness", "spring_reference")
     )
     for key in ("friction", "spring_stiffness", "spring_reference"):
         for child in dynamics.findall(key):

@@ -13,6 +13,7 @@ from drake_cafim.recordings.messages import Raw
 from drake_cafim.yaml_file import read_mapping
 
 STORAGE = (".mcap", ".db3")
+DAMAGED = (sqlite3.Error, UnicodeDecodeError, OverflowError)  # SQLite's own messages may be no UTF-8 on damaged bytes
 SHORTEST_LIMIT = 2**20  # bytes, of a value in SQLite: below it the schema itself may not fit
 
 
@@ -52,7 +53,7 @@ def sqlite_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
     try:
         try:
             topics = _sqlite_topics(database, path)
-        except (sqlite3.DatabaseError, sqlite3.DataError) as error:
+        except DAMAGED as error:
             raise InputError(f"{path}: not a whole ROS 2 bag in SQLite ({error})") from error
         wrong = 0
         try:
@@ -62,7 +63,7 @@ def sqlite_messages(path: Path, notes: list[str]) -> Iterator[Raw]:
                 elif number in topics:
                     name, kind, form = topics[number]
                     yield Raw(name, full_name(kind), form, log, data)
-        except sqlite3.DatabaseError as error:
+        except DAMAGED as error:
             notes.append(f"{path.name} is cut or damaged ({error}), what could be read is read")
         if wrong:
             notes.append(f"{wrong} rows of {path.name} without a stamp or data are left out")

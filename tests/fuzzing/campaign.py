@@ -49,7 +49,13 @@ class Tally:
 
     def as_json(self) -> dict[str, object]:
         """The tally for a file."""
-        return {"done": self.done, "seconds": self.seconds, "counts": self.counts, "faults": self.faults, "times": self.times}
+        return {
+            "done": self.done,
+            "seconds": self.seconds,
+            "counts": self.counts,
+            "faults": self.faults,
+            "times": self.times,
+        }
 
     @classmethod
     def read(cls, path: Path) -> "Tally":

@@ -19,11 +19,66 @@ from tests.fuzzing.verdict import REFUSED, RESULT, judge, judge_message
 
 COMMANDS = ("run", "diagnose", "discriminate", "why", "estimate", "study", "import", "replay", "export", "nonsense", "")
 OPTIONS = ("--out", "--seed", "--json", "--jobs", "--resume", "--overwrite", "--recording", "--held-out", "--no-replay")
-OPTIONS += ("--experiments", "--period", "--prior-scale", "--conceal", "--between", "--duration", "--report", "--package")
-OPTIONS += ("--scenario", "--policy", "--planner", "--criterion", "--fleet", "--world", "--until-std", "--nonsense", "-x")
-WORDS = ("arm.urdf", "arm.yaml", "a.csv", "a.parquet", "report.json", "bad.csv", "bad.yaml", "bad.json", ".", "nowhere", "")
-WORDS += ("-1", "0", "1", "1e-12", "nan", "1e400", "9" * 30, "x" * 5000, "x\ny", "é", "NAME=.", "joint_spring@elbow", "a=b")
-WORDS += ("hefting", "claims", "out", "/dev/null", "/proc/self/mem", "/nowhere/x", "--", "\udcff", "joint_spring@shoulder")
+OPTIONS += (
+    "--experiments",
+    "--period",
+    "--prior-scale",
+    "--conceal",
+    "--between",
+    "--duration",
+    "--report",
+    "--package",
+)
+OPTIONS += (
+    "--scenario",
+    "--policy",
+    "--planner",
+    "--criterion",
+    "--fleet",
+    "--world",
+    "--until-std",
+    "--nonsense",
+    "-x",
+)
+WORDS = (
+    "arm.urdf",
+    "arm.yaml",
+    "a.csv",
+    "a.parquet",
+    "report.json",
+    "bad.csv",
+    "bad.yaml",
+    "bad.json",
+    ".",
+    "nowhere",
+    "",
+)
+WORDS += (
+    "-1",
+    "0",
+    "1",
+    "1e-12",
+    "nan",
+    "1e400",
+    "9" * 30,
+    "x" * 5000,
+    "x\ny",
+    "é",
+    "NAME=.",
+    "joint_spring@elbow",
+    "a=b",
+)
+WORDS += (
+    "hefting",
+    "claims",
+    "out",
+    "/dev/null",
+    "/proc/self/mem",
+    "/nowhere/x",
+    "--",
+    "\udcff",
+    "joint_spring@shoulder",
+)
 REPORT: dict[str, Any] = {
     "schema": "drake_cafim.report/1",
     "verdict": "explained",
@@ -103,7 +158,14 @@ def _arguments(rng: np.random.Generator) -> list[str]:
             ["replay", scenario, recording, "--report", report, "--out", "x.mcap"],
             ["discriminate", scenario, report, "--duration", word(), "--no-replay"],
             ["estimate", scenario, recording],
-            ["diagnose", scenario, "--recording", recording, "--no-replay", *(["--held-out", "a.csv"] * int(rng.integers(2)))],
+            [
+                "diagnose",
+                scenario,
+                "--recording",
+                recording,
+                "--no-replay",
+                *(["--held-out", "a.csv"] * int(rng.integers(2))),
+            ],
             ["run", word(), "--experiments", "1", "--conceal", effect, word()],
         ]
         return lines[int(rng.integers(len(lines)))]

@@ -20,7 +20,21 @@ SAMPLES = 12
 TYPES = (pyarrow.float64(), pyarrow.int64(), pyarrow.string(), pyarrow.bool_(), pyarrow.timestamp("ns"), pyarrow.null())
 TYPES += (pyarrow.float16(), pyarrow.decimal128(5, 2), pyarrow.duration("ms"), pyarrow.list_(pyarrow.float64()))
 TYPES += (pyarrow.uint64(), pyarrow.date32(), pyarrow.binary(), pyarrow.float32())
-NAMES = ("time", "q.a", "v.a", "u.a", "q.", "wrench.w.fx", "pose.b.qw", "", "x", "q.a.b", "__index_level_0__", "é", "\x00")
+NAMES = (
+    "time",
+    "q.a",
+    "v.a",
+    "u.a",
+    "q.",
+    "wrench.w.fx",
+    "pose.b.qw",
+    "",
+    "x",
+    "q.a.b",
+    "__index_level_0__",
+    "é",
+    "\x00",
+)
 
 
 class RecordingCases:

@@ -45,7 +45,9 @@ DIRECTED: dict[str, Any] = {
 }
 
 
-ARM_URDF = PLAIN_URDF.replace('<link name="world"/>', '<link name="ground_plate"/>').replace('"world"', '"ground_plate"')
+ARM_URDF = PLAIN_URDF.replace('<link name="world"/>', '<link name="ground_plate"/>').replace(
+    '"world"', '"ground_plate"'
+)
 ARM["weld"] = [{"body": "ground_plate"}]
 DIRECTED["weld"] = [{"body": "ground_plate"}]
 

@@ -1,8 +1,8 @@
 """`make fuzz`: hostile inputs by the hundred thousand, and a table of what became of them.
 
-    make fuzz                                       # the long form: hours, which it says; resumed where it was ended
-    make fuzz FUZZ="--minutes 10"                   # as much as ten minutes allow, from the first input on
-    make fuzz FUZZ="--only models --from 1200 --inputs 1"     # one input again
+make fuzz                                       # the long form: hours, which it says; resumed where it was ended
+make fuzz FUZZ="--minutes 10"                   # as much as ten minutes allow, from the first input on
+make fuzz FUZZ="--only models --from 1200 --inputs 1"     # one input again
 """
 
 import argparse
