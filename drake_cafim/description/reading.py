@@ -12,7 +12,6 @@ from drake_cafim.description.urdf import urdf_description
 from drake_cafim.description.xml_document import read_document
 from drake_cafim.errors import InputError
 
-
 UNREADABLE = (ValueError, IndexError, KeyError, OverflowError, ZeroDivisionError, np.linalg.LinAlgError)
 """What the conversion of attributes to numbers, vectors and rotations raises where these are wrong."""
 

@@ -105,8 +105,8 @@ def _refuse_equal_names(plant: MultibodyPlant) -> None:
             model = plant.GetModelInstanceName(index)
             if name in known:
                 raise InputError(
-                    f"the {kind} {name!r} is in the models {known[name]} and {model}; expected names that differ, since "
-                    "columns and scenarios have nothing else to tell them by"
+                    f"the {kind} {name!r} is in the models {known[name]} and {model}; expected names that differ, "
+                    "since columns and scenarios have nothing else to tell them by"
                 )
             known[name] = model
 

@@ -17,8 +17,15 @@ import yaml
 
 from drake_cafim import recordings
 from drake_cafim.cli import run_cli
+from drake_cafim.commands import diagnose as _diagnose
+from drake_cafim.commands import importing as _importing
+from drake_cafim.commands import run as _run
+from drake_cafim.commands import study as _study
 from drake_cafim.output import TEMPORARY
 from tests.test_cli import PENDULUM, SCENARIO, pendulum_recording
+
+IMPORTED = (_diagnose, _importing, _run, _study)
+"""Imported before any fork, so that none imports them again."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +66,8 @@ def start(subject: Subject, folder: Path, out: Path, *more: str, first: Callable
         os.chdir(folder)
         arguments = ["cafim", *subject.arguments, "--out", str(out), *more]
         with (
-            open(f"{out.parent / out.name}.out", "w") as said,  # noqa: PTH123
-            open(f"{out.parent / out.name}.err", "w") as errors,  # noqa: PTH123
+            open(f"{out.parent / out.name}.out", "w") as said,
+            open(f"{out.parent / out.name}.err", "w") as errors,
             contextlib.redirect_stdout(said),
             contextlib.redirect_stderr(errors),
             patch.object(sys, "argv", arguments),

@@ -23,8 +23,21 @@ from unittest.mock import patch
 
 import numpy as np
 
-from tests.faults.commands import DIAGNOSE, IMPORT, RUN, STUDY, Subject
-from tests.faults.commands import contents, finish, half_files, kill_after, leftovers, prepare, said, start
+from tests.faults.commands import (
+    DIAGNOSE,
+    IMPORT,
+    RUN,
+    STUDY,
+    Subject,
+    contents,
+    finish,
+    half_files,
+    kill_after,
+    leftovers,
+    prepare,
+    said,
+    start,
+)
 
 SUBJECTS = {subject.name: subject for subject in (IMPORT, DIAGNOSE, STUDY, RUN)}
 
@@ -159,7 +172,7 @@ def jumping_clock(bench: Bench) -> Row:
 
 
 def two_on_one_folder(bench: Bench, count: int) -> Row:
-    """Two processes on one `--out`: one of them carries it out, the other says that the folder is taken, or not empty."""
+    """Two processes on one `--out`: one of them carries it out, the other says that it is taken."""
     row = Row(bench.subject.name, "two on one --out")
     for k in range(count):
         out = bench.folder / f"shared_{k}"
