@@ -30,7 +30,8 @@ SDF = """<sdf version="1.7"><model name="arm">
 <izz>0.1</izz></inertia></inertial></link><link name="upper"><pose>0 0 0.2 0 0 0</pose><inertial><mass>1</mass>
 <inertia><ixx>0.1</ixx><iyy>0.1</iyy><izz>0.1</izz></inertia></inertial><collision name="c"><geometry>
 <sphere><radius>0.1</radius></sphere></geometry></collision></link>
-<joint name="on" type="fixed"><parent>world</parent><child>base</child></joint><joint name="shoulder" type="revolute"><parent>base</parent>
+<joint name="on" type="fixed"><parent>world</parent><child>base</child></joint>
+<joint name="shoulder" type="revolute"><parent>base</parent>
 <child>upper</child><axis><xyz>0 1 0</xyz><limit><lower>-1</lower><upper>1</upper><effort>5</effort></limit><dynamics>
 <damping>0.1</damping><friction>0.2</friction><spring_stiffness>1</spring_stiffness></dynamics></axis></joint></model></sdf>"""
 MJCF = """<mujoco model="arm"><compiler angle="radian" autolimits="true"/><option gravity="0 0 -9.81"/>
