@@ -12,8 +12,8 @@ from drake_cafim.errors import InputError
 
 COMPUTING = 10.0
 """s, longest time that a trial computes; the largest public robot description takes about one."""
-PATIENCE = 120.0
-"""s, longest time that is waited for a trial, which a busy machine may hold up."""
+PATIENCE = 600.0
+"""s, longest time that is waited for a trial: a busy machine may hold it up a hundredfold."""
 
 
 def try_apart(action: Callable[[], object], source: str) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Protocol
 
 HANG = 10.0  # s, of the process's own computing: on a busy machine the clock on the wall says nothing
-STUCK = 120  # s on the wall, where little is computed
+STUCK = 1200  # s on the wall: a busy machine may hold an input up a hundredfold
 MEMORY = 2**30  # bytes above what the process had before
 BATCH = 200
 
