@@ -24,7 +24,7 @@ class InputError(Exception):
 
 def one_line(text: str) -> str:
     """The text in one line of at most `LONGEST` characters: first without the middle of long words, as of paths."""
-    plain = _UNPRINTABLE.sub(" ", text).strip()
+    plain = _UNPRINTABLE.sub(" ", text).strip(" ")
     if len(plain) <= LONGEST:
         return plain
     shorter = " ".join(_shorten(word, 2 * _ENDS) for word in plain.split(" "))
@@ -36,4 +36,4 @@ def _shorten(text: str, length: int) -> str:
     if len(text) <= length:
         return text
     end = (length - 5) // 2
-    return f"{text[:end]} ... {text[-end:]}"
+    return f"{text[:end].rstrip(' ')} ... {text[-end:].lstrip(' ')}"

@@ -72,7 +72,8 @@ def test_a_fault_is_seen(tmp_path: Path) -> None:
 @given(st.text(max_size=3000))
 def test_every_message_is_one_short_line(text: str) -> None:
     said = str(InputError(text))
-    assert len(said) <= LONGEST and one_line(said) == said and said.encode()
+    assert len(said) <= LONGEST and one_line(said) == said
+    said.encode()  # no half of a surrogate pair, which a terminal cannot show
     assert len(said.splitlines()) <= 1
 
 
