@@ -344,6 +344,38 @@ def estimate(
 
 
 @main.command()
+@click.argument("scenario")
+@click.option("--to", "form", required=True, help="The format of its model file: urdf, sdf or mjcf.")
+@click.option("--recording", help="A recording whose efforts move the robot in the check; left out, all joints swing.")
+@package_option
+@common
+def export(
+    scenario: str,
+    form: Any,
+    recording: str | None,
+    packages: dict[str, str],
+    out: Path | None,
+    as_json: bool,
+    resume: bool,
+    overwrite: bool,
+    **_: object,
+) -> None:
+    """Write a scenario's values back into a copy of its model file.
+
+    Masses, inertias, damping, friction, springs, armature, limits and gears, as far as the format has them; what it
+    cannot hold is told and stays in scenario.exported.yaml. The copy is then simulated beside the corrected scene.
+    """
+    from drake_cafim.commands.export import export_command, in_words
+
+    if form not in ("urdf", "sdf", "mjcf"):
+        raise InputError(f"--to {form}: expected one of urdf, sdf, mjcf")
+    folder = _folder(out, "export", resume=resume, overwrite=overwrite)
+    with progress_line() as progress:
+        result = export_command(scenario, form, recording, folder, progress, packages)
+    _print(result, as_json, f"{in_words(result)}\n{folder / result['model']}")
+
+
+@main.command()
 @click.argument("name")
 @click.option("--short", is_flag=True, help="A few seeds only, to see that it works.")
 @click.option("--seeds", type=click.IntRange(min=1), help="At most so many seeds of each kind of run.")

@@ -48,7 +48,9 @@ def make_fleet(
             path.parent.mkdir(parents=True)
             table.to_parquet(path, index=False)
     healthy = [name for k, name in enumerate(names) if k not in (worn, weak)]
-    broken = [f"{healthy[int(rng.integers(len(healthy)))]}/{week_name(int(week))}" for week in rng.choice(weeks, 3, False)]
+    broken = [
+        f"{healthy[int(rng.integers(len(healthy)))]}/{week_name(int(week))}" for week in rng.choice(weeks, 3, False)
+    ]
     for how, name in zip(BROKEN, broken, strict=True):
         _break(folder / name / "run.parquet", how)
     return {

@@ -41,7 +41,9 @@ def kinds(rng: np.random.Generator, count: int) -> list[Kind]:
     for k in range(count):
         robot = random_arm(rng, 2 + k % 2)
         straight = [replace(joint, kind="revolute") for joint in robot.joints]
-        found.append(Kind(f"kind_{'abcdefgh'[k]}", replace(robot, name=f"kind_{'abcdefgh'[k]}", joints=tuple(straight))))
+        found.append(
+            Kind(f"kind_{'abcdefgh'[k]}", replace(robot, name=f"kind_{'abcdefgh'[k]}", joints=tuple(straight)))
+        )
     return found
 
 
