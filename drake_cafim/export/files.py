@@ -47,8 +47,8 @@ def export(scene: Scene, form: Form, out: Path) -> Exported:
     found = ROOTS.get(read_xml_text(source).root.tag)
     if found != form:
         raise InputError(
-            f"--to {form}: the model {source} is {found or 'of no known format'}; values go back into the file that they "
-            f"came from, expected --to {found}"
+            f"--to {form}: the model {source} is {found or 'of no known format'}; values go back into their own "
+            f"file, expected --to {found}"
         )
     values = values_of(scene, form)
     edited: dict[Path, XmlText]

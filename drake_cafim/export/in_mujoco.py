@@ -19,7 +19,7 @@ HEAVY = 1e9
 def in_mujoco(file: Path, original: Path, scene: Scene, moved: Motion) -> Array:
     """(N, n) positions every `STEP` s: no contact, limit or coupling acts, as in the scene's equations of motion.
 
-    A motor whose gear differs from the `original` file's is driven by its control, all other joints by their efforts.
+    Motors get the controls that would give the efforts in the `original` file, all other joints the efforts themselves.
     Gravity is the scenario's unless the file was given another one. Raises `InputError` where MuJoCo is not installed,
     cannot read the file, or lacks a joint of the scene.
     """
@@ -40,7 +40,7 @@ def in_mujoco(file: Path, original: Path, scene: Scene, moved: Motion) -> Array:
     model.body_gravcomp[:] = 0.0
     if np.array_equal(model.opt.gravity, before.opt.gravity):
         model.opt.gravity[:] = scene.scenario.gravity
-    motors = _geared(model, before)
+    motors = _motors(mujoco, before)
     others = [k for k in range(model.nu) if k not in motors.values()]
     model.actuator_gainprm[others], model.actuator_biasprm[others] = 0.0, 0.0
     locked = [name for name in joints if name not in scene.tree.joint_names]
@@ -60,7 +60,8 @@ def in_mujoco(file: Path, original: Path, scene: Scene, moved: Motion) -> Array:
         effort = moved.u[max(int(np.searchsorted(moved.time, k * FINE + 1e-9)) - 1, 0)]
         for j, name in enumerate(scene.tree.joint_names):
             if name in motors:
-                data.ctrl[motors[name]] = effort[j] / before.actuator_gear[motors[name], 0]
+                own = motors[name]
+                data.ctrl[own] = effort[j] / (before.actuator_gear[own, 0] * before.actuator_gainprm[own, 0])
             else:
                 data.qfrc_applied[v[j]] = effort[j]
         mujoco.mj_step(model, data)
@@ -74,7 +75,16 @@ def _loaded(mujoco: Any, path: Path) -> Any:
         raise InputError(f"MuJoCo cannot read {path.name} ({' '.join(str(error).split())[:200]})") from None
 
 
-def _geared(model: Any, before: Any) -> dict[str, int]:
-    """By joint, the actuators whose gear was changed."""
-    changed = [k for k in range(model.nu) if not np.array_equal(model.actuator_gear[k], before.actuator_gear[k])]
-    return {model.joint(int(model.actuator_trnid[k, 0])).name: k for k in changed}
+def _motors(mujoco: Any, model: Any) -> dict[str, int]:
+    """By joint, the one actuator that drives it, where its force is proportional to its control."""
+    driving: dict[str, list[int]] = {}
+    for k in range(model.nu):
+        if int(model.actuator_trntype[k]) == int(mujoco.mjtTrn.mjTRN_JOINT):
+            driving.setdefault(model.joint(int(model.actuator_trnid[k, 0])).name, []).append(k)
+    plain = (int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtDyn.mjDYN_NONE))
+
+    def is_motor(k: int) -> bool:
+        kinds = (model.actuator_gaintype[k], model.actuator_biastype[k], model.actuator_dyntype[k])
+        return tuple(map(int, kinds)) == plain and model.actuator_gear[k, 0] * model.actuator_gainprm[k, 0] != 0.0
+
+    return {joint: own[0] for joint, own in driving.items() if len(own) == 1 and is_motor(own[0])}

@@ -23,7 +23,9 @@ STEP = 1e-3
 """s between the samples that are compared."""
 SWING = 0.3
 """rad (m): about how far the joints move without a recording."""
-ACCURACY = 1e-7
+SETTLING = 200
+"""Steps towards the position at which the robot hangs."""
+ACCURACY = 1e-6
 LOOK_BACK = 0.05
 """s of a recording from which the state at the start is taken, by a cubic."""
 
@@ -60,18 +62,37 @@ def motion_of(scene: Scene, recording: Recording | None) -> Motion:
     if recording is not None:
         return _recorded(scene, recording)
     time = np.arange(0.0, DURATION, 0.002)
-    q = np.array([_middle(joint.position_limits) for joint in joints])
-    moving = motion(scene.tree, q[None], np.zeros((1, len(q))))
-    inertia = np.diag(mass_matrix(moving)[0]) + [joint.rotor_inertia for joint in joints]
+    q = _hanging(scene)
+    inertia, bias = _at_rest(scene, q)
     rate = 2.0 * np.pi * np.linspace(0.6, 1.2, len(q))
-    bias = bias_force(moving, np.array(scene.scenario.gravity, dtype=float))[0]
-    return Motion(time, bias + SWING * inertia * rate**2 * np.sin(rate * time[:, None]), q, np.zeros(len(q)))
+    u = bias - SWING * inertia * rate**2 * np.sin(rate * time[:, None])
+    return Motion(time, _within_limits(scene, u), q, SWING * rate)
 
 
-def _middle(limits: tuple[float, float]) -> float:
-    """A position within the limits, near 0.3 and not near an end."""
-    low, high = (float(np.clip(value, -np.pi, np.pi)) for value in limits)
-    return float(np.clip(0.3, low + 0.3 * (high - low), high - 0.3 * (high - low)))
+def _hanging(scene: Scene) -> Array:
+    """(n,) positions within the limits at which weight pulls little, so that small differences do not grow."""
+    limits = np.clip([joint.position_limits for joint in scene.tree.joints], -2.0 * np.pi, 2.0 * np.pi)
+    margin = np.minimum(2.0 * SWING, 0.4 * (limits[:, 1] - limits[:, 0]))
+    low, high = limits[:, 0] + margin, limits[:, 1] - margin
+    q = np.clip(np.full(len(low), SWING), low, high)
+    for _ in range(SETTLING):
+        inertia, bias = _at_rest(scene, q)
+        q = np.clip(q - np.clip(0.02 * bias / inertia, -0.1, 0.1), low, high)
+    return np.asarray(q)
+
+
+def _at_rest(scene: Scene, q: Array) -> tuple[Array, Array]:
+    """The inertia that each joint has alone (n,), and the effort (n,) that holds it against gravity."""
+    moving = motion(scene.tree, q[None], np.zeros((1, len(q))))
+    rotors = np.array([joint.rotor_inertia for joint in scene.tree.joints])
+    inertia = np.diag(mass_matrix(moving)[0]) + rotors
+    return inertia, bias_force(moving, np.array(scene.scenario.gravity, dtype=float))[0]
+
+
+def _within_limits(scene: Scene, u: Array) -> Array:
+    """The efforts (N, n), no larger than the model's limits, which Drake enforces and a recording need not keep."""
+    limits = np.array([joint.effort_limit if joint.effort_limit > 0.0 else np.inf for joint in scene.tree.joints])
+    return np.clip(u, -limits, limits)
 
 
 def _recorded(scene: Scene, recording: Recording) -> Motion:
@@ -81,7 +102,12 @@ def _recorded(scene: Scene, recording: Recording) -> Motion:
     first = (since <= LOOK_BACK) & np.all(np.isfinite(q), axis=1)
     fit = np.polynomial.polynomial.polyfit(since[first], q[first], min(3, int(np.sum(first)) - 1))
     known = np.all(np.isfinite(u), axis=1) & (since < DURATION)
-    return Motion(since[known], u[known], np.asarray(fit[0]), np.asarray(fit[1] if len(fit) > 1 else 0.0 * fit[0]))
+    return Motion(
+        since[known],
+        _within_limits(scene, u[known]),
+        np.asarray(fit[0]),
+        np.asarray(fit[1] if len(fit) > 1 else 0.0 * fit[0]),
+    )
 
 
 def in_drake(scene: Scene, moved: Motion) -> Array:
