@@ -9,7 +9,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import yaml
 from pydrake.geometry import Mesh, SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import LoadModelDirectivesFromString, Parser, ProcessModelDirectives
@@ -24,6 +23,7 @@ from drake_cafim.description.reading import read_description
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.packaged import packaged_folder
 from drake_cafim.scenario.schema import Scenario
+from drake_cafim.scenario.yaml_file import read_mapping, write_yaml
 from drake_cafim.typing import Array
 
 MODEL_SUFFIXES = (".urdf", ".sdf", ".xml", ".dmd.yaml", ".dmd.yml", ".mjcf")
@@ -117,7 +117,7 @@ class _Model:
             return self._add_directives(scenario.directives, "directives", self._folder / "directives")
         path = self._file(scenario.model, self._folder / "scenario")
         if str(path).endswith(DIRECTIVES):
-            content = yaml.safe_load(path.read_text(encoding="utf-8"))
+            content = read_mapping(path, "Drake's model directives")
             return self._add_directives(content.get("directives", []), str(path), path)
         description = _described(path, self._packages)
         with capture_log() as warnings, _as_input_error(str(path)):
@@ -145,7 +145,7 @@ class _Model:
                 plain = Path(scratch) / f"{k}_{path.stem}.{found[-1].form}"
                 plain.write_text(found[-1].text, encoding="utf-8")
                 entry["file"] = f"file://{plain}"
-            text = yaml.safe_dump({"directives": written})
+            text = write_yaml({"directives": written})
             with capture_log() as lines, _as_input_error(source):
                 ProcessModelDirectives(LoadModelDirectivesFromString(text), self._parser)
             warnings += [line.replace(f"{scratch}/", "") for line in lines]

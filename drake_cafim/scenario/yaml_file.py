@@ -1,6 +1,7 @@
 """Reading of a YAML file as plain mappings, lists, texts and numbers."""
 
 from collections.abc import Hashable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,19 @@ def read_mapping(path: Path, expected: str) -> dict[str, Any]:
     return raw
 
 
+@dataclass
+class Tagged:
+    """A value under a tag of Drake's own, as `!Rpy {deg: [0, 0, 90]}` or `!IiwaDriver {}`, which is kept as it is."""
+
+    tag: str
+    value: Any
+
+
+def write_yaml(content: Any) -> str:
+    """The content as YAML, keys in their order, tags of Drake's included."""
+    return str(yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True))
+
+
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
     """A loader that refuses equal keys; PyYAML's own uses the last of them without a warning."""
 
@@ -46,3 +60,27 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
                 seen.add(key)
         mapping: dict[Hashable, Any] = super().construct_mapping(node, deep)
         return mapping
+
+
+class _Dumper(yaml.SafeDumper):  # type: ignore[misc]
+    """A writer of `Tagged` values."""
+
+
+def _construct_tagged(loader: _Loader, suffix: str, node: yaml.Node) -> Tagged:
+    if isinstance(node, yaml.MappingNode):
+        return Tagged(node.tag, loader.construct_mapping(node, deep=True))
+    if isinstance(node, yaml.SequenceNode):
+        return Tagged(node.tag, loader.construct_sequence(node, deep=True))
+    return Tagged(node.tag, loader.construct_scalar(node))
+
+
+def _represent_tagged(dumper: _Dumper, tagged: Tagged) -> yaml.Node:
+    if isinstance(tagged.value, dict):
+        return dumper.represent_mapping(tagged.tag, tagged.value)
+    if isinstance(tagged.value, list):
+        return dumper.represent_sequence(tagged.tag, tagged.value)
+    return dumper.represent_scalar(tagged.tag, str(tagged.value))
+
+
+_Loader.add_multi_constructor("!", _construct_tagged)
+_Dumper.add_representer(Tagged, _represent_tagged)
