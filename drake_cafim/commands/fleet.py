@@ -302,7 +302,7 @@ def _told(one: Followed) -> dict[str, Any]:
         "parameter": one.parameter,
         "unit": one.unit,
         "course": one.trend.course,
-        "changed": one.trend.changed,
+        "p_value": one.trend.p_value,
         "since": since or None,
         "onset": None if one.trend.onset is None else date_of(one.trend.onset).isoformat(),
         "before": {"value": one.trend.before[0], "std": one.trend.before[1]},

@@ -1,8 +1,9 @@
 """Values into an MJCF, and into the files that it includes."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -18,8 +19,16 @@ from drake_cafim.typing import Array
 ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 DIAGONAL = 1e-9
 """Largest element beside the diagonal, over the largest on it, of an inertia that is written as `diaginertia`."""
-SCALED = ("motor", "general")
-"""Actuators whose force is scaled by their gear alone, as long as it does not depend on the joint's motion."""
+FRICTION_TIME = "0.005 1"
+"""`solreffriction` beside a friction: MuJoCo's own, 0.02 s, lets a joint that turns around slip far longer than dry
+friction does; 0.005 s is what its usual step of 2 ms allows."""
+SWITCHES = {
+    "damping": ("passive", "damper"),
+    "friction": ("constraint", "frictionloss"),
+    "spring": ("passive", "spring"),
+    "gain": ("actuation",),
+}
+"""The flags of <option> by which a file turns off what acts at a joint."""
 
 
 @dataclass
@@ -104,12 +113,34 @@ def write_mjcf(text: MjcfText, values: Values) -> list[str]:
         if name not in joints:
             lost.append(f"values of {name}: the file has no joint of this name")
             continue
+        off = _switched_off(text)
+        lost += [
+            f"{what} of {name}: the file turns it off, <flag {flag}>"
+            for what, flag in off.items()
+            if getattr(one, what) is not None
+        ]
+        one = _without(one, off)
         _set_joint(joints[name], one, compiler)
         if one.gain is not None:
             lost += _set_gain(text, name, one.gain)
     if values.gravity is not None:
         _set_option(text, "gravity", numbers(tuple(values.gravity)))
     return lost
+
+
+def _without(values: JointValues, off: Mapping[str, str]) -> JointValues:
+    """The values without those that are turned off."""
+    none: dict[str, Any] = dict.fromkeys(off)
+    return replace(values, **none)
+
+
+def _switched_off(text: MjcfText) -> dict[str, str]:
+    """Those of `SWITCHES` that the file turns off, each with the flag; of several flags the last counts."""
+    flags: dict[str, str] = {}
+    for option in text.sections("option"):
+        for flag in option.findall("flag"):
+            flags |= flag.attributes
+    return {what: name for what, names in SWITCHES.items() for name in names if flags.get(name) == "disable"}
 
 
 def _named(text: MjcfText) -> tuple[dict[str, Node], dict[str, Node]]:
@@ -161,6 +192,8 @@ def _set_joint(joint: Node, values: JointValues, compiler: Compiler) -> None:
     for name, value in stated.items():
         if value is not None:
             joint.set(name, number(value))
+    if values.friction is not None and not joint.get("solreffriction"):
+        joint.set("solreffriction", FRICTION_TIME)
     if values.spring is not None:
         stiffness, rest = values.spring
         in_degrees = not values.prismatic and compiler.says("angle", "degree") != "radian"

@@ -13,10 +13,9 @@ from drake_cafim.effects.effect import Strength
 from drake_cafim.fleet.table import FAILED, Row
 from drake_cafim.fleet.trend import Series, Trend, trend_of
 
-LIKELY = 0.95
-"""Probability from which a change is told."""
 FALSE_ALARMS = 0.01
-"""Expected number of robots per fleet that are told to be unlike their sisters, or to have an effect, by chance."""
+"""Expected number of strengths per fleet that are told to have changed, to be unlike the sisters', or to be there, by
+chance."""
 SISTERS = 2
 """Fewest sisters with which a robot is compared."""
 WEEK = 7.0
@@ -49,7 +48,7 @@ class Followed:
 
     @property
     def changed(self) -> bool:
-        return self.trend.changed > LIKELY
+        return self.trend.p_value < FALSE_ALARMS
 
     @property
     def stands_out(self) -> bool:

@@ -51,18 +51,20 @@ def sentence_of(fleet: Fleet) -> str:
 
 
 def _what(one: Followed) -> str:
-    """The finding as a clause."""
+    """The finding as a clause: what, and since when."""
     trend = one.trend
     head = f"{wording.spoken(one.effect)} at {one.at}"
     if not one.changed:
         return f"{head} unlike its sisters'"
+    how = "another one"
+    if trend.slope is not None:
+        unit = "" if one.unit == "1" else f" {one.unit}"
+        how = "growing" if trend.slope[0] > 0.0 else "falling"
+        how += f" by {wording.rounded(abs(WEEK * trend.slope[0]), 2)}{unit} a week"
+    first, last = (_day(day) for day in trend.since or (0.0, 0.0))
     if trend.course == "line":
-        return f"{head} drifting throughout"
-    first, last = trend.since or (0.0, 0.0)
-    when = f"between {_day(first)} and {_day(last)}" if first < last else f"since {_day(last)}"
-    return f"{head} {'changed' if trend.course == 'step' else 'drifting from'} {when}".replace(
-        "drifting from since", "drifting since"
-    ).replace("drifting from between", "drifting from a time between")
+        return f"{head} {how}, since before {first}"
+    return f"{head} {how} since {last if first == last else f'a time between {first} and {last}'}"
 
 
 def _finding(one: Followed, fleet: Fleet, drawn: bool) -> dict[str, Any]:
@@ -82,7 +84,7 @@ def _row(one: Followed) -> dict[str, Any]:
         "unit": unit,
         "now": wording.with_interval(*one.trend.now),
         "before": wording.with_interval(*one.trend.before),
-        "changed": wording.probability(one.trend.changed),
+        "constant": wording.p_value(one.trend.p_value),
         "drift": None if slope is None else wording.with_interval(WEEK * slope[0], WEEK * slope[1] / wording.INTERVAL),
         "sisters": None if one.sisters is None else wording.with_interval(*one.sisters),
         "unlike": None if one.unlike is None else wording.p_value(one.unlike),

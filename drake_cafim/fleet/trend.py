@@ -1,9 +1,10 @@
-"""A strength over time: constant, drifting, or changed at some time, by the evidence of its recordings."""
+"""A strength over time: constant, drifting, or changed at some time."""
 
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from drake_cafim.typing import Array
@@ -37,7 +38,8 @@ class Trend:
 
     - `course`: "constant"; "line", drifting throughout; "step", another value from `onset` on; "ramp", constant until
       `onset`, then drifting.
-    - `changed`: the probability that it is not constant.
+    - `p_value`: the probability of as good a fit by a course that changes, of all that were tried in the fleet, where
+      every strength is constant.
     - `since`: the 95 % interval of the onset, in days as the series, and `onset` its likeliest; of a line, the
       first recording: it began before.
     - `before`, `now`: the course's first and last value with their stds; `slope`: the
@@ -47,7 +49,7 @@ class Trend:
     """
 
     course: Course
-    changed: float
+    p_value: float
     since: tuple[float, float] | None
     onset: float | None
     before: tuple[float, float]
@@ -71,56 +73,62 @@ class _Fit:
         """Schwarz's criterion, −2 ln L + k ln n."""
         return -2.0 * self.log_likelihood + PARAMETERS[self.course] * float(np.log(count))
 
+    def squares(self, series: Series, other: "_Fit | None" = None) -> float:
+        """Σ of squared residuals over the variances of this fit, or of `other`."""
+        left = series.value - self.columns @ self.coefficients
+        return float(np.sum(left**2 / (series.std**2 + (other or self).scatter ** 2)))
+
 
 def trend_of(series: Series, tested: int) -> Trend:
-    """The trend of a series, one of `tested` in the fleet: beforehand, one change is expected among them all.
+    """The trend of a series, one of `tested` in the fleet.
 
     A course is fitted by weighted least squares with weights 1/(std² + scatter²); the scatter and the onset are those
-    of the largest likelihood L. The posterior odds of the courses follow from Schwarz's criterion (Kass, Raftery, J. of
-    the American Statistical Association 90, 1995).
+    of the largest likelihood L, and the course is that of Schwarz's criterion. Its p-value is that of the F test of its
+    second coefficient under its scatter, the stds taken for too small where more is left, times the courses, the onsets
+    and the strengths that were tried (Bonferroni).
     """
     constant = _best(series, "constant", [0.0])
     moments = np.unique(series.time)
     if len(moments) < LEAST:
-        return _summary(series, constant, 0.0, [constant])
+        return _summary(series, constant, 1.0, [constant])
     middles = 0.5 * (moments[:-1] + moments[1:])
     onsets = np.sort(np.concatenate([moments[:-1], middles[:-1]]))
-    found = {
+    found: dict[Course, list[_Fit]] = {
         "line": [_best(series, "line", [float(moments[0])])],
         "step": [_best(series, "step", [float(at)]) for at in middles],
         "ramp": [_best(series, "ramp", [float(at)]) for at in onsets],
     }
-    count, prior = len(series), 1.0 / max(tested, 2) / len(found)
-    best = {course: min(fits, key=lambda one: one.criterion(count)) for course, fits in found.items()}
-    odds = {
-        course: prior
-        / (1.0 - prior)
-        * np.exp(np.clip(0.5 * (constant.criterion(count) - one.criterion(count)), -500, 500))
-        for course, one in best.items()
-    }
-    total = float(sum(odds.values()))
-    course = max(odds, key=lambda name: odds[name])
-    if total < 1.0:
-        return _summary(series, constant, total / (1.0 + total), [constant])
-    return _summary(series, best[course], total / (1.0 + total), found[course])
+    best = min((one for fits in found.values() for one in fits), key=lambda one: one.criterion(len(series)))
+    trials = tested * sum(len(fits) for fits in found.values())
+    freedom = len(series) - 2
+    level = _fit(series, "constant", 0.0, np.array([best.scatter]))
+    left = best.squares(series)
+    gain = (level.squares(series, best) - left) / max(1.0, left / freedom)
+    p_value = min(1.0, trials * float(fisher.sf(max(gain, 0.0), 1, freedom)))
+    if best.criterion(len(series)) >= constant.criterion(len(series)) or p_value >= 1.0:
+        return _summary(series, constant, p_value, [constant])
+    return _summary(series, best, p_value, found[best.course])
 
 
 def _best(series: Series, course: Course, onsets: list[float]) -> _Fit:
     """The fit of the largest likelihood over the onsets and the scatters."""
-    typical = float(np.median(series.std))
-    fits = [_fit(series, course, at, typical * factor) for at in onsets for factor in SCATTERS]
-    return max(fits, key=lambda one: one.log_likelihood)
+    scatters = float(np.median(series.std)) * SCATTERS
+    return max((_fit(series, course, at, scatters) for at in onsets), key=lambda one: one.log_likelihood)
 
 
-def _fit(series: Series, course: Course, onset: float, scatter: float) -> _Fit:
-    variance = series.std**2 + scatter**2
+def _fit(series: Series, course: Course, onset: float, scatters: Array) -> _Fit:
+    """The fit of the likeliest of the `scatters` (s,)."""
+    variance = series.std**2 + scatters[:, None] ** 2
     columns = _columns(series.time, course, onset)
-    weighted = columns / variance[:, None]
-    covariance: Array = np.linalg.pinv(columns.T @ weighted).astype(float)
-    coefficients = covariance @ (weighted.T @ series.value)
-    left = series.value - columns @ coefficients
-    likelihood = -0.5 * float(np.sum(left**2 / variance + np.log(2.0 * np.pi * variance)))
-    return _Fit(course, onset, scatter, likelihood, coefficients, covariance, columns)
+    information = np.einsum("ni,sn,nj->sij", columns, 1.0 / variance, columns)
+    covariance = np.linalg.pinv(information, hermitian=True)
+    coefficients = np.einsum("sij,sn,nj,n->si", covariance, 1.0 / variance, columns, series.value)
+    left = series.value - coefficients @ columns.T
+    likelihood = -0.5 * np.sum(left**2 / variance + np.log(2.0 * np.pi * variance), axis=1)
+    k = int(np.argmax(likelihood))
+    return _Fit(
+        course, onset, float(scatters[k]), float(likelihood[k]), coefficients[k], np.asarray(covariance[k]), columns
+    )
 
 
 def _columns(time: Array, course: Course, onset: float) -> Array:
@@ -133,18 +141,28 @@ def _columns(time: Array, course: Course, onset: float) -> Array:
     return np.stack([one, second[course]], axis=1)
 
 
-def _summary(series: Series, best: _Fit, changed: float, alike: list[_Fit]) -> Trend:
+def _summary(series: Series, best: _Fit, p_value: float, alike: list[_Fit]) -> Trend:
     """The trend of the best fit; `alike` are those of its course at other onsets."""
     fitted = np.asarray(best.columns @ best.coefficients, dtype=float)
     freedom = max(len(series) - len(best.coefficients), 1)
     ends = [(float(fitted[k]), float(np.sqrt(best.columns[k] @ best.covariance @ best.columns[k]))) for k in (0, -1)]
     slope = None
     if best.course in ("line", "ramp"):
-        half = float(student.ppf(0.975, freedom) * np.sqrt(best.covariance[1, 1]))
-        slope = (float(best.coefficients[1]), half)
+        slope = float(best.coefficients[1]), _half_width(best, alike, float(student.ppf(0.975, freedom)))
     since = None if best.course == "constant" else _since(series, best, alike)
     onset = None if since is None else best.onset
-    return Trend(best.course, changed, since, onset, ends[0], ends[1], slope, best.scatter, fitted)
+    return Trend(best.course, p_value, since, onset, ends[0], ends[1], slope, best.scatter, fitted)
+
+
+def _half_width(best: _Fit, alike: list[_Fit], reach: float) -> float:
+    """Half the 95 % interval of the slope, `reach` stds of it at one onset, over all the likely onsets."""
+    half = 0.0
+    for one in alike:
+        rise = 2.0 * (best.log_likelihood - one.log_likelihood)
+        if rise < RISE:
+            own = reach * float(np.sqrt(one.covariance[1, 1] * (1.0 - rise / RISE)))
+            half = max(half, abs(float(one.coefficients[1] - best.coefficients[1])) + own)
+    return half
 
 
 def _since(series: Series, best: _Fit, alike: list[_Fit]) -> tuple[float, float]:

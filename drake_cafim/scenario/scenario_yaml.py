@@ -31,8 +31,7 @@ def as_yaml(scenario: Scenario, folder: Path, destination: Path) -> str:
 def _moved(directive: dict[str, Any], folder: Path, destination: Path) -> dict[str, Any]:
     """The directive with the relative address of a model file as seen from `destination`."""
     entry = directive.get("add_model")
-    file = entry.get("file") if isinstance(entry, dict) else None
-    if not isinstance(file, str) or "://" in file:
+    if not isinstance(entry, dict) or not isinstance(file := entry.get("file"), str) or "://" in file:
         return directive
     place = os.path.relpath((folder / file).resolve(), destination.resolve())
     return {**directive, "add_model": {**entry, "file": place}}

@@ -13,7 +13,13 @@ from drake_cafim.scene.scene import Scene
 
 
 def corrected_scenario(
-    model: Path, folder: Path, rng: np.random.Generator, *, weld: str = "", lock: tuple[str, ...] = (), springs: bool = True
+    model: Path,
+    folder: Path,
+    rng: np.random.Generator,
+    *,
+    weld: str = "",
+    lock: tuple[str, ...] = (),
+    springs: bool = True,
 ) -> Path:
     """A scenario of the model with corrections of every kind, of a size that changes its motion, in `folder`."""
     raw: dict[str, Any] = {"model": str(model), "channels": {"q": {"std": 1e-4}, "u": {"std": 0.0}}}
@@ -49,7 +55,9 @@ def corrected_scenario(
     moving = [body for body in scene.tree.bodies if body.joint >= 0 and body.mass > 0.0]
     loaded, heavy = moving[-1], moving[int(rng.integers(len(moving)))]
     x, y, z = (float(value) for value in np.round(loaded.p_BBcm + rng.normal(0.0, 0.02, 3), 4))
-    effects.append({"effect": "payload", "at": loaded.name, "mass": round(0.3 * loaded.mass, 6), "x": x, "y": y, "z": z})
+    effects.append(
+        {"effect": "payload", "at": loaded.name, "mass": round(0.3 * loaded.mass, 6), "x": x, "y": y, "z": z}
+    )
     unknown = [{"parameter": "mass", "body": heavy.name, "mean": 1.15 * heavy.mass, "std": 0.1 * heavy.mass}]
     path.write_text(yaml.safe_dump(raw | {"effects": effects, "unknown": unknown}, sort_keys=False))
     return path

@@ -53,17 +53,17 @@ def make_fleet(
     ]
     for how, name in zip(BROKEN, broken, strict=True):
         _break(folder / name / "run.parquet", how)
+    drifts = {"robot": names[worn], "effect": "joint_viscous_friction", "at": _joint(of[names[worn]], grows_at)}
+    lost = {"robot": names[weak], "effect": "actuator_gain_error", "at": _joint(of[names[weak]], weak_at)}
     return {
-        "drifts": {
-            "robot": names[worn], "effect": "joint_viscous_friction", "at": of[names[worn]].nominal.joints[grows_at].name,
-            "from": _day(grows_from), "slope_per_week": slope,
-        },
-        "lost": {
-            "robot": names[weak], "effect": "actuator_gain_error", "at": of[names[weak]].nominal.joints[weak_at].name,
-            "from": _day(weak_from), "gain": gain,
-        },
+        "drifts": drifts | {"from": _day(grows_from), "slope_per_week": slope},
+        "lost": lost | {"from": _day(weak_from), "gain": gain},
         "broken": sorted(broken),
-    }  # fmt: skip
+    }
+
+
+def _joint(kind: Kind, number: int) -> str:
+    return kind.nominal.joints[number].name
 
 
 def _describe(folder: Path, kind: Kind) -> None:
