@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long descriptions prove thresholds ablations recoveries confusable lint clean
+.PHONY: all demo test ci long descriptions prove thresholds ablations recoveries confusable fleet cluster exports wheels lint clean
 
 all: demo
 
@@ -67,6 +67,22 @@ recoveries: $(STAMPS)/test
 # How long designed, D-optimal and random motions take to tell confusable pairs apart.
 confusable: $(STAMPS)/test
 	$(RUN)/python -m tests.benchmarks.discrimination $(CONFUSABLE)
+
+# A simulated fleet of 200 recordings with two concealed changes, sealed and found; FLEET="--cluster": on Dask as well.
+fleet: $(STAMPS)/test
+	$(RUN)/python -m tests.fleets.fleet $(FLEET)
+
+# What a Dask cluster on this machine loses when workers, scheduler or disk fail: a row each.
+cluster: $(STAMPS)/test
+	$(RUN)/python -m tests.fleets.faults
+
+# Ten public MJCF models corrected, exported, and followed in MuJoCo; `make descriptions` installs them.
+exports:
+	OMP_NUM_THREADS=1 $(DESCRIPTIONS_VENV)/bin/python -m tests.exports.table $(EXPORTS)
+
+# A folder of wheels from which a machine without a network installs everything, as the Dockerfile does.
+wheels: $(STAMPS)/package
+	$(VENV)/bin/pip wheel --quiet --constraint constraints.txt --wheel-dir wheels '.[cluster]'
 
 lint: $(STAMPS)/test
 	$(VENV)/bin/ruff check

@@ -58,7 +58,7 @@ def test_stamps_since_1970_tell_the_time() -> None:
 )
 def test_a_course_is_told_with_its_start(course: str, values: np.ndarray, onset: float) -> None:
     rng = np.random.default_rng(3)
-    trend = trend_of(Series(WEEKS, values + rng.normal(0.0, 0.005, 10), np.full(10, 0.005)), 60)
+    trend = trend_of(Series(WEEKS, values + rng.normal(0.0, 0.003, 10), np.full(10, 0.003)), 60)
     assert trend.p_value < 1e-3 and trend.course == course
     assert trend.onset is not None and trend.since is not None and abs(trend.onset - onset) <= 7.0
     assert trend.since[0] <= onset <= trend.since[1]

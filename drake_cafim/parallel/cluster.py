@@ -29,7 +29,7 @@ def on_cluster(tasks: Sequence[Task], address: str, patience: float = PATIENCE) 
     installed, no scheduler answers, or workers cannot run this version.
     """
     done: set[int] = set()
-    client = _connected(address, CONNECTING)
+    client = _connected(address, min(CONNECTING, patience))
     try:
         while left := [index for index in range(len(tasks)) if index not in done]:
             _check_workers(client, address, patience)

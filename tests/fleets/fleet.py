@@ -79,6 +79,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"sealed {seal.digest}" + (f", seed {options.seed}" if options.seed else ""), flush=True)
     found, seconds = diagnosed(options.out / "fleet", options.out / "processes", "--jobs", str(options.jobs))
     print(f"diagnosed in {seconds:.0f} s", flush=True)
+    (options.out / "truth.json").write_text(json.dumps({"salt": seal.salt, "digest": seal.digest} | truth, indent=1))
     table = lines(seal.truth, found)
     if options.cluster:
         with cluster() as dask:
@@ -86,7 +87,6 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"diagnosed on the cluster in {seconds:.0f} s", flush=True)
         tables = [(options.out / name / "fleet.parquet").read_bytes() for name in ("processes", "dask")]
         table.append(("the same table on processes and on the cluster", tables[0] == tables[1], f"{len(tables[0])} B"))
-    (options.out / "truth.json").write_text(json.dumps({"salt": seal.salt, "digest": seal.digest} | truth, indent=1))
     for what, holds, how in table:
         print(f"{'holds' if holds else 'FAILS':6} {what}: {how}")
     print(options.out / "processes" / "fleet.html")
