@@ -2,8 +2,8 @@
 
 from drake_cafim.diagrams.reference.tables import table
 
-LAYOUT = """`cafim diagnose [SCENARIO] --fleet DIR` diagnoses every folder below DIR that holds recordings, at any depth, one
-report a folder, in `--out` under the same path.
+LAYOUT = """`cafim diagnose [SCENARIO] --fleet DIR` diagnoses every folder below DIR that holds recordings, at any depth,
+one report a folder, in `--out` under the same path.
 
     DIR/scenario.yaml              holds for all robots that have none of their own
     DIR/arm_07/scenario.yaml       this robot's; the nearest one above a folder holds, or else SCENARIO
@@ -31,8 +31,8 @@ COLUMNS = {
     "verdict": "of the folder: none, explained, unexplained, or failed",
     "kind, folder, why": "the model's name and a digest; the path; why there is no strength",
 }
-CLUSTER = """`--scheduler tcp://HOST:PORT` (`pip install drake_cafim[cluster]`) hands a fleet's folders, or a study's runs, to
-the workers of a Dask scheduler (`dask scheduler`, `dask worker ADDRESS --nthreads 1`). DIR, `--out` and the scenario
+CLUSTER = """`--scheduler tcp://HOST:PORT` (`pip install drake_cafim[cluster]`) hands a fleet's folders, or a study's runs,
+to the workers of a Dask scheduler (`dask scheduler`, `dask worker ADDRESS --nthreads 1`). DIR, `--out` and the scenario
 have to be at the same path on all machines; recordings and reports do not move through Dask. A worker that dies costs
 its task another attempt, a task that kills four is a row with that reason, and when the scheduler dies, the run waits
 five minutes for one at the same address (`make cluster`).
