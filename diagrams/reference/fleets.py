@@ -2,7 +2,8 @@
 
 from drake_cafim.diagrams.reference.tables import table
 
-LAYOUT = """`cafim diagnose [SCENARIO] --fleet DIR` diagnoses every folder below DIR that holds recordings, at any depth,
+LAYOUT = """
+`cafim diagnose [SCENARIO] --fleet DIR` diagnoses every folder below DIR that holds recordings, at any depth,
 one report a folder, in `--out` under the same path.
 
     DIR/scenario.yaml              holds for all robots that have none of their own
@@ -31,7 +32,8 @@ COLUMNS = {
     "verdict": "of the folder: none, explained, unexplained, or failed",
     "kind, folder, why": "the model's name and a digest; the path; why there is no strength",
 }
-CLUSTER = """`--scheduler tcp://HOST:PORT` (`pip install drake_cafim[cluster]`) hands a fleet's folders, or a study's runs,
+CLUSTER = """
+`--scheduler tcp://HOST:PORT` (`pip install drake_cafim[cluster]`) hands a fleet's folders, or a study's runs,
 to the workers of a Dask scheduler (`dask scheduler`, `dask worker ADDRESS --nthreads 1`). DIR, `--out` and the scenario
 have to be at the same path on all machines; recordings and reports do not move through Dask. A worker that dies costs
 its task another attempt, a task that kills four is a row with that reason, and when the scheduler dies, the run waits
@@ -47,4 +49,4 @@ workers. Beyond, shares (`--shard`) on clusters of their own."""
 def fleets() -> str:
     """The section's text."""
     rows = [[", ".join(f"`{name}`" for name in names.split(", ")), words] for names, words in COLUMNS.items()]
-    return f"{LAYOUT}\n\n`fleet.parquet`:\n\n{table(['column', 'meaning'], rows)}\n\n{CLUSTER}"
+    return f"{LAYOUT.strip()}\n\n`fleet.parquet`:\n\n{table(['column', 'meaning'], rows)}\n\n{CLUSTER.strip()}"
