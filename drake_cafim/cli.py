@@ -5,6 +5,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -98,10 +99,26 @@ def main() -> None:
     """A robot that touches things learns what they are made of, and names the physics its model left out."""
 
 
-def _refuse_scheduler(context: click.Context, option: click.Parameter, value: str | None) -> None:
-    """Raises `InputError`: a cluster cannot be used yet, and an option that has no effect must not be accepted."""
-    if value is not None:
-        raise InputError(f"--scheduler {value}: not supported by this version; --jobs spreads the work over processes")
+SCHEDULED = ("diagnose", "study")
+
+
+def _check_scheduler(context: click.Context, option: click.Parameter, value: str | None) -> str | None:
+    """Raises `InputError` where the command is a single task, since no option without an effect is accepted."""
+    if value is not None and context.info_name not in SCHEDULED:
+        raise InputError(
+            f"--scheduler {value}: {context.info_name} is a single task; a cluster takes diagnose --fleet and study"
+        )
+    return value
+
+
+def _parse_share(context: click.Context, option: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    """(i, N) of `--shard i/N`, 1 ≤ i ≤ N. Raises `InputError`."""
+    if value is None:
+        return None
+    number, _, of = value.partition("/")
+    if not (number.isdecimal() and of.isdecimal() and len(value) < 16 and 1 <= int(number) <= int(of)):
+        raise InputError(f"--shard {value}: expected i/N with 1 <= i <= N, as 3/16")
+    return int(number), int(of)
 
 
 def common(function: Command) -> Command:
@@ -121,9 +138,9 @@ def common(function: Command) -> Command:
         click.option("--jobs", type=int, default=-1, show_default=True, help="Processes; -1: one per core."),
         click.option(
             "--scheduler",
-            callback=_refuse_scheduler,
-            expose_value=False,
-            help="A Dask cluster; not supported by this version.",
+            metavar="ADDRESS",
+            callback=_check_scheduler,
+            help="Of a Dask cluster, as tcp://10.0.0.1:8786, for diagnose --fleet and study.",
         ),
         click.option("--resume", is_flag=True, help="Continue an interrupted run in --out."),
         click.option("--overwrite", is_flag=True, help="Write into a folder that is not empty."),
@@ -184,7 +201,7 @@ def run(
     from drake_cafim.commands.run import RunRequest, check_request, parse_concealed, run_command, table
     from drake_cafim.experiment.closed_loop import Options
 
-    options = Options(**{name: value for name, value in chosen.items() if name != "jobs"})
+    options = Options(**{name: value for name, value in chosen.items() if name not in ("jobs", "scheduler")})
     request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal))
     check_request(request)
     folder = _folder(out, "run", resume=resume, overwrite=overwrite)
@@ -194,40 +211,58 @@ def run(
 
 
 @main.command()
-@click.argument("scenario")
+@click.argument("scenario", required=False)
 @click.option("--recording", "recordings", multiple=True, help="Recordings to diagnose; repeat, or list after one.")
-@click.option("--held-out", multiple=True, help="Recordings that test the explanation; nothing is fitted to them.")
+@click.option(
+    "--held-out",
+    multiple=True,
+    help="Recordings that test the explanation; nothing is fitted to them. With --fleet a pattern, as 'held_*'.",
+)
 @click.option(
     "--fleet",
     type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="A folder of folders with recordings: one report for each of them.",
+    help="A folder ROBOT/DATE/FILES: a report for each folder with recordings, one table and one page.",
+)
+@click.option(
+    "--shard", metavar="i/N", callback=_parse_share, help="Of --fleet: the i-th of N shares; --resume gathers them."
 )
 @click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
 @click.option("--mcap", is_flag=True, help="Write each recording as MCAP too, with its residuals as channels.")
 @package_option
 @common
 def diagnose(
-    scenario: str,
+    scenario: str | None,
     recordings: tuple[str, ...],
     held_out: tuple[str, ...],
     fleet: Path | None,
+    shard: tuple[int, int] | None,
     replay: bool,
     mcap: bool,
     packages: dict[str, str],
     out: Path | None,
     as_json: bool,
     jobs: int,
+    scheduler: str | None,
     resume: bool,
     overwrite: bool,
     **_: object,
 ) -> None:
-    """Say what physics a model lacks, where, and how sure that is."""
-    from drake_cafim.commands.diagnose import diagnose_command, diagnose_fleet
+    """Say what physics a model lacks, where, and how sure that is.
 
+    A fleet is a folder ROBOT/DATE/FILES, as arm_07/2026-W12/a.parquet: every folder below it with recordings gets a
+    report, the first part of its path is the robot, dates are read from the names by ISO 8601. The nearest
+    scenario.yaml above a folder holds for it, or else SCENARIO.
+    """
     if fleet is not None:
-        reports = diagnose_fleet(scenario, fleet, out, jobs, resume=resume, overwrite=overwrite, packages=packages)
-        _print(reports, as_json, "\n".join(report["sentence"] for report in reports))
+        request = FleetArguments(scenario, fleet, shard, recordings, held_out, packages)
+        _diagnose_fleet(request, out, as_json, jobs, scheduler, resume=resume, overwrite=overwrite)
         return
+    from drake_cafim.commands.diagnose import diagnose_command
+
+    if scheduler is not None or shard is not None:
+        raise InputError(f"--{'shard' if shard else 'scheduler'}: it spreads folders, expected it with --fleet DIR")
+    if scenario is None:
+        raise InputError("diagnose: no SCENARIO was given, expected a name, a scenario file or a model file")
     if not recordings:
         raise InputError("diagnose: no --recording was given, expected at least one file")
     folder = _folder(out, "diagnose", resume=resume, overwrite=overwrite)
@@ -244,6 +279,45 @@ def diagnose(
             resume=resume,
         )
     _print(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
+
+
+@dataclass(frozen=True)
+class FleetArguments:
+    """What the command line says of a fleet."""
+
+    scenario: str | None
+    fleet: Path
+    shard: tuple[int, int] | None
+    recordings: tuple[str, ...]
+    held_out: tuple[str, ...]
+    packages: dict[str, str]
+
+
+def _diagnose_fleet(
+    given: FleetArguments,
+    out: Path | None,
+    as_json: bool,
+    jobs: int,
+    scheduler: str | None,
+    *,
+    resume: bool,
+    overwrite: bool,
+) -> None:
+    from drake_cafim.commands.fleet import FleetRequest, diagnose_fleet, in_json
+    from drake_cafim.fleet.page import sentence_of
+
+    if given.recordings:
+        raise InputError("diagnose: --recording and --fleet were both given, expected one of them")
+    if given.shard is not None and out is None:
+        raise InputError("--shard: all shares write to one folder, expected it as --out DIR")
+    packages = tuple(sorted(given.packages.items()))
+    request = FleetRequest(given.fleet, given.scenario, given.held_out, packages, given.shard)
+    resume = resume or given.shard is not None
+    folder = _folder(out, "fleet", resume=resume, overwrite=overwrite, shared=given.shard is not None)
+    with progress_line() as progress:
+        found = diagnose_fleet(request, folder, jobs, scheduler, progress, resume=resume)
+    page = folder / "fleet.html" if given.shard is None else folder
+    _print(in_json(found), as_json, f"{sentence_of(found)}\n{page}")
 
 
 @main.command()
@@ -328,6 +402,38 @@ def estimate(
 
 
 @main.command()
+@click.argument("scenario")
+@click.option("--to", "form", required=True, help="The format of its model file: urdf, sdf or mjcf.")
+@click.option("--recording", help="A recording whose efforts move the robot in the check; left out, all joints swing.")
+@package_option
+@common
+def export(
+    scenario: str,
+    form: Any,
+    recording: str | None,
+    packages: dict[str, str],
+    out: Path | None,
+    as_json: bool,
+    resume: bool,
+    overwrite: bool,
+    **_: object,
+) -> None:
+    """Write a scenario's values back into a copy of its model file.
+
+    Masses, inertias, damping, friction, springs, armature, limits and gears, as far as the format has them; what it
+    cannot hold is told and stays in scenario.exported.yaml. The copy is then simulated beside the corrected scene.
+    """
+    from drake_cafim.commands.export import export_command, in_words
+
+    if form not in ("urdf", "sdf", "mjcf"):
+        raise InputError(f"--to {form}: expected one of urdf, sdf, mjcf")
+    folder = _folder(out, "export", resume=resume, overwrite=overwrite)
+    with progress_line() as progress:
+        result = export_command(scenario, form, recording, folder, progress, packages)
+    _print(result, as_json, f"{in_words(result)}\n{folder / result['model']}")
+
+
+@main.command()
 @click.argument("name")
 @click.option("--short", is_flag=True, help="A few seeds only, to see that it works.")
 @click.option("--seeds", type=click.IntRange(min=1), help="At most so many seeds of each kind of run.")
@@ -339,6 +445,7 @@ def study(
     out: Path | None,
     as_json: bool,
     jobs: int,
+    scheduler: str | None,
     resume: bool,
     overwrite: bool,
     **_: object,
@@ -349,7 +456,7 @@ def study(
     find_study(name)
     folder = _folder(out, f"study-{name}", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
-        record, text = study_command(name, folder, jobs, progress, short=short, seeds=seeds)
+        record, text = study_command(name, folder, jobs, progress, short=short, seeds=seeds, scheduler=scheduler)
     _print(record, as_json, f"{text}\n\n{folder / 'study.html'}")
 
 
@@ -420,8 +527,8 @@ def replay(
             threading.Event().wait()
 
 
-def _folder(out: Path | None, command: str, *, resume: bool, overwrite: bool) -> Path:
-    """The folder that a command alone writes to; it is removed at the end if nothing was written into it."""
+def _folder(out: Path | None, command: str, *, resume: bool, overwrite: bool, shared: bool = False) -> Path:
+    """The folder that a command alone writes to, or those that share it; removed at the end if nothing was written."""
     folder = prepare_folder(out, command, resume=resume, overwrite=overwrite)
 
     def leave_nothing_empty() -> None:
@@ -430,7 +537,7 @@ def _folder(out: Path | None, command: str, *, resume: bool, overwrite: bool) ->
 
     context = click.get_current_context()
     context.call_on_close(leave_nothing_empty)
-    context.with_resource(alone_in(folder))
+    context.with_resource(alone_in(folder, shared=shared))
     context.meta[FOLDER] = folder
     return folder
 

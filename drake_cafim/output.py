@@ -91,15 +91,17 @@ def _making(out: Path | None) -> Iterator[None]:
 
 
 @contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
+def alone_in(folder: Path, *, shared: bool = False) -> Iterator[None]:
     """No other process may enter this for the same folder until the block ends, or the process does, however it ends.
 
-    What a killed process has left half-written is removed. Raises `InputError` where another process is in the folder.
+    With `shared`, others that share it too may: the shares of a fleet, which write different files. What a killed
+    process has left half-written is removed, unless `shared`. Raises `InputError` where another process is in the
+    folder.
     """
     handle = os.open(folder, os.O_RDONLY)
     try:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InputError(
                 f"--out {folder}: another process is writing into this folder; wait for it, or give another folder"
@@ -107,7 +109,7 @@ def alone_in(folder: Path) -> Iterator[None]:
         except OSError:  # a file system without locks
             yield
             return
-        for left in folder.glob(f"{TEMPORARY}*"):
+        for left in () if shared else folder.glob(f"{TEMPORARY}*"):
             with suppress(OSError):
                 left.unlink()
         yield

@@ -66,7 +66,7 @@ def _measure(value: Any, known: dict[int, tuple[int, int]]) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Tagged:
-    """A value with a tag of the file's own, as Drake's `!Rpy {deg: [0, 0, 90]}`."""
+    """A value with a tag of the file's own, as Drake's `!Rpy {deg: [0, 0, 90]}` or `!IiwaDriver {}`: kept as it is."""
 
     tag: str
     value: Any
@@ -76,8 +76,8 @@ class Tagged:
 
 
 def dump(value: Any) -> str:
-    """The YAML text of what `read_mapping` has read, tags included."""
-    text: str = yaml.dump(value, Dumper=_Dumper)
+    """The YAML text of what `read_mapping` has read, keys in their order, tags included."""
+    text: str = yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True)
     return text
 
 

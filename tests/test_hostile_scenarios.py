@@ -186,6 +186,11 @@ def test_a_folder_belongs_to_one_process_at_a_time(tmp_path: Path) -> None:
             pass
     with alone_in(tmp_path):
         pass
+    with alone_in(tmp_path, shared=True):
+        with alone_in(tmp_path, shared=True):
+            pass
+        with pytest.raises(InputError, match="another process is writing"), alone_in(tmp_path):
+            pass
 
 
 def test_default_folders_are_never_shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -236,4 +236,4 @@ def test_a_scheduler_is_refused_and_not_ignored(folder: Path) -> None:
     asked = ["estimate", str(folder / "arm.yaml"), "none.parquet", "--scheduler", "tcp://host:8786"]
     result = CliRunner().invoke(main, asked)
     assert result.exit_code == 2
-    assert result.output.startswith("cafim: --scheduler tcp://host:8786: not supported by this version")
+    assert result.output.startswith("cafim: --scheduler tcp://host:8786: estimate is a single task")

@@ -1,6 +1,7 @@
 """The whole page, put together."""
 
 from drake_cafim.diagrams.reference.columns import columns
+from drake_cafim.diagrams.reference.fleets import fleets
 from drake_cafim.diagrams.reference.limits import LIMITS, answer
 from drake_cafim.diagrams.reference.needs import MEASURED
 from drake_cafim.diagrams.reference.scenario_keys import scenario_keys
@@ -17,6 +18,8 @@ SI units throughout; world z is up; quaternions are (w, x, y, z).
   [laws of contact](#the-laws-of-contact)
 - [The columns of a recording](#the-columns-of-a-recording)
 - [The effects](#the-effects)
+- [Fleets and clusters](#fleets-and-clusters)
+- [Export](#export)
 - [Time and memory](#time-and-memory)
 - [What is not supported](#what-is-not-supported)
 """
@@ -35,6 +38,15 @@ cores of a virtual machine (AMD EPYC); memory is that of the whole process. The 
 to compile."""
 PROOF = """In the proof of 920 cases, arms and throws (`make prove PROVE="--size 920"`, see the README), making a case
 and diagnosing it took 22 s of a core in the mean, and two had no verdict after 600 s. Thrown boxes take minutes."""
+EXPORT = """`cafim export SCENARIO --to urdf|sdf|mjcf` writes the unknowns' means and the effects into a copy of the
+model file that they came from, as scenario.corrected.yaml states them; every other byte stays, but for the addresses of
+meshes and includes, which are made to lead to the same files from `--out`. All formats hold masses, centres of mass,
+inertias, payloads (as part of their body), viscous and Coulomb friction, rotor inertia and effort limits; SDFormat and
+MJCF springs; MJCF the gain of a motor (its gear) and a tilt of gravity (`<option gravity>`), which stay in the
+scenario too. Beside a friction in an MJCF stands `solreffriction="0.005 1"`, since MuJoCo's own lets a joint slip for
+0.02 s where it turns around. What a format cannot hold is told line by line and stays in scenario.exported.yaml. The
+copy is simulated over 1 s in Drake, and an MJCF in MuJoCo where it is installed, without contact and limits; by the
+efforts of `--recording`, or swinging about where it hangs."""
 UNSUPPORTED = """Each sentence is what a small model with it is answered, as this page was written. An error ends the
 command with exit status 2; with a note in the report, the model is taken without it."""
 MORE = """A thrown body is one free body with at most one contact: a ball or a box on a plane. `cafim discriminate` and
@@ -50,6 +62,8 @@ def page() -> str:
         f"## The scenario\n\n{scenario_keys()}",
         f"## The columns of a recording\n\n{RECORDING}\n\n{columns()}",
         f"## The effects\n\n{EFFECTS}\n\n{overview()}\n\n{vocabulary()}",
+        f"## Fleets and clusters\n\n{fleets()}",
+        f"## Export\n\n{EXPORT}",
         f"## Time and memory\n\n{NEEDS}\n\n{table(['recordings', 'time of one core', 'memory'], needs)}\n\n{PROOF}",
         f"## What is not supported\n\n{UNSUPPORTED}\n\n{table(['what', '', 'what is said'], limits)}\n\n{MORE}",
     ]

@@ -6,14 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from joblib import Parallel, delayed
-from tqdm import tqdm
-
-from drake_cafim.commands.inputs import in_folder, read_all, refuse_repeats
+from drake_cafim.commands.inputs import read_all, refuse_repeats
 from drake_cafim.commands.reports import read_record, read_report
 from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.errors import InputError
-from drake_cafim.output import prepare_folder, write_text
+from drake_cafim.output import write_text
 from drake_cafim.report.artifacts import write_artifacts
 from drake_cafim.scene.scene import Scene
 
@@ -66,32 +63,3 @@ def _is_finished(out: Path, command: Sequence[str]) -> bool:
             "give --overwrite, or another folder"
         )
     return True
-
-
-def diagnose_fleet(
-    address: str,
-    fleet: Path,
-    out: Path | None,
-    jobs: int,
-    *,
-    resume: bool,
-    overwrite: bool,
-    packages: Mapping[str, str] | None = None,
-) -> list[dict[str, Any]]:
-    """One report for each folder of recordings in `fleet`, in `out` under the folder's name."""
-    folders = sorted(folder for folder in fleet.iterdir() if folder.is_dir() and in_folder(folder))
-    if not folders:
-        raise InputError(f"--fleet {fleet}: found no folder with recordings, expected at least one")
-    target = prepare_folder(out, "diagnose", resume=resume, overwrite=overwrite)
-    work = (delayed(_one_of_fleet)(address, folder, target / folder.name, packages, resume) for folder in folders)
-    results = Parallel(n_jobs=jobs, return_as="generator")(work)
-    return list(tqdm(results, total=len(folders), desc="diagnosing", unit="folder"))
-
-
-def _one_of_fleet(
-    address: str, folder: Path, out: Path, packages: Mapping[str, str] | None, resume: bool
-) -> dict[str, Any]:
-    out.mkdir(parents=True, exist_ok=True)
-    return diagnose_command(
-        address, in_folder(folder), (), out, lambda text: None, replay=False, packages=packages, resume=resume
-    )

@@ -8,8 +8,6 @@ from drake_cafim.recordings import read
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 
-SUFFIXES = (".parquet", ".csv", ".npz", ".mcap", ".bag", ".db3", ".lcm")
-
 
 def read_all(scene: Scene, paths: Sequence[str]) -> list[Recording]:
     """The recordings, names as given. Raises `InputError` for a file that is given twice or cannot be read."""
@@ -29,11 +27,6 @@ def refuse_repeats(recordings: Sequence[str], held_out: Sequence[str] = ()) -> N
                     raise InputError(f"{path}: given as --recording and as --held-out{same}, expected one of them")
                 raise InputError(f"{path}: the recording is given more than once{same}, expected each file once")
             known[Path(path).resolve()] = (kind, path)
-
-
-def in_folder(folder: Path) -> list[str]:
-    """The recordings in a folder by name; hidden files are left out."""
-    return sorted(str(p) for p in folder.iterdir() if p.suffix in SUFFIXES and not p.name.startswith("."))
 
 
 def refuse_thrown(scene: Scene, command: str) -> None:

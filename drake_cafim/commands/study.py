@@ -28,15 +28,17 @@ def study_command(
     *,
     short: bool = False,
     seeds: int | None = None,
+    scheduler: str | None = None,
 ) -> tuple[dict[str, Any], str]:
     """The findings as JSON and as text; `out` gets study.html, study.json and a file a run under runs/.
 
-    Runs whose file is there are not run again. With `seeds`, no more than so many of runs that differ in the seed
+    Runs whose file is there are not run again; with a Dask `scheduler` its workers run them, in the same folder.
+    With `seeds`, no more than so many of runs that differ in the seed
     alone. Raises `InputError` for a study that there is not.
     """
     study = find_study(name)
     cells = study.cells(short) if seeds is None else limit_seeds(study.cells(short), seeds)
-    results = sweep(cells, out / "runs", jobs, progress)
+    results = sweep(cells, out / "runs", jobs, progress, scheduler)
     findings = study.conclude(results)
     command = f"cafim study {name}{' --short' if short else ''}{'' if seeds is None else f' --seeds {seeds}'}"
     record = {"schema": "drake_cafim.study/1", "study": name, "short": short, "seeds": seeds, **asdict(findings)}

@@ -116,28 +116,61 @@ class Scenario:
     topics: dict[str, Topic] = dc.field(default_factory=dict)  # names in bags, logs and foreign tables
     diagram: dict[str, typing.Any] = dc.field(default_factory=dict)  # the world that `cafim run` builds, see diagrams/
     task: dict[str, typing.Any] = dc.field(default_factory=dict)  # numbers of the planner's task, see tasks/
+    random_seed: typing.Any = None  # of hardware_sim; not used
+    simulation_duration: typing.Any = None  # s, of hardware_sim; not used
+    simulator_config: dict[str, typing.Any] = dc.field(default_factory=dict)  # of hardware_sim; not used
+    plant_config: dict[str, typing.Any] = dc.field(default_factory=dict)  # of hardware_sim; not used
+    scene_graph_config: dict[str, typing.Any] = dc.field(default_factory=dict)  # of hardware_sim; not used
+    lcm_buses: dict[str, typing.Any] = dc.field(default_factory=dict)  # of hardware_sim; not used
+    # of hardware_sim; not used: efforts are those that were recorded, or commanded, at the joints
+    model_drivers: dict[str, typing.Any] = dc.field(default_factory=dict)
+    cameras: dict[str, typing.Any] = dc.field(default_factory=dict)  # of hardware_sim; not used
+    visualization: dict[str, typing.Any] = dc.field(default_factory=dict)  # of hardware_sim; not used
+    initial_position: dict[str, typing.Any] = dc.field(default_factory=dict)  # of hardware_sim; not used
 
 
 LAWS = ("kelvin_voigt", "paper", "hunt_crossley")
+OF_HARDWARE_SIM = (
+    "random_seed", "simulation_duration", "simulator_config", "plant_config", "scene_graph_config", "lcm_buses",
+    "model_drivers", "cameras", "visualization", "initial_position",
+)  # fmt: skip
+"""Keys of a scenario file of Drake's hardware_sim, besides `directives`; they are taken as they are."""
+FREE = ("directives", "diagram", "task", "lock", *OF_HARDWARE_SIM)
+"""Keys whose values are YAML of any shape."""
 UNRECORDED = "unrecorded"
 """The value of `lock:` that holds all joints without a column in the recordings."""
 HOLDS = ("zero_order", "first_order")
 CHANNELS = ("q", "v", "u", "cmd", "wrench", "pose")
 
 
-def load(path: Path) -> Scenario:
-    """The scenario in the file at `path`.
+def load(path: Path, name: str = "") -> Scenario:
+    """The scenario in the file at `path`; of a file with several, as Drake's hardware_sim has them, the one of `name`.
 
     Raises `InputError` that names the file, the key, what was found and the valid choices.
     """
-    return parse(read_mapping(path, EXPECTED), str(path))
+    raw = read_mapping(path, EXPECTED)
+    named = [
+        key for key, value in raw.items() if isinstance(value, dict) and ("directives" in value or "model" in value)
+    ]
+    if name or (named and not {"model", "directives"} & set(raw)):
+        if name and name not in raw:
+            raise InputError(
+                f"{path}: there is no scenario {name}, expected one of {', '.join(map(str, named)) or 'none'}"
+            )
+        if not name and len(named) > 1:
+            raise InputError(f"{path}: it holds the scenarios {', '.join(named)}, expected one as {path}#{named[0]}")
+        raw, source = raw[name or named[0]], f"{path}#{name or named[0]}"
+        if not isinstance(raw, dict):
+            raise InputError(f"{source}: found {type(raw).__name__}, expected {EXPECTED}")
+        return parse(raw, source)
+    return parse(raw, str(path))
 
 
 def parse(raw: dict[str, Any], source: str) -> Scenario:
     """The scenario in the mapping `raw`; `source` names it in messages."""
     _refuse_later_effects(raw, source)
     plain = conform(raw, Scenario, f"{source}: ")
-    free: dict[str, Any] = {key: plain.pop(key) for key in ("directives", "diagram", "task", "lock") if key in plain}
+    free: dict[str, Any] = {key: plain.pop(key) for key in FREE if key in plain}
     try:
         scenario: Scenario = yaml_load_typed(schema=Scenario, data=yaml.safe_dump(plain))
     except (RuntimeError, ValueError, TypeError) as error:

@@ -40,7 +40,7 @@ from drake_cafim.scenario.model_physics import (
 from drake_cafim.scenario.names import check_names, naming
 from drake_cafim.scenario.packaged import packaged_folder
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.scenario.schema import UNRECORDED, Channel, EffectEntry, Scenario, Weld, load
+from drake_cafim.scenario.schema import OF_HARDWARE_SIM, UNRECORDED, Channel, EffectEntry, Scenario, Weld, load
 from drake_cafim.scenario.surfaces import contact_of
 from drake_cafim.scenario.unknown import UnknownParameter, apply_unknowns, priors, unknown_parameters, with_unknowns
 from drake_cafim.scenario.unknown_effects import effects_of_unknowns
@@ -101,8 +101,8 @@ class Scene:
         `packages` are folders of packages by name, beside those under `packages:`. Raises `InputError` that names the
         file and the key for contents that cannot be used.
         """
-        path = resolve(str(address))
-        scenario = Scenario(model=path.name) if str(path).endswith(MODEL_SUFFIXES) else load(path)
+        path, part = split_address(str(address))
+        scenario = Scenario(model=path.name) if str(path).endswith(MODEL_SUFFIXES) else load(path, part)
         given = {name: str(Path(place).resolve()) for name, place in (packages or {}).items()}
         scenario = replace(scenario, packages={**scenario.packages, **given})
         return cls.build(scenario, path.parent, str(address), effects=effects)
@@ -138,6 +138,7 @@ class Scene:
                 check_mimics(tree, statements)
                 check_inertias(tree, statements, scenario.model or name)
             check_names(scenario, plant, tree)
+            statements = replace(statements, notes=(*statements.notes, *_unused(scenario)))
         physics = Physics(tree, np.array(scenario.gravity, dtype=float))
         vocabulary = vocabulary_with(effects)
         scene = cls(
@@ -310,6 +311,12 @@ class Scene:
         return tuple(sensors)
 
 
+def _unused(scenario: Scenario) -> list[str]:
+    """A note on keys of Drake's hardware_sim that say what a recording says already."""
+    given = [key for key in OF_HARDWARE_SIM if getattr(scenario, key)]
+    return [f"not used of the scenario: {', '.join(given)}; efforts are those at the joints"] if given else []
+
+
 def _entry(effect: Effect) -> EffectEntry:
     """The entry of `effects:` that states the effect."""
     values = {name: float(value) for name, value in effect.values.items()}
@@ -333,6 +340,14 @@ def _check_supported(plant: MultibodyPlant, name: str) -> None:
         raise InputError(
             f"{name}: constraints of the model close a chain of joints, and closed chains are not supported"
         )
+
+
+def split_address(address: str) -> tuple[Path, str]:
+    """The file, and the name of one of its scenarios, of FILE#NAME; the name is empty where the address is a file."""
+    file, mark, name = address.rpartition("#")
+    return (
+        (Path(file), name) if mark and not Path(address).is_file() and Path(file).is_file() else (resolve(address), "")
+    )
 
 
 def resolve(address: str) -> Path:

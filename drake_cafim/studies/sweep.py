@@ -6,23 +6,34 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from joblib import Parallel, delayed
-
 from drake_cafim.errors import InputError
 from drake_cafim.output import write_text
+from drake_cafim.parallel.distribute import distribute
+from drake_cafim.parallel.task import Result, Task
 from drake_cafim.studies.cell import Cell, measure
 
 
-def sweep(cells: Sequence[Cell], folder: Path, jobs: int, progress: Callable[[str], None]) -> dict[Cell, Any]:
-    """The result of `measure` for each cell; a cell whose file is in `folder` already is read instead of run."""
+def sweep(
+    cells: Sequence[Cell], folder: Path, jobs: int, progress: Callable[[str], None], scheduler: str | None = None
+) -> dict[Cell, Any]:
+    """The result of `measure` for each cell; a cell whose file is in `folder` already is read instead of run.
+
+    Raises `InputError` where a run has no result, after all others have theirs.
+    """
     unique = list(dict.fromkeys(cells))
     waiting = [cell for cell in unique if not _file(folder, cell).is_file()]
     done = len(unique) - len(waiting)
     progress(f"{done} of {len(unique)} runs")
-    work = Parallel(n_jobs=jobs, return_as="generator_unordered")(delayed(_keep)(cell, folder) for cell in waiting)
-    for _ in work:
+    failed: list[Result] = []
+    tasks = [Task(cell.key, _keep, (cell, folder.resolve())) for cell in waiting]
+    for result in distribute(tasks, jobs, scheduler):
         done += 1
+        failed += [result] if result.failure else []
         progress(f"{done} of {len(unique)} runs")
+    for result in failed:
+        if result.defect:
+            raise RuntimeError(result.failure)
+        result.require()
     return {cell: _kept(_file(folder, cell)) for cell in unique}
 
 

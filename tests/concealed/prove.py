@@ -21,8 +21,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 from tqdm import tqdm
+
+from drake_cafim.parallel.distribute import distribute
+from drake_cafim.parallel.task import Task
 
 from .again import run_again
 from .page import write_page
@@ -97,6 +99,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--size", type=int, default=60)
     parser.add_argument("--out", type=Path, default=Path("cafim-out/proof"))
     parser.add_argument("--jobs", type=int, default=-1)
+    parser.add_argument("--scheduler", help="of a Dask cluster whose workers have this checkout and --out at its path")
     parser.add_argument("--resume", action="store_true")
     parser.add_argument("--overwrite", action="store_true")
     parser.add_argument("--keep", action="store_true", help="keep each case's folder and report")
@@ -141,9 +144,13 @@ def main(arguments: list[str] | None = None) -> int:
         flush=True,
     )
     trials = [Trial(i, *slots[i], seed=case_seed(master, i)) for i in wanted]
-    work = (delayed(attempt)(trial, diagnose, options.out, options.limit, options.keep) for trial in trials)
-    results = Parallel(n_jobs=options.jobs, return_as="generator_unordered", batch_size=1)(work)
-    for number, _ in enumerate(tqdm(results, total=len(trials), desc="trials", file=sys.stderr), 1):
+    out = options.out.absolute()
+    tasks = [Task(f"trial {one.slot}", attempt, (one, diagnose, out, options.limit, options.keep)) for one in trials]
+    results = distribute(tasks, options.jobs, options.scheduler)
+    for number, result in enumerate(tqdm(results, total=len(trials), desc="trials", file=sys.stderr), 1):
+        if result.failure:
+            # it has no score, and is run anew by --resume
+            print(result.failure, file=sys.stderr, flush=True)
         if number % PAGE_EVERY == 0:
             write_results(options.out, known, time.perf_counter() - started)
     scores = write_results(options.out, known, time.perf_counter() - started)
