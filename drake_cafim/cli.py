@@ -144,6 +144,16 @@ def run(
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     help="A folder of folders with recordings: one report for each of them.",
 )
+@click.option(
+    "--false-alarm-rate",
+    type=float,
+    help="Probability that noise alone is taken for missing physics.  [default: 0.01]",
+)
+@click.option(
+    "--adequacy-level",
+    type=float,
+    help="p-value above which what remains counts as noise, so that a verdict is `explained`.  [default: 0.01]",
+)
 @click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
 @click.option("--mcap", is_flag=True, help="Write each recording as MCAP too, with its residuals as channels.")
 @package_option
@@ -153,6 +163,8 @@ def diagnose(
     recordings: tuple[str, ...],
     held_out: tuple[str, ...],
     fleet: Path | None,
+    false_alarm_rate: float | None,
+    adequacy_level: float | None,
     replay: bool,
     mcap: bool,
     packages: dict[str, str],
@@ -164,10 +176,13 @@ def diagnose(
     **_: object,
 ) -> None:
     """Say what physics a model lacks, where, and how sure that is."""
-    from drake_cafim.commands.diagnose import diagnose_command, diagnose_fleet
+    from drake_cafim.commands.diagnose import Levels, diagnose_command, diagnose_fleet
 
+    levels = Levels(false_alarm_rate, adequacy_level)
     if fleet is not None:
-        reports = diagnose_fleet(scenario, fleet, out, jobs, resume=resume, overwrite=overwrite, packages=packages)
+        reports = diagnose_fleet(
+            scenario, fleet, out, jobs, resume=resume, overwrite=overwrite, packages=packages, levels=levels
+        )
         _print(reports, as_json, "\n".join(report["sentence"] for report in reports))
         return
     if not recordings:
@@ -184,6 +199,7 @@ def diagnose(
             mcap=mcap,
             packages=packages,
             resume=resume,
+            levels=levels,
         )
     _print(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
 
