@@ -14,8 +14,8 @@ from drake_cafim.contact.law import ContactParameters
 from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine
 from drake_cafim.diagnosis.tosses.flight import fly
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
-from drake_cafim.diagnosis.tosses.state import State
 from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.dynamics.free_body_state import State
 from drake_cafim.dynamics.rotations import exponential, product
 from drake_cafim.dynamics.tree import Body, Tree
 from drake_cafim.effects.body import AerodynamicDrag, BodyForce
