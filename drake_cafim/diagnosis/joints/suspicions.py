@@ -11,6 +11,8 @@ from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.recordings.units import DEGREES
 from drake_cafim.scene.scene import Scene
 
+THOUSAND = 1000.0
+
 
 def suspicions(scene: Scene, recording: Recording, joints: Sequence[int]) -> Iterator[Suspicion]:
     """Every mistake that is tested in `recording`: of the `joints` by index, and of all joints or a sensor together."""
@@ -18,9 +20,11 @@ def suspicions(scene: Scene, recording: Recording, joints: Sequence[int]) -> Ite
     for j in joints:
         yield from _turned(recording, [names[j]])
         yield from _in_degrees(scene, recording, [names[j]])
+        yield from _in_thousandths(scene, recording, [names[j]])
     if len(names) > 1:
         yield from _turned(recording, names)
         yield from _in_degrees(scene, recording, names)
+        yield from _in_thousandths(scene, recording, names)
     for a in joints:
         for b in joints:
             if a < b:
@@ -54,10 +58,26 @@ def _in_degrees(scene: Scene, recording: Recording, joints: Sequence[str]) -> It
             yield Suspicion(listed(columns), _plural(columns, "values in " + units), right, DEGREES)
 
 
+def _in_thousandths(scene: Scene, recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
+    """Efforts are in mN m or mN, or the positions, velocities or both of prismatic joints in mm, at all of `joints`."""
+    slides = [name for name in joints if scene.tree.joints[scene.tree.joint_index(name)].prismatic]
+    efforts = "millinewtons" if len(slides) == len(joints) else "millinewton metres"
+    right = {"millinewtons": "N", "millinewton metres": "N m"}[efforts]
+    units = {"u": f"{efforts}, expected {right}", "q": "millimetres, expected m", "v": "mm/s, expected m/s"}
+    for kinds in ("u", "q", "v", "qv"):
+        columns = _columns(recording, kinds, joints if kinds == "u" else slides)
+        if columns:
+            scaled = {name: recording.columns[name] / THOUSAND for name in columns}
+            words = units.get(kinds, "mm and mm/s, expected m and m/s")
+            yield Suspicion(listed(columns), _plural(columns, "values in " + words), scaled, THOUSAND)
+
+
 def _swapped(recording: Recording, a: str, b: str) -> Iterator[Suspicion]:
     """Channels of the joints `a` and `b` are in each other's columns."""
-    for kinds in ("u", "qv", "qvu"):
+    for kinds in ("u", "q", "v", "qv", "qvu"):
         present = [kind for kind in kinds if f"{kind}.{a}" in recording.columns]
+        if not present or (kinds == "qv" and len(present) < 2):
+            continue
         exchanged = {}
         for kind in present:
             exchanged[f"{kind}.{a}"] = recording.columns[f"{kind}.{b}"]
