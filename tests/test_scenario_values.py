@@ -151,6 +151,8 @@ def test_no_key_takes_what_is_no_number_and_no_name(folder: Path, value: Any) ->
         (("unknown", 0, "body"), "palm", "unknown[0].body is 'palm', which the model lacks; it has: base"),
         (("unknown", 1, "parameter"), "mass", "unknown[1].parameter is 'mass', which a joint lacks"),
         (("unknown", 2, "contact"), ["tool"], "unknown[2].contact is ['tool'], expected a list of 2"),
+        (("unknown", 2, "parameter"), "dissipation", "unknown[2].parameter is 'dissipation', which a contact by the law "
+         "kelvin_voigt lacks; valid: stiffness, damping, friction"),
         (("unknown", 3, "at"), "palm", "unknown[3].at is palm, expected one of"),
         (("unknown", 3, "parameter"), "width", "unknown[3].parameter is 'width', which joint_coulomb_friction lacks"),
         (("contact", 0, "stiffness"), 0.0, "contact[0].stiffness is 0 N/m, expected a finite number above 0"),
@@ -193,6 +195,17 @@ def test_what_is_not_built_yet_is_refused_by_name(
     folder: Path, path: tuple[Any, ...], value: Any, sentence: str
 ) -> None:
     assert refusal(folder, changed(*path, value=value)).startswith(sentence)
+
+
+def test_the_friction_of_a_contact_without_it_is_no_unknown(folder: Path) -> None:
+    scenario = yaml.safe_load(SCENARIO)
+    (contact,) = scenario["contact"]
+    scenario["contact"] = [
+        {name: value for name, value in contact.items() if name not in ("friction", "slip_velocity")}
+    ]
+    scenario["unknown"][2] |= {"parameter": "friction", "mean": 0.3, "std": 0.1}
+    sentence = "unknown[2].parameter is 'friction', which a contact by the law kelvin_voigt lacks"
+    assert refusal(folder, str(yaml.dump(scenario))).startswith(sentence)
 
 
 @pytest.mark.parametrize("section", ["unknown", "contact", "effects"])
