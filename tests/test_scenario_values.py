@@ -157,7 +157,7 @@ def test_no_key_takes_what_is_no_number_and_no_name(folder: Path, value: Any) ->
         (("unknown", 1, "parameter"), "mass", "unknown[1].parameter is 'mass', which a joint lacks"),
         (("unknown", 2, "contact"), ["tool"], "unknown[2].contact is ['tool'], expected a list of 2"),
         (("unknown", 2, "parameter"), "dissipation",
-         "unknown[2].parameter is 'dissipation', which a contact by the law kelvin_voigt lacks; valid: stiffness, damp"),
+         "unknown[2].parameter is 'dissipation', which a contact by the law kelvin_voigt lacks; valid: stiffness"),
         (("unknown", 3, "at"), "palm", "unknown[3].at is palm, expected one of"),
         (("unknown", 3, "parameter"), "width", "unknown[3].parameter is 'width', which joint_coulomb_friction lacks"),
         (("contact", 0, "stiffness"), 0.0, "contact[0].stiffness is 0 N/m, expected a finite number above 0"),
