@@ -86,3 +86,12 @@ def test_nobody_asks_for_an_effect_by_its_name(room: str) -> None:
             if isinstance(node, ast.Compare):
                 asked = {leaf.value for leaf in ast.walk(node) if isinstance(leaf, ast.Constant)} & names
                 assert not asked, f"{path.relative_to(PACKAGE)}, line {node.lineno}: {', '.join(asked)}"
+
+
+@pytest.mark.parametrize("folder", ["drake_cafim", "diagrams", "tests"])
+def test_no_variable_is_called_one(folder: str) -> None:
+    """A name says what it holds; "one" says that there are several."""
+    for path in sorted((PACKAGE.parent / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            named = node.id if isinstance(node, ast.Name) else node.arg if isinstance(node, ast.arg) else ""
+            assert named != "one", f"{path.relative_to(PACKAGE.parent)}"
