@@ -90,6 +90,11 @@ REFUSED = {
         r"bad\.csv: column q\.elbow holds 1e\+300 at 0\.4 s, expected SI units",
     ),
     "an effort of -1e12": (_with("u.shoulder", -1e12), r"bad\.csv: column u\.shoulder holds -1e\+12 at 0\.4 s"),
+    "a clock in ms": (
+        lambda time, columns: (1e3 * time, columns),
+        r"bad\.csv: column time has steps of 4 s, as milliseconds or nanoseconds would; expected seconds",
+    ),
+    "a clock in ns": (lambda time, columns: (1e9 * time, columns), r"bad\.csv: column time has steps of 4e\+06 s"),
     "all NaN but three": (_few(3), r"bad\.csv: q\.shoulder and q\.elbow have values together in only 3 of 250 rows"),
 }
 
