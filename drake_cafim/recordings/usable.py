@@ -20,7 +20,8 @@ LARGEST = 1e9
 def check_usable(recording: Recording, columns: Sequence[str]) -> None:
     """Raises `InputError` for too few samples, a clock that is not in seconds, a long gap, or a value above `LARGEST`.
 
-    The fewest are `FEWEST` samples, the longest gap is `LONGEST_GAP`. Only the `columns` that the recording has are checked.
+    The fewest are `FEWEST` samples, the longest gap is `LONGEST_GAP`. Only the `columns` that the recording has are
+    checked.
     """
     count = len(recording)
     if count < FEWEST:
