@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from click.exceptions import NoArgsIsHelpError
@@ -15,6 +15,9 @@ from tqdm import tqdm
 
 from drake_cafim.errors import InputError, one_line
 from drake_cafim.output import alone_in, describe_error, prepare_folder
+
+if TYPE_CHECKING:
+    from drake_cafim.commands.diagnose import Levels
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -226,6 +229,16 @@ def run(
 @click.option(
     "--shard", metavar="i/N", callback=_parse_share, help="Of --fleet: the i-th of N shares; --resume gathers them."
 )
+@click.option(
+    "--false-alarm-rate",
+    type=float,
+    help="Probability that noise alone is taken for missing physics.  [default: 0.01]",
+)
+@click.option(
+    "--adequacy-level",
+    type=float,
+    help="p-value above which what remains counts as noise, so that a verdict is `explained`.  [default: 0.01]",
+)
 @click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
 @click.option("--mcap", is_flag=True, help="Write each recording as MCAP too, with its residuals as channels.")
 @package_option
@@ -236,6 +249,8 @@ def diagnose(
     held_out: tuple[str, ...],
     fleet: Path | None,
     shard: tuple[int, int] | None,
+    false_alarm_rate: float | None,
+    adequacy_level: float | None,
     replay: bool,
     mcap: bool,
     packages: dict[str, str],
@@ -253,12 +268,13 @@ def diagnose(
     report, the first part of its path is the robot, dates are read from the names by ISO 8601. The nearest
     scenario.yaml above a folder holds for it, or else SCENARIO.
     """
+    from drake_cafim.commands.diagnose import Levels, diagnose_command
+
+    levels = Levels(false_alarm_rate, adequacy_level)
     if fleet is not None:
-        request = FleetArguments(scenario, fleet, shard, recordings, held_out, packages)
+        request = FleetArguments(scenario, fleet, shard, recordings, held_out, packages, levels)
         _diagnose_fleet(request, out, as_json, jobs, scheduler, resume=resume, overwrite=overwrite)
         return
-    from drake_cafim.commands.diagnose import diagnose_command
-
     if scheduler is not None or shard is not None:
         raise InputError(f"--{'shard' if shard else 'scheduler'}: it spreads folders, expected it with --fleet DIR")
     if scenario is None:
@@ -277,6 +293,7 @@ def diagnose(
             mcap=mcap,
             packages=packages,
             resume=resume,
+            levels=levels,
         )
     _print(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
 
@@ -291,6 +308,7 @@ class FleetArguments:
     recordings: tuple[str, ...]
     held_out: tuple[str, ...]
     packages: dict[str, str]
+    levels: "Levels"
 
 
 def _diagnose_fleet(
@@ -311,7 +329,7 @@ def _diagnose_fleet(
     if given.shard is not None and out is None:
         raise InputError("--shard: all shares write to one folder, expected it as --out DIR")
     packages = tuple(sorted(given.packages.items()))
-    request = FleetRequest(given.fleet, given.scenario, given.held_out, packages, given.shard)
+    request = FleetRequest(given.fleet, given.scenario, given.held_out, packages, given.shard, given.levels)
     resume = resume or given.shard is not None
     folder = _folder(out, "fleet", resume=resume, overwrite=overwrite, shared=given.shard is not None)
     with progress_line() as progress:

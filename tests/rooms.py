@@ -57,7 +57,7 @@ def _imported(tree: ast.Module) -> Iterator[str]:
         if isinstance(node, ast.ImportFrom) and node.module is not None and node.module.split(".")[0] == ROOT:
             # of a room itself, the names are its files
             whole = node.module.count(".") < 2
-            yield from (f"{node.module}.{one.name}" for one in node.names) if whole else (node.module,)
+            yield from (f"{node.module}.{leaf.name}" for leaf in node.names) if whole else (node.module,)
 
 
 def floors(edges: Edges) -> dict[str, int]:
@@ -70,8 +70,8 @@ def floors(edges: Edges) -> dict[str, int]:
 
     def height(name: str, above: tuple[str, ...] = ()) -> int:
         if name not in found:
-            under = [one for one in below[name] if one not in above]
-            found[name] = 1 + max((height(one, (*above, name)) for one in under), default=-1)
+            under = [lower for lower in below[name] if lower not in above]
+            found[name] = 1 + max((height(lower, (*above, name)) for lower in under), default=-1)
         return found[name]
 
     for name in sorted(below):
@@ -139,7 +139,7 @@ def checked_out(commit: str, folder: Path) -> Path:
 def main(arguments: list[str]) -> None:
     """See the module's first lines."""
     commit = arguments[arguments.index("--before") + 1] if "--before" in arguments else None
-    plain = [one for one in arguments if one not in ("--before", commit)]
+    plain = [argument for argument in arguments if argument not in ("--before", commit)]
     with tempfile.TemporaryDirectory() as folder:
         package = checked_out(commit, Path(folder)) if commit else Path(plain[0])
         edges = imports(package)

@@ -127,6 +127,22 @@ MISTAKES: list[tuple[str, Callable[[Recording], Recording]]] = [
         lambda run: _with(run, {"u.shoulder": run["u.elbow"], "u.elbow": run["u.shoulder"]}),
     ),
     (
+        "q.shoulder and q.elbow of run_2.parquet have the joints shoulder and elbow swapped",
+        lambda run: _with(run, {"q.shoulder": run["q.elbow"], "q.elbow": run["q.shoulder"]}),
+    ),
+    (
+        "v.shoulder and v.elbow of run_2.parquet have the joints shoulder and elbow swapped",
+        lambda run: _with(run, {"v.shoulder": run["v.elbow"], "v.elbow": run["v.shoulder"]}),
+    ),
+    (
+        "u.shoulder and u.elbow of run_2.parquet have values in millinewton metres, expected N m",
+        lambda run: _with(run, {name: 1e3 * run[name] for name in ("u.shoulder", "u.elbow")}),
+    ),
+    (
+        "u.elbow of run_2.parquet has values in millinewton metres, expected N m",
+        lambda run: _with(run, {"u.elbow": 1e3 * run["u.elbow"]}),
+    ),
+    (
         "q.elbow and v.elbow of run_2.parquet have values in degrees and degrees/s, expected rad and rad/s",
         lambda run: _with(run, {name: np.degrees(run[name]) for name in ("q.elbow", "v.elbow")}),
     ),

@@ -11,11 +11,13 @@ from click.testing import CliRunner
 from drake_cafim import InputError, Recording, Scene, write
 from drake_cafim.cli import main
 from drake_cafim.diagnosis.assembly import NOTHING_MOVES
-from drake_cafim.diagnosis.diagnose import diagnose, estimate
+from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine
 from drake_cafim.diagnosis.predict.forecast import window_starts
 from drake_cafim.diagnosis.predict.innovations import _before_gap, _starts
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE
 from drake_cafim.numerics.local_polynomial import local_polynomial
+from drake_cafim.report.artifacts import write_artifacts
 from drake_cafim.typing import Array
 from tests.tosses import SCENARIO, thrown, thrown_scene
 
@@ -88,6 +90,11 @@ REFUSED = {
         r"bad\.csv: column q\.elbow holds 1e\+300 at 0\.4 s, expected SI units",
     ),
     "an effort of -1e12": (_with("u.shoulder", -1e12), r"bad\.csv: column u\.shoulder holds -1e\+12 at 0\.4 s"),
+    "a clock in ms": (
+        lambda time, columns: (1e3 * time, columns),
+        r"bad\.csv: column time has steps of 4 s, as milliseconds or nanoseconds would; expected seconds",
+    ),
+    "a clock in ns": (lambda time, columns: (1e9 * time, columns), r"bad\.csv: column time has steps of 4e\+06 s"),
     "all NaN but three": (_few(3), r"bad\.csv: q\.shoulder and q\.elbow have values together in only 3 of 250 rows"),
 }
 
@@ -177,3 +184,26 @@ def test_a_finished_diagnosis_is_not_made_again(folder: Path, monkeypatch: pytes
     (folder / "out" / "diagnosis.json").unlink()
     assert _cafim(*command, "--resume").exit_code == 0
     assert (folder / "out" / "report.json").stat().st_mtime_ns != before
+
+
+@pytest.mark.parametrize("samples", [12, 13, 20])
+def test_a_throw_that_is_too_short_to_be_simulated_is_a_result(samples: int, tmp_path: Path) -> None:
+    """It ends within the 50 ms that a simulation starts from, or just after."""
+    scene = thrown_scene(tmp_path, scenario=SCENARIO)
+    (first,) = thrown(scene.physics, 3, count=1)
+    short = first.window(0.0, float(first.time[samples - 1]) + 1e-9)
+    verdict, outcome = examine(scene, [short])
+    assert len(short) == samples and verdict.kind == "none"
+    report = write_artifacts(tmp_path, verdict, outcome, [short], [], ["a command"], replay=False)
+    told = "fit.train.nominal.rmse cannot be computed: there is no sample after the 50 ms" in " ".join(report["notes"])
+    assert told == (samples < 14) and (report["fit"]["train"]["nominal"]["rmse"] is None) == told
+
+
+def test_a_throw_keeps_its_figures_beside_one_that_is_too_short(tmp_path: Path) -> None:
+    scene = thrown_scene(tmp_path, scenario=SCENARIO)
+    first, second = thrown(scene.physics, 3, count=2)
+    runs = [first.window(0.0, 0.045), second.window(0.0, 0.4)]
+    verdict, outcome = examine(scene, runs, settings=Settings(most_effects=0))
+    report = write_artifacts(tmp_path, verdict, outcome, runs, [], ["a command"], replay=False)
+    assert report["fit"]["train"]["nominal"]["rmse"]["pose.body.x"] > 0.0
+    assert "the simulation cannot be drawn: toss_0 is too short" in report["notes"]

@@ -39,7 +39,7 @@ def test_a_mass_ten_prior_deviations_away_is_a_mismatch_at_its_body(heavy: Verdi
 def test_its_friction_is_named_beside_it(tmp_path: Path) -> None:
     rubbed = [recording("rubbed", 4, friction=(0.0, 0.3))]
     verdict = diagnose(scene(tmp_path, unknown=FAR), rubbed)
-    assert [(one.effect.name, one.effect.at) for one in verdict.explanation] == [("joint_coulomb_friction", "elbow")]
+    assert [(item.effect.name, item.effect.at) for item in verdict.explanation] == [("joint_coulomb_friction", "elbow")]
     assert verdict.kind == "unexplained" and verdict.parameters[0].distance > 9.0
     assert verdict.explanation[0].values["torque"].value == pytest.approx(0.3, rel=0.05)
 
@@ -50,7 +50,7 @@ def test_a_mass_four_prior_deviations_away_is_one_though_nothing_else_is_seen(tm
         [recording("free", 3)],
     )
     assert verdict.kind == "unexplained" and verdict.explanation == () and verdict.mismatch.p_value < 1e-3
-    assert [(one.parameter, one.at) for one in verdict.far] == [("mass", "lower")]
+    assert [(parameter.parameter, parameter.at) for parameter in verdict.far] == [("mass", "lower")]
 
 
 def test_within_three_it_is_none(tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def test_of_a_single_link_mass_and_gain_cannot_be_told_apart(tmp_path: Path) -> 
     assert gain.probability >= max(other.probability for other in verdict.rivals)
     assert gain.probability + rival.probability <= 1.0 + 1e-9
     told = report_of(verdict, [], None, {})["rivals"]
-    assert {"parameter": "mass", "at": "rod"}.items() <= next(one for one in told if "parameter" in one).items()
+    assert {"parameter": "mass", "at": "rod"}.items() <= next(item for item in told if "parameter" in item).items()
     assert outcome.best.model.free == () and verdict.kind == "explained"
 
 

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, get_args
@@ -13,12 +14,17 @@ from pydrake.solvers import SolutionResult
 from drake_cafim.commands.run import table
 from drake_cafim.design.planner import PlannerConfig, PlannerName, Scored
 from drake_cafim.design.policies import make_planner
+from drake_cafim.diagnosis.diagnose import diagnose
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.verdict import Value
+from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.effects.transmission import JointHardStop
 from drake_cafim.estimation.shooting import SolverReport
+from drake_cafim.report.report_json import report_of
 from drake_cafim.report.wording import with_interval
 from drake_cafim.scene.scene import Scene
 from drake_cafim.studies.comparisons import rollouts_in_words
+from tests.test_report_html import PENDULUM, recorded
 
 ROOT = Path(__file__).parents[1]
 
@@ -30,6 +36,19 @@ def test_the_side_of_a_stop_is_told_and_read_back() -> None:
     assert {choice.name: value for choice, value in stop.choices.items()} == {"side": -1.0}
     assert with_interval(-1.0, Value(-1.0, None, "1").std) == "−1"
     assert stop.with_values({"position": -0.4, "stiffness": 10.0, "damping": 0.0}).values["side"] == -1.0
+
+
+@pytest.mark.parametrize(("side", "position"), [(-1.0, -0.2), (1.0, 0.25)])
+def test_a_report_says_on_which_side_a_stop_is(side: float, position: float, tmp_path: Path) -> None:
+    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
+    scene = Scene.from_model(tmp_path / "pendulum.urdf", channels={"q": 1e-4, "v": 1e-3, "u": 0.0}, weld=["base"])
+    stop = JointHardStop("hinge", {"position": position, "stiffness": 60.0, "damping": 0.5, "side": side})
+    beside = replace(scene, vocabulary=(JointViscousFriction, JointHardStop))
+    verdict = diagnose(beside, [recorded(scene, [stop], "a", 1)], settings=Settings(most_effects=1))
+    (found,) = report_of(verdict, (), None, {})["explanation"]
+    assert found["effect"] == "joint_hard_stop"
+    assert found["parameters"]["side"] == {"value": side, "std": None, "unit": "1"}
+    assert verdict.corrected.known[0].values["side"] == side
 
 
 def test_what_the_solver_said_is_a_sentence_that_names_its_status() -> None:

@@ -26,10 +26,14 @@ def check_payload(found: Estimate, distance: float) -> None:
     """The fit is accepted, and mass and place are within three standard deviations, which are small."""
     assert found.goodness_of_fit.accepted and not found.goodness_of_fit.locations
     assert str(found).startswith("Goodness of fit: the model fits")
-    for one, truth, most in zip(
+    for parameter, truth, most in zip(
         found.parameters, [1.0, *beyond_flange(distance)], [5e-3, 2e-3, 2e-3, 2e-3], strict=True
     ):
-        assert one.effect == "payload" and abs(one.value - truth) < 3.0 * one.std and one.std < most, one
+        assert (
+            parameter.effect == "payload"
+            and abs(parameter.value - truth) < 3.0 * parameter.std
+            and parameter.std < most
+        ), parameter
 
 
 def check_refused(found: Estimate) -> None:
@@ -38,8 +42,8 @@ def check_refused(found: Estimate) -> None:
     assert not fit.accepted and fit.reduced_chi_square > 1.3 and fit.p_value < 1e-6
     text = str(found)
     assert text.startswith("Goodness of fit: WARNING, the model does not fit (reduced χ²")
-    assert {one.kind for one in fit.locations} <= {"joint", "sensor"} and fit.locations[0].name in text
-    assert all(0.0 < one.std <= one.prior_std * (1.0 + 1e-9) for one in found.parameters)
+    assert {location.kind for location in fit.locations} <= {"joint", "sensor"} and fit.locations[0].name in text
+    assert all(0.0 < parameter.std <= parameter.prior_std * (1.0 + 1e-9) for parameter in found.parameters)
 
 
 @pytest.mark.parametrize("distance", DISTANCES)
@@ -73,7 +77,7 @@ def test_the_command_says_so_first_and_in_its_report(tmp_path: Path) -> None:
     assert not bad["goodness_of_fit"]["accepted"] and bad["mismatch"]["detected"]
     assert bad["mismatch"]["locations"][0]["name"] in bad["sentence"].splitlines()[0]
     assert bad["mismatch"]["locations"][0]["recording"].endswith("run.parquet")
-    assert all(np.isfinite(one["std"]) for one in bad["parameters"])
+    assert all(np.isfinite(parameter["std"]) for parameter in bad["parameters"])
 
 
 @pytest.mark.long

@@ -93,7 +93,7 @@ def test_simple_pendulum_lacks_friction_though_one_recording_is_slow(data_folder
     """At 50 Hz the windows of `ilqr` are twice as wide; its law cannot be told, which is friction all the same."""
     verdict = _diagnosed(data_folder / "data" / "simple_pendulum", {"energy"})
     assert verdict.kind == "unexplained"
-    assert {(one.effect.name in FRICTION, one.effect.at) for one in verdict.explanation} == {(True, "shoulder")}
+    assert {(item.effect.name in FRICTION, item.effect.at) for item in verdict.explanation} == {(True, "shoulder")}
     assert verdict.train.corrected.nll < verdict.train.nominal_as_given.nll
 
 

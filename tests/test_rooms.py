@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import drake_cafim
+from drake_cafim.effects.catalogue import EFFECTS
 from tests.rooms import floors, imports, svg, upward
 
 PACKAGE = Path(drake_cafim.__file__).parent
@@ -45,7 +46,7 @@ def test_no_file_and_no_class_of_the_diagnosis_grows_too_large(path: Path) -> No
 
 
 def test_no_room_of_the_diagnosis_grows_too_large() -> None:
-    rooms = Counter(path.parent for path in DIAGNOSIS if path.name != "__init__.py")
+    rooms = Counter(path.parent for path in DIAGNOSIS)
     assert max(rooms.values()) <= MOST_FILES, rooms.most_common(1)
 
 
@@ -69,3 +70,28 @@ def test_nobody_asks_what_class_an_effect_or_a_problem_is_of(path: Path) -> None
         ):
             asked = {leaf.id for leaf in ast.walk(node.args[1]) if isinstance(leaf, ast.Name)}
             assert not asked & effects, f"line {node.lineno}: {', '.join(asked & effects)}"
+        if isinstance(node, ast.Compare):
+            sides = [leaf for leaf in ast.walk(node) if isinstance(leaf, ast.Call) and isinstance(leaf.func, ast.Name)]
+            types = any(leaf.func.id == "type" for leaf in sides if isinstance(leaf.func, ast.Name))
+            asked = {leaf.id for leaf in ast.walk(node) if isinstance(leaf, ast.Name)}
+            assert not (types and asked & effects), f"line {node.lineno}: {', '.join(asked & effects)}"
+
+
+@pytest.mark.parametrize("room", ["diagnosis", "report", "scene", "corrected", "discrimination", "commands"])
+def test_nobody_asks_for_an_effect_by_its_name(room: str) -> None:
+    """A comparison with a name is a question for the class: a subclass, or an effect of one's own, has another one."""
+    names = {effect.name for effect in EFFECTS}
+    for path in sorted((PACKAGE / room).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Compare):
+                asked = {leaf.value for leaf in ast.walk(node) if isinstance(leaf, ast.Constant)} & names
+                assert not asked, f"{path.relative_to(PACKAGE)}, line {node.lineno}: {', '.join(asked)}"
+
+
+@pytest.mark.parametrize("folder", ["drake_cafim", "diagrams", "tests"])
+def test_no_variable_is_called_one(folder: str) -> None:
+    """A name says what it holds; "one" says that there are several."""
+    for path in sorted((PACKAGE.parent / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            named = node.id if isinstance(node, ast.Name) else node.arg if isinstance(node, ast.arg) else ""
+            assert named != "one", f"{path.relative_to(PACKAGE.parent)}"

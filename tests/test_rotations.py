@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
 
-from drake_cafim.diagnosis.tosses import rigid_body as rigid
+from drake_cafim.dynamics import rigid_body as rigid
 from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product, rotation_matrices
 
 

@@ -3,6 +3,9 @@
 import json
 from dataclasses import replace
 
+from pydrake.solvers import SolutionResult
+
+from drake_cafim.estimation.shooting import SolverReport
 from drake_cafim.experiment.closed_loop import Options, run
 from drake_cafim.experiment.run_record import run_record
 from drake_cafim.tasks.contouring import contouring
@@ -28,3 +31,12 @@ def test_every_key_is_there_and_survives_json():
         several = {"rank", "combinations"} if len(task.truth) > 1 else set()
         assert set(experiment) == PER_EXPERIMENT | several
         assert len(experiment["history"]) == (0 if task.name == "hefting" else 3)
+
+
+def test_what_the_solver_said_is_kept() -> None:
+    result = run(replace(hefting(), periods=8), Options(seed=1, experiments=1))
+    limited = SolverReport(False, int(SolutionResult.kIterationLimit.value))
+    stopped = replace(result.experiments[0], solver=limited, on_bound=("mass",))
+    (experiment,) = run_record(replace(result, experiments=(stopped,)), ["a.parquet"], {})["experiments"]
+    assert experiment["solver"] == {"solved": False, "message": limited.message, "on_bound": ["mass"]}
+    assert "kIterationLimit" in limited.message

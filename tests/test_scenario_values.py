@@ -130,6 +130,11 @@ def test_no_key_takes_what_is_no_number_and_no_name(folder: Path, value: Any) ->
         (("effects", 0, "slip_velocity"), 0.0, "effects[0].slip_velocity is 0 rad/s, expected"),
         (("effects", 2, "interval"), [0.2, 0.1], "effects[2]: interval is from 0.2 to 0.1 s"),
         (("effects", 2, "interval"), [0.2], "effects[2].interval is [0.2], expected a list of 2"),
+        (("effects", 2, "start"), 0.1, "effects[2].start is 0.1, expected the times under `interval` alone"),
+        (("effects", 1), {"effect": "sensor_misalignment", "at": "q.elbow", "roll": 0.1, "pitch": 0.0, "yaw": 0.0},
+         "effects[1]: at is q.elbow, expected a whole wrench sensor"),
+        (("effects", 1), {"effect": "sensor_misalignment", "at": "wrench.wrist.fx", "roll": 0.1},
+         "effects[1]: at is wrench.wrist.fx, expected a whole wrench sensor"),
         (("effects", 0, "at"), "knee", "effects[0].at is knee, expected one of shoulder, elbow"),
         (("effects", 0, "effect"), "glue", "effects[0].effect: there is no effect named 'glue'"),
         (("effects", 1), {"effect": "actuator_delay", "at": "elbow"}, "effects[1]: actuator_delay needs delay"),
@@ -151,6 +156,8 @@ def test_no_key_takes_what_is_no_number_and_no_name(folder: Path, value: Any) ->
         (("unknown", 0, "body"), "palm", "unknown[0].body is 'palm', which the model lacks; it has: base"),
         (("unknown", 1, "parameter"), "mass", "unknown[1].parameter is 'mass', which a joint lacks"),
         (("unknown", 2, "contact"), ["tool"], "unknown[2].contact is ['tool'], expected a list of 2"),
+        (("unknown", 2, "parameter"), "dissipation",
+         "unknown[2].parameter is 'dissipation', which a contact by the law kelvin_voigt lacks; valid: stiffness"),
         (("unknown", 3, "at"), "palm", "unknown[3].at is palm, expected one of"),
         (("unknown", 3, "parameter"), "width", "unknown[3].parameter is 'width', which joint_coulomb_friction lacks"),
         (("contact", 0, "stiffness"), 0.0, "contact[0].stiffness is 0 N/m, expected a finite number above 0"),
@@ -193,6 +200,17 @@ def test_what_is_not_built_yet_is_refused_by_name(
     folder: Path, path: tuple[Any, ...], value: Any, sentence: str
 ) -> None:
     assert refusal(folder, changed(*path, value=value)).startswith(sentence)
+
+
+def test_the_friction_of_a_contact_without_it_is_no_unknown(folder: Path) -> None:
+    scenario = yaml.safe_load(SCENARIO)
+    (contact,) = scenario["contact"]
+    scenario["contact"] = [
+        {name: value for name, value in contact.items() if name not in ("friction", "slip_velocity")}
+    ]
+    scenario["unknown"][2] |= {"parameter": "friction", "mean": 0.3, "std": 0.1}
+    sentence = "unknown[2].parameter is 'friction', which a contact by the law kelvin_voigt lacks"
+    assert refusal(folder, str(yaml.dump(scenario))).startswith(sentence)
 
 
 @pytest.mark.parametrize("section", ["unknown", "contact", "effects"])

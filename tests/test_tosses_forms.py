@@ -14,8 +14,8 @@ from drake_cafim.contact.law import ContactParameters
 from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine
 from drake_cafim.diagnosis.tosses.flight import fly
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
-from drake_cafim.diagnosis.tosses.state import State
 from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.dynamics.free_body_state import State
 from drake_cafim.dynamics.rotations import exponential, product
 from drake_cafim.dynamics.tree import Body, Tree
 from drake_cafim.effects.body import AerodynamicDrag, BodyForce
@@ -159,7 +159,7 @@ OWN: list[Effect] = [
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("effect", OWN, ids=lambda one: one.name)
+@pytest.mark.parametrize("effect", OWN, ids=lambda item: item.name)
 def test_an_effect_of_one_s_own_goes_all_the_way_in_a_throw(effect: Effect, tmp_path: Path) -> None:
     """Thrown by Drake, looked for, fitted, thrown by Drake again, and drawn."""
     # beside a few of ours: compiled code does not know a contact's law of one's own, and each fit of it takes seconds
@@ -174,8 +174,8 @@ def test_an_effect_of_one_s_own_goes_all_the_way_in_a_throw(effect: Effect, tmp_
         assert value.value == pytest.approx(effect.values[strength.name], abs=4.0 * value.std)
     time, positions = recording.time[::5], recording.matrix("pose.body", POSE_COMPONENTS)[::5, :3]
     bare, corrected = (
-        np.sqrt(np.mean((thrown_in_drake(one, start, time)[:, :3] - positions) ** 2))
-        for one in (scene, verdict.corrected)
+        np.sqrt(np.mean((thrown_in_drake(model, start, time)[:, :3] - positions) ** 2))
+        for model in (scene, verdict.corrected)
     )
     assert corrected < 4e-4 < 0.25 * bare
     report = write_artifacts(tmp_path, verdict, outcome, [recording], [], ["a command"], replay=False)
@@ -200,7 +200,7 @@ def _thrown_by_drake(scene: Scene, start: State) -> Recording:
 @pytest.mark.parametrize(
     "effect",
     [*OWN, Payload("body", {"mass": 0.05, "x": 0.01, "y": 0.0, "z": 0.02}), SensorDelay("pose.body", {"delay": 0.02})],
-    ids=lambda one: one.name,
+    ids=lambda item: item.name,
 )
 def test_drake_throws_a_body_as_the_diagnosis_does(effect: Effect, tmp_path: Path) -> None:
     """Of one's own and of ours; each moves the body, or what is read of it, by more than a centimetre."""
@@ -229,8 +229,8 @@ def test_drake_lets_a_block_land_on_its_corners(tmp_path: Path) -> None:
     start = State.of(np.array([[0.0, 0.0, 0.035]]), turned, np.array([[0.3, 0.1, -0.4]]), np.array([[0.5, -0.5, 1.0]]))
     times = np.linspace(0.0, 0.03, 4)
     tight = np.array([1e-6] * 3 + [1e-5] * 3)
-    one = np.zeros(1, dtype=int)
-    flights = fly(FreeBody(scene.physics), start, times[None], one + len(times), one, ("a",), tight)
+    single = np.zeros(1, dtype=int)
+    flights = fly(FreeBody(scene.physics), start, times[None], single + len(times), single, ("a",), tight)
     found = thrown_in_drake(scene, start, times)
     np.testing.assert_allclose(found[:, :3], flights.at_samples.p, atol=3e-6)
     np.testing.assert_allclose(np.abs(np.sum(found[:, 3:] * flights.at_samples.quaternion, axis=1)), 1.0, atol=1e-9)

@@ -14,8 +14,8 @@ from drake_cafim.contact.normal import NormalLaw
 from drake_cafim.diagnosis.tosses.flight import Flights, fly
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.innovation import Innovation
-from drake_cafim.diagnosis.tosses.state import Moment, State
 from drake_cafim.diagnosis.tosses.tangent import Tangent, displace
+from drake_cafim.dynamics.free_body_state import Moment, State
 from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product, rotation_matrices
 from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance
 from drake_cafim.effects.contact_friction import (

@@ -21,8 +21,8 @@ def without(recordings: list[Recording], components: tuple[str, ...] = POSE_COMP
     """The recordings without these components of the pose."""
     gone = {f"pose.body.{component}" for component in components}
     return [
-        Recording(one.name, one.time, {name: values for name, values in one.columns.items() if name not in gone})
-        for one in recordings
+        Recording(run.name, run.time, {name: values for name, values in run.columns.items() if name not in gone})
+        for run in recordings
     ]
 
 

@@ -15,13 +15,14 @@ from drake_cafim.diagnosis.diagnose import estimate, examine
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints import quality as prediction
 from drake_cafim.diagnosis.predict.innovations import Innovations, _update
-from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.search import judgement
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record, stiff_grease
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.report import report_html
 from drake_cafim.report.artifacts import write_artifacts
+from drake_cafim.report.law_figures import law_picture
 from drake_cafim.report.report_json import report_of
 
 QUICK = Settings(most_effects=0)
@@ -127,6 +128,27 @@ def test_second_searches_that_fail_leave_the_first(
     verdict, _ = examine(bare, [recording])
     assert verdict.kind == "unexplained"
     assert "a search over wider windows cannot be computed: singular matrix" in verdict.notes
+
+
+def test_searches_and_fits_with_less_noise_that_fail_leave_the_first(
+    scene: Scene, recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Prepared, "with_noise_beside", SINGULAR)
+    verdict, _ = examine(scene, [recording])
+    assert verdict.kind == "explained"
+    assert "a search with less noise of the efforts cannot be computed: singular matrix" in verdict.notes
+    assert (
+        "a fit with less noise of the efforts cannot be computed: singular matrix" in estimate(scene, [recording]).notes
+    )
+
+
+def test_the_picture_of_a_law_without_finite_data_is_not_drawn(scene: Scene, recording: Recording) -> None:
+    verdict, outcome = examine(scene, [recording])
+    (found,) = verdict.explanation
+    evidence = outcome.problem.pictures.evidence(found.effect, scene.physics, verdict.corrected.physics)
+    assert evidence is not None and law_picture(evidence).svg
+    lost = replace(evidence, with_it=[np.full_like(rows, np.nan) for rows in evidence.with_it])
+    assert compute(lambda: law_picture(lost)) == NotComputable("no finite number is left of the data")
 
 
 def test_a_number_that_is_none_is_null_and_named(scene: Scene, recording: Recording) -> None:

@@ -140,11 +140,13 @@ def test_the_effect_need_not_be_stated(
     more = {"contact": [GROUND | {"damping": 60.0}]} if model == SLIDER else {}
     entry = unknown | {"effect": effect["effect"], "at": effect["at"]}
     scene = with_unknowns(tmp_path, model, [entry], **more)
-    assert [(one.name, one.at) for one in scene.known] == [(effect["effect"], scene.unknown[0].at)]
+    assert [(stated.name, stated.at) for stated in scene.known] == [(effect["effect"], scene.unknown[0].at)]
     found = estimate(scene, [recording])
-    [one] = found.parameters
-    assert abs(one.value - truth) < max(5.0 * one.std, 0.01 * truth) and one.prior_mean == unknown.get("mean", 0.0)
-    assert 0.0 < one.std < 0.1 * one.prior_std
+    [fitted] = found.parameters
+    assert abs(fitted.value - truth) < max(5.0 * fitted.std, 0.01 * truth) and fitted.prior_mean == unknown.get(
+        "mean", 0.0
+    )
+    assert 0.0 < fitted.std < 0.1 * fitted.prior_std
     # the ball's motion is integrated with an error that its rows see
     assert found.goodness_of_fit.accepted or model == SLIDER
 
@@ -157,7 +159,7 @@ def test_a_payload_that_only_unknown_names_is_put_back_as_an_effect(tmp_path: Pa
     scene = with_unknowns(tmp_path, PENDULUM, LOAD)
     [load] = scene.known
     assert load.values == {"mass": 0.0, "x": 0.0, "y": 0.0, "z": -0.2}
-    assert [one.prior.name for one in scene.unknown] == ["payload.mass@rod", "payload.z@rod"]
+    assert [parameter.prior.name for parameter in scene.unknown] == ["payload.mass@rod", "payload.z@rod"]
     corrected = scene.corrected(np.array([0.3, -0.4]), ())
     (tmp_path / "corrected.yaml").write_text(as_yaml(corrected.scenario, tmp_path, tmp_path))
     again = Scene.load(tmp_path / "corrected.yaml")

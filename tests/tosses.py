@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from drake_cafim.diagnosis.tosses.flight import fly
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
-from drake_cafim.diagnosis.tosses.state import State
+from drake_cafim.dynamics.free_body_state import State
 from drake_cafim.dynamics.rotations import exponential, product, rotation_matrices
 from drake_cafim.recordings.recording import POSE_COMPONENTS, Recording
 from drake_cafim.scenario.physics import Physics

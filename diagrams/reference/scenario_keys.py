@@ -75,9 +75,9 @@ def _type(kind: Any) -> str:
     """The type in words, as "list of texts"."""
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
-        return " or ".join(dict.fromkeys(_type(one) for one in arguments if one is not type(None)))
+        return " or ".join(dict.fromkeys(_type(argument) for argument in arguments if argument is not type(None)))
     if dc.is_dataclass(kind):
-        return next(f"`{place}`" for place, one in SECTIONS.items() if one is kind)
+        return next(f"`{place}`" for place, section in SECTIONS.items() if section is kind)
     if origin is list:
         return f"list of {_several(arguments[0])}"
     if origin is dict:

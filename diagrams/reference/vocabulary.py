@@ -72,9 +72,9 @@ def overview() -> str:
     """A table of all effects with their laws."""
     settings = _settings()
     rows = []
-    for one in EFFECTS:
-        places = _places([*one.attachments(settings.robot), *one.attachments(settings.thrown)])
-        rows.append([f"[{one.name}](#{one.name})", places, _law(one)])
+    for effect in EFFECTS:
+        places = _places([*effect.attachments(settings.robot), *effect.attachments(settings.thrown)])
+        rows.append([f"[{effect.name}](#{effect.name})", places, _law(effect)])
     return table(["effect", "`at`", "law"], rows)
 
 
@@ -88,7 +88,9 @@ def _section(effect: type[Effect], settings: Settings) -> str:
     stated = [s for s in (*effect.strengths, *effect.shapes) if not (effect.brief and s.name in ("start", "stop"))]
     head = ["parameter", "unit", "range", "without the effect", "typical"]
     lines.append(table(head, [_parameter(strength, effect) for strength in stated]))
-    alternatives = [code(one.name) for one in EFFECTS if one.group == effect.group and one.group and one is not effect]
+    alternatives = [
+        code(other.name) for other in EFFECTS if other.group == effect.group and other.group and other is not effect
+    ]
     if alternatives:
         lines.append(f"**At most one at a place** of it and {', '.join(alternatives)}.")
     confused = [f"- {code(name)}: {reason}" for name, reason in _confused(effect)]

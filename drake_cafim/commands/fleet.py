@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from drake_cafim.commands.diagnose import diagnose_command
+from drake_cafim.commands.diagnose import USUAL, Levels, diagnose_command
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.errors import InputError
 from drake_cafim.fleet.findings import WEEK, Fleet, Followed, date_of, findings_of
@@ -47,12 +47,14 @@ class FleetRequest:
     held_out: tuple[str, ...] = ()
     packages: tuple[tuple[str, str], ...] = ()
     shard: tuple[int, int] | None = None
+    levels: Levels = USUAL
 
     def command(self) -> list[str]:
         """The command line, without what does not change results."""
         words = ["cafim", "diagnose", *([self.scenario] if self.scenario else []), "--fleet", str(self.fleet)]
         words += [word for pattern in self.held_out for word in ("--held-out", pattern)]
-        return words + [f"--package={name}={place}" for name, place in self.packages]
+        words += [f"--package={name}={place}" for name, place in self.packages]
+        return words + self.levels.words
 
 
 def diagnose_fleet(
@@ -118,7 +120,7 @@ class _State:
         self.measured: dict[str, list[Measured]] = {}
 
     def diagnoses(self) -> list[tuple[Folder, Task]]:
-        arguments = (dict(self.request.packages), self.resume)
+        arguments = (dict(self.request.packages), self.resume, self.request.levels)
         return [
             (folder, Task(folder.name, diagnose_folder, (folder, self.out / folder.name, *arguments)))
             for folder in self.own
@@ -165,27 +167,37 @@ class _State:
         ]
 
 
-def diagnose_folder(folder: Folder, out: Path, packages: Mapping[str, str], resume: bool) -> Summary:
+def diagnose_folder(
+    folder: Folder, out: Path, packages: Mapping[str, str], resume: bool, levels: Levels = USUAL
+) -> Summary:
     """The folder's diagnosis, written into `out`; one that cannot be used is a summary with the reason."""
     if resume:
         known = _read_json(out / SUMMARY)
         if known is not None and not known["failure"]:
             return Summary.from_json(known)
     try:
-        summary = _diagnosed(folder, out, packages, resume)
+        summary = _diagnosed(folder, out, packages, resume, levels)
     except InputError as error:
         summary = Summary(folder.name, failure=str(error))
     write_text(out / SUMMARY, json.dumps(asdict(summary), indent=1, ensure_ascii=False) + "\n")
     return summary
 
 
-def _diagnosed(folder: Folder, out: Path, packages: Mapping[str, str], resume: bool) -> Summary:
+def _diagnosed(folder: Folder, out: Path, packages: Mapping[str, str], resume: bool, levels: Levels) -> Summary:
     if not folder.recordings:
         raise InputError(f"{folder.name}: all of its recordings are held out, expected one to fit to")
     out.mkdir(parents=True, exist_ok=True)
     train, held = ([str(folder.path / name) for name in names] for names in (folder.recordings, folder.held_out))
     report = diagnose_command(
-        folder.scenario, train, held, out, lambda text: None, replay=False, packages=packages, resume=resume
+        folder.scenario,
+        train,
+        held,
+        out,
+        lambda text: None,
+        replay=False,
+        packages=packages,
+        resume=resume,
+        levels=levels,
     )
     stated = yaml.safe_load((out / CORRECTED).read_text(encoding="utf-8")).get("effects", [])
     values = {(entry["effect"], entry["at"]): entry for entry in stated}

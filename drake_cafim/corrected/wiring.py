@@ -163,8 +163,8 @@ class Wiring:
             index = self.plant.GetBodyByName(link.name).index()
             several = contact.by_point()
             besides = [None] * len(several) if beside is None else beside.by_point()
-            for k, (one, other) in enumerate(zip(several, besides, strict=True)):
-                system = ContactSystem(one, self.tree, link, index, self.clock, other)
+            for k, (single, other) in enumerate(zip(several, besides, strict=True)):
+                system = ContactSystem(single, self.tree, link, index, self.clock, other)
                 point = f", point {k}" if len(several) > 1 else ""
                 self.builder.AddNamedSystem(f"contact {contact.name}{point}", system)
                 self.builder.Connect(self.state, system.get_input_port())

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -11,10 +12,10 @@ from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
-from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.preparation import PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.conclusion import record_conclusion, record_data_mistake
 from drake_cafim.diagnosis.search.goodness_of_fit import GoodnessOfFit, goodness_of_fit
-from drake_cafim.diagnosis.search.judgement import judge
+from drake_cafim.diagnosis.search.judgement import Judgement, judge
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.state import ROUNDS, Settings, has_moved
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_ROUNDS, UNKNOWN_FAR_IN_PRIOR_STDS
@@ -84,17 +85,32 @@ def examine(
         trace.add(*map(record_data_mistake, prepared.mistakes))
     judgement = judge(prepared.problem(), settings, progress, trace)
     for _ in range(EFFORT_NOISE_ROUNDS):
-        finer = prepared.with_noise_beside(judgement.best.model)
-        if finer is None:
+        again = compute(partial(_with_less_noise, prepared, judgement, settings, progress))
+        if isinstance(again, NotComputable):
+            note = f"a search with less noise of the efforts cannot be computed: {again.reason}"
+            judgement = replace(judgement, notes=(*judgement.notes, note))
+        if again is None or isinstance(again, NotComputable):
             break
-        progress("searching again with less noise of the efforts")
-        # a new trace, since decisions under the former noise did not shape the verdict
-        trace = Trace()
-        trace.add(*map(record_data_mistake, finer.mistakes))
-        prepared, judgement = finer, judge(finer.problem(), settings, progress, trace)
+        prepared, judgement, trace = again
     verdict = verdict_of(prepared, judgement, progress)
     trace.of_search(judgement.search).add(*record_conclusion(verdict, judgement))
     return replace(verdict, trace=trace.records), judgement.outcome
+
+
+def _with_less_noise(
+    prepared: PreparedRecordings, judgement: Judgement, settings: Settings, progress: Progress
+) -> tuple[PreparedRecordings, Judgement, Trace] | None:
+    """The recordings with the noise of efforts that the judgement leaves, judged again; None where it hardly changed.
+
+    The trace is a new one, since decisions under the former noise did not shape the verdict.
+    """
+    finer = prepared.with_noise_beside(judgement.best.model)
+    if finer is None:
+        return None
+    progress("searching again with less noise of the efforts")
+    trace = Trace()
+    trace.add(*map(record_data_mistake, finer.mistakes))
+    return finer, judge(finer.problem(), settings, progress, trace), trace
 
 
 @dataclass(frozen=True)
@@ -152,10 +168,12 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
     scene = prepared.scene
     progress("fitting the unknown parameters")
     problem, fitted = _fitted(prepared.problem(), Model(scene.priors.mean))
-    finer = prepared.with_noise_beside(fitted.model)
-    if finer is not None:
-        prepared = finer
-        problem, fitted = _fitted(finer.problem(), fitted.model)
+    again = compute(lambda: _fitted_with_less_noise(prepared, fitted))
+    unknown_noise: tuple[str, ...] = ()
+    if isinstance(again, NotComputable):
+        unknown_noise = (f"a fit with less noise of the efforts cannot be computed: {again.reason}",)
+    elif again is not None:
+        prepared, problem, fitted = again
     goodness, notes = goodness_of_fit(problem, fitted)
     progress("simulating")
     train = comparisons_of(prepared, [fitted, fitted])[0]
@@ -165,9 +183,17 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
         goodness,
         prepared.mistakes,
         prepared.noise_remarks,
-        (*prepared.notes, *notes, *train.missing("train")),
+        (*prepared.notes, *unknown_noise, *notes, *train.missing("train")),
         prepared.channel_noise,
     )
+
+
+def _fitted_with_less_noise(
+    prepared: PreparedRecordings, fitted: Fit
+) -> tuple[PreparedRecordings, SearchProblem, Fit] | None:
+    """The recordings with the noise of efforts that the fit leaves, fitted again; None where it hardly changed."""
+    finer = prepared.with_noise_beside(fitted.model)
+    return None if finer is None else (finer, *_fitted(finer.problem(), fitted.model))
 
 
 def _fitted(problem: SearchProblem, start: Model) -> tuple[SearchProblem, Fit]:

@@ -153,6 +153,21 @@ the recordings do not show the effect at all. Unit: 1. Not calibrated: chosen.""
 
 # The search, and the verdict
 
+FALSE_ALARM_RATE = 0.01
+"""Probability that a mismatch is detected, or an effect accepted, where noise alone is recorded; an option of the
+command. Unit: 1. Source: a usual level of significance; `make prove` counts the false alarms on recordings that lack
+nothing."""
+ADEQUACY_LEVEL = 0.01
+"""p-value of the goodness-of-fit test above which what remains counts as noise, so that a verdict is `explained` or an
+estimate's model fits; an option of the command. Unit: 1. Source: a usual level of significance; `make prove` counts the
+right explanations that end `unexplained`."""
+MOST_EFFECTS = 3
+"""Largest number of effects of an explanation. Unit: effects. Not calibrated: chosen."""
+EXPLANATIONS_CONTINUED = 3
+"""Number of explanations of each size to which a further effect is added. Unit: explanations. Not calibrated:
+chosen."""
+CANDIDATES_FITTED = 4
+"""Number of candidates that are fitted exactly beside each of these. Unit: candidates. Not calibrated: chosen."""
 RIVAL_EXCESS_CHI_SQUARE = 9.0
 """Largest excess of a rival's χ² over that of the accepted explanation, in units of the remaining noise. Unit: 1.
 Source: three standard deviations."""

@@ -215,7 +215,7 @@ class Effect(ABC):
     words: ClassVar[str] = ""
     """What it does, as the predicate of a sentence whose subject is its name."""
     shown_over: ClassVar[str] = "time"
-    """Abscissa of the law's plot in a report: time, variable (of a joint), load, acceleration or effort."""
+    """Abscissa of the law's plot in a report: time, variable (of a joint), position, load, acceleration or effort."""
     brief: ClassVar[bool] = False
     """Whether it acts once: a scenario then gives `interval: [start, stop]` and may name its `recording`."""
     in_throws: ClassVar[bool] = True

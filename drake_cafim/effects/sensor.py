@@ -10,6 +10,7 @@ import scipy.sparse as sp
 
 from drake_cafim.effects.effect import Effect, P, Place, Strength
 from drake_cafim.effects.surroundings import Surroundings
+from drake_cafim.recordings.recording import WRENCH_COMPONENTS
 from drake_cafim.typing import Array
 
 
@@ -204,6 +205,10 @@ class SensorMisalignment(SensorEffect):
     @classmethod
     def sites(cls, columns: Sequence[str]) -> Iterator[str]:
         yield from (sensor for sensor in whole_sensors(columns) if sensor.startswith("wrench."))
+
+    def contradiction(self) -> str:
+        whole = self.at.startswith("wrench.") and self.at.rsplit(".", 1)[1] not in WRENCH_COMPONENTS
+        return "" if whole else f"at is {self.at}, expected a whole wrench sensor, as wrench.wrist"
 
     @property
     def rotation(self) -> Array:

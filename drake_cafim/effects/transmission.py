@@ -78,6 +78,7 @@ class JointHardStop(JointForce):
     reference: ClassVar[str] = "Brogliato, Nonsmooth Mechanics, 2016, §2 (compliant unilateral constraint)"
     formula: ClassVar[str] = "−(<i>k</i> δ + <i>d</i> δ̇) beyond the stop, 0 before it"
     words: ClassVar[str] = "pushes the joint back beyond a position"
+    shown_over: ClassVar[str] = "position"
     alike: ClassVar[Mapping[str, str]] = {
         "joint_spring": "a stop that is hardly ever left is a spring",
         "unmodeled_contact": "an obstacle met at the end of the range; other joints feel it too",

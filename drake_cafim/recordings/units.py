@@ -47,7 +47,7 @@ def _by_limits(recording: Recording, joint: str, limits: tuple[float, float]) ->
         return None
     return (
         f"{recording.name}: column q.{joint} runs from {least:.4g} to {most:.4g}, far beyond the joint's "
-        f"limits {lower:.4g} to {upper:.4g} rad, as degrees would; expected rad"
+        f"limits {lower:.4g} to {upper:.4g} rad, as degrees would; expected rad, or wider limits in the model"
     )
 
 

@@ -9,6 +9,8 @@ from drake_cafim.recordings.recording import Recording
 
 FEWEST = 8
 """Smallest number of samples; with fewer, noise cannot be separated from motion."""
+LONGEST_STEP = 0.5
+"""s, smallest median step of time that is refused: slower than robots are sampled, and what 2 kHz are in ms."""
 LONGEST_GAP = 600.0
 """s, longest step of time; samples after a longer pause belong to another recording."""
 LARGEST = 1e9
@@ -16,14 +18,21 @@ LARGEST = 1e9
 
 
 def check_usable(recording: Recording, columns: Sequence[str]) -> None:
-    """Raises `InputError` for fewer than `FEWEST` samples, a gap longer than `LONGEST_GAP`, or a value above `LARGEST`.
+    """Raises `InputError` for too few samples, a clock that is not in seconds, a long gap, or a value above `LARGEST`.
 
-    Only the `columns` that the recording has are checked.
+    The fewest are `FEWEST` samples, the longest gap is `LONGEST_GAP`. Only the `columns` that the recording has are
+    checked.
     """
     count = len(recording)
     if count < FEWEST:
         raise InputError(f"{recording.name}: only {count} sample{'s' * (count != 1)}, expected at least {FEWEST}")
     steps = np.diff(recording.time)
+    usual = float(np.median(steps))
+    if usual >= LONGEST_STEP:
+        raise InputError(
+            f"{recording.name}: column time has steps of {usual:.6g} s, as milliseconds or nanoseconds would; expected "
+            f"seconds, and more than {1.0 / LONGEST_STEP:g} samples in each"
+        )
     worst = int(np.argmax(steps))
     if steps[worst] > LONGEST_GAP:
         raise InputError(

@@ -20,30 +20,34 @@ from drake_cafim.typing import Array
 
 
 def law_picture(evidence: Evidence) -> Picture:
-    """The law over its variable where it depends on one alone, else over time."""
+    """The law over its variable where it depends on one alone, else over time.
+
+    Raises `FloatingPointError` where a simulation that the data come from has run away, so that nothing can be drawn.
+    """
+    if not all(any(np.any(np.isfinite(part)) for part in rows) for rows in (evidence.without, evidence.with_it)):
+        raise FloatingPointError("no finite number is left of the data")
     with page_style():
         return PICTURES[evidence.effect.shown_over](evidence)
 
 
 def _over_its_variable(evidence: Evidence) -> Picture:
-    """Over velocity or position where the law depends on it alone, and of a hard stop over position; else over time."""
+    """Over velocity or position where the law depends on it alone, else over time."""
     effect = cast(JointForce, evidence.effect)
     q, v, u = (_joint_data(evidence, variable)[1] for variable in "qvu")
     law = effect.force(JointSamples(q, v, u))
     moved = [bool(np.any(slope)) for slope in (law.d_q, law.d_v, law.d_u)]
     if moved == [False, True, False]:
         return _over_velocity(evidence, effect)
-    if moved == [True, False, False] or effect.name == "joint_hard_stop":
-        return _over_position(evidence, effect)
+    if moved == [True, False, False]:
+        return _over_position(evidence)
     return over_time(evidence)
 
 
 def _over_velocity(evidence: Evidence, effect: JointForce) -> Picture:
     joint, x, y, unit, rate = *_joint_data(evidence, "v"), _joint(evidence).position_unit + "/s"
-    grid = _grid(x)
-    if effect.name != "joint_viscous_friction":  # the sign change has its own width
-        near = float(np.max(np.abs(x))) * np.linspace(-0.05, 0.05, 201)
-        grid = np.unique(np.concatenate([grid, near]))
+    # a change of sign has a width of its own
+    near = float(np.max(np.abs(x))) * np.linspace(-0.05, 0.05, 201)
+    grid = np.unique(np.concatenate([_grid(x), near]))
     law = effect.force(JointSamples(np.zeros_like(grid), grid, np.zeros_like(grid))).value
     svg = _law_over(x, y, grid, law, f"velocity of {joint} ({rate})", f"missing force ({unit})")
     return Picture(
@@ -51,15 +55,15 @@ def _over_velocity(evidence: Evidence, effect: JointForce) -> Picture:
     )
 
 
-def _over_position(evidence: Evidence, effect: JointForce) -> Picture:
+def _over_position(evidence: Evidence) -> Picture:
+    effect = cast(JointForce, evidence.effect)
     joint, x, y, unit = _joint_data(evidence, "q")
     grid = _grid(x, 400)
     label = f"position of {joint} ({_joint(evidence).position_unit})"
     caption = _each_point(evidence)
-    if effect.name == "joint_hard_stop":  # it damps too: its force is no function of the position alone
-        v = _joint_data(evidence, "v")[1]
-        given = effect.force(JointSamples(x, v, np.zeros_like(x))).value
-        svg = _dots_over(x, y, given, label, f"missing force ({unit})")
+    given = effect.force(JointSamples(x, _joint_data(evidence, "v")[1], np.zeros_like(x)))
+    if np.any(given.d_v):  # it damps too: its force is no function of the position alone
+        svg = _dots_over(x, y, given.value, label, f"missing force ({unit})")
         return Picture(svg, caption + "blue is the law's force in the same window.")
     law = effect.force(JointSamples(grid, np.zeros_like(grid), np.zeros_like(grid))).value
     svg = _law_over(x, y, grid, law, label, f"missing force ({unit})")
@@ -159,6 +163,7 @@ def _each_point(evidence: Evidence) -> str:
 PICTURES: dict[str, Callable[[Evidence], Picture]] = {
     "time": over_time,
     "variable": _over_its_variable,
+    "position": _over_position,
     "load": _over_load,
     "acceleration": _over_acceleration,
     "effort": _over_effort,

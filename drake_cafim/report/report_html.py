@@ -268,6 +268,8 @@ def _forecast(
     pictures = outcome.problem.pictures
     recording = held_out[0] if comparison is verdict.held_out else pictures.recordings[0]
     nominal = pictures.forecast(recording, outcome.nominal.model.physics(outcome.problem.scene))
+    if len(nominal.time) == 0:
+        raise FloatingPointError(f"{wording.short(recording.name)} is too short")
     forecasts = Forecasts(nominal, pictures.forecast(recording, corrected) if verdict.explanation else None)
     corrected_quality = comparison.corrected if verdict.explanation else None
     columns = telling_columns(comparison.nominal, corrected_quality, forecasts.nominal.measured, 3)

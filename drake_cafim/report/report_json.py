@@ -177,8 +177,8 @@ def parameters_of(parameters: Sequence[NominalParameter]) -> list[dict[str, Any]
 def noise_entries(noise: Mapping[str, ChannelNoise]) -> dict[str, dict[str, Any]]:
     """The `noise` of a report: by column the std of one sample, its unit, its correlation time, s, and its origin."""
     return {
-        column: {"std": one.std, "unit": one.unit, "correlation_time": one.correlation_time, "stated": one.stated}
-        for column, one in noise.items()
+        column: {"std": own.std, "unit": own.unit, "correlation_time": own.correlation_time, "stated": own.stated}
+        for column, own in noise.items()
     }
 
 

@@ -67,6 +67,9 @@ def _effect(entry: EffectEntry, vocabulary: Sequence[type[Effect]], key: str) ->
             raise InputError(f"{key} has no interval, expected `interval: [start, stop]` in s")
         for number in entry.interval:
             ANY.check(number, f"{key}.interval")
+        for name in ("start", "stop"):
+            if name in given:
+                raise InputError(f"{key}.{name} is {given[name]:g}, expected the times under `interval` alone")
         start, stop = entry.interval
         names = [strength.name for strength in kind.strengths]
         given |= {name: value for name, value in (("start", start), ("stop", stop)) if name in names}

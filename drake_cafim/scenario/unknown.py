@@ -126,7 +126,7 @@ def _unknown(entry: Unknown, physics: Physics, key: str) -> UnknownParameter:
         lower=0.0 if entry.parameter in _POSITIVE else -np.inf,
         unit=valid[entry.parameter],
     )
-    return UnknownParameter(entry.parameter, kind, at, prior)
+    return UnknownParameter(entry.parameter, kind.split()[0], at, prior)
 
 
 def _place(entry: Unknown, physics: Physics, key: str) -> tuple[str, str, dict[str, str], float]:
@@ -141,8 +141,13 @@ def _place(entry: Unknown, physics: Physics, key: str) -> tuple[str, str, dict[s
         return "joint", entry.joint, JOINT_PARAMETERS, float(getattr(joint, entry.parameter, np.nan))
     for contact in physics.contacts:
         if set(contact.bodies) == set(entry.contact):
-            present = float(getattr(contact.parameters, entry.parameter, None) or 0.0)
-            return "contact", contact.name, CONTACT_PARAMETERS, present
+            values, law = contact.parameters, contact.law.normal
+            present = float(getattr(values, entry.parameter, None) or 0.0)
+            absent = {"damping" if law == "hunt_crossley" else "dissipation"}
+            if values.slip_velocity is None and values.resistance is None:
+                absent.add("friction")
+            valid = {name: unit for name, unit in CONTACT_PARAMETERS.items() if name not in absent}
+            return f"contact by the law {law}", contact.name, valid, present
     known = ", ".join(contact.name for contact in physics.contacts) or "none"
     raise InputError(f"{key}.contact is {'/'.join(entry.contact)}, which the scenario lacks; it has: {known}")
 

@@ -52,7 +52,9 @@ def _same(entry: Unknown, name: str, at: str) -> bool:
 
 
 def _mean(entry: Unknown, kind: type[Effect], key: str) -> float:
-    numbers: dict[str, Strength] = {one.name: one for one in (*kind.strengths, *kind.shapes) if not one.choices}
+    numbers: dict[str, Strength] = {
+        strength.name: strength for strength in (*kind.strengths, *kind.shapes) if not strength.choices
+    }
     if entry.parameter not in numbers:
         raise InputError(
             f"{key}.parameter is {entry.parameter!r}, which {kind.name} lacks; valid: {', '.join(numbers)}"

@@ -19,7 +19,7 @@ def efforts_here(scene: Scene, q: Array, v: Array, a: Array) -> Array:
     """(N, n) N m of motions (N, n) against all that the file says acts, but dry friction."""
     physics = scene.physics
     M, bias = equations_of_motion(motion(scene.tree, q, v), physics.gravity)
-    smooth = replace(physics, joint_forces=tuple(one for one in physics.joint_forces if one.name != DRY))
+    smooth = replace(physics, joint_forces=tuple(effect for effect in physics.joint_forces if effect.name != DRY))
     samples = [JointSamples(q[:, j], v[:, j], np.zeros(len(q))) for j in range(q.shape[1])]
     applied = smooth.applied_at_joints(samples)[0]
     return np.asarray(np.einsum("nij,nj->ni", M + np.diag(physics.rotor_inertias), a) + bias - applied)

@@ -1,8 +1,4 @@
-"""Finds mistakes of the data that look like physics: a wrong sign, swapped joints, an effort without gravity.
-
-A recording that agrees with the model once it is corrected needs no missing physics to explain it. Each recording is
-tested on its own, since the files of a robot need not come from one program.
-"""
+"""Finds mistakes of joints' data that look like physics: a wrong sign, swapped joints, an effort without gravity."""
 
 import contextlib
 from collections.abc import Sequence
@@ -10,18 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drake_cafim.diagnosis.fit.data_mistakes import Suspicion, correct, sentences
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.joints.suspicions import Suspicion, suspicions
+from drake_cafim.diagnosis.joints.suspicions import suspicions
 from drake_cafim.diagnosis.rows.samples import samples_of, with_recording
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import (
     MISTAKE_CHI_SQUARE_PER_ROW,
-    MISTAKE_CHI_SQUARE_SHARE_LEFT,
     MISTAKE_EXCERPT_SAMPLES,
     MISTAKE_EXCERPT_TRAVEL_SHARE,
-    MISTAKE_PART_SHARE_LEFT,
-    MISTAKES_A_RECORDING,
     MISTAKES_TRIED_EXACTLY,
 )
 from drake_cafim.errors import InputError
@@ -32,50 +26,11 @@ from drake_cafim.typing import Array
 
 
 def data_mistakes(scene: Scene, recordings: Sequence[Recording], std: dict[str, float]) -> tuple[str, ...]:
-    """A sentence for each mistake, with the files that have it; empty where there is none.
+    """A sentence for each mistake, with the files that have it; empty where there is none (see `sentences`).
 
-    χ² is of the whitened rows under the model as given. Unless all recordings share a mistake, correcting it must lower
-    χ² to that of the recordings without mistakes: else it may stand for physics that only this recording shows.
+    χ² is of the whitened rows under the model as given.
     """
-    found = [_Corrected.of(scene, recording, std) for recording in recordings]
-    shared = set.intersection(*({mistake.key for mistake in recording.mistakes} for recording in found))
-    clean = max((recording.left for recording in found if not recording.mistakes), default=0.0)
-    files: dict[tuple[str, str], list[str]] = {}
-    for recording in found:
-        for mistake in recording.mistakes:
-            if mistake.key in shared or not clean or recording.left <= max(MISTAKE_CHI_SQUARE_PER_ROW, clean):
-                files.setdefault(mistake.key, []).append(recording.name)
-    return tuple(f"{subject} of {_listed(names)} {words}" for (subject, words), names in files.items())
-
-
-@dataclass(frozen=True)
-class _Corrected:
-    """The `mistakes` of the recording `name`, and the χ² per row that is `left` once they are corrected."""
-
-    name: str
-    mistakes: tuple[Suspicion, ...]
-    left: float
-
-    @classmethod
-    def of(cls, scene: Scene, recording: Recording, std: dict[str, float]) -> "_Corrected":
-        """Corrects mistakes one after the other, while each explains most of the χ² that the ones before it leave."""
-        excerpt = _Excerpts.of(scene, recording, std)
-        supposed: list[Suspicion] = []
-        left, accepted = [excerpt.chi_square], 0
-        while len(supposed) < MISTAKES_A_RECORDING and excerpt.glaring:
-            better = excerpt.best_correction()
-            if better is None:
-                break
-            suspicion, excerpt = better
-            supposed.append(suspicion)
-            left.append(excerpt.chi_square)
-            agrees = all(excerpt.agrees(suspicion) for suspicion in supposed if suspicion.scales)
-            if agrees and left[-1] < MISTAKE_CHI_SQUARE_SHARE_LEFT * left[accepted]:
-                accepted = len(supposed)
-            # a correction that removes a part may need the next one: of two equal mistakes the first leaves half
-            elif left[-1] > MISTAKE_PART_SHARE_LEFT * left[-2]:
-                break
-        return cls(recording.name, tuple(supposed[:accepted]), left[accepted])
+    return sentences([correct(recording.name, _Excerpts.of(scene, recording, std)) for recording in recordings])
 
 
 @dataclass(frozen=True)
@@ -108,21 +63,10 @@ class _Excerpts:
         """χ² per row; 0 where there is no row."""
         return float(np.mean(np.concatenate(self.rows) ** 2)) if self.rows else 0.0
 
-    @property
-    def glaring(self) -> bool:
-        """Whether χ² per row is so large that a mistake is looked for."""
-        return self.chi_square >= MISTAKE_CHI_SQUARE_PER_ROW
-
-    def agrees(self, suspicion: Suspicion) -> bool:
-        """Whether the motion has the right size once `suspicion`, which scales it down, is corrected.
-
-        Scaled down once more it must fit far worse: a motion that is almost none suits any model.
-        """
-        if self.glaring:
-            return False
+    def scaled_again(self, suspicion: Suspicion) -> float:
+        """χ² per row once the motion that `suspicion` has scaled down is scaled down again."""
         smaller = [suspicion.scaled_again(run.weak.samples.recording) for run in self.problem.runs]
-        still = self._over(self.scene, self.std, smaller).chi_square
-        return self.chi_square < MISTAKE_CHI_SQUARE_SHARE_LEFT * still
+        return self._over(self.scene, self.std, smaller).chi_square
 
     def best_correction(self) -> "tuple[Suspicion, _Excerpts] | None":
         """The suspicion whose correction leaves the least χ², and the corrected excerpts; None where all raise it."""
@@ -186,7 +130,3 @@ def _part(recording: Recording, part: slice) -> Recording:
 
 def _nominal(scene: Scene) -> Physics:
     return Model(scene.priors.mean).physics(scene)
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

@@ -1,45 +1,17 @@
 """Possible mistakes of a recording's columns (signs, units, swapped joints), and the corrected columns."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from drake_cafim.diagnosis.fit.data_mistakes import Suspicion, listed
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.dynamics.motion import bias_force, motion
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.recordings.units import DEGREES
 from drake_cafim.scene.scene import Scene
-from drake_cafim.typing import Array
 
-
-@dataclass(frozen=True)
-class Suspicion:
-    """A possible mistake: `subject` names the columns, `predicate` says what is wrong; `columns` are corrected.
-
-    A mistake whose correction scales the motion down (`scales`) is believed only if just noise remains then, and far
-    more once the motion is scaled down again: any model that predicts too much effort fits a motion 57 times as small
-    better.
-    """
-
-    subject: str
-    predicate: str
-    columns: Mapping[str, Array]
-    scales: bool = False
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """Equal for the same mistake in another recording."""
-        return self.subject, self.predicate
-
-    def correct(self, recording: Recording) -> Recording:
-        """`recording` with the suspected columns replaced."""
-        return replace(recording, columns={**recording.columns, **self.columns})
-
-    def scaled_again(self, recording: Recording) -> Recording:
-        """`recording`, already corrected, with the suspected columns divided by 180/π once more."""
-        again = {name: recording.columns[name] / DEGREES for name in self.columns}
-        return replace(recording, columns={**recording.columns, **again})
+THOUSAND = 1000.0
 
 
 def suspicions(scene: Scene, recording: Recording, joints: Sequence[int]) -> Iterator[Suspicion]:
@@ -48,9 +20,11 @@ def suspicions(scene: Scene, recording: Recording, joints: Sequence[int]) -> Ite
     for j in joints:
         yield from _turned(recording, [names[j]])
         yield from _in_degrees(scene, recording, [names[j]])
+        yield from _in_thousandths(scene, recording, [names[j]])
     if len(names) > 1:
         yield from _turned(recording, names)
         yield from _in_degrees(scene, recording, names)
+        yield from _in_thousandths(scene, recording, names)
     for a in joints:
         for b in joints:
             if a < b:
@@ -68,7 +42,7 @@ def _turned(recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
         columns = _columns(recording, kinds, joints)
         if columns:
             turned = {name: -recording.columns[name] for name in columns}
-            yield Suspicion(_listed(columns), _plural(columns, "its sign turned", "their signs turned"), turned)
+            yield Suspicion(listed(columns), _plural(columns, "its sign turned", "their signs turned"), turned)
 
 
 def _in_degrees(scene: Scene, recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
@@ -81,19 +55,35 @@ def _in_degrees(scene: Scene, recording: Recording, joints: Sequence[str]) -> It
             units = {"q": "degrees, expected rad", "v": "degrees/s, expected rad/s"}.get(
                 kinds, "degrees and degrees/s, expected rad and rad/s"
             )
-            yield Suspicion(_listed(columns), _plural(columns, "values in " + units), right, scales=True)
+            yield Suspicion(listed(columns), _plural(columns, "values in " + units), right, DEGREES)
+
+
+def _in_thousandths(scene: Scene, recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
+    """Efforts are in mN m or mN, or the positions, velocities or both of prismatic joints in mm, at all of `joints`."""
+    slides = [name for name in joints if scene.tree.joints[scene.tree.joint_index(name)].prismatic]
+    efforts = "millinewtons" if len(slides) == len(joints) else "millinewton metres"
+    right = {"millinewtons": "N", "millinewton metres": "N m"}[efforts]
+    units = {"u": f"{efforts}, expected {right}", "q": "millimetres, expected m", "v": "mm/s, expected m/s"}
+    for kinds in ("u", "q", "v", "qv"):
+        columns = _columns(recording, kinds, joints if kinds == "u" else slides)
+        if columns:
+            scaled = {name: recording.columns[name] / THOUSAND for name in columns}
+            words = units.get(kinds, "mm and mm/s, expected m and m/s")
+            yield Suspicion(listed(columns), _plural(columns, "values in " + words), scaled, THOUSAND)
 
 
 def _swapped(recording: Recording, a: str, b: str) -> Iterator[Suspicion]:
     """Channels of the joints `a` and `b` are in each other's columns."""
-    for kinds in ("u", "qv", "qvu"):
+    for kinds in ("u", "q", "v", "qv", "qvu"):
         present = [kind for kind in kinds if f"{kind}.{a}" in recording.columns]
+        if not present or (kinds == "qv" and len(present) < 2):
+            continue
         exchanged = {}
         for kind in present:
             exchanged[f"{kind}.{a}"] = recording.columns[f"{kind}.{b}"]
             exchanged[f"{kind}.{b}"] = recording.columns[f"{kind}.{a}"]
         columns = [f"{kind}.{name}" for kind in present for name in (a, b)]
-        yield Suspicion(_listed(columns), f"have the joints {a} and {b} swapped", exchanged)
+        yield Suspicion(listed(columns), f"have the joints {a} and {b} swapped", exchanged)
 
 
 def _without_gravity(scene: Scene, recording: Recording) -> Suspicion:
@@ -103,7 +93,7 @@ def _without_gravity(scene: Scene, recording: Recording) -> Suspicion:
     physics = Model(scene.priors.mean).physics(scene)
     holding = bias_force(motion(physics.tree, q, np.zeros_like(q)), physics.gravity)
     whole = {f"u.{name}": recording.columns[f"u.{name}"] + holding[:, j] for j, name in enumerate(names)}
-    return Suspicion(_listed(list(whole)), _plural(list(whole), "gravity already taken out"), whole)
+    return Suspicion(listed(list(whole)), _plural(list(whole), "gravity already taken out"), whole)
 
 
 def _columns(recording: Recording, kinds: str, joints: Sequence[str]) -> list[str]:
@@ -114,7 +104,3 @@ def _columns(recording: Recording, kinds: str, joints: Sequence[str]) -> list[st
 
 def _plural(columns: Sequence[str], singular: str, more: str | None = None) -> str:
     return f"has {singular}" if len(columns) == 1 else f"have {more or singular}"
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

@@ -74,6 +74,9 @@ def _errors(name: str, simulated: Sequence[Forecast] | NotComputable, missing: l
     if isinstance(simulated, NotComputable):
         missing.append(f"{name} cannot be computed: {simulated.reason}")
         return {}
+    if simulated and not any(len(forecast.time) for forecast in simulated):
+        missing.append(f"{name} cannot be computed: {NO_SAMPLE.reason}")
+        return {}
     errors = root_mean_square(simulated) if simulated else {}
     lost = [column for column, error in errors.items() if not np.isfinite(error)]
     missing += [f"{name}.{column} cannot be computed: {RAN_AWAY}" for column in lost]

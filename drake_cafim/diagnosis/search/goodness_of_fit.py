@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from drake_cafim.diagnosis.fit.adequacy import adequacy
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
-from drake_cafim.diagnosis.search.state import Settings
+from drake_cafim.diagnosis.thresholds import ADEQUACY_LEVEL
 from drake_cafim.diagnosis.verdict import Location
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.numerics.rounding import grouped, rounded
@@ -18,7 +18,7 @@ PLACES = 3
 class GoodnessOfFit:
     """The residual of a fitted model compared with what the noise predicts.
 
-    - `accepted`: whether the residual is as the noise predicts, at the search's false-alarm rate.
+    - `accepted`: whether the residual is as the noise predicts, at the level `ADEQUACY_LEVEL`.
     - `reduced_chi_square`: χ² per degree of freedom of the `rows`, 1 for noise alone.
     - `p_value`: the probability that noise alone gives as large a residual, in total or in any stretch of time.
     - `locations`: where the model does not fit, strongest first; none where it is accepted.
@@ -61,7 +61,7 @@ class GoodnessOfFit:
 def goodness_of_fit(problem: SearchProblem, fitted: Fit) -> tuple[GoodnessOfFit, tuple[str, ...]]:
     """The goodness of fit of `fitted`, and a note where the places cannot be computed."""
     left = adequacy(problem, fitted.residual, fitted.strengths)
-    accepted = left.p_value > Settings().false_alarm_rate
+    accepted = left.p_value > ADEQUACY_LEVEL
     where: tuple[Location, ...] = ()
     notes: tuple[str, ...] = ()
     if not accepted:

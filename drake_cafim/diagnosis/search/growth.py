@@ -87,6 +87,6 @@ def _is_far_less(state: State, parent: Fit, found: Iterable[Fit], candidate: Can
         return False
     return any(
         candidate.gain < GAIN_SHARE_FAR_LESS * (parent.chi_square - other.chi_square)
-        and leaves_noise(state.problem, other, state.settings.false_alarm_rate)
+        and leaves_noise(state.problem, other, state.settings.adequacy_level)
         for other in found
     )

@@ -110,8 +110,8 @@ def _of_search(outcome: Outcome, settings: Settings, trace: Trace) -> Judgement:
     if outcome.detection_p_value > settings.false_alarm_rate:
         return Judgement(outcome, outcome.nominal, "none")
     best = outcome.best
-    trace.add(*decisions.record_residual(outcome.problem, best, settings.false_alarm_rate))
-    if best.model.named and leaves_noise(outcome.problem, best, settings.false_alarm_rate):
+    trace.add(*decisions.record_residual(outcome.problem, best, settings.adequacy_level))
+    if best.model.named and leaves_noise(outcome.problem, best, settings.adequacy_level):
         return Judgement(outcome, best, "explained")
     before, after = _excess(outcome.nominal_problem, outcome.nominal), _excess(outcome.problem, best)
     most = int(np.argmax(before - after))

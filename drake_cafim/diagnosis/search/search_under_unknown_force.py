@@ -42,8 +42,8 @@ def search_again(
     noisier = problem.with_unknown_force(force, best.model)
     if best.model.effects:
         beside = unbiased_fit(noisier, best.model)
-        trace.add(*decisions.record_unknown_forces_start(noisier, beside, settings.false_alarm_rate))
-        if not leaves_noise(noisier, beside, settings.false_alarm_rate):
+        trace.add(*decisions.record_unknown_forces_start(noisier, beside, settings.adequacy_level))
+        if not leaves_noise(noisier, beside, settings.adequacy_level):
             return None
     initial = best.model.effects
     for _ in range(ROUNDS):
@@ -54,8 +54,8 @@ def search_again(
             break
         force = found.problem.likeliest_force(found.best.model)
         assert force is not None
-    trace.add(*decisions.record_residual(found.problem, found.best, settings.false_alarm_rate))
-    if not initial or not leaves_noise(found.problem, found.best, settings.false_alarm_rate):
+    trace.add(*decisions.record_residual(found.problem, found.best, settings.adequacy_level))
+    if not initial or not leaves_noise(found.problem, found.best, settings.adequacy_level):
         trace.add(decisions.record_unknown_forces_failure(found.best))
         return None
     # noise of any size would explain everything: under the stated noise, the effects must explain nearly all

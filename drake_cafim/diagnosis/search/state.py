@@ -12,9 +12,18 @@ from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import Candidate, screen
-from drake_cafim.diagnosis.thresholds import COMPETING_CRITERION_REACH, UNKNOWN_MOVE_IN_PRIOR_STDS
+from drake_cafim.diagnosis.thresholds import (
+    ADEQUACY_LEVEL,
+    CANDIDATES_FITTED,
+    COMPETING_CRITERION_REACH,
+    EXPLANATIONS_CONTINUED,
+    FALSE_ALARM_RATE,
+    MOST_EFFECTS,
+    UNKNOWN_MOVE_IN_PRIOR_STDS,
+)
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
+from drake_cafim.errors import InputError
 
 ROUNDS = 3
 """Largest number of repetitions, of whitening while unknowns change, and of competitions between explanations."""
@@ -24,16 +33,30 @@ ROUNDS = 3
 class Settings:
     """Options of a search.
 
-    - `false_alarm_rate`: probability that anything is named where nothing is missing.
+    - `false_alarm_rate`: probability that a mismatch is detected, or an effect accepted, on noise alone.
+    - `adequacy_level`: p-value of the goodness-of-fit test above which what remains counts as noise.
     - `most_effects`: largest number of effects of an explanation.
     - `beam`: number of explanations of each size that are continued.
     - `refined`: number of candidates that are fitted exactly beside each of these.
+
+    Raises `InputError` for a rate or a level that is not between 0 and 1, and for a negative number of effects.
     """
 
-    false_alarm_rate: float = 0.01
-    most_effects: int = 3
-    beam: int = 3
-    refined: int = 4
+    false_alarm_rate: float = FALSE_ALARM_RATE
+    adequacy_level: float = ADEQUACY_LEVEL
+    most_effects: int = MOST_EFFECTS
+    beam: int = EXPLANATIONS_CONTINUED
+    refined: int = CANDIDATES_FITTED
+
+    def __post_init__(self) -> None:
+        for name, value in (("false-alarm rate", self.false_alarm_rate), ("adequacy level", self.adequacy_level)):
+            if not 0.0 < value < 1.0:
+                raise InputError(f"the {name} is {value:g}, expected a number above 0 and below 1")
+        if self.most_effects < 0 or min(self.beam, self.refined) < 1:
+            raise InputError(
+                f"most_effects, beam and refined are {self.most_effects}, {self.beam} and {self.refined}, expected "
+                "integers of at least 0, 1 and 1"
+            )
 
 
 @dataclass

@@ -19,7 +19,7 @@ from drake_cafim.diagnosis.tosses.initial_states import FittedArcs, fit_initial_
 from drake_cafim.diagnosis.tosses.jacobian import number_columns
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
 from drake_cafim.diagnosis.tosses.simulated_arcs import Shot
-from drake_cafim.diagnosis.tosses.state import State
+from drake_cafim.dynamics.free_body_state import State
 from drake_cafim.dynamics.tree import FREE
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scene.scene import Scene

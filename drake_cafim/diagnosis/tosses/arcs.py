@@ -19,7 +19,7 @@ from drake_cafim.diagnosis.thresholds import (
     ARC_START_REACH,
 )
 from drake_cafim.diagnosis.tosses.poses import PoseNoise, PoseTrack
-from drake_cafim.diagnosis.tosses.state import State, stack
+from drake_cafim.dynamics.free_body_state import State, stack
 from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product
 from drake_cafim.typing import Array
 

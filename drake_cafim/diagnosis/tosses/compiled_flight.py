@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from drake_cafim.diagnosis.tosses import rigid_body as rigid
 from drake_cafim.diagnosis.tosses.compiled_contact import advance_memory, forces
+from drake_cafim.dynamics import rigid_body as rigid
 from drake_cafim.dynamics.rotations import rotation_matrices_of
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.numerics.rosenbrock import (

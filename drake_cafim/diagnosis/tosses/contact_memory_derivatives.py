@@ -4,7 +4,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.tosses.flight import Fine, remember
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
-from drake_cafim.diagnosis.tosses.state import Moment, State, normalise
+from drake_cafim.dynamics.free_body_state import Moment, State, normalise
 from drake_cafim.dynamics.rotations import exponential, product, rotation_matrices
 from drake_cafim.numerics.cross import cross
 from drake_cafim.typing import Array, Flags

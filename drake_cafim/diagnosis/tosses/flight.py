@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from drake_cafim.diagnosis.tosses import rigid_body as rigid
 from drake_cafim.diagnosis.tosses.compiled_flight import simulate_flights
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
-from drake_cafim.diagnosis.tosses.state import Moment, State, stack
+from drake_cafim.dynamics import rigid_body as rigid
+from drake_cafim.dynamics.free_body_state import Moment, State, stack
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.numerics.rosenbrock import (
     ALPHA,

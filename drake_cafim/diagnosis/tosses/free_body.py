@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from drake_cafim.contact.change import Touch, surface_axes
-from drake_cafim.diagnosis.tosses import rigid_body as rigid
 from drake_cafim.diagnosis.tosses.compiled_contact import Law, law_of
-from drake_cafim.diagnosis.tosses.state import Moment, State
+from drake_cafim.dynamics import rigid_body as rigid
 from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.dynamics.free_body_state import Moment, State
 from drake_cafim.dynamics.motion import skew
 from drake_cafim.dynamics.rotations import crossing, rotation_matrices
 from drake_cafim.dynamics.tree import FREE

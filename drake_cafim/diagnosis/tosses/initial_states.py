@@ -15,8 +15,8 @@ from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.innovation import Innovation
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
 from drake_cafim.diagnosis.tosses.simulated_arcs import Shot, select_arcs
-from drake_cafim.diagnosis.tosses.state import State, replace_rows, select
 from drake_cafim.diagnosis.tosses.tangent import displace
+from drake_cafim.dynamics.free_body_state import State, replace_rows, select
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Flags
 

@@ -8,7 +8,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.pose_readings import axes_of, sensor_slopes
 from drake_cafim.diagnosis.tosses.simulated_arcs import Shot
-from drake_cafim.diagnosis.tosses.state import State
+from drake_cafim.dynamics.free_body_state import State
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.kinds import ByKind

@@ -3,7 +3,7 @@
 import numpy as np
 
 from drake_cafim.diagnosis.tosses.arcs import Arcs
-from drake_cafim.diagnosis.tosses.state import State
+from drake_cafim.dynamics.free_body_state import State
 from drake_cafim.dynamics.rotations import exponential, inverse, logarithm, product
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.scenario.physics import Physics

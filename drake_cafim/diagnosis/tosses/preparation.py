@@ -10,6 +10,7 @@ from drake_cafim.diagnosis.noise.coloured import Memory, estimate_memories, step
 from drake_cafim.diagnosis.noise.differences import correct_for_memory
 from drake_cafim.diagnosis.thresholds import MOTION_NOISE_STDS
 from drake_cafim.diagnosis.tosses.arcs import arcs_of
+from drake_cafim.diagnosis.tosses.data_mistakes import data_mistakes
 from drake_cafim.diagnosis.tosses.pose_readings import AXES
 from drake_cafim.diagnosis.tosses.poses import (
     PoseNoise,
@@ -102,7 +103,9 @@ def prepare_tosses(
     held = tuple(track_of(recording, body, turns=turns) for recording in held_out)
     if not turns:
         notes = (f"pose.{body}: only positions are used; effects that need its rotation are not looked for", *notes)
-    return PreparedTosses(scene, body, noise, tracks, held, (*estimates, *notes), (), remarks)
+    of_held = (f"held out: {mistake}" for mistake in (data_mistakes(scene, held_out, body) if held_out else ()))
+    mistakes = data_mistakes(scene, recordings, body)
+    return PreparedTosses(scene, body, noise, tracks, held, (*estimates, *notes, *of_held), mistakes, remarks)
 
 
 def _measure_turns(scene: Scene, recordings: Sequence[Recording], body: str) -> bool:

@@ -56,7 +56,7 @@ def toss_forecasts(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physi
 
     Columns are the positions, m, and where rotations were measured `pose.<body>.rotation`, rad, the angle turned since
     the window began; the prediction adds to the measured one the angle between the predicted and the measured
-    orientation.
+    orientation. A recording that ends within its first 50 ms has a forecast without samples.
     """
     before, windows = [], []
     for index, track in enumerate(tracks):
@@ -65,6 +65,9 @@ def toss_forecasts(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physi
             stop = int(np.searchsorted(track.time, track.time[start] + HORIZON + 1e-9, side="right"))
             before.append((index, first, start + 1))
             windows.append((index, first, stop))
+    columns = [f"pose.{body}.{part}" for part in ("x", "y", "z", *(["rotation"] if noise.turns_measured else []))]
+    if not windows:
+        return [_without_samples(track, columns) for track in tracks]
     look_back = arcs_of_pieces(tracks, noise, before)
     initial = fit_initial_states(look_back, noise, physics, look_back.start).shot
     whole = arcs_of_pieces(tracks, noise, windows)
@@ -74,6 +77,9 @@ def toss_forecasts(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physi
     result = []
     for index, track in enumerate(tracks):
         own = np.flatnonzero(whole.recording == index)
+        if len(own) == 0:
+            result.append(_without_samples(track, columns))
+            continue
         window = np.concatenate([np.full(int(later[b].sum()), w) for w, b in enumerate(own)])
         missed, p = (np.concatenate([values[b][later[b]] for b in own]) for values in (errors, whole.p))
         predicted = {f"pose.{body}.{axis}": p[:, k] + missed[:, k] for k, axis in enumerate("xyz")}
@@ -85,6 +91,13 @@ def toss_forecasts(tracks: Sequence[PoseTrack], noise: PoseNoise, physics: Physi
         time = np.concatenate([whole.times[b][later[b]] for b in own])
         result.append(Forecast(track.recording.name, time, window, predicted, measured))
     return result
+
+
+def _without_samples(track: PoseTrack, columns: Sequence[str]) -> Forecast:
+    """The forecast of a recording that is too short for one."""
+    nothing = np.zeros(0)
+    none = dict.fromkeys(columns, nothing)
+    return Forecast(track.recording.name, nothing, np.zeros(0, dtype=int), none, none)
 
 
 def _rotation_angles(quaternion: Array) -> Array:

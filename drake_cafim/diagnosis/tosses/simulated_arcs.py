@@ -10,8 +10,8 @@ from drake_cafim.diagnosis.tosses.flight import Fine, Flights, fly
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
 from drake_cafim.diagnosis.tosses.pose_readings import measured_changes, measured_poses, true_times
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
-from drake_cafim.diagnosis.tosses.state import Moment, State, replace_rows, select, stack
 from drake_cafim.diagnosis.tosses.tangent import Tangent
+from drake_cafim.dynamics.free_body_state import Moment, State, replace_rows, select, stack
 from drake_cafim.dynamics.rotations import inverse, logarithm, product, rotation_matrices
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Flags

@@ -26,7 +26,7 @@ from drake_cafim.diagnosis.tosses.contact_memory_derivatives import (
 )
 from drake_cafim.diagnosis.tosses.flight import Fine, Flights
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
-from drake_cafim.diagnosis.tosses.state import Moment, State, normalise
+from drake_cafim.dynamics.free_body_state import Moment, State, normalise
 from drake_cafim.dynamics.motion import skew
 from drake_cafim.dynamics.rotations import exponential, product, rotation_matrices
 from drake_cafim.numerics.cross import cross
