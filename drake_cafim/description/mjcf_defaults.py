@@ -26,7 +26,7 @@ def _include(document: XmlDocument, parent: Element, path: Path, depth: int) -> 
         if child.tag != "include":
             _include(document, child, path, depth)
             continue
-        name = child.get("file", "")
+        name = child.get("file", "").replace("\\", "/")  # as written under Windows, and as MuJoCo reads it
         found = next((file for near in (document.path, path) if (file := near.parent / name).is_file()), None)
         if found is None or depth > DEPTH:
             why = "which is not there" if found is None else "which includes itself"
