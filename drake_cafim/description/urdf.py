@@ -54,8 +54,9 @@ def _remove_empty_shapes(document: XmlDocument) -> Iterator[str]:
     empty = []
     for link in document.root.findall("link"):
         for shape in [child for child in link if child.tag in ("visual", "collision")]:
-            sizes = [solid.get(key, "") for solid in shape.findall("geometry/*") for key in ("size", "radius", "length")]
-            if any(_is_zero(word) for size in sizes for word in size.split()):
+            solids = shape.findall("geometry/*")
+            sizes = " ".join(solid.get(key, "") for solid in solids for key in ("size", "radius", "length"))
+            if any(_is_zero(word) for word in sizes.split()):
                 link.remove(shape)
                 empty.append(link.get("name", ""))
     if empty:

@@ -57,7 +57,8 @@ def notes_on_followers(tree: Tree) -> tuple[str, ...]:
     if not tree.followers:
         return ()
     pairs = [
-        f"{one.joint.name} = {one.multiplier:g} {tree.joints[one.leader].name}{f' + {one.offset:g}' * (one.offset != 0)}"
+        f"{one.joint.name} = {one.multiplier:g} {tree.joints[one.leader].name}"
+        + (f" + {one.offset:g}" if one.offset else "")
         for one in tree.followers
     ]
     return (f"joints that follow others move with them, and their own columns are not used ({list_names(pairs)})",)

@@ -56,8 +56,9 @@ ROBOTS = (
     "dm_control cart-pole",
     "Gymnasium pusher",
 )
-"""Arms, legs and toys, in URDF and MJCF, of those that MuJoCo accepts and whose motors carry them; chosen before any was
-diagnosed."""
+"""Arms, legs and toys, in URDF and MJCF, of those that MuJoCo accepts and whose motors carry them.
+
+They were chosen before any was diagnosed."""
 LEAST, MOST = 10.0, 100.0
 """Strength in the stds that a diagnosis would state for it; drawn log-uniformly."""
 LARGEST = 20.0
@@ -120,7 +121,8 @@ class Prepared:
         for joint in self.scene.tree.joints:
             if joint.prismatic:
                 channels |= {f"q.{joint.name}": {"std": NOISE_Q[1]}, f"v.{joint.name}": {"std": NOISE_V[1]}}
-        content: dict[str, Any] = {"model": str(self.path), "gravity": self.scene.scenario.gravity, "channels": channels}
+        content: dict[str, Any] = {"model": str(self.path), "channels": channels}
+        content["gravity"] = self.scene.scenario.gravity
         if self.shipped.weld:
             content["weld"] = [{"body": self.shipped.weld}]
         if self.shipped.lock:

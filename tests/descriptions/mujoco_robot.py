@@ -45,7 +45,7 @@ def specification(scene: Scene, path: Path) -> Any:
 
 @dataclass(frozen=True)
 class Robot:
-    """A compiled model, and where the scene's joints are in it: their velocities' indices and their motors, −1 for none.
+    """A compiled model, and where the scene's joints are in it: their indices and those of their motors, −1 for none.
 
     A joint without a motor of its own gets its effort directly. A motor that holds a position is switched off: efforts
     are commanded.
