@@ -134,6 +134,20 @@ def test_an_include_written_under_windows_is_found(tmp_path: Path) -> None:
     assert scene_of(tmp_path, text, "arm.xml").tree.joints[0].damping == 0.1
 
 
+def test_only_the_groups_that_the_file_names_have_mass(tmp_path: Path) -> None:
+    """`inertiagrouprange`: masses as MuJoCo has them, and no mesh of another group is missed."""
+    mujoco = pytest.importorskip("mujoco")
+    text = """<mujoco><compiler inertiagrouprange="3 4"/><asset><mesh name="drawn" file="drawn.stl"/></asset><worldbody>
+      <body name="fore"><joint name="elbow" axis="0 1 0"/><geom type="mesh" mesh="drawn" group="1"/>
+      <geom size="0.1" group="2"/><geom size="0.05" pos="0 0 0.2" group="3"/></body></worldbody></mujoco>"""
+    scene = scene_of(tmp_path, text, "arm.xml")
+    plain = text.replace('<geom type="mesh" mesh="drawn" group="1"/>', "").replace(
+        '<mesh name="drawn" file="drawn.stl"/>', ""
+    )
+    model = mujoco.MjModel.from_xml_string(plain)
+    assert scene.tree.body("fore").mass == pytest.approx(model.body("fore").mass[0])
+
+
 def test_a_negative_mass_names_the_body_and_the_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"arm.urdf, line 5: body 'link1' has the mass -1"):
         scene_of(tmp_path, arm(mass=-1.0))
