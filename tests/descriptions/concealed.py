@@ -262,7 +262,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """The table, row by row as it is found, and the counts."""
     parser = argparse.ArgumentParser(prog="python -m tests.descriptions.concealed", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("cafim-out/descriptions-concealed"))
-    parser.add_argument("--limit", type=float, default=900.0, help="s that one diagnosis may take")
+    parser.add_argument("--limit", type=float, default=3600.0, help="s that one diagnosis may take")
     parser.add_argument("--only", choices=("singles", "nulls"), help="these sets of recordings only")
     parser.add_argument("names", nargs="*", help="only these robots")
     options = parser.parse_args(arguments)
