@@ -227,7 +227,8 @@ def line(result: Mapping[str, Any]) -> str:
     told = ", ".join(f"{effect}@{at}" for effect, at in named(result)) or "nothing"
     verdict = report["verdict"] if report else result["failure"][:80]
     if not truth["effect"]:
-        return f"{'alarm' if named(result) else 'quiet':7} {truth['robot']:20} nothing -> {told} ({verdict})"
+        label = "alarm" if named(result) else "quiet" if report else "failed"
+        return f"{label:7} {truth['robot']:20} nothing -> {told} ({verdict})"
     size = ", ".join(f"{key} {value:.3g}" for key, value in truth["parameters"].items())
     return (
         f"{'found' if found(result) else 'MISSED':7} {truth['robot']:20} {truth['effect']}@{truth['at']} ({size}; "
