@@ -29,10 +29,16 @@ FRICTIONS = [
 
 
 def pushed(
-    folder: Path, name: str, values: dict[str, float], effort: float, speed: float, config: MultibodyPlantConfig
+    folder: Path,
+    name: str,
+    values: dict[str, float],
+    effort: float,
+    speed: float,
+    config: MultibodyPlantConfig,
+    model: str = ONE,
 ) -> Array:
     """Velocity (N,) rad/s of a joint under a steady effort at steps of 1 ms over 0.5 s."""
-    scene = scene_of(folder, ONE, {"effect": name, "at": "j", **values})
+    scene = scene_of(folder, model, {"effect": name, "at": "j", **values})
     builder = DiagramBuilder()
     corrected = scene.add_to(builder, config)
     source = builder.AddSystem(ConstantVectorSource([effort]))
@@ -69,6 +75,15 @@ def test_comes_to_rest_and_stays(tmp_path: Path) -> None:
     stop = round(2.0 * (INERTIA + ROTOR) / 1.0 / 1e-3)
     assert np.all(v[: stop - 1] > 0.0)
     assert np.max(np.abs(v[stop + 1 :])) < 1e-8
+
+
+def test_a_friction_beside_that_of_the_model_is_simulated(tmp_path: Path) -> None:
+    """Two dry frictions of one joint, as where the model file states one and a diagnosis finds another."""
+    model = ONE.replace('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><dynamics friction="0.6"/>')
+    name, values, config = "joint_coulomb_friction", {"torque": 0.5}, MultibodyPlantConfig()
+    assert np.max(np.abs(pushed(tmp_path, name, values, 1.0, 0.0, config, model))) <= 1.01 / GAIN
+    v = pushed(tmp_path, name, values, 1.4, 0.0, config, model)
+    assert v[-1] - v[-101] == pytest.approx(0.1 * (1.4 - 1.1) / (INERTIA + ROTOR), rel=1e-3)
 
 
 def test_drake_has_no_dry_friction_of_joints_of_its_own_yet() -> None:

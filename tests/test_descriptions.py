@@ -121,6 +121,33 @@ def test_an_inertia_that_no_body_can_have_is_mended_and_noted(tmp_path: Path) ->
     assert low + middle == pytest.approx(high)
 
 
+def test_shapes_without_an_extent_are_left_out(tmp_path: Path) -> None:
+    empty = '<collision><geometry><box size="0 0 0"/></geometry></collision></link>'
+    scene = scene_of(tmp_path, arm().replace("</link>", empty, 1))
+    assert any(note.startswith("shapes without an extent are left out (link1)") for note in scene.stated.notes)
+
+
+def test_an_include_written_under_windows_is_found(tmp_path: Path) -> None:
+    (tmp_path / "common").mkdir()
+    (tmp_path / "common" / "defaults.xml").write_text(DEFAULTS, encoding="utf-8")
+    text = MJCF.replace("common/defaults.xml", "common\\defaults.xml")
+    assert scene_of(tmp_path, text, "arm.xml").tree.joints[0].damping == 0.1
+
+
+def test_only_the_groups_that_the_file_names_have_mass(tmp_path: Path) -> None:
+    """`inertiagrouprange`: masses as MuJoCo has them, and no mesh of another group is missed."""
+    mujoco = pytest.importorskip("mujoco")
+    text = """<mujoco><compiler inertiagrouprange="3 4"/><asset><mesh name="drawn" file="drawn.stl"/></asset><worldbody>
+      <body name="fore"><joint name="elbow" axis="0 1 0"/><geom type="mesh" mesh="drawn" group="1"/>
+      <geom size="0.1" group="2"/><geom size="0.05" pos="0 0 0.2" group="3"/></body></worldbody></mujoco>"""
+    scene = scene_of(tmp_path, text, "arm.xml")
+    plain = text.replace('<geom type="mesh" mesh="drawn" group="1"/>', "").replace(
+        '<mesh name="drawn" file="drawn.stl"/>', ""
+    )
+    model = mujoco.MjModel.from_xml_string(plain)
+    assert scene.tree.body("fore").mass == pytest.approx(model.body("fore").mass[0])
+
+
 def test_a_negative_mass_names_the_body_and_the_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"arm.urdf, line 5: body 'link1' has the mass -1"):
         scene_of(tmp_path, arm(mass=-1.0))
@@ -190,7 +217,7 @@ def test_what_follows_a_held_joint_is_held_where_it_follows(tmp_path: Path) -> N
     wrist = JOINT.format(name="wrist", kind="revolute", parent="link2", child="link3", effort=1.0, more="")
     text = text.replace("</robot>", f"{LINK.format(name='link3', mass=1.0, ixx=0.02)}{wrist}</robot>")
     assert scene_of(tmp_path, text, lock="{shoulder: 0.2}").scenario.lock == {"shoulder": 0.2, "elbow": 0.5}
-    with pytest.raises(InputError, match=r"line 21: joint 'elbow' follows 'shoulder'.*`lock: \[shoulder\]`"):
+    with pytest.raises(InputError, match=r"line 21: joint 'elbow' follows 'shoulder' and carries.*lock: \[shoulder\]"):
         scene_of(tmp_path, text)
 
 

@@ -65,8 +65,8 @@ LIMITS = (
     Limit("Closed chains, by links", urdf(*TWO, joint("j2", "a", "c"), joint("j3", "b", "c"))),
     Limit("Closed chains, by a constraint of an MJCF, once recordings are given", mjcf(CONNECTED), "", "xml"),
     Limit(
-        "A joint that follows one that moves",
-        urdf(*TWO, joint("j2", "a", "c", more='<mimic joint="j1" multiplier="-1"/>')),
+        "A joint that follows one that moves and carries a joint that follows none",
+        urdf(*TWO, joint("j2", "b", "c", more='<mimic joint="j1"/>'), link("d"), joint("j3", "c", "d")),
     ),
     Limit("Tendons", mjcf(WOUND), "", "xml", noted=True),
     Limit(

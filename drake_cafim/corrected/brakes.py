@@ -6,6 +6,8 @@ the joint at speed zero with an effort of at most T is a constraint of Drake's c
 slides above. A friction law is thus split into a brake of its level at rest and an explicit remainder.
 """
 
+from itertools import chain, count
+
 import numpy as np
 from pydrake.multibody.plant import DiscreteContactApproximation, MultibodyPlant
 from pydrake.multibody.tree import PdControllerGains
@@ -68,7 +70,10 @@ def add_brake(plant: MultibodyPlant, joint: OneAxisJoint, level: float, name: st
             f"{name}: TAMSI lets brakes slip, expected discrete_contact_approximation sap, similar, lagged"
         )
     if level > 0.0:
-        brake = plant.AddJointActuator(f"{name} brake", joint, level)
+        # the model may state a dry friction where another one was found, and a joint may have several that follow it
+        names = (f"{name}{number} brake" for number in chain([""], (f" ({k})" for k in count(2))))
+        free = next(one for one in names if not plant.HasJointActuatorNamed(one))
+        brake = plant.AddJointActuator(free, joint, level)
         brake.set_controller_gains(PdControllerGains(p=1e-9, d=GAIN))
 
 

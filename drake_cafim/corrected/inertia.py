@@ -45,7 +45,7 @@ def add_inertia(plant: MultibodyPlant, nominal: Tree, changed: Tree) -> None:
     A parsed body's default inertia cannot be changed in Drake, so the difference, which may be negative, is welded to
     each joint's child frame as an additional body named `change on <joint>`, or to the floating body (`<body>`).
     """
-    for k, (before, after) in enumerate(zip(nominal.joints, changed.joints, strict=True)):
+    for k, (before, after) in enumerate(zip(nominal.moving, changed.moving, strict=True)):
         joint = joint_named(plant, after.name)
         _add_lump(plant, joint.name(), joint.frame_on_child(), lump(changed, k).minus(lump(nominal, k)))
         if after.damping != before.damping:

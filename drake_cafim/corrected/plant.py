@@ -5,13 +5,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import DiscreteContactApproximation, MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint
 
 from drake_cafim.corrected.brakes import add_brake, brakes, rest_level
 from drake_cafim.corrected.inertia import actuators_of, add_inertia, joint_named, set_rotor_inertia
 from drake_cafim.corrected.reading import array
 from drake_cafim.dynamics.tree import Tree
+from drake_cafim.errors import InputError
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -29,6 +30,24 @@ def hold_joints(plant: MultibodyPlant, locked: Mapping[str, float]) -> None:
         parent, child = joint.frame_on_parent(), joint.frame_on_child()
         plant.RemoveJoint(joint)
         plant.WeldFrames(parent, child, X_FM)
+
+
+def couple_followers(plant: MultibodyPlant, tree: Tree, source: str) -> None:
+    """Couples the joints that follow others, by constraints of a plant that is not finalized, and places them.
+
+    Raises `InputError` for a plant that cannot have such constraints.
+    """
+    for follower in tree.followers:
+        joint, leader = (joint_named(plant, name) for name in (follower.joint.name, tree.joints[follower.leader].name))
+        tamsi = plant.get_discrete_contact_approximation() == DiscreteContactApproximation.kTamsi
+        if plant.time_step() == 0.0 or tamsi:
+            raise InputError(
+                f"{source}: joint {joint.name()} follows {leader.name()}, which only a discrete plant can simulate; "
+                "expected a time_step above 0, and a contact approximation other than tamsi"
+            )
+        plant.AddCouplerConstraint(joint, leader, follower.multiplier, follower.offset)
+        start = float(leader.default_positions()[0])
+        joint.set_default_positions(array([follower.multiplier * start + follower.offset]))
 
 
 def change_plant(plant: MultibodyPlant, nominal: Tree, physics: Physics) -> None:

@@ -13,7 +13,7 @@ from drake_cafim.corrected.brakes import connect_brakes
 from drake_cafim.corrected.clock import Clock
 from drake_cafim.corrected.contacts import changed_contacts
 from drake_cafim.corrected.corrected_plant import CorrectedPlant
-from drake_cafim.corrected.plant import change_plant, hold_joints
+from drake_cafim.corrected.plant import change_plant, couple_followers, hold_joints
 from drake_cafim.corrected.wiring import Wiring
 from drake_cafim.description.parser_log import capture_log
 from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
@@ -67,6 +67,7 @@ def add_scene(
     add_model(scene.scenario, scene.folder, plant)
     hold_joints(plant, locked_positions(scene.scenario.lock))
     change_plant(plant, scene.tree, scene.physics)
+    couple_followers(plant, scene.tree, scene.name)
     with capture_log():
         plant.Finalize()
     if contact == "scenario":

@@ -176,7 +176,7 @@ class Wiring:
         """The body that the joint with this index moves, or the one that floats."""
         if self.tree.floating:
             return self.tree.free_body
-        return self.tree.body(self.plant.GetJointByName(self.tree.joints[joint].name).child_body().name())
+        return self.tree.body(self.plant.GetJointByName(self.tree.moving[joint].name).child_body().name())
 
     def add_drake_contacts(self, joints: Iterable[int]) -> list[tuple[int, OutputPort]]:
         """The wrenches (6,) of Drake's contacts on the bodies fixed to these joints, each with its joint index.
@@ -185,7 +185,7 @@ class Wiring:
         """
         wrenches = []
         for joint in sorted(joints):
-            name = self.tree.joints[joint].name
+            name = self.tree.moving[joint].name
             riding = [body.name for body in self.tree.bodies if body.joint == joint and self._has(body.name)]
             system = self.builder.AddNamedSystem(f"contact at {name}", DrakeContactWrench(self.plant, riding))
             self.builder.Connect(self.plant.get_contact_results_output_port(), system.get_input_port())

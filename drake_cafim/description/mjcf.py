@@ -120,6 +120,7 @@ def _read_body(document: XmlDocument, body: Element, compiler: Compiler, taken: 
     place = f"{document.place(body)}: body {name!r}"
     if float(body.get("gravcomp", "0")) != 0.0:
         taken.notes.append(f"{place}: its compensation of gravity is ignored")
+    _lighten_other_groups(body, compiler)
     if moves and body.find("inertial") is None and any(_heavy_mesh(geom) for geom in body.findall("geom")):
         raise InputError(f"{place} weighs what its mesh does, and meshes are not read; expected an <inertial>")
     weighs = _mend_inertia(body, place, compiler, taken)
@@ -194,6 +195,14 @@ def _start_at_zero(body: Element, joints: list[Element], compiler: Compiler, tak
         set_pose(body, R, p)
 
 
+def _lighten_other_groups(body: Element, compiler: Compiler) -> None:
+    """Give no mass to geometries of groups from which the file does not infer any, as the merely visual ones."""
+    lowest, highest = (int(word) for word in compiler.says("inertiagrouprange", "0 5").split())
+    for geom in body.findall("geom"):
+        if not lowest <= int(geom.get("group", "0")) <= highest:
+            geom.set("mass", "0")
+
+
 def _mend_inertia(body: Element, place: str, compiler: Compiler, taken: _Extracted) -> bool:
     """Replace an inertia that is not physically consistent, and remove an `<inertial>` without mass.
 
@@ -265,6 +274,10 @@ def _describe_unread(root: Element) -> Iterator[str]:
             yield f"the model's <option gravity> is {gravity}; the scenario's `gravity` is used"
     if any(flag.get("gravity") == "disable" for flag in root.findall("option/flag")):
         yield "the model's <flag gravity> is off; the scenario's `gravity` is used"
+    for key in ("boundmass", "boundinertia"):
+        least = Compiler.of(root).says(key, "0")
+        if float(least) > 0.0:
+            yield f"the model's <compiler {key}={least}> is ignored: masses and inertias are as written"
     total = Compiler.of(root).says("settotalmass", "-1")
     if float(total) > 0.0:
         yield f"the model's <compiler settotalmass={total}> is ignored: masses are as written"

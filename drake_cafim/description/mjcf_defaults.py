@@ -41,7 +41,7 @@ def _include(document: XmlDocument, parent: Element, above: Sequence[Path], incl
 
 
 def _included_file(document: XmlDocument, include: Element, above: Sequence[Path]) -> Path:
-    name = include.get("file", "")
+    name = include.get("file", "").replace("\\", "/")  # as written under Windows, and as MuJoCo reads it
     files = [(near.parent / name).resolve() for near in (document.path, above[-1])]
     found = next((file for file in files if file.is_file()), None)
     if found is None or found in above:

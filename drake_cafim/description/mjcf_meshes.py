@@ -27,7 +27,7 @@ class Meshes:
         for asset in [element for section in root.findall("asset") for element in section]:
             if asset.tag == "mesh" and asset.get("file"):
                 defaults.write_out(asset, None)
-                file = (folder / asset.get("file", "")).resolve()
+                file = (folder / asset.get("file", "").replace("\\", "/")).resolve()
                 scale = tuple(numbers(asset, "scale", "1 1 1"))
                 if file.is_file() and file.suffix.lower() in SHOWN:
                     files[asset.get("name") or file.stem] = file, scale

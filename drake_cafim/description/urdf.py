@@ -26,7 +26,7 @@ def urdf_description(document: XmlDocument, packages: Packages) -> Description:
     _refuse_macros(document)
     if not root.get("name"):
         root.set("name", document.path.stem)
-    notes = [*_remove_meshes(document, packages), *_mend_inertias(document)]
+    notes = [*_remove_empty_shapes(document), *_remove_meshes(document, packages), *_mend_inertias(document)]
     mimics = tuple(_take_mimics(document))
     acting = tuple(_take_frictions(document))
     limits = dict(_effort_limits(document))
@@ -47,6 +47,27 @@ def _refuse_macros(document: XmlDocument) -> None:
                 f"{document.place(element)}: found <{element.tag}>, which is a macro; expected the URDF that "
                 f"`xacro {document.path.name}` writes"
             )
+
+
+def _remove_empty_shapes(document: XmlDocument) -> Iterator[str]:
+    """Take out boxes, cylinders and spheres without an extent, which Drake refuses; a note on them."""
+    empty = []
+    for link in document.root.findall("link"):
+        for shape in [child for child in link if child.tag in ("visual", "collision")]:
+            solids = shape.findall("geometry/*")
+            sizes = " ".join(solid.get(key, "") for solid in solids for key in ("size", "radius", "length"))
+            if any(_is_zero(word) for word in sizes.split()):
+                link.remove(shape)
+                empty.append(link.get("name", ""))
+    if empty:
+        yield f"shapes without an extent are left out ({list_names(empty)})"
+
+
+def _is_zero(word: str) -> bool:
+    try:
+        return float(word) == 0.0
+    except ValueError:
+        return False  # Drake's parser says what is wrong with it
 
 
 def _remove_meshes(document: XmlDocument, packages: Packages) -> Iterator[str]:

@@ -36,8 +36,9 @@ def cross_motion(V: Array, S: Array) -> Array:
 class Motion:
     """Poses and spatial velocities of all links over N samples.
 
-    `q`, `v` (N, n) joint positions and velocities; `R_WJ` (N, n, 3, 3), `p_WJ` (N, n, 3) m poses of the joints' moving
-    frames; joint `axes` S (N, n, 6) and link `velocities` V (N, n, 6) about the world origin, world axes.
+    `q`, `v` (N, n) joint positions and velocities; `R_WJ` (N, m, 3, 3), `p_WJ` (N, m, 3) m poses of the joints' moving
+    frames; joint `axes` S (N, m, 6) and link `velocities` V (N, m, 6) about the world origin, world axes. There are as
+    many frames as joints, m = n, unless joints follow others.
     """
 
     tree: Tree
@@ -55,12 +56,27 @@ class Motion:
 
     @cached_property
     def axes_rate(self) -> Array:
-        """Ṡ = V × S, (N, n, 6)."""
+        """Ṡ = V × S, (N, m, 6)."""
         return cross_motion(self.velocities, self.axes)
 
+    @property
+    def no_wrenches(self) -> Array:
+        """(N, m, 6) zeros."""
+        return np.zeros((*self.p_WJ.shape[:2], 6))
+
     def project(self, wrench: Array) -> Array:
-        """Generalized forces (N, n) of wrenches (N, n, 6) that act on the links."""
-        return np.asarray(project_wrenches(self.tree.frames[0], self.axes, np.ascontiguousarray(wrench)), dtype=float)
+        """Generalized forces (N, n) of wrenches (N, m, 6) that act on the links."""
+        forces = project_wrenches(self.tree.frames[0], self.axes, np.ascontiguousarray(wrench))
+        return _on_leaders(self.tree, np.asarray(forces, dtype=float))
+
+    def twists(self, joint: int) -> Array:
+        """(N, n, 6): spatial velocity of frame J by each joint at unit speed, about the world origin, world axes."""
+        result = np.zeros((*self.q.shape, 6))
+        G, _ = self.tree.following
+        for k in np.flatnonzero(self.tree.carriers()[joint]):
+            j = self.tree.leader(int(k))
+            result[:, j] += G[k, j] * self.axes[:, k]
+        return result
 
     def point(self, joint: int, p_JP: Array) -> tuple[Array, Array]:
         """World position and velocity, each (N, 3), of the point `p_JP` (3,) m fixed in frame J; cached by point."""
@@ -82,18 +98,28 @@ class Motion:
     def force_at(self, joint: int, p_JP: Array) -> Array:
         """Transposed Jacobian (N, n, 3): generalized forces of unit forces along the world's axes at a point of J."""
         p_WP, _ = self.point(joint, p_JP)
-        result = np.zeros((*self.q.shape, 3))
-        for k in np.flatnonzero(self.tree.supports()[joint]):
-            S = self.axes[:, k]
-            result[:, k] = S[:, 3:] + cross(S[:, :3], p_WP)
-        return result
+        S = self.twists(joint)
+        return np.asarray(S[..., 3:] + cross(S[..., :3], np.broadcast_to(p_WP[:, None], S[..., :3].shape)))
 
 
 def motion(tree: Tree, q: Array, v: Array) -> Motion:
     """The motion of `tree` at positions `q` and velocities `v`, each (N, n)."""
     # the compiled function expects C-contiguous arrays
     q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
-    return Motion(tree, q, v, *kinematics(*tree.frames, q, v))
+    if not tree.followers:
+        return Motion(tree, q, v, *kinematics(*tree.frames, q, v))
+    G, offset = tree.following
+    return Motion(tree, q, v, *kinematics(*tree.frames, np.ascontiguousarray(q @ G.T + offset), rates(tree, v)))
+
+
+def rates(tree: Tree, v: Array) -> Array:
+    """(N, m) velocities of all moving joints, with those that follow, from v (N, n)."""
+    return np.ascontiguousarray(v @ tree.following[0].T) if tree.followers else v
+
+
+def _on_leaders(tree: Tree, forces: Array) -> Array:
+    """(N, n) generalized forces from those (N, m) at all moving joints: what acts on a follower moves its leader."""
+    return np.asarray(forces @ tree.following[0]) if tree.followers else forces
 
 
 def free_motion(tree: Tree, state: Array) -> Motion:
@@ -122,15 +148,19 @@ def momentum_balance(moving: Motion, gravity: Array) -> MomentumBalance:
     """Generalized momentum and its inertial and gravity forces; `gravity` (3,) m/s² in the world."""
     places = (moving.R_WJ, moving.p_WJ, moving.axes, moving.velocities)
     numbers = (np.ascontiguousarray(values, dtype=float) for values in (*places, *moving.tree.lumps, gravity))
-    return MomentumBalance(*momentum_terms(moving.tree.frames[0], *numbers))
+    terms = momentum_terms(moving.tree.frames[0], *numbers)
+    return MomentumBalance(*(_on_leaders(moving.tree, term) for term in terms))
 
 
 def equations_of_motion(moving: Motion, gravity: Array) -> tuple[Array, Array]:
     """M(q) (N, n, n), without rotor inertias, and the bias C(q, v) v − gravity (N, n), the force for which v̇ = 0."""
-    places = (moving.R_WJ, moving.p_WJ, moving.axes, moving.velocities, moving.v)
+    places = (moving.R_WJ, moving.p_WJ, moving.axes, moving.velocities, rates(moving.tree, moving.v))
     numbers = (np.ascontiguousarray(values, dtype=float) for values in (*places, *moving.tree.lumps, gravity))
     M, bias = equations(moving.tree.frames[0], *numbers)
-    return np.asarray(M, dtype=float), np.asarray(bias, dtype=float)
+    if moving.tree.followers:
+        G, _ = moving.tree.following
+        M = G.T @ M @ G
+    return np.asarray(M, dtype=float), _on_leaders(moving.tree, np.asarray(bias, dtype=float))
 
 
 def mass_matrix(moving: Motion) -> Array:

@@ -47,8 +47,18 @@ class Joint:
 
 
 @dataclass(frozen=True)
+class Follower:
+    """A joint that follows another one: q = multiplier · q_leader + offset; `leader` is an index of `Tree.joints`."""
+
+    joint: Joint
+    leader: int
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
 class Body:
-    """A rigid body fixed in the moving frame J of joint number `joint`."""
+    """A rigid body fixed in the moving frame J of joint number `joint` of `Tree.moving`."""
 
     name: str
     joint: int
@@ -65,17 +75,39 @@ class Body:
 class Tree:
     """Joints, parents before children, and the bodies fixed to them.
 
-    The tree of a `floating` body has no joints: the body, with those welded to it, is frame `FREE`.
+    The tree of a `floating` body has no joints: the body, with those welded to it, is frame `FREE`. `followers` have no
+    coordinates of their own: what they move acts on their leaders. There are n joints and m moving frames.
     """
 
     joints: tuple[Joint, ...]
     bodies: tuple[Body, ...]
     floating: bool = False
+    followers: tuple[Follower, ...] = ()
+
+    @property
+    def moving(self) -> tuple[Joint, ...]:
+        """The m joints whose frames move: `joints`, then the followers."""
+        return (*self.joints, *(follower.joint for follower in self.followers))
+
+    @cached_property
+    def following(self) -> tuple[Array, Array]:
+        """G (m, n) and o (m,) in q of all moving joints = G q + o, with q (n,) of `joints`."""
+        n = len(self.joints)
+        G, offset = np.zeros((n + len(self.followers), n)), np.zeros(n + len(self.followers))
+        G[:n] = np.eye(n)
+        for k, follower in enumerate(self.followers, n):
+            G[k, follower.leader], offset[k] = follower.multiplier, follower.offset
+        return G, offset
+
+    def leader(self, frame: int) -> int:
+        """The index of the joint that moves with this frame: itself, or the one that it follows."""
+        n = len(self.joints)
+        return frame if frame < n else self.followers[frame - n].leader
 
     @cached_property
     def lumps(self) -> tuple[Array, Array, Array]:
-        """Sums over the bodies fixed to each frame J: mass (n,), centre (n, 3) and central inertia (n, 3, 3), in J."""
-        n = 1 if self.floating else len(self.joints)
+        """Sums over the bodies fixed to each frame J: mass (m,), centre (m, 3) and central inertia (m, 3, 3), in J."""
+        n = 1 if self.floating else len(self.moving)
         mass, center, inertia = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
         for joint in range(n):
             riding = [body for body in self.bodies if body.joint == joint]
@@ -91,11 +123,11 @@ class Tree:
 
     @cached_property
     def inertial_parameters(self) -> Array:
-        """(n, 10): mass, first moment and inertia about Jo (xx, yy, zz, xy, xz, yz), in J, of the bodies fixed to J.
+        """(m, 10): mass, first moment and inertia about Jo (xx, yy, zz, xy, xz, yz), in J, of the bodies fixed to J.
 
         Momentum and weight are linear in these parameters.
         """
-        result = np.zeros((len(self.joints), 10))
+        result = np.zeros((len(self.moving), 10))
         for body in self.bodies:
             if body.joint == FIXED:
                 continue
@@ -106,8 +138,8 @@ class Tree:
 
     @cached_property
     def frames(self) -> tuple[Indices, Array, Array, Array, Indices]:
-        """Each joint's parent (n,), R_PF (n, 3, 3), p_PF (n, 3) m, axis (n, 3), and whether it is prismatic (n,)."""
-        joints = self.joints
+        """Each frame's parent (m,), R_PF (m, 3, 3), p_PF (m, 3) m, axis (m, 3), and whether it is prismatic (m,)."""
+        joints = self.moving
         return (
             np.array([joint.parent for joint in joints], dtype=np.int64),
             np.array([joint.R_PF for joint in joints], dtype=float).reshape(-1, 3, 3),
@@ -143,14 +175,18 @@ class Tree:
                 return body
         raise InputError(f"the model has no body named {name!r}; it has: {', '.join(b.name for b in self.bodies)}")
 
-    def supports(self) -> Array:
-        """(n, n) with 1 where joint k (column) is joint j (row) or one of its ancestors, 0 elsewhere."""
-        n = len(self.joints)
-        carried = np.eye(n)
-        for j, joint in enumerate(self.joints):
+    def carriers(self) -> Array:
+        """(m, m) with 1 where frame k (column) is frame j (row) or one of its ancestors, 0 elsewhere."""
+        joints = self.moving
+        carried = np.eye(len(joints))
+        for j, joint in enumerate(joints):
             if joint.parent != FIXED:
                 carried[j] += carried[joint.parent]
         return carried
+
+    def supports(self) -> Array:
+        """(m, n) with 1 where joint k (column) moves frame j (row), by itself or by what follows it, 0 elsewhere."""
+        return np.asarray(self.carriers() @ np.abs(self.following[0]) > 0.0, dtype=float)
 
     def with_bodies(self, bodies: Iterable[Body]) -> "Tree":
         """The tree with the bodies of the same names replaced."""
@@ -163,10 +199,16 @@ class Tree:
         return replace(self, joints=tuple(changed.get(joint.name, joint) for joint in self.joints))
 
 
-def tree_of(plant: MultibodyPlant, locked: Mapping[str, float] | None = None) -> Tree:
+def tree_of(
+    plant: MultibodyPlant,
+    locked: Mapping[str, float] | None = None,
+    following: Mapping[str, tuple[str, float, float]] | None = None,
+) -> Tree:
     """The tree of a finalized plant whose joints are revolute, prismatic or welds, or of one body that floats.
 
-    Joints keep the order of the plant's velocities; those of `locked` are welds at that position, rad or m.
+    Joints keep the order of the plant's velocities; those of `locked` are welds at that position, rad or m. `following`
+    gives leader, multiplier and offset of joints that follow another one; one that carries a joint with coordinates of
+    its own is kept as a joint.
     Raises `InputError` for any other kind of joint, and for a locked joint that the plant lacks.
     """
     locked = locked or {}
@@ -191,14 +233,43 @@ def tree_of(plant: MultibodyPlant, locked: Mapping[str, float] | None = None) ->
                 "expected revolute, continuous, prismatic or fixed"
             )
     moving.sort(key=lambda joint: int(joint.velocity_start()))
+    followed = _followed(plant, moving, following or {})
+    moving.sort(key=lambda joint: joint.name() in followed)  # followers last, otherwise in the same order
     index = {joint.name(): k for k, joint in enumerate(moving)}
     rides = _rides(plant, index)
     rotors = _rotor_inertias(plant)
-    joints = tuple(_joint(plant, context, joint, moving, rides, rotors) for joint in moving)
+    frames = [_joint(plant, context, joint, moving, rides, rotors) for joint in moving]
+    joints = tuple(joint for joint in frames if joint.name not in followed)
+    followers = tuple(
+        Follower(joint, index[leader], multiplier, offset)
+        for joint in frames
+        if joint.name in followed
+        for leader, multiplier, offset in [followed[joint.name]]
+    )
     bodies = tuple(
         _body(plant, context, moving, name, rides[name]) for name in rides if name != plant.world_body().name()
     )
-    return Tree(joints, bodies)
+    return Tree(joints, bodies, followers=followers)
+
+
+def _followed(
+    plant: MultibodyPlant, moving: Sequence[OneAxisJoint], following: Mapping[str, tuple[str, float, float]]
+) -> dict[str, tuple[str, float, float]]:
+    """Of the moving joints those that follow one with coordinates of its own: that one, multiplier and offset."""
+    names = [joint.name() for joint in moving]
+    found = {name: following[name] for name in names if name in following and following[name][0] in names}
+    rides = _rides(plant, {name: k for k, name in enumerate(names)})
+    carried_by = [rides[joint.parent_body().name()] for joint in moving]
+    for name, carrier in reversed(list(zip(names, carried_by, strict=True))):  # what carries such a one is one itself
+        if name not in found and carrier != FIXED:
+            found.pop(names[carrier], None)
+    for name in found:
+        leader, multiplier, offset = found[name]
+        while leader in found and leader != name:
+            leader, by, more = found[leader]
+            multiplier, offset = multiplier * by, multiplier * more + offset
+        found[name] = leader, multiplier, offset
+    return {name: entry for name, entry in found.items() if entry[0] != name}
 
 
 def _floating(plant: MultibodyPlant) -> Tree:

@@ -117,7 +117,7 @@ def _sticks(tree: Tree, size: float) -> Iterator[LinkShape]:
     """A mark at each joint, a bar to whatever it carries, and a mark at each centre of mass."""
     thick = 0.018 * size
     heaviest = max(body.mass for body in tree.bodies)
-    for j, joint in enumerate(tree.joints):
+    for j, joint in enumerate(tree.moving):
         if joint.prismatic:
             yield LinkShape(j, Box(3.6 * thick, 3.6 * thick, 2.4 * thick), RigidTransform(), JOINT)
         else:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from pydrake.multibody.plant import MultibodyPlant
 
-from drake_cafim.description.description import ModelStatements
+from drake_cafim.description.description import ModelStatements, list_names
 from drake_cafim.dynamics.tree import FIXED, Tree
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
@@ -47,14 +47,31 @@ def locked_positions(lock: Mapping[str, float] | Sequence[str] | str) -> dict[st
     return dict(lock) if isinstance(lock, Mapping) else {}
 
 
+def followed_joints(statements: ModelStatements) -> dict[str, tuple[str, float, float]]:
+    """Leader, multiplier and offset (rad, m) of each joint that follows another one."""
+    return {mimic.joint: (mimic.leader, mimic.multiplier, mimic.offset) for mimic in statements.mimics}
+
+
+def notes_on_followers(tree: Tree) -> tuple[str, ...]:
+    """A note that says which joints follow which, and that their own columns are not used."""
+    if not tree.followers:
+        return ()
+    pairs = [
+        f"{one.joint.name} = {one.multiplier:g} {tree.joints[one.leader].name}"
+        + (f" + {one.offset:g}" if one.offset else "")
+        for one in tree.followers
+    ]
+    return (f"joints that follow others move with them, and their own columns are not used ({list_names(pairs)})",)
+
+
 def check_mimics(tree: Tree, statements: ModelStatements) -> None:
-    """Raises `InputError` for a joint that follows another one while both move."""
+    """Raises `InputError` for a joint that follows another one and carries joints that follow none."""
     for mimic in statements.mimics:
         if mimic.joint in tree.joint_names and mimic.leader in tree.joint_names:
             place = statements.places.get(mimic.joint, "the model")
             raise InputError(
-                f"{place}: joint {mimic.joint!r} follows {mimic.leader!r}, and what follows a joint that moves is not "
-                f"supported; expected `lock: [{mimic.leader}]` in the scenario, which holds both"
+                f"{place}: joint {mimic.joint!r} follows {mimic.leader!r} and carries joints that follow none, which "
+                f"is not supported; expected `lock: [{mimic.leader}]` in the scenario, which holds both"
             )
 
 

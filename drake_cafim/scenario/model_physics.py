@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from drake_cafim.description.description import ModelStatements
+from drake_cafim.description.description import ModelStatements, StatedEffect
 from drake_cafim.dynamics.motion import equations_of_motion, motion
-from drake_cafim.dynamics.tree import Joint, Tree
+from drake_cafim.dynamics.tree import Follower, Joint, Tree
 from drake_cafim.effects.actuator import ActuatorSaturation
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
@@ -21,9 +21,28 @@ LEAST_INERTIA = 1e-15
 
 
 def model_effects(statements: ModelStatements, tree: Tree, vocabulary: Sequence[type[Effect]]) -> list[Effect]:
-    """The frictions and springs that the files state, in the joints that move."""
-    acting = [effect for effect in statements.acting if effect.at in tree.joint_names]
+    """The frictions and springs that the files state, in the joints that move; a follower's act on its leader."""
+    followers = {follower.joint.name: follower for follower in tree.followers}
+    acting = [
+        _on_leader(effect, followers[effect.at], tree) if effect.at in followers else effect
+        for effect in statements.acting
+        if effect.at in tree.joint_names or effect.at in followers
+    ]
     return [effect_named(effect.effect, vocabulary)(effect.at, dict(effect.parameters)) for effect in acting]
+
+
+def _on_leader(effect: StatedEffect, follower: Follower, tree: Tree) -> StatedEffect:
+    """A follower's law as that of its leader, which does the same work: with q = a q_leader + o, forces times a.
+
+    A dry friction T is |a| T, a spring k (q − rest) one of a² k about (rest − o)/a.
+    """
+    a, values = follower.multiplier, effect.parameters
+    if effect.effect == "joint_spring":
+        rest = (values["rest"] - follower.offset) / a if a else 0.0
+        values = {"stiffness": a**2 * values["stiffness"], "rest": rest}
+    else:
+        values = {name: abs(a) * value for name, value in values.items()}
+    return replace(effect, at=tree.joints[follower.leader].name, parameters=values)
 
 
 def with_effort_limits(tree: Tree, statements: ModelStatements) -> Tree:

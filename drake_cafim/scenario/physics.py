@@ -49,8 +49,8 @@ class Physics:
 
     @property
     def rotor_inertias(self) -> Array:
-        """Reflected rotor inertia of each joint (n,), kg m² or kg."""
-        return np.array([joint.rotor_inertia for joint in self.tree.joints])
+        """Reflected rotor inertia of each joint (n,), with those of joints that follow it, kg m² or kg."""
+        return np.array([joint.rotor_inertia for joint in self.tree.moving]) @ self.tree.following[0] ** 2
 
     @cached_property
     def spheres(self) -> tuple[Indices, Array, Array] | None:
@@ -74,8 +74,8 @@ class Physics:
 
     @property
     def dampings(self) -> Array:
-        """Viscous damping of each joint (n,), N m s/rad or N s/m."""
-        return np.array([joint.damping for joint in self.tree.joints])
+        """Viscous damping of each joint (n,), with that of joints that follow it, N m s/rad or N s/m."""
+        return np.array([joint.damping for joint in self.tree.moving]) @ self.tree.following[0] ** 2
 
     def momentum_and_force(self, moving: Motion) -> tuple[Array, Array]:
         """Generalized momentum p = M v, rotors included, and ∂T/∂q + gravity, a part of ṗ; each (N, n)."""
@@ -121,7 +121,7 @@ class Physics:
         """
         if self.spheres is not None:
             return np.asarray(sphere_wrenches(moving.R_WJ, moving.p_WJ, moving.velocities, *self.spheres), dtype=float)
-        total = np.zeros((*moving.q.shape, 6))
+        total = moving.no_wrenches
         start = 0
         for contact in self.contacts:
             own = None if memory is None else memory[:, start : start + contact.memory]
@@ -147,7 +147,7 @@ class Physics:
 
         `time` (N,) s and the name of the `recording` matter to forces that act in an interval of one recording only.
         """
-        total = np.zeros((*moving.q.shape, 6))
+        total = moving.no_wrenches
         for effect in self.body_forces:
             body = self.tree.body(effect.at)
             p_WP, v_WP = moving.point(body.joint, body.p_JB + body.R_JB @ effect.point(body))
@@ -180,7 +180,7 @@ class Physics:
         A, drift = _interval_means(A), _interval_means(np.einsum("nij,nj->ni", A, force))
         own = np.diagonal(A, axis1=1, axis2=2)
         drives = []
-        for j, inertia in enumerate(self.rotor_inertias):
+        for j, inertia in enumerate(joint.rotor_inertia for joint in self.tree.joints):
             if inertia <= 0.0:
                 drives.append(RotorDrive(time, np.zeros(len(time)), np.ones(len(time)), 0.0))
                 continue

@@ -25,7 +25,9 @@ from drake_cafim.scenario.holding import (
     check_closures,
     check_mimics,
     explain_missing_joints,
+    followed_joints,
     locked_positions,
+    notes_on_followers,
     resolve_lock,
 )
 from drake_cafim.scenario.known_effects import known_effects
@@ -133,7 +135,9 @@ class Scene:
             diagram = builder.Build()
             _check_supported(plant, name)
             scenario = replace(scenario, lock=resolve_lock(scenario.lock, plant, statements))
-            tree = with_effort_limits(tree_of(plant, locked_positions(scenario.lock)), statements)
+            tree = tree_of(plant, locked_positions(scenario.lock), followed_joints(statements))
+            tree = with_effort_limits(tree, statements)
+            statements = replace(statements, notes=(*statements.notes, *notes_on_followers(tree)))
             if scenario.lock != UNRECORDED:
                 check_mimics(tree, statements)
                 check_inertias(tree, statements, scenario.model or name)

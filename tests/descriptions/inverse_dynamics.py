@@ -69,8 +69,10 @@ def efforts_by_pinocchio(scene: Scene, path: Path, q: Array, v: Array, a: Array)
         at[whole.joints[whole.getJointId(name)].idx_q] = value
     # names of frames that stand for several things trouble the reduction alone
     model = pinocchio.buildReducedModel(whole, [whole.getJointId(name) for name in held], at) if held else whole
-    joints = [model.joints[model.getJointId(name)] for name in scene.tree.joint_names]
+    joints = [model.joints[model.getJointId(joint.name)] for joint in scene.tree.moving]
     order = [joint.idx_v for joint in joints]
+    G, offset = scene.tree.following  # what moves a follower comes from its leader
+    q, v, a = q @ G.T + offset, v @ G.T, a @ G.T
     data, found = model.createData(), []
     for k in range(len(q)):
         configuration, rates, accelerations = pinocchio.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
@@ -79,5 +81,6 @@ def efforts_by_pinocchio(scene: Scene, path: Path, q: Array, v: Array, a: Array)
             configuration[joint.idx_q : joint.idx_q + joint.nq] = turned
         rates[order], accelerations[order] = v[k], a[k]
         torque = pinocchio.rnea(model, data, configuration, rates, accelerations)
-        found.append((torque + model.damping * rates)[order])
-    return np.array(found), dict(zip(scene.tree.joint_names, model.friction[order].tolist(), strict=True))
+        found.append((torque + model.damping * rates)[order] @ G)
+    friction = model.friction[order] @ np.abs(G)
+    return np.array(found), dict(zip(scene.tree.joint_names, friction.tolist(), strict=True))

@@ -92,14 +92,14 @@ def compared(scene: Scene, path: Path) -> dict[str, Any]:
 def line(result: dict[str, Any]) -> str:
     """One row of the table."""
     if "refused" in result:
-        return f"{result['name']:24} refused: {result['refused']}"
+        return f"{result['name']:26} refused: {result['refused']}"
     if result["difference"] is None:
-        return f"{result['name']:24} {result['joints']:3}  simulated {result['simulated']}  {result['why']}"
+        return f"{result['name']:26} {result['joints']:3}  simulated {result['simulated']}  {result['why']}"
     same = "same" if result["difference"] < SAME else f"differs at {result['worst']}"
     friction = "same friction" if result["same_friction"] else "FRICTION DIFFERS"
     mended = sum("principal moments" in note or "no mass" in note for note in result["notes"])
     return (
-        f"{result['name']:24} {result['joints']:3}  simulated {result['simulated']!s:5} {result['library']:10} "
+        f"{result['name']:26} {result['joints']:3}  simulated {result['simulated']!s:5} {result['library']:10} "
         f"{result['difference']:8.1e} {same}, {friction}{f', {mended} inertias mended' if mended else ''}"
     )
 

@@ -54,7 +54,5 @@ def _at_joints(run: Run, physics: Physics) -> Array:
     middle = np.searchsorted(weak.samples.time, weak.samples.windows.centers)
     force = moving.force_at(sensor.joint, sensor.p_JS)[middle]
     R_WS = (moving.R_WJ[:, sensor.joint] @ sensor.R_JS)[middle]
-    turning = np.zeros_like(force)
-    for k in np.flatnonzero(physics.tree.supports()[sensor.joint]):
-        turning[:, k] = moving.axes[middle, k, :3]
+    turning = moving.twists(sensor.joint)[middle, :, :3]
     return np.concatenate([force @ R_WS, turning @ R_WS], axis=2) / physics.effort_gains[:, None]

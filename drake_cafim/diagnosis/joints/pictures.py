@@ -98,7 +98,7 @@ class JointPictures(Pictures):
             return int(row - weak.dynamic.start)
         sensor = (row - weak.dynamic.stop) // 6
         carrier = weak.sensors[sensor].joint if sensor < len(weak.sensors) else weak.joints - 1
-        return max(int(carrier), 0)
+        return self.problem.scene.tree.leader(max(int(carrier), 0))
 
     def laid_out(self, recording: Recording) -> WeakForm:
         for form in self.problem.forms:

@@ -65,7 +65,7 @@ def advance(physics: Physics, state: State, effort: Array, duration: Array) -> S
     touching = physics.contacts or any(force.stiff for force in physics.body_forces)
     longest = LONGEST_CONTACT_STEP if touching else LONGEST_STEP
     count = max(1, int(np.ceil(float(np.max(duration)) / longest - 1e-6)))
-    quickly = physics.spheres is not None and not physics.body_forces
+    quickly = physics.spheres is not None and not physics.body_forces and not physics.tree.followers
     if quickly and not physics.joint_forces:
         return _step_compiled(physics, state, effort, np.zeros_like(effort), duration / count, count)
     take_step = _step_by_laws if quickly else step

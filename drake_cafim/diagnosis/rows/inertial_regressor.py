@@ -11,7 +11,7 @@ from hashlib import blake2b
 import numpy as np
 
 from drake_cafim.diagnosis.rows.test_functions import Windows
-from drake_cafim.dynamics.motion import Motion
+from drake_cafim.dynamics.motion import Motion, rates
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array, Indices
@@ -24,9 +24,9 @@ CACHED_REGRESSORS = 4
 
 @dataclass(frozen=True)
 class InertialRegressor:
-    """The regressor Y of the dynamic rows, Y φ, for inertial parameters φ (n, 10).
+    """The regressor Y of the dynamic rows, Y φ, for inertial parameters φ (m, 10) of the m moving frames.
 
-    `inertia` (M, n, n, 10) and `weight` (M, n, n, 4, 3), with the axes: window, row, joint, parameter, gravity axis.
+    `inertia` (M, n, m, 10) and `weight` (M, n, m, 4, 3), with the axes: window, row, joint, parameter, gravity axis.
     """
 
     inertia: Array
@@ -36,7 +36,7 @@ class InertialRegressor:
     def rows(self, parameters: Array, gravity: Array) -> Array:
         """−∫ ẇ p dt − ∫ w (∂T/∂q + gravity) dt, (M, n), without rotor inertias.
 
-        `parameters` (n, 10) are the links' inertial parameters, `gravity` (3,) is in m/s².
+        `parameters` (m, 10) are the links' inertial parameters, `gravity` (3,) is in m/s².
         """
         return np.asarray(self._matrix(gravity) @ parameters.ravel()).reshape(self.inertia.shape[:2])
 
@@ -70,8 +70,8 @@ class LinkRegressors:
         `smooth` is the smoothed motion at which nonlinear factors are evaluated; the momentum is linear in the measured
         velocities `v` (N, n), so that their noise enters the rows linearly.
         """
-        n, M = smooth.q.shape[1], len(self.windows)
-        inertia, weight = np.zeros((M, n, n, INERTIAL)), np.zeros((M, n, n, 4, 3))
+        n, m, M = smooth.q.shape[1], smooth.p_WJ.shape[1], len(self.windows)
+        inertia, weight = np.zeros((M, n, m, INERTIAL)), np.zeros((M, n, m, 4, 3))
         columns = [_digest(smooth.q[:, j], smooth.v[:, j], v[:, j]) for j in range(n)]
         for j, carried in enumerate(smooth.tree.supports()):
             carriers = np.flatnonzero(carried)
@@ -83,10 +83,16 @@ class LinkRegressors:
         return InertialRegressor(inertia, weight)
 
     def _of(self, smooth: Motion, v: Array, j: int, carriers: Indices) -> tuple[Array, Array]:
-        """The parts (M, k, 10) and (M, k, 4, 3) of link `j` in the rows of its k `carriers`."""
+        """The parts (M, k, 10) and (M, k, 4, 3) of link `j` in the rows of the k joints that carry it, `carriers`."""
         rate, value, N, k = self.windows.rate, self.windows.value, len(v), len(carriers)
-        places = (smooth.R_WJ, smooth.p_WJ, smooth.axes, smooth.axes_rate, v, smooth.velocities)
-        momenta, forces, weights = products(j, carriers, *(np.ascontiguousarray(values) for values in places))
+        tree = smooth.tree
+        places = (smooth.R_WJ, smooth.p_WJ, smooth.axes, smooth.axes_rate, rates(tree, v), smooth.velocities)
+        frames = np.flatnonzero(tree.carriers()[j])
+        found = products(j, frames, *(np.ascontiguousarray(values) for values in places))
+        if tree.followers:
+            share = tree.following[0][np.ix_(frames, carriers)]
+            found = tuple(np.moveaxis(np.tensordot(part, share, (1, 0)), -1, 1) for part in found)
+        momenta, forces, weights = found
         inertial = rate @ momenta.reshape(N, -1) + value @ forces.reshape(N, -1)
         weighed = value @ weights.reshape(N, -1)
         return -inertial.reshape(-1, k, INERTIAL), -weighed.reshape(-1, k, 4, 3)

@@ -60,7 +60,7 @@ def _jump(
     inside, outside = (contact.force(touch.at_depth(side), memory) for side in (JUST_INSIDE, -JUST_INSIDE))
     force, moment = inside[0] - outside[0], inside[1] - outside[1]
     moving = weak.motion(physics)
-    wrench = np.zeros((len(force), weak.joints, 6))
+    wrench = moving.no_wrenches
     wrench[:, contact.joint] = np.concatenate([cross(touch.position, force) + moment, force], axis=1)
     # the difference, since a bias is written without a contact, too
     written = weak.contacts.undelayed_readings(physics, moving, wrench)
