@@ -12,7 +12,7 @@ KEYS: Mapping[tuple[str, str], str] = {
 }
 """(dataclass of the schema, key) to the feature's name in messages."""
 LAWS: Mapping[str, str] = {"hydroelastic": "the hydroelastic law"}
-UNKNOWNS = ("servo_stiffness", "servo_damping", "servo_limit", "modulus", "inertials")
+UNKNOWNS = ("servo_stiffness", "servo_damping", "servo_limit", "modulus")
 EFFECTS = (
     "servo_gain_error",
     "servo_dead_band",

@@ -49,6 +49,8 @@ class Unknown:
     std: float = number(0.0, least=0.0, above=True)  # of the prior, in the parameter's unit
     mean: float | None = None  # of the prior; left out: the model's value
     body: str | None = None  # the body whose parameter it is; one of body, joint, contact, or effect with at
+    # of inertials: the change of the model at the prior's mean, as ten log-Cholesky parameters; left out: none
+    log_cholesky: list[float] = dc.field(default_factory=list, metadata={"length": 10, "range": Range(-20.0, 20.0)})
     joint: str | None = None  # the joint whose parameter it is
     contact: list[str] = dc.field(default_factory=list, metadata={"length": 2})  # the two bodies of the contact
     effect: str | None = None  # with `at`: a parameter of an effect, stated under `effects:` or not
@@ -221,6 +223,8 @@ def _check_unknown(unknown: Unknown, key: str) -> None:
     places = [unknown.body, unknown.joint, "/".join(unknown.contact) or None, unknown.effect]
     if sum(place is not None for place in places) != 1 or (unknown.effect is None) != (unknown.at is None):
         raise InputError(f"{key} ({unknown.parameter}) needs exactly one of body, joint, contact, effect with at")
+    if unknown.log_cholesky and unknown.parameter != "inertials":
+        raise InputError(f"{key} ({unknown.parameter}) has log_cholesky, which only inertials have")
     if not unknown.std > 0:
         raise InputError(f"{key} ({unknown.parameter}) has no std, expected that of its prior")
 

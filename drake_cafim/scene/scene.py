@@ -28,6 +28,7 @@ from drake_cafim.scenario.holding import (
     locked_positions,
     resolve_lock,
 )
+from drake_cafim.scenario.inertials import each_link
 from drake_cafim.scenario.known_effects import known_effects
 from drake_cafim.scenario.model_file import MODEL_SUFFIXES, add_plant
 from drake_cafim.scenario.model_physics import (
@@ -42,7 +43,14 @@ from drake_cafim.scenario.packaged import packaged_folder
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import UNRECORDED, Channel, EffectEntry, Scenario, Weld, load
 from drake_cafim.scenario.surfaces import contact_of
-from drake_cafim.scenario.unknown import UnknownParameter, apply_unknowns, priors, unknown_parameters, with_unknowns
+from drake_cafim.scenario.unknown import (
+    UnknownParameter,
+    apply_unknowns,
+    entries_at,
+    priors,
+    unknown_parameters,
+    with_unknowns,
+)
 from drake_cafim.scenario.unknown_effects import effects_of_unknowns
 from drake_cafim.typing import Array
 
@@ -155,7 +163,11 @@ class Scene:
         of_model = tuple(model_effects(self.stated, self.tree, self.vocabulary))
         stated = known_effects(self.scenario.effects, bare, self.vocabulary, sensors, self.name)
         other = effects_of_unknowns(self.scenario.unknown, stated, bare, self.vocabulary, sensors, self.name)
-        scenario = replace(self.scenario, effects=[*self.scenario.effects, *map(_entry, other)])
+        scenario = replace(
+            self.scenario,
+            effects=[*self.scenario.effects, *map(_entry, other)],
+            unknown=each_link(self.scenario.unknown, bare.tree, self.name),
+        )
         known = (*stated, *other)
         unknown = unknown_parameters(scenario.unknown, bare, known, self.name)
         scene = replace(
@@ -266,9 +278,7 @@ class Scene:
         ]
         scenario = replace(
             self.scenario,
-            unknown=[
-                replace(entry, mean=float(value)) for entry, value in zip(self.scenario.unknown, unknown, strict=True)
-            ],
+            unknown=entries_at(self.scenario.unknown, unknown),
             effects=[*entries, *(_entry(effect) for effect in effects)],
         )
         return replace(self, scenario=scenario, physics=physics, known=(*known, *effects))

@@ -10,6 +10,7 @@ import numpy as np
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.joints.differences import Differences
+from drake_cafim.diagnosis.joints.inertial_columns import InertialColumns
 from drake_cafim.diagnosis.joints.more_noise import draws, has_feedback, noisy_parameters, with_more_noise
 from drake_cafim.diagnosis.joints.noise_of_reading import Smoothing, has_equal_lags
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
@@ -22,7 +23,9 @@ from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.kinds import ByKind
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.scenario.inertials import INERTIALS
 from drake_cafim.scenario.physics import Physics
+from drake_cafim.scenario.unknown import inertials
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -140,14 +143,40 @@ class WeakFormRows(Problem):
     def _differences(self) -> Differences:
         return Differences(self.scene, self.runs, self.prior_rows)
 
+    @cached_property
+    def _inertials(self) -> InertialColumns:
+        return InertialColumns(self.runs)
+
     @property
     def forms(self) -> list[WeakForm]:
         return [run.weak for run in self.runs]
 
     def jacobian(self, model: Model) -> Array:
-        columns = [self._differences.by_unknown(model, i)[:, None] for i in range(len(model.unknown))]
+        columns = self._unknown_columns(model)
         columns += [self.effect_columns(model, position) for position in range(len(model.effects))]
         return np.concatenate([np.zeros((self.rows + len(model.unknown), 0)), *columns], axis=1)
+
+    def _unknown_columns(self, model: Model) -> list[Array]:
+        """Whitened rows and prior rows (R + n, 1) or (R + n, 10), by each unknown or each link's inertials."""
+        links, n = inertials(self.scene.unknown), len(model.unknown)
+        physics = model.physics(self.scene) if links else self.scene.physics
+        if not links or physics.couplings or has_unknown_start(physics):
+            # what a rotor behind an elastic gear does to the rows is not linear in the link's inertia
+            return [self._differences.by_unknown(model, i)[:, None] for i in range(n)]
+        columns, i, given = [], 0, self.scene.bare or self.scene.physics
+        slopes = np.diag(1.0 / self.prior_std(model))
+        while i < n:
+            own = links.get(self.scene.unknown[i].at, slice(i, i + 1)) if self._is_inertial(i) else slice(i, i + 1)
+            if self._is_inertial(i):
+                rows = self._inertials.of(physics, given, self.scene.unknown[i].at, model.unknown[own])
+                columns.append(np.concatenate([rows, slopes[:, own]]))
+            else:
+                columns.append(self._differences.by_unknown(model, i)[:, None])
+            i = own.stop
+        return columns
+
+    def _is_inertial(self, i: int) -> bool:
+        return self.scene.unknown[i].kind == INERTIALS
 
     def effect_columns(self, model: Model, position: int) -> Array:
         """Whitened rows and prior rows (R + n, k) by the strengths of one of the model's effects."""
