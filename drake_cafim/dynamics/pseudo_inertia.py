@@ -36,9 +36,9 @@ def pseudo_inertia(body: Body) -> Array:
 
 
 def inertial_parameters(J: Array) -> Array:
-    """(..., 10) mass kg, first moment (3,) kg m, and inertia about the origin (xx, yy, zz, xy, xz, yz) of J (..., 4, 4).
+    """(..., 10) of J (..., 4, 4): mass kg, first moment (3,) kg m, inertia about the origin (xx, yy, zz, xy, xz, yz).
 
-    It is linear in J, and so serves its derivatives, too.
+    They are linear in J, so that derivatives of J give those of the parameters.
     """
     second = J[..., :3, :3]
     inertia = np.trace(second, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - second

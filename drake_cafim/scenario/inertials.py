@@ -6,10 +6,12 @@ of its second moments a unit of mass, and of its centre of mass in radii of gyra
 one of the physical parameters that they give together, under which a report states it.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtri_exp
+from scipy.stats import chi2
 
 from drake_cafim.dynamics.pseudo_inertia import (
     PARAMETERS,
@@ -92,6 +94,17 @@ def with_change(body: Body, theta: Array) -> Body:
     return with_pseudo_inertia(body, changed(J, theta)) if np.any(theta) or not is_consistent(J) else body
 
 
+def distance_together(shift: Array) -> float:
+    """The standard deviations from zero that are as unlikely as ten priors `shift` (10,) of their stds away.
+
+    |shift|² is χ²-distributed with ten degrees of freedom if the priors are right.
+    """
+    square = float(shift @ shift)
+    chance = chi2.logsf(square, PARAMETERS)
+    # the tail's logarithm ends at the smallest number that a float can hold
+    return float(-ndtri_exp(min(chance - np.log(2.0), np.log(0.5)))) if np.isfinite(chance) else float(np.sqrt(square))
+
+
 @dataclass(frozen=True)
 class LinkInertials:
     """The ten physical parameters of a link, `PHYSICAL`, as functions of its log-Cholesky parameters θ (10,)."""
@@ -123,8 +136,3 @@ def _physical(parameters: Array) -> Array:
     result = parameters.copy()
     result[1:4] /= parameters[0]
     return result
-
-
-def theta_of(body: Body, known: Mapping[str, float]) -> Array:
-    """θ (10,) of the link `body` of the model by its physical parameters by name."""
-    return LinkInertials(body).theta(np.array([known[name] for name in PHYSICAL], dtype=float))

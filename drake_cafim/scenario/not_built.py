@@ -21,7 +21,6 @@ EFFECTS = (
     "command_rate_limit",
     "actuator_speed_limit",
     "supply_sag",
-    "inertial_error",
     "contact_law",
     "learned_force",
 )

@@ -1,6 +1,6 @@
 """Unknown nominal parameters: from the entries of `unknown:` to values in the physics, with their priors."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from drake_cafim.effects.stated import bounds
 from drake_cafim.errors import InputError
 from drake_cafim.numerics.ranges import LARGEST, Range
 from drake_cafim.parameters import Parameter, Parameters
-from drake_cafim.scenario.inertials import INERTIALS, PHYSICAL, check_body, priors_of, with_change
+from drake_cafim.scenario.inertials import INERTIALS, PHYSICAL, LinkInertials, check_body, priors_of, with_change
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import Unknown
 from drake_cafim.typing import Array
@@ -134,9 +134,7 @@ def _inertials(entry: Unknown, physics: Physics, key: str) -> list[UnknownParame
     _check(entry.body, [*(body.name for body in physics.tree.bodies), "all"], f"{key}.body")
     check_body(physics.tree.body(entry.body), key)
     priors = priors_of(entry)
-    return [
-        UnknownParameter(name, INERTIALS, entry.body, prior) for name, prior in zip(PHYSICAL, priors, strict=True)
-    ]
+    return [UnknownParameter(name, INERTIALS, entry.body, prior) for name, prior in zip(PHYSICAL, priors, strict=True)]
 
 
 def _unknown(entry: Unknown, physics: Physics, key: str) -> UnknownParameter:
@@ -252,6 +250,19 @@ def inertials(unknown: Sequence[UnknownParameter]) -> dict[str, slice]:
     """The links with unknown inertials, and where their ten log-Cholesky parameters are in a vector of the unknowns."""
     first = [i for i, parameter in enumerate(unknown) if parameter.kind == INERTIALS][:: len(PHYSICAL)]
     return {unknown[i].at: slice(i, i + len(PHYSICAL)) for i in first}
+
+
+def vector_of(
+    unknown: Sequence[UnknownParameter], bare: Physics, known: Mapping[tuple[str, str, str | None], float]
+) -> Array:
+    """The vector (n,) of the unknowns by the values that a report states, of links' inertials the physical ones.
+
+    `bare` is the physics before any effect.
+    """
+    vector = np.array([known[parameter.key] for parameter in unknown], dtype=float)
+    for link, own in inertials(unknown).items():
+        vector[own] = LinkInertials(bare.tree.body(link)).theta(vector[own])
+    return vector
 
 
 def entries_at(entries: Sequence[Unknown], vector: Array) -> list[Unknown]:

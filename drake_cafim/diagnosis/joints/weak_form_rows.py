@@ -21,6 +21,7 @@ from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.effects.effect import Effect, concatenate
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.kinds import ByKind
+from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.scenario.inertials import INERTIALS
@@ -253,6 +254,9 @@ class _Plausible(ByKind[bool]):
             return False
         # a law that hardly acts may be real where noise remains, but compensates for something else where more does
         return effect.stands_out(together) or not self._leaves_more_than_noise
+
+    def tree(self, effect: TreeEffect) -> bool:
+        return effect.possible_in(self.model.physics(self.problem.scene).tree)
 
     def obstacle(self, effect: UnmodeledContact) -> bool:
         return touched_and_left(self.problem.runs, effect, self.model.physics(self.problem.scene))
