@@ -126,7 +126,7 @@ def test_the_rows_slopes_are_those_of_differences(moved: tuple[Scene, Scene, Arr
 def test_wrong_inertials_are_estimated_and_written_back(
     moved: tuple[Scene, Scene, Array, list[Recording]], tmp_path: Path
 ) -> None:
-    scene, true, change, recordings = moved
+    scene, _, change, recordings = moved
     found = estimate(scene, recordings)
     assert found.goodness_of_fit.accepted, found
     assert not found.far
@@ -152,7 +152,9 @@ def test_wrong_inertials_are_estimated_and_written_back(
     np.testing.assert_allclose(again.priors.mean, vector, rtol=1e-9)
 
 
-def test_inertials_farther_than_their_prior_are_far_together(moved: tuple[Scene, Scene, Array, list[Recording]]) -> None:
+def test_inertials_farther_than_their_prior_are_far_together(
+    moved: tuple[Scene, Scene, Array, list[Recording]],
+) -> None:
     scene = moved[0]
     vector = np.zeros(30)
     vector[10:20] = 4.0 * scene.priors.std[10:20]

@@ -15,7 +15,6 @@ from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.recording_mcap import write_recording_mcap
 from drake_cafim.report.recording_replay import RecordingReplay, write_recording_replay
-from drake_cafim.scenario.unknown import vector_of
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -81,7 +80,7 @@ def _parameters(scene: Scene, content: dict[str, Any], path: Path) -> Array:
     lacking = [f"{parameter} of {at}" for parameter, at, effect in wanted if (parameter, at, effect) not in known]
     if lacking:
         raise InputError(f"--report {path}: parameters lacks {', '.join(lacking)}; is it a report on this scenario?")
-    return vector_of(scene.unknown, scene.bare or scene.physics, known)
+    return scene.vector_of(known)
 
 
 def _facing(scene: Scene, recording: Recording) -> Scene:

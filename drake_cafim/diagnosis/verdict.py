@@ -216,6 +216,11 @@ class Verdict:
     adequate: bool = False
     noise: Mapping[str, ChannelNoise] = field(default_factory=dict)
 
+    @property
+    def unknown_values(self) -> dict[tuple[str, str, str | None], float]:
+        """The values of `parameters` by parameter, place and effect."""
+        return {parameter.key: parameter.value for parameter in self.parameters}
+
     def __str__(self) -> str:
         return sentence(self)
 

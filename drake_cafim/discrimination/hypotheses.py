@@ -12,7 +12,6 @@ from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect, Strength
 from drake_cafim.effects.surroundings import Surroundings
 from drake_cafim.errors import InputError
-from drake_cafim.scenario.unknown import vector_of
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -160,4 +159,4 @@ def fitted_unknowns(scene: Scene, report: Mapping[str, Any], source: str) -> Arr
     lacking = [f"{unknown.parameter} of {unknown.at}" for unknown in scene.unknown if unknown.key not in known]
     if lacking:
         raise InputError(f"{source}: parameters lacks {', '.join(lacking)}; is it a report on this scenario?")
-    return vector_of(scene.unknown, scene.bare or scene.physics, known)
+    return scene.vector_of(known)

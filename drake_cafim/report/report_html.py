@@ -83,7 +83,7 @@ def page_of(
     )
     corrected = verdict.corrected.physics
     without = _nominal_physics(verdict, outcome)
-    unknown = np.array([parameter.value for parameter in verdict.parameters])
+    unknown = outcome.problem.scene.vector_of(verdict.unknown_values)
     pictures, effects = outcome.problem.pictures, tuple(accepted.effect for accepted in verdict.explanation)
     changed, drawn = bool(verdict.explanation), Drawing()
     maps = drawn("the map of misfits", lambda: pictures.maps(Model(unknown), Model(unknown, effects))) or []
@@ -136,7 +136,8 @@ def _headline(sentence: str) -> Markup:
 
 def _nominal_physics(verdict: Verdict, outcome: Outcome) -> Physics:
     """The physics without the accepted effects, at the fitted values of the unknowns."""
-    return outcome.problem.scene.physics_at(np.array([parameter.value for parameter in verdict.parameters]))
+    scene = outcome.problem.scene
+    return scene.physics_at(scene.vector_of(verdict.unknown_values))
 
 
 def _tiles(verdict: Verdict) -> list[dict[str, str]]:
@@ -308,5 +309,5 @@ def _parameter(unknown: NominalParameter) -> dict[str, Any]:
         "prior": wording.with_interval(unknown.prior_mean, unknown.prior_std),
         "unit": "" if unknown.unit == "1" else unknown.unit,
         "shift": f"{shift:+.1f}".replace("-", "−"),
-        "suspect": abs(shift) > SUSPECT,
+        "suspect": unknown.distance > SUSPECT,
     }

@@ -45,21 +45,18 @@ PHYSICAL = {
 """A link's physical parameters with their units; the inertia is about the body's origin, in its axes."""
 
 
-def each_link(entries: Sequence[Unknown], tree: Tree, source: str) -> list[Unknown]:
+def each_link(entries: Sequence[Unknown], tree: Tree) -> list[Unknown]:
     """The entries of `unknown:` with one for each link in place of one for `all`.
 
     A link is the heaviest of the bodies that are fixed to one joint's moving frame: of bodies that move as one, only
-    the sum of their inertias acts. Raises `InputError` for `all` of a model without links that move.
+    the sum of their inertias acts.
     """
     found: list[Unknown] = []
-    for i, entry in enumerate(entries):
+    for entry in entries:
         if entry.parameter != INERTIALS or entry.body != ALL or ALL in (body.name for body in tree.bodies):
             found.append(entry)
             continue
-        links = list(_links(tree))
-        if not links:
-            raise InputError(f"{source}: unknown[{i}] is of all links, but no link with a mass moves on a joint")
-        found.extend(replace(entry, body=link) for link in links)
+        found.extend(replace(entry, body=link) for link in _links(tree))
     return found
 
 

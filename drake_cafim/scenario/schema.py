@@ -48,7 +48,8 @@ class Unknown:
     parameter: str = ""  # what may be wrong, see the table below
     std: float = number(0.0, least=0.0, above=True)  # of the prior, in the parameter's unit
     mean: float | None = None  # of the prior; left out: the model's value
-    body: str | None = None  # the body whose parameter it is; one of body, joint, contact, or effect with at
+    # The body whose parameter it is, of inertials also `all`; one of body, joint, contact, or effect with at.
+    body: str | None = None
     # of inertials: the change of the model at the prior's mean, as ten log-Cholesky parameters; left out: none
     log_cholesky: list[float] = dc.field(default_factory=list, metadata={"length": 10, "range": Range(-20.0, 20.0)})
     joint: str | None = None  # the joint whose parameter it is

@@ -28,7 +28,7 @@ from drake_cafim.scenario.holding import (
     locked_positions,
     resolve_lock,
 )
-from drake_cafim.scenario.inertials import each_link
+from drake_cafim.scenario.inertials import ALL, DEFAULT_STD, INERTIALS, each_link
 from drake_cafim.scenario.known_effects import known_effects
 from drake_cafim.scenario.model_file import MODEL_SUFFIXES, add_plant
 from drake_cafim.scenario.model_physics import (
@@ -41,7 +41,7 @@ from drake_cafim.scenario.model_physics import (
 from drake_cafim.scenario.names import check_names, naming
 from drake_cafim.scenario.packaged import packaged_folder
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.scenario.schema import UNRECORDED, Channel, EffectEntry, Scenario, Weld, load
+from drake_cafim.scenario.schema import UNRECORDED, Channel, EffectEntry, Scenario, Unknown, Weld, load
 from drake_cafim.scenario.surfaces import contact_of
 from drake_cafim.scenario.unknown import (
     UnknownParameter,
@@ -49,6 +49,7 @@ from drake_cafim.scenario.unknown import (
     entries_at,
     priors,
     unknown_parameters,
+    vector_of,
     with_unknowns,
 )
 from drake_cafim.scenario.unknown_effects import effects_of_unknowns
@@ -110,10 +111,12 @@ class Scene:
         file and the key for contents that cannot be used.
         """
         path = resolve(str(address))
-        scenario = Scenario(model=path.name) if str(path).endswith(MODEL_SUFFIXES) else load(path)
+        alone = str(path).endswith(MODEL_SUFFIXES)
+        scenario = Scenario(model=path.name) if alone else load(path)
         given = {name: str(Path(place).resolve()) for name, place in (packages or {}).items()}
         scenario = replace(scenario, packages={**scenario.packages, **given})
-        return cls.build(scenario, path.parent, str(address), effects=effects)
+        scene = cls.build(scenario, path.parent, str(address), effects=effects)
+        return scene.with_uncertain_inertials() if alone else scene
 
     @classmethod
     def from_model(
@@ -153,6 +156,19 @@ class Scene:
         )
         return scene.with_surfaces_at(np.zeros(len(tree.joints)))
 
+    def with_uncertain_inertials(self, std: float = DEFAULT_STD) -> "Scene":
+        """The scene with the inertials of all moving links unknown, with the relative `std`; a note says so.
+
+        A thrown body stays as it is: its poses do not show its mass.
+        """
+        links = [] if self.tree.floating else each_link([Unknown(INERTIALS, std, body=ALL)], self.tree)
+        if not links:
+            return self
+        scenario = replace(self.scenario, unknown=[*self.scenario.unknown, *links])
+        note = f"no scenario states how well the inertials of the links are known: their relative std is {std:g}"
+        stated = replace(self.stated, notes=(*self.stated.notes, note))
+        return replace(self, scenario=scenario, stated=stated).with_surfaces_at(np.zeros(len(self.tree.joints)))
+
     def with_surfaces_at(self, q: Array) -> "Scene":
         """The scene with the contact plane of each fixed box at the face nearest to the robot at positions `q` (n,)."""
         contacts = tuple(
@@ -166,7 +182,7 @@ class Scene:
         scenario = replace(
             self.scenario,
             effects=[*self.scenario.effects, *map(_entry, other)],
-            unknown=each_link(self.scenario.unknown, bare.tree, self.name),
+            unknown=each_link(self.scenario.unknown, bare.tree),
         )
         known = (*stated, *other)
         unknown = unknown_parameters(scenario.unknown, bare, known, self.name)
@@ -233,6 +249,13 @@ class Scene:
     def priors(self) -> Parameters:
         """The priors of the unknown parameters."""
         return priors(self.unknown)
+
+    def vector_of(self, values: Mapping[tuple[str, str, str | None], float]) -> Array:
+        """The vector (n,) of the unknowns by the `values` that a report states, by parameter, place and effect.
+
+        Of a link's inertials a report states the physical parameters.
+        """
+        return vector_of(self.unknown, self.bare or self.physics, values)
 
     def physics_at(self, vector: Array) -> Physics:
         """The physics with the unknowns at `vector` (n,); cached, since a search returns to the same values."""

@@ -12,6 +12,7 @@ import numpy as np
 from drake_cafim.diagnosis.rows.inertial_regressor import INERTIAL
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.dynamics.pseudo_inertia import in_frame, inertial_parameters, pseudo_inertia, slopes
+from drake_cafim.dynamics.tree import FIXED
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -33,6 +34,8 @@ class InertialColumns:
         `physics` is what acts, effects included.
         """
         body = model.tree.body(link)
+        if body.joint == FIXED:
+            return np.zeros((sum(run.rows for run in self.runs), INERTIAL))
         by = in_frame(slopes(pseudo_inertia(body), theta), body.R_JB, body.p_JB)
         return np.asarray(self._regressor(physics, body.joint) @ inertial_parameters(by).T)
 
