@@ -16,6 +16,12 @@ sample."""
 CLOCK_SMOOTHING_REACH = 0.012
 """Half width of the interval from which the motion between a sample and its instant on the even clock is estimated.
 Unit: s. Not calibrated: chosen."""
+MASS_MATRIX_STD = 0.2
+"""Relative standard deviation of the mass matrix by which positions and velocities are compared between samples. Unit:
+1. Source: that of a link's inertials where only a model file is given."""
+OTHER_INERTIA_RATIO = 3.0
+"""Ratio of a joint's inertia under two models, or its inverse, from which on each of the two is judged under its own
+noise. Unit: 1. Not calibrated: chosen, as the noise of the rows is in proportion to the inertia."""
 MOTION_NOISE_STDS = 1.2
 """Scatter of a channel's values over the standard deviation of its noise, from which on the channel counts as moving.
 Unit: 1. Not calibrated: chosen, of noise alone the scatter is 1, within a few percent over a hundred samples."""

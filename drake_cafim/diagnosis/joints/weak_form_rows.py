@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.joints.differences import Differences
 from drake_cafim.diagnosis.joints.inertial_columns import InertialColumns
 from drake_cafim.diagnosis.joints.more_noise import draws, has_feedback, noisy_parameters, with_more_noise
 from drake_cafim.diagnosis.joints.noise_of_reading import Smoothing, has_equal_lags
+from drake_cafim.diagnosis.joints.other_inertia import is_other_inertia
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
@@ -130,11 +131,24 @@ class WeakFormRows(Problem):
         """Decrease of χ² by noise that the model's lags remove and those of the whitening do not.
 
         Inverting a lag amplifies a channel's noise: explanations with and without one compare each under its own noise.
+        So do explanations of quite another inertia, where the change of ln det of the covariance is added.
         """
+        if self.has_other_noise(model):
+            other = self.rewhitened(model)
+            left, under_own = self.rows_of(model), other.rows_of(model)
+            return float(under_own @ under_own - left @ left) + other.log_determinant - self.log_determinant
         if has_equal_lags(model, self.under):
             return self._smoothing.decrease(model)
         rows, own = (problem.rows_of(model) for problem in (self, self.rewhitened(model)))
         return float(own @ own - rows @ rows)
+
+    def has_other_noise(self, model: Model) -> bool:
+        return is_other_inertia(self.scene, self.runs[0].weak, model, self.under)
+
+    @property
+    def log_determinant(self) -> float:
+        """ln det of the rows' covariance."""
+        return sum(run.whiten.log_determinant for run in self.runs)
 
     @cached_property
     def _smoothing(self) -> Smoothing:
