@@ -144,6 +144,7 @@ def run(
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     help="A folder of folders with recordings: one report for each of them.",
 )
+@click.option("--cuts", is_flag=True, help="Diagnose the recordings cut in other ways too: what holds in each?")
 @click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
 @click.option("--mcap", is_flag=True, help="Write each recording as MCAP too, with its residuals as channels.")
 @package_option
@@ -153,20 +154,25 @@ def diagnose(
     recordings: tuple[str, ...],
     held_out: tuple[str, ...],
     fleet: Path | None,
+    cuts: bool,
     replay: bool,
     mcap: bool,
     packages: dict[str, str],
     out: Path | None,
     as_json: bool,
     jobs: int,
+    seed: int,
     resume: bool,
     overwrite: bool,
     **_: object,
 ) -> None:
     """Say what physics a model lacks, where, and how sure that is."""
+    from drake_cafim.commands.cuts import CutOptions
     from drake_cafim.commands.diagnose import diagnose_command, diagnose_fleet
 
     if fleet is not None:
+        if cuts:
+            raise InputError("diagnose: --cuts is given beside --fleet, expected --recording: one robot at a time")
         reports = diagnose_fleet(scenario, fleet, out, jobs, resume=resume, overwrite=overwrite, packages=packages)
         _print(reports, as_json, "\n".join(report["sentence"] for report in reports))
         return
@@ -184,6 +190,7 @@ def diagnose(
             mcap=mcap,
             packages=packages,
             resume=resume,
+            cuts=CutOptions(seed, jobs) if cuts else None,
         )
     _print(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
 

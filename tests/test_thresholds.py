@@ -25,6 +25,7 @@ ITERATIONS = {
     # at most so many steps of an iteration, and what ends it
     "fit/fitting.py": "MOST_CORRECTIONS CORRECTION_TOLERANCE LARGEST_STEP",
     "fit/intervals.py": "DOUBLINGS REFINEMENTS",
+    "cuts.py": "MOST_LEFT_OUT DRAWS",
     "joints/linearised_contact_effects.py": "IMPROVEMENTS",
     "joints/plane_candidates.py": "IMPROVEMENTS",
     "joints/unknown_force.py": "MOST_STEPS TOLERANCE",
@@ -49,6 +50,7 @@ ROUNDING = {
 }
 APPROXIMATION = {
     # steps of differences, nodes, coefficients, and where a series, a memory or a mean of draws is cut off
+    "joints/other_inertia.py": "INSTANTS",
     "joints/pulses.py": "TAIL",
     "joints/more_noise.py": "MOST_DRAWS CHANCE_SHARE",
     "noise/coloured.py": "MEMORY",
@@ -70,6 +72,7 @@ APPROXIMATION = {
 }
 MEMORY = {
     # how much is kept from one call to the next, or reckoned at once
+    "joints/inertial_columns.py": "CACHED",
     "joints/linearised_effects.py": "CACHED_ROWS",
     "joints/pulses.py": "CACHED_WINDOWS",
     "noise/coloured.py": "CACHED_ENTRIES",
@@ -77,6 +80,7 @@ MEMORY = {
     "rows/force_rows.py": "CACHED_TERMS",
     "rows/inertial_regressor.py": "CACHED_REGRESSORS",
     "rows/initial_uncertainty.py": "CACHED_LAGS",
+    "rows/mobility.py": "CACHED",
     "tosses/pulses.py": "TOGETHER",
     "whitening/interpolation_noise.py": "CACHED_VALUES",
     "whitening/whitened_run.py": "CACHED_STARTS",
@@ -99,6 +103,7 @@ FIGURES = {
 }
 STRUCTURE = {
     # sizes of things, how many there are, and numbers that stand for names
+    "cuts.py": "BLOCKS _HALVES",
     "fit/adequacy.py": "KINDS",
     "rows/inertial_regressor.py": "INERTIAL",
     "tosses/arc_rows.py": "FIRST",

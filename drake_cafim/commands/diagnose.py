@@ -9,7 +9,9 @@ from typing import Any
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
+from drake_cafim.commands.cuts import CutOptions, CutWork, named_by_cuts
 from drake_cafim.commands.inputs import in_folder, read_all, read_report, refuse_repeats
+from drake_cafim.diagnosis.cuts import with_cuts
 from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.errors import InputError
 from drake_cafim.output import prepare_folder, write_text
@@ -31,15 +33,18 @@ def diagnose_command(
     mcap: bool = False,
     packages: Mapping[str, str] | None = None,
     resume: bool = False,
+    cuts: CutOptions | None = None,
 ) -> dict[str, Any]:
     """The report, written into `out` with its page, the corrected scenario, and replay and MCAP files if wanted.
 
-    With `resume`, a finished diagnosis by the same command is read from `out` instead of being repeated. Raises
-    `InputError` where `out` holds one by another command, and for a scenario or recordings that cannot be used.
+    With `cuts` the recordings are also cut and each cut is diagnosed, see `diagnosis.cuts`. With `resume`, a finished
+    diagnosis by the same command is read from `out` instead of being repeated. Raises `InputError` where `out` holds
+    one by another command, and for a scenario or recordings that cannot be used.
     """
     command = ["cafim", "diagnose", address, "--recording", *recordings]
     command += ["--held-out", *held_out] if held_out else []
     command += [f"--package={name}={place}" for name, place in (packages or {}).items()]
+    command += ["--cuts", "--seed", str(cuts.seed)] if cuts else []
     if resume and _is_finished(out, command):
         return read_report(out / "report.json", str(out / "report.json"))
     scene = Scene.load(address, packages=packages)
@@ -47,6 +52,9 @@ def diagnose_command(
     train, held = read_all(scene, recordings), read_all(scene, held_out)
     (out / FINISHED).unlink(missing_ok=True)
     verdict, outcome = examine(scene, train, held_out=held, progress=progress)
+    if cuts:
+        work = CutWork(address, tuple(recordings), tuple((packages or {}).items()), cuts)
+        verdict = with_cuts(verdict, *named_by_cuts(work, scene, train, out, progress, resume))
     report = write_artifacts(out, verdict, outcome, train, held, command, replay=replay, mcap=mcap, progress=progress)
     write_text(out / FINISHED, json.dumps({"command": command}, indent=1) + "\n")
     return report

@@ -19,6 +19,9 @@ Unit: s. Not calibrated: chosen."""
 MASS_MATRIX_STD = 0.2
 """Relative standard deviation of the mass matrix by which positions and velocities are compared between samples. Unit:
 1. Source: that of a link's inertials where only a model file is given."""
+CUTS_SHARE_SURE = 0.75
+"""Share of the cuts of the recordings that must name an effect for it not to be told as unsure. Unit: 1. Source: three
+of four, as the file formats promise."""
 OTHER_INERTIA_RATIO = 3.0
 """Ratio of a joint's inertia under two models, or its inverse, from which on each of the two is judged under its own
 noise. Unit: 1. Not calibrated: chosen, as the noise of the rows is in proportion to the inertia."""

@@ -60,6 +60,8 @@ class Explanation:
     probability: float
     values: Mapping[str, Value]
     sentence: str
+    cuts: float | None = None
+    """Share of the cuts of the recordings that name it; None where they were not cut."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from markupsafe import Markup, escape
 
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.search.search import Outcome
+from drake_cafim.diagnosis.thresholds import CUTS_SHARE_SURE
 from drake_cafim.diagnosis.verdict import Comparison, Location, NominalParameter, Verdict
 from drake_cafim.effects.effect import Effect, Place
 from drake_cafim.numerics.computation import NotComputable, compute
@@ -229,6 +230,8 @@ def _effects(
                 "at": accepted.effect.at,
                 "law": law,
                 "probability": wording.probability(accepted.probability),
+                "cuts": None if accepted.cuts is None else f"{100.0 * accepted.cuts:.0f} %",
+                "unsure": accepted.cuts is not None and accepted.cuts < CUTS_SHARE_SURE,
                 "strengths": [
                     {
                         "name": wording.spoken(name),
