@@ -7,7 +7,6 @@ from drake_cafim.errors import InputError
 KEYS: Mapping[tuple[str, str], str] = {
     ("Scenario", "servo"): "a position servo",
     ("Scenario", "drive"): "a position servo",
-    ("Channel", "lowpass"): "a published filter",
     ("ContactPair", "modulus"): "the hydroelastic law",
 }
 """(dataclass of the schema, key) to the feature's name in messages."""
