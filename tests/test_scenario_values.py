@@ -182,7 +182,6 @@ def test_the_sentence_names_the_key_and_what_was_expected(
     [
         (("servo",), {"kp": 17.8, "kv": 0.6}, "servo is given, but a position servo is not supported"),
         (("drive",), "servo", "drive is given, but a position servo is not supported"),
-        (("channels", "v", "lowpass"), {"order": 6}, "channels.v.lowpass is given, but a published filter is not"),
         (("contact", 0, "modulus"), 1e5, "contact[0].modulus is given, but the hydroelastic law is not supported"),
         (("contact", 0, "law"), "hydroelastic", "contact[0].law is hydroelastic, which is not supported"),
         (("unknown", 1, "parameter"), "servo_stiffness", "unknown[1].parameter is servo_stiffness, which is not"),

@@ -19,6 +19,7 @@ SECTIONS: dict[str, type] = {
     "": schema.Scenario,
     "weld[]": schema.Weld,
     "channels.<name>": schema.Channel,
+    "channels.<name>.lowpass": schema.Lowpass,
     "unknown[]": schema.Unknown,
     "contact[]": schema.ContactPair,
     "contact[].ground": schema.Ground,

@@ -10,14 +10,17 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.signal import butter, sosfilt, sosfiltfilt
+from scipy.signal import butter, fftconvolve, sosfilt, sosfiltfilt
+from scipy.signal.windows import tukey
 
 from drake_cafim.diagnosis.rows.test_functions import Windows
 from drake_cafim.scenario.schema import Lowpass
 from drake_cafim.typing import Array
 
-RESPONSE_SHARE = 0.01
+RESPONSE_SHARE = 0.003
 """Share of the impulse response's absolute area that is left out beyond its `reach`."""
+FADING_SHARE = 0.6
+"""Share of the response over which its two ends are faded out."""
 ROWS_TOGETHER = 256
 """Number of windows that are filtered at once, to limit memory."""
 
@@ -32,14 +35,25 @@ def apply_filter(lowpass: Lowpass, values: Array, rate: float) -> Array:
     return np.asarray(run(sections, values, axis=0), dtype=float)
 
 
-def reach_of(lowpass: Lowpass, rate: float) -> int:
-    """Samples on either side of an impulse beyond which `RESPONSE_SHARE` of its response is left."""
+def response(lowpass: Lowpass, rate: float) -> Array:
+    """(2 K + 1,) the filter's impulse response about its middle, K samples on either side, with the sum 1.
+
+    Beyond them `RESPONSE_SHARE` of its absolute area is left; what is at rest passes the filter unchanged all the same.
+    """
     half = int(np.ceil(20.0 * lowpass.order * rate / lowpass.cutoff / (2.0 * np.pi)))
     impulse = np.zeros(2 * half + 1)
     impulse[half] = 1.0
-    response = np.abs(apply_filter(lowpass, impulse, rate))
-    outwards = np.cumsum((response + response[::-1])[half:])
-    return int(np.searchsorted(outwards, (1.0 - RESPONSE_SHARE) * outwards[-1]))
+    whole = apply_filter(lowpass, impulse, rate)
+    outwards = np.cumsum(np.abs(whole[half:]) + np.abs(whole[half::-1]))
+    reach = int(np.searchsorted(outwards, (1.0 - RESPONSE_SHARE) * outwards[-1]))
+    # cut off at once, the response would ripple at all frequencies; faded out, it differs near the cutoff alone
+    kept = whole[half - reach : half + reach + 1] * tukey(2 * reach + 1, FADING_SHARE)
+    return np.asarray(kept / np.sum(kept))
+
+
+def reach_of(lowpass: Lowpass, rate: float) -> int:
+    """The number K of samples on either side that `response` covers."""
+    return len(response(lowpass, rate)) // 2
 
 
 @dataclass(frozen=True)
@@ -66,14 +80,13 @@ class FilteredWindows(Windows):
 
     def _filtered(self, rows: sp.csr_matrix) -> sp.csr_matrix:
         """`rows` (M, N) times the filter's matrix: each row filtered by Fᵀ, which runs backwards in time."""
-        rate = 1.0 / float(np.median(np.diff(self.time)))
-        reach = reach_of(self.lowpass, rate)
+        kernel = response(self.lowpass, 1.0 / float(np.median(np.diff(self.time))))
+        reach, index = len(kernel) // 2, np.arange(len(self.time))
         parts = []
         for start in range(0, len(self), ROWS_TOGETHER):
-            block = rows[start : start + ROWS_TOGETHER].toarray()
-            first, stop = self.first[start : start + ROWS_TOGETHER], self.stop[start : start + ROWS_TOGETHER]
-            filtered = apply_filter(self.lowpass, block.T[::-1], rate)[::-1].T
-            index = np.arange(block.shape[1])
-            near = (index >= (first - reach)[:, None]) & (index < (stop + reach)[:, None])
+            together = slice(start, start + ROWS_TOGETHER)
+            filtered = fftconvolve(rows[together].toarray(), kernel[None, ::-1], mode="same", axes=1)
+            # beyond the reach the transform leaves rounding errors, which would fill the matrix
+            near = (index >= self.first[together, None] - reach) & (index < self.stop[together, None] + reach)
             parts.append(sp.csr_matrix(np.where(near, filtered, 0.0)))
         return sp.csr_matrix(sp.vstack(parts, format="csr"))

@@ -177,8 +177,12 @@ def samples_of(
     u = recording.matrix("u", names)
     time = recording.time
     measured = all(f"v.{name}" in recording.columns for name in names)
-    lowpass = effort_filter(scene)
-    period = float(np.median(np.diff(time)))
+    lowpass, period = effort_filter(scene), float(np.median(np.diff(time)))
+    if lowpass and not lowpass.cutoff < 0.5 / period:
+        raise InputError(
+            f"{scene.name}: the cutoff {lowpass.cutoff:g} Hz of u is not below half the rate of {recording.name}, "
+            f"{0.5 / period:.4g} Hz, expected a lowpass with the cutoff of the filter that was applied"
+        )
     # a window narrower than the filter's response says nothing more, and its rows are hardly independent
     width = max(width, 12.0 * period, 1.0 / lowpass.cutoff if lowpass else 0.0)
     v = recording.matrix("v", names) if measured else np.zeros_like(q)
