@@ -17,9 +17,9 @@ from drake_cafim.diagnosis.rows.test_functions import Windows
 from drake_cafim.scenario.schema import Lowpass
 from drake_cafim.typing import Array
 
-RESPONSE_SHARE = 0.003
+RESPONSE_SHARE = 0.001
 """Share of the impulse response's absolute area that is left out beyond its `reach`."""
-FADING_SHARE = 0.6
+FADING_SHARE = 0.5
 """Share of the response over which its two ends are faded out."""
 ROWS_TOGETHER = 256
 """Number of windows that are filtered at once, to limit memory."""
