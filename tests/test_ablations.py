@@ -172,8 +172,8 @@ def test_what_a_control_names_is_not_misnamed_and_a_near_name_is_no_exact_one() 
 def test_a_killed_run_goes_on(data_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Finished slots are not diagnosed again, and what is told is of all of them."""
     (tmp_path / "slots").mkdir()
-    done = {"set": "emps_drive", "kind": "link mass", "named": [["payload", "carriage"]], "found": False, "family": True,
-            "truths": [["mass", "carriage"]], "verdict": "explained",
+    done = {"set": "emps_drive", "kind": "link mass", "named": [["payload", "carriage"]], "found": False,
+            "family": True, "truths": [["mass", "carriage"]], "verdict": "explained",
             "truth": {"effect": "mass", "at": "carriage"}}  # fmt: skip
     (tmp_path / "slots" / "000.json").write_text(json.dumps(done))
     (tmp_path / "slots" / "control-emps_drive.json").write_text(
