@@ -11,9 +11,9 @@ from click.testing import CliRunner
 from drake_cafim import recordings
 from drake_cafim.cli import main
 from drake_cafim.commands import cuts as command
-from drake_cafim.diagnosis import cuts
-from drake_cafim.diagnosis.cuts import BLOCKS, DRAWS, cuts_of, named_in, with_cuts
 from drake_cafim.diagnosis.diagnose import diagnose
+from drake_cafim.diagnosis.search import cuts
+from drake_cafim.diagnosis.search.cuts import BLOCKS, DRAWS, cuts_of, named_in, with_cuts
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 from tests.test_unknown_effects import PENDULUM, swung

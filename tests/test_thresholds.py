@@ -25,7 +25,7 @@ ITERATIONS = {
     # at most so many steps of an iteration, and what ends it
     "fit/fitting.py": "MOST_CORRECTIONS CORRECTION_TOLERANCE LARGEST_STEP",
     "fit/intervals.py": "DOUBLINGS REFINEMENTS",
-    "cuts.py": "MOST_LEFT_OUT DRAWS",
+    "search/cuts.py": "MOST_LEFT_OUT DRAWS",
     "joints/linearised_contact_effects.py": "IMPROVEMENTS",
     "joints/plane_candidates.py": "IMPROVEMENTS",
     "joints/unknown_force.py": "MOST_STEPS TOLERANCE",
@@ -106,7 +106,7 @@ FIGURES = {
 }
 STRUCTURE = {
     # sizes of things, how many there are, and numbers that stand for names
-    "cuts.py": "BLOCKS _HALVES",
+    "search/cuts.py": "BLOCKS _HALVES",
     "fit/adequacy.py": "KINDS",
     "rows/inertial_regressor.py": "INERTIAL",
     "tosses/arc_rows.py": "FIRST",

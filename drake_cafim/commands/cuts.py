@@ -10,8 +10,8 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from drake_cafim.commands.inputs import read_all
-from drake_cafim.diagnosis.cuts import Cut, Named, cuts_of, named_in
 from drake_cafim.diagnosis.diagnose import examine
+from drake_cafim.diagnosis.search.cuts import Cut, Named, cuts_of, named_in
 from drake_cafim.errors import InputError
 from drake_cafim.output import write_text
 from drake_cafim.recordings.recording import Recording

@@ -11,8 +11,8 @@ from tqdm import tqdm
 
 from drake_cafim.commands.cuts import CutOptions, CutWork, named_by_cuts
 from drake_cafim.commands.inputs import in_folder, read_all, read_report, refuse_repeats
-from drake_cafim.diagnosis.cuts import with_cuts
 from drake_cafim.diagnosis.diagnose import examine
+from drake_cafim.diagnosis.search.cuts import with_cuts
 from drake_cafim.errors import InputError
 from drake_cafim.output import prepare_folder, write_text
 from drake_cafim.report.artifacts import write_artifacts
@@ -37,9 +37,9 @@ def diagnose_command(
 ) -> dict[str, Any]:
     """The report, written into `out` with its page, the corrected scenario, and replay and MCAP files if wanted.
 
-    With `cuts` the recordings are also cut and each cut is diagnosed, see `diagnosis.cuts`. With `resume`, a finished
-    diagnosis by the same command is read from `out` instead of being repeated. Raises `InputError` where `out` holds
-    one by another command, and for a scenario or recordings that cannot be used.
+    With `cuts` the recordings are also cut and each cut is diagnosed, see `diagnosis.search.cuts`. With `resume`, a
+    finished diagnosis by the same command is read from `out` instead of being repeated. Raises `InputError` where `out`
+    holds one by another command, and for a scenario or recordings that cannot be used.
     """
     command = ["cafim", "diagnose", address, "--recording", *recordings]
     command += ["--held-out", *held_out] if held_out else []

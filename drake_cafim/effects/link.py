@@ -33,10 +33,6 @@ class TreeEffect(Effect):
     def change(self, tree: Tree, gravity: Array) -> tuple[Tree, Array]:
         """The tree and the gravity (3,) m/s², world axes, with the effect included."""
 
-    def possible_in(self, tree: Tree) -> bool:
-        """Whether `tree`, which includes the effect, is one of bodies that can be."""
-        return True
-
 
 @dataclass(frozen=True)
 class RotorInertia(TreeEffect):
@@ -158,9 +154,14 @@ class InertialError(TreeEffect):
         inertia = J[4:] + np.array([v[name] for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")])
         return with_pseudo_inertia(body, pseudo_inertia_of(np.array([mass, *moment, *inertia])))
 
-    def possible_in(self, tree: Tree) -> bool:
+    def contradiction_in(self, tree: Tree) -> str:
         J = pseudo_inertia(tree.body(self.at))
-        return bool(np.all(np.isfinite(J)) and np.linalg.eigvalsh(J)[0] > 0.0)
+        if np.all(np.isfinite(J)) and np.linalg.eigvalsh(J)[0] > 0.0:
+            return ""
+        return (
+            f"with these differences no mass has the inertia of {self.at}, expected a positive mass and a positive "
+            "definite pseudo-inertia of model and differences together"
+        )
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect, Place
-from drake_cafim.effects.link import InertialError
 from drake_cafim.effects.stated import stated_values
 from drake_cafim.errors import InputError
 from drake_cafim.numerics.ranges import ANY
@@ -47,11 +46,9 @@ def known_effect(
     """The effect of one entry, which messages call `key`; raises `InputError` as `known_effects` does."""
     effect = _effect(entry, vocabulary, key)
     _check_place(effect, physics, channels, f"{key}.at")
-    if isinstance(effect, InertialError) and not effect.possible_in(effect.change(physics.tree, physics.gravity)[0]):
-        raise InputError(
-            f"{key}: with these differences no mass has the inertia of {effect.at}, expected a positive mass and a "
-            "positive definite pseudo-inertia of model and differences together"
-        )
+    contradiction = effect.contradiction_in(physics.with_effects([effect]).tree)
+    if contradiction:
+        raise InputError(f"{key}: {contradiction}")
     return effect
 
 

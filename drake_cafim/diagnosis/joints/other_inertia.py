@@ -6,20 +6,33 @@ the missing rotor, whose right residual looks like millions of standard deviatio
 under its own noise, −2 ln L = χ² + ln det C.
 """
 
+from collections.abc import Sequence
+from typing import Protocol
+
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import OTHER_INERTIA_RATIO
+from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.dynamics.motion import mass_matrix, motion
 from drake_cafim.effects.effect import Effect
-from drake_cafim.effects.link import TreeEffect
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
+OF_INERTIA = ("tree", "load")
+"""The kinds of effects that change inertia."""
 INSTANTS = 50
 """Instants of a recording at which inertias are compared."""
+
+
+class Whitened(Protocol):
+    """Recordings whitened under some model."""
+
+    @property
+    def runs(self) -> Sequence[Run]: ...
+    def rows_of(self, model: Model) -> Array: ...
 
 
 def is_other_inertia(scene: Scene, weak: WeakForm, model: Model, under: Model) -> bool:
@@ -31,8 +44,21 @@ def is_other_inertia(scene: Scene, weak: WeakForm, model: Model, under: Model) -
     return bool(np.any((ratio > OTHER_INERTIA_RATIO) | (ratio < 1.0 / OTHER_INERTIA_RATIO)))
 
 
+def noise_cost(problem: Whitened, own: Whitened, model: Model) -> float:
+    """−2 ln L of `model` under its `own` whitening, less its χ² under that of `problem`, but for a constant.
+
+    It is own χ² − χ² + the change of ln det C, so that χ² and this cost together compare models under their own noise.
+    """
+    left, under_own = problem.rows_of(model), own.rows_of(model)
+    return float(under_own @ under_own - left @ left) + _log_determinant(own) - _log_determinant(problem)
+
+
+def _log_determinant(problem: Whitened) -> float:
+    return sum(run.whiten.log_determinant for run in problem.runs)
+
+
 def _of_inertia(effects: tuple[Effect, ...]) -> list[tuple[object, ...]]:
-    return [(effect.key, *effect.values.items()) for effect in effects if isinstance(effect, TreeEffect)]
+    return [(effect.key, *effect.values.items()) for effect in effects if effect.kind in OF_INERTIA]
 
 
 def _joint_inertias(weak: WeakForm, physics: Physics) -> Array:

@@ -10,10 +10,10 @@ import numpy as np
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.joints.differences import Differences
-from drake_cafim.diagnosis.joints.inertial_columns import InertialColumns
 from drake_cafim.diagnosis.joints.more_noise import draws, has_feedback, noisy_parameters, with_more_noise
 from drake_cafim.diagnosis.joints.noise_of_reading import Smoothing, has_equal_lags
-from drake_cafim.diagnosis.joints.other_inertia import is_other_inertia
+from drake_cafim.diagnosis.joints.other_inertia import is_other_inertia, noise_cost
+from drake_cafim.diagnosis.joints.unknown_columns import UnknownColumns
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
@@ -22,12 +22,9 @@ from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.effects.effect import Effect, concatenate
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.kinds import ByKind
-from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
-from drake_cafim.scenario.inertials import INERTIALS
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.scenario.unknown import inertials
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -125,82 +122,41 @@ class WeakFormRows(Problem):
     def penalty(self, model: Model) -> float:
         physics = model.physics(self.scene)
         start = sum(run.marginalise_start(physics).paid for run in self.runs) if has_unknown_start(physics) else 0.0
-        return start + self._noise_cost(model)
-
-    def _noise_cost(self, model: Model) -> float:
-        """Decrease of χ² by noise that the model's lags remove and those of the whitening do not.
-
-        Inverting a lag amplifies a channel's noise: explanations with and without one compare each under its own noise.
-        So do explanations of quite another inertia, where the change of ln det of the covariance is added.
-        """
         if self.has_other_noise(model):
-            other = self.rewhitened(model)
-            left, under_own = self.rows_of(model), other.rows_of(model)
-            return float(under_own @ under_own - left @ left) + other.log_determinant - self.log_determinant
+            return start + noise_cost(self, self.rewhitened(model), model)
+        # inverting a lag amplifies a channel's noise: explanations with and without one compare each under its own
         if has_equal_lags(model, self.under):
-            return self._smoothing.decrease(model)
+            return start + self._smoothing.decrease(model)
         rows, own = (problem.rows_of(model) for problem in (self, self.rewhitened(model)))
-        return float(own @ own - rows @ rows)
+        return start + float(own @ own - rows @ rows)
 
     def has_other_noise(self, model: Model) -> bool:
         return is_other_inertia(self.scene, self.runs[0].weak, model, self.under)
-
-    @property
-    def log_determinant(self) -> float:
-        """ln det of the rows' covariance."""
-        return sum(run.whiten.log_determinant for run in self.runs)
 
     @cached_property
     def _smoothing(self) -> Smoothing:
         return Smoothing(self.scene, self.runs, self.under)
 
     @cached_property
-    def _differences(self) -> Differences:
-        return Differences(self.scene, self.runs, self.prior_rows)
-
-    @cached_property
-    def _inertials(self) -> InertialColumns:
-        return InertialColumns(self.runs)
+    def _by_unknowns(self) -> UnknownColumns:
+        return UnknownColumns(Differences(self.scene, self.runs, self.prior_rows), self.prior_std)
 
     @property
     def forms(self) -> list[WeakForm]:
         return [run.weak for run in self.runs]
 
     def jacobian(self, model: Model) -> Array:
-        columns = self._unknown_columns(model)
+        columns = self._by_unknowns.of(model)
         columns += [self.effect_columns(model, position) for position in range(len(model.effects))]
         return np.concatenate([np.zeros((self.rows + len(model.unknown), 0)), *columns], axis=1)
-
-    def _unknown_columns(self, model: Model) -> list[Array]:
-        """Whitened rows and prior rows (R + n, 1) or (R + n, 10), by each unknown or each link's inertials."""
-        links, n = inertials(self.scene.unknown), len(model.unknown)
-        physics = model.physics(self.scene) if links else self.scene.physics
-        if not links or physics.couplings or has_unknown_start(physics):
-            # what a rotor behind an elastic gear does to the rows is not linear in the link's inertia
-            return [self._differences.by_unknown(model, i)[:, None] for i in range(n)]
-        columns, i, given = [], 0, self.scene.bare or self.scene.physics
-        slopes = np.diag(1.0 / self.prior_std(model))
-        while i < n:
-            own = links.get(self.scene.unknown[i].at, slice(i, i + 1)) if self._is_inertial(i) else slice(i, i + 1)
-            if self._is_inertial(i):
-                rows = self._inertials.of(physics, given, self.scene.unknown[i].at, model.unknown[own])
-                columns.append(np.concatenate([rows, slopes[:, own]]))
-            else:
-                columns.append(self._differences.by_unknown(model, i)[:, None])
-            i = own.stop
-        return columns
-
-    def _is_inertial(self, i: int) -> bool:
-        return self.scene.unknown[i].kind == INERTIALS
 
     def effect_columns(self, model: Model, position: int) -> Array:
         """Whitened rows and prior rows (R + n, k) by the strengths of one of the model's effects."""
         effect, physics = model.effects[position], model.physics(self.scene)
         found = _KnownColumns(self, physics)(effect)
         if found is None:
-            return np.stack(
-                [self._differences.by_strength(model, position, k) for k in range(len(effect.strengths))], axis=1
-            )
+            by_strength = self._by_unknowns.differences.by_strength
+            return np.stack([by_strength(model, position, k) for k in range(len(effect.strengths))], axis=1)
         if has_unknown_start(physics):
             parts = np.split(found, np.cumsum([run.rows for run in self.runs])[:-1])
             found = np.concatenate(
@@ -269,8 +225,8 @@ class _Plausible(ByKind[bool]):
         # a law that hardly acts may be real where noise remains, but compensates for something else where more does
         return effect.stands_out(together) or not self._leaves_more_than_noise
 
-    def tree(self, effect: TreeEffect) -> bool:
-        return effect.possible_in(self.model.physics(self.problem.scene).tree)
+    def tree(self, effect: Effect) -> bool:
+        return not effect.contradiction_in(self.model.physics(self.problem.scene).tree)
 
     def obstacle(self, effect: UnmodeledContact) -> bool:
         return touched_and_left(self.problem.runs, effect, self.model.physics(self.problem.scene))
