@@ -163,7 +163,11 @@ def test_what_a_control_names_is_not_misnamed_and_a_near_name_is_no_exact_one() 
         result("null", [], True, True),
         result("null", [tilt], False, False),
     ]
+    # what is named in any case is not found by naming it
+    results.append(result("gravity", [tilt], True, True) | {"truths": [tilt]})
     told = ablate.summary(results)
+    assert told["by kind"] == {"spring": [1, 2], "gravity": [0, 1]}
+    told = ablate.summary(results[:-1])
     assert (told["sealed"], told["nulls"]) == (2, 2)
     assert (told["found exactly"], told["family and place"], told["misnamed"]) == (0.5, 1.0, 0.5)
     assert told["nulls that name"] == 0.5

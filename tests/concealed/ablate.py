@@ -17,7 +17,7 @@ import secrets
 import shutil
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -196,27 +196,30 @@ def _alike(pair: Sequence[str], own: Sequence[str]) -> bool:
 def summary(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Shares over all slots: found exactly, at their family and place, misnamed; nulls that name something; covered.
 
-    What the control of a machine names, it also names without any alteration: that is not misnamed.
+    What the control of a machine names, it also names without any alteration: that is neither found nor misnamed.
     """
     controls = {one["set"]: one["named"] for one in results if one["kind"] == "control"}
     sealed = [one for one in results if one["kind"] not in ("control", "null")]
     nulls = [one for one in results if one["kind"] == "null"]
     covered = [one["covered"] for one in sealed if "covered" in one]
 
-    def misnamed(one: Mapping[str, Any]) -> bool:
+    def new(one: Mapping[str, Any]) -> list[Sequence[str]]:
         before = controls.get(one["set"], [])
-        return any(
-            not any(_same(pair, own) for own in one["truths"]) and not any(_same(pair, own) for own in before)
-            for pair in one["named"]
-        )
+        return [pair for pair in one["named"] if not any(_same(pair, own) for own in before)]
+
+    def matches(one: Mapping[str, Any], alike: Callable[[Sequence[str], Sequence[str]], bool]) -> bool:
+        return any(alike(pair, own) for pair in new(one) for own in one["truths"])
+
+    def misnamed(one: Mapping[str, Any]) -> bool:
+        return any(not any(_same(pair, own) for own in one["truths"]) for pair in new(one))
 
     def share(flags: Sequence[bool]) -> float | None:
         return sum(flags) / len(flags) if flags else None
 
     return {
         "sealed": len(sealed),
-        "found exactly": share([one["found"] for one in sealed]),
-        "family and place": share([one["family"] for one in sealed]),
+        "found exactly": share([matches(one, _same) for one in sealed]),
+        "family and place": share([matches(one, _alike) for one in sealed]),
         "misnamed": share([misnamed(one) for one in sealed]),
         "failed": sum(one["verdict"] == "failed" for one in results),
         "nulls": len(nulls),
@@ -224,11 +227,17 @@ def summary(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "intervals that hold": share(covered),
         "intervals": len(covered),
         "by kind": {
-            kind: [sum(one["found"] for one in sealed if one["kind"] == kind), sum(o["kind"] == kind for o in sealed)]
+            kind: [
+                sum(matches(one, _same) for one in sealed if one["kind"] == kind),
+                sum(o["kind"] == kind for o in sealed),
+            ]
             for kind in dict.fromkeys(one["kind"] for one in sealed)
         },
         "by machine": {
-            name: [sum(one["found"] for one in sealed if one["set"] == name), sum(o["set"] == name for o in sealed)]
+            name: [
+                sum(matches(one, _same) for one in sealed if one["set"] == name),
+                sum(o["set"] == name for o in sealed),
+            ]
             for name in dict.fromkeys(one["set"] for one in sealed)
         },
     }
