@@ -213,6 +213,10 @@ def summary(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     def misnamed(one: Mapping[str, Any]) -> bool:
         return any(not any(_same(pair, own) for own in one["truths"]) for pair in new(one))
 
+    def counted(key: str) -> dict[str, list[int]]:
+        groups = {name: [one for one in sealed if one[key] == name] for name in dict.fromkeys(o[key] for o in sealed)}
+        return {name: [sum(matches(one, _same) for one in own), len(own)] for name, own in groups.items()}
+
     def share(flags: Sequence[bool]) -> float | None:
         return sum(flags) / len(flags) if flags else None
 
@@ -226,20 +230,8 @@ def summary(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "nulls that name": share([bool(one["named"]) for one in nulls if one["verdict"] != "failed"]),
         "intervals that hold": share(covered),
         "intervals": len(covered),
-        "by kind": {
-            kind: [
-                sum(matches(one, _same) for one in sealed if one["kind"] == kind),
-                sum(o["kind"] == kind for o in sealed),
-            ]
-            for kind in dict.fromkeys(one["kind"] for one in sealed)
-        },
-        "by machine": {
-            name: [
-                sum(matches(one, _same) for one in sealed if one["set"] == name),
-                sum(o["set"] == name for o in sealed),
-            ]
-            for name in dict.fromkeys(one["set"] for one in sealed)
-        },
+        "by kind": counted("kind"),
+        "by machine": counted("set"),
     }
 
 
