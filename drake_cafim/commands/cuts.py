@@ -10,6 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from drake_cafim.commands.inputs import read_all
+from drake_cafim.commands.reports import read_record
 from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.diagnosis.search.cuts import Cut, Named, cuts_of, named_in
 from drake_cafim.errors import InputError
@@ -92,5 +93,6 @@ def _kept(out: Path, digest: str) -> dict[str, list[list[str]] | str]:
     """The cuts in `out` that are done; none where they are of other files."""
     if not (out / KEPT).is_file():
         return {}
-    content = json.loads((out / KEPT).read_text(encoding="utf-8"))
-    return dict(content["cuts"]) if content["digest"] == digest else {}
+    content = read_record(out / KEPT, "what earlier cuts left; give --overwrite")
+    cuts = content.get("cuts")
+    return cuts if isinstance(cuts, dict) and content.get("digest") == digest else {}
