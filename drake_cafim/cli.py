@@ -17,7 +17,7 @@ from drake_cafim.errors import InputError, one_line
 from drake_cafim.output import alone_in, describe_error, prepare_folder
 
 if TYPE_CHECKING:
-    from drake_cafim.commands.diagnose import Levels
+    from drake_cafim.commands.levels import Levels
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -239,6 +239,7 @@ def run(
     type=float,
     help="p-value above which what remains counts as noise, so that a verdict is `explained`.  [default: 0.01]",
 )
+@click.option("--cuts", is_flag=True, help="Diagnose the recordings cut in other ways too: what holds in each?")
 @click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
 @click.option("--mcap", is_flag=True, help="Write each recording as MCAP too, with its residuals as channels.")
 @package_option
@@ -251,6 +252,7 @@ def diagnose(
     shard: tuple[int, int] | None,
     false_alarm_rate: float | None,
     adequacy_level: float | None,
+    cuts: bool,
     replay: bool,
     mcap: bool,
     packages: dict[str, str],
@@ -258,6 +260,7 @@ def diagnose(
     as_json: bool,
     jobs: int,
     scheduler: str | None,
+    seed: int,
     resume: bool,
     overwrite: bool,
     **_: object,
@@ -268,10 +271,14 @@ def diagnose(
     report, the first part of its path is the robot, dates are read from the names by ISO 8601. The nearest
     scenario.yaml above a folder holds for it, or else SCENARIO.
     """
-    from drake_cafim.commands.diagnose import Levels, diagnose_command
+    from drake_cafim.commands.cuts import CutOptions
+    from drake_cafim.commands.diagnose import diagnose_command
+    from drake_cafim.commands.levels import Levels
 
     levels = Levels(false_alarm_rate, adequacy_level)
     if fleet is not None:
+        if cuts:
+            raise InputError("diagnose: --cuts is given beside --fleet, expected --recording: one robot at a time")
         request = FleetArguments(scenario, fleet, shard, recordings, held_out, packages, levels)
         _diagnose_fleet(request, out, as_json, jobs, scheduler, resume=resume, overwrite=overwrite)
         return
@@ -294,6 +301,7 @@ def diagnose(
             packages=packages,
             resume=resume,
             levels=levels,
+            cuts=CutOptions(seed, jobs) if cuts else None,
         )
     _print(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
 

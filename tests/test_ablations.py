@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -9,12 +10,14 @@ import pytest
 
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.link import Payload
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
-from tests.concealed import ablate, ablation
+from tests.concealed import ablate, ablation, ablation_draws
 from tests.concealed.ablation import Ablation, Machine
+from tests.concealed.machines import divided
 
 ARM = """<robot name="arm"><link name="base"/>
 <link name="link"><inertial><origin xyz="0.01 0 -0.2"/><mass value="2"/>
@@ -92,10 +95,108 @@ def test_a_payload_makes_up_for_the_lost_mass(tmp_path: Path) -> None:
         ablation.lost_mass(_machine(), "link", 1.9, np.array([0.0, 0.0, -0.6]))
 
 
+def _inverse_residual(machine: Machine, *effects: tuple[str, dict[str, float]]) -> Array:
+    """M v̇ + h − u (N,) along the smoothed motion, with effects at the hinge or the link."""
+    scene = ablation_draws.scene_of(machine)
+    table = {str(column): values.to_numpy() for column, values in machine.tables["train_0.parquet"].items()}
+    q, v, a = ablation_draws.smooth_motion(table, ["hinge"])
+    physics = scene.physics.with_effects([effect_named(name)(_place(name), values) for name, values in effects])
+    laws, _, _ = physics.applied_at_joints([JointSamples(q[:, 0].copy(), v[:, 0].copy(), np.zeros(len(q)))])
+    needed = ablation_draws._inverse(physics, q, v, a) - laws
+    between = 0.5 * (needed + np.concatenate([needed[1:], needed[-1:]]))
+    return np.asarray(between[:, 0] - table["u.hinge"])
+
+
+def _place(name: str) -> str:
+    return {"payload": "link", "gravity_misalignment": "world"}.get(name, "hinge")
+
+
+@pytest.mark.parametrize("kind", ["rotor", "gravity", "payload", "viscous", "Coulomb", "spring", "ripple"])
+def test_forces_and_inertias_are_exact_changes_of_the_efforts(kind: str) -> None:
+    """With the effect in its physics, the altered machine leaves what the unaltered one leaves without it."""
+    before = _machine()
+    made = ablation_draws.ARM[kind](before, np.random.default_rng(5))
+    bare = _inverse_residual(before)
+    np.testing.assert_allclose(_inverse_residual(made.machine, (made.effect, dict(made.parameters))), bare, atol=1e-9)
+    changed = _inverse_residual(made.machine) - bare
+    effort = before.tables["train_0.parquet"]["u.hinge"].to_numpy()
+    assert 0.15 < np.sqrt(np.mean(changed**2) / np.mean(effort**2)) < 0.55
+
+
+def test_dead_zones_and_lags_give_back_what_acted() -> None:
+    before = _machine()
+    dead = ablation.dead_actuator(before, "hinge", 0.2)
+    written = dead.machine.tables["train_0.parquet"]["u.hinge"].to_numpy()
+    true = before.tables["train_0.parquet"]["u.hinge"].to_numpy()
+    np.testing.assert_allclose(np.where(np.abs(written) < 0.2, 0.0, written - 0.2 * np.sign(written)), true, atol=1e-12)
+    lagging = ablation.lagging_sensor(before, "v.hinge", 0.03).machine.tables["train_0.parquet"]["v.hinge"].to_numpy()
+    v, w = before.tables["train_0.parquet"]["v.hinge"].to_numpy(), 2.0
+    # a cosine behind a lag, once its start is forgotten
+    steady = 2.0 * (np.cos(w * TIME) + 0.03 * w * np.sin(w * TIME)) / (1.0 + (0.03 * w) ** 2)
+    np.testing.assert_allclose(lagging[300:], steady[300:], atol=1e-4)
+    assert np.abs(lagging - v).max() > 0.05
+
+
+def test_there_are_enough_kinds_and_cases_on_seven_machines() -> None:
+    every = ablation_draws.slots()
+    assert len(every) >= 120 and len({kind for _, kind, _ in every}) >= 12
+    assert len({name for name, _, _ in every}) == 7 and 7 * ablate.NULLS_PER_MACHINE >= 60
+
+
+def test_the_blocks_of_a_machine_are_divided_without_rest() -> None:
+    one, other = divided(_machine(), False, np.random.default_rng(0))
+    times = np.concatenate([table["time"] for side in (one, other) for table in side.tables.values()])
+    np.testing.assert_array_equal(np.sort(times), TIME)
+    assert len(one.tables) == len(other.tables) == 2
+
+
+def test_what_a_control_names_is_not_misnamed_and_a_near_name_is_no_exact_one() -> None:
+    def result(kind: str, named: list[tuple[str, str]], found: bool, family: bool) -> dict[str, Any]:
+        return {"set": "arm", "kind": kind, "named": named, "truths": [("joint_spring", "j")], "found": found,
+                "family": family, "verdict": "unexplained"}  # fmt: skip
+
+    tilt = ("gravity_misalignment", "world")
+    results = [
+        result("spring", [("joint_spring", "j"), tilt], True, True),
+        result("spring", [("torque_ripple", "j")], False, True),
+        result("control", [tilt], False, False),
+        result("null", [], True, True),
+        result("null", [tilt], False, False),
+    ]
+    # what is named in any case is not found by naming it
+    results.append(result("gravity", [tilt], True, True) | {"truths": [tilt]})
+    told = ablate.summary(results)
+    assert told["by kind"] == {"spring": [1, 2], "gravity": [0, 1]}
+    told = ablate.summary(results[:-1])
+    assert (told["sealed"], told["nulls"]) == (2, 2)
+    assert (told["found exactly"], told["family and place"], told["misnamed"]) == (0.5, 1.0, 0.5)
+    assert told["nulls that name"] == 0.5
+
+
+def test_a_killed_run_goes_on(data_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Finished slots are not diagnosed again, and what is told is of all of them."""
+    (tmp_path / "slots").mkdir()
+    done = {"set": "emps_drive", "kind": "link mass", "named": [["payload", "carriage"]], "found": False,
+            "family": True, "truths": [["mass", "carriage"]], "verdict": "explained",
+            "truth": {"effect": "mass", "at": "carriage"}}  # fmt: skip
+    (tmp_path / "slots" / "000.json").write_text(json.dumps(done))
+    (tmp_path / "slots" / "control-emps_drive.json").write_text(
+        json.dumps(done | {"kind": "control", "named": [], "truth": {"effect": "", "at": ""}})
+    )
+    (tmp_path / "known" / "emps_drive").mkdir(parents=True)
+    monkeypatch.setattr(ablate, "_diagnosed", None)
+    asked = ["--data", str(data_folder), "--out", str(tmp_path), "--only", "0", "--resume"]
+    assert ablate.main(asked) == 0
+    assert json.loads((tmp_path / "summary.json").read_text())["sealed"] == 1
+    with pytest.raises(SystemExit, match="not empty"):
+        ablate.main(asked[:-1])
+
+
 # a minute of two commands, each of which compiles anew; the same drive is diagnosed in test_real_machines.py
 @pytest.mark.long
 def test_friction_taken_out_of_a_real_drive_is_found_again(data_folder: Path, tmp_path: Path) -> None:
-    assert ablate.main(["--data", str(data_folder), "--out", str(tmp_path), "--only", "0"]) == 0
+    slot = next(k for k, (name, kind, _) in enumerate(ablation_draws.slots()) if kind == "known friction")
+    assert ablate.main(["--data", str(data_folder), "--out", str(tmp_path), "--only", str(slot)]) == 0
     lost, control = json.loads((tmp_path / "ablations.json").read_text())
     assert lost["found"] and "friction" in lost["truth"]["effect"]
     assert control["found"]

@@ -39,6 +39,7 @@ ACTUATOR: list[tuple[str, str, dict[str, float]]] = [
 ]
 LINK: list[tuple[str, str, dict[str, Any]]] = [
     ("payload", "l3", {"mass": 0.6, "x": 0.2, "y": -0.05, "z": 0.1}),
+    ("inertial_error", "l3", {"mass": -0.3, "com_x": 0.02, "com_z": -0.03, "ixx": 0.01, "izz": 0.004, "ixy": 1e-3}),
     ("gravity_misalignment", "world", {"roll": 0.1, "pitch": -0.2}),
     ("aerodynamic_drag", "l3", {"coefficient": 0.9}),
     ("external_disturbance", "l2", {"x": 4.0, "y": -3.0, "z": 7.0, "interval": [0.1, 0.5]}),

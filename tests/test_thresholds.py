@@ -25,6 +25,7 @@ ITERATIONS = {
     # at most so many steps of an iteration, and what ends it
     "fit/fitting.py": "MOST_CORRECTIONS CORRECTION_TOLERANCE LARGEST_STEP",
     "fit/intervals.py": "DOUBLINGS REFINEMENTS",
+    "search/cuts.py": "MOST_LEFT_OUT DRAWS",
     "joints/linearised_contact_effects.py": "IMPROVEMENTS",
     "joints/plane_candidates.py": "IMPROVEMENTS",
     "joints/unknown_force.py": "MOST_STEPS TOLERANCE",
@@ -49,6 +50,7 @@ ROUNDING = {
 }
 APPROXIMATION = {
     # steps of differences, nodes, coefficients, and where a series, a memory or a mean of draws is cut off
+    "joints/other_inertia.py": "INSTANTS",
     "joints/pulses.py": "TAIL",
     "joints/more_noise.py": "MOST_DRAWS CHANCE_SHARE",
     "noise/coloured.py": "MEMORY",
@@ -58,6 +60,7 @@ APPROXIMATION = {
     "predict/stepper.py": "LONGEST_STEP LONGEST_CONTACT_STEP",
     "predict/wrench_innovations.py": "DIFFERENCE",
     "rows/initial_uncertainty.py": "MOST_WINDOWS DECAYED_SHARE",
+    "rows/filtered_windows.py": "RESPONSE_SHARE FADING_SHARE",
     "rows/quadrature.py": "NODES _POINTS _WEIGHTS",
     "tosses/contact_memory_derivatives.py": "SIZES FINE_SIZES SOONER PART",
     "tosses/linearised_effects.py": "GRAIN",
@@ -70,13 +73,16 @@ APPROXIMATION = {
 }
 MEMORY = {
     # how much is kept from one call to the next, or reckoned at once
+    "joints/inertial_columns.py": "CACHED",
     "joints/linearised_effects.py": "CACHED_ROWS",
     "joints/pulses.py": "CACHED_WINDOWS",
     "noise/coloured.py": "CACHED_ENTRIES",
     "rows/effort_rows.py": "CACHED_TERMS",
+    "rows/filtered_windows.py": "ROWS_TOGETHER",
     "rows/force_rows.py": "CACHED_TERMS",
     "rows/inertial_regressor.py": "CACHED_REGRESSORS",
     "rows/initial_uncertainty.py": "CACHED_LAGS",
+    "rows/mobility.py": "CACHED",
     "tosses/pulses.py": "TOGETHER",
     "whitening/interpolation_noise.py": "CACHED_VALUES",
     "whitening/whitened_run.py": "CACHED_STARTS",
@@ -89,7 +95,8 @@ FIGURES = {
     # what figures and words of the report are defined by; the verdict does not read them
     "predict/forecast.py": "HORIZON SHORT_HORIZON BOUNDLESS",
     "predict/initial_state.py": "LOOK_BACK",
-    "predict/inverse_dynamics.py": "CUTOFF LARGEST_SHARE NYQUIST_SHARE ORDER SHORTEST TRANSIENT WIDER",
+    "noise/filters.py": "SEGMENT FEWEST PASSED",
+    "predict/inverse_dynamics.py": "BEYOND_MAKERS CUTOFF LARGEST_SHARE NYQUIST_SHARE ORDER SHORTEST TRANSIENT WIDER",
     "predict/innovations.py": "SEGMENT",
     "search/decisions.py": "REFUSED NOISE_ALLOWED",
     "search/goodness_of_fit.py": "PLACES",
@@ -99,6 +106,7 @@ FIGURES = {
 }
 STRUCTURE = {
     # sizes of things, how many there are, and numbers that stand for names
+    "search/cuts.py": "BLOCKS _HALVES",
     "fit/adequacy.py": "KINDS",
     "rows/inertial_regressor.py": "INERTIAL",
     "tosses/arc_rows.py": "FIRST",

@@ -80,13 +80,7 @@ LIMITS = (
         f"{HELD}\ncontact: [{{bodies: [b, ground], law: hydroelastic, {GROUND}}}]",
     ),
     Limit("A position servo", ONE, f"{HELD}\nservo: {{kp: 17.8, kv: 0.6}}"),
-    Limit("Channels that were filtered", ONE, f"{HELD}\nchannels: {{v: {{lowpass: {{order: 6, cutoff: 2.0}}}}}}"),
     Limit("Effects of commands and servos", ONE, f"{HELD}\neffects: [{{effect: command_delay, at: j, delay: 0.01}}]"),
-    Limit(
-        "All inertial numbers of a link as unknowns",
-        ONE,
-        f"{HELD}\nunknown: [{{parameter: inertials, body: b, std: 0.1}}]",
-    ),
 )
 
 

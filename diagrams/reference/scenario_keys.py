@@ -12,12 +12,14 @@ from drake_cafim.diagrams.reference.tables import code, table
 from drake_cafim.numerics.ranges import LARGEST, Range
 from drake_cafim.recordings.topics import Topic
 from drake_cafim.scenario import schema
+from drake_cafim.scenario.inertials import INERTIALS
 from drake_cafim.scenario.unknown import BODY_PARAMETERS, CONTACT_PARAMETERS, JOINT_PARAMETERS, SIZES
 
 SECTIONS: dict[str, type] = {
     "": schema.Scenario,
     "weld[]": schema.Weld,
     "channels.<name>": schema.Channel,
+    "channels.<name>.lowpass": schema.Lowpass,
     "unknown[]": schema.Unknown,
     "contact[]": schema.ContactPair,
     "contact[].ground": schema.Ground,
@@ -36,10 +38,15 @@ REQUIRED = {
     ("EffectEntry", "at"),
 }
 _WORDS = {str: "text", float: "number", bool: "true or false", int: "whole number"}
-PLACES = {"body": {**BODY_PARAMETERS, **SIZES}, "joint": JOINT_PARAMETERS, "contact": CONTACT_PARAMETERS}
+PLACES = {
+    "body": {**BODY_PARAMETERS, INERTIALS: "1", **SIZES},
+    "joint": JOINT_PARAMETERS,
+    "contact": CONTACT_PARAMETERS,
+}
 PARAMETERS = {
     "mass": "the inertia scales with it, the centre of mass stays",
     "inertia": "a factor of the model's inertia about the centre of mass",
+    INERTIALS: "all ten together, physically consistent; the std is relative, and `body` may be `all`",
     "length": "of a box, along its x",
     "width": "of a box, along its y",
     "height": "of a box, along its z",

@@ -44,6 +44,7 @@ class Settings:
     thrown: Surroundings
     measured_effort: Surroundings
     without_rotor: Surroundings
+    known_inertials: Surroundings
 
     def places(self, effect: type[Effect]) -> list[str]:
         """Where the effect is looked for, in sentences; the conditions are found by what the lesser robots lack."""
@@ -51,6 +52,7 @@ class Settings:
         conditions = {
             "whose effort is commanded (`std: 0`)": self.measured_effort,
             "whose rotor's inertia is in the model": self.without_rotor,
+            "whose inertials are under `unknown:`": self.known_inertials,
         }
         met = [words for words, less in conditions.items() if here and not list(effect.attachments(less))]
         found = [" ".join([f"of robots at {_places(here)}", *met])] if here else []
@@ -154,10 +156,11 @@ def _settings() -> Settings:
         ball = _scene(Path(scratch), f'<robot name="r">{BODY}</robot>', "")
     columns = ["q.JOINT", "v.JOINT", *(f"wrench.SENSOR.{axis}" for axis in WRENCH_COMPONENTS)]
     return Settings(
-        Surroundings(robot.tree, robot.physics.contacts, columns),
+        Surroundings(robot.tree, robot.physics.contacts, columns, inertials=("BODY",)),
         Surroundings(ball.tree, ball.physics.contacts, [f"pose.BODY.{axis}" for axis in "xyz"], "BODY"),
-        Surroundings(robot.tree, robot.physics.contacts, [*columns, "u.JOINT"]),
-        Surroundings(plain.tree, plain.physics.contacts, columns),
+        Surroundings(robot.tree, robot.physics.contacts, [*columns, "u.JOINT"], inertials=("BODY",)),
+        Surroundings(plain.tree, plain.physics.contacts, columns, inertials=("BODY",)),
+        Surroundings(robot.tree, robot.physics.contacts, columns),
     )
 
 

@@ -12,7 +12,8 @@ from typing import Any
 
 import yaml
 
-from drake_cafim.commands.diagnose import USUAL, Levels, diagnose_command
+from drake_cafim.commands.diagnose import diagnose_command
+from drake_cafim.commands.levels import USUAL, Levels
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.errors import InputError
 from drake_cafim.fleet.findings import WEEK, Fleet, Followed, date_of, findings_of

@@ -81,7 +81,7 @@ def _parameters(scene: Scene, content: dict[str, Any], path: Path) -> Array:
     lacking = [f"{parameter} of {at}" for parameter, at, effect in wanted if (parameter, at, effect) not in known]
     if lacking:
         raise InputError(f"--report {path}: parameters lacks {', '.join(lacking)}; is it a report on this scenario?")
-    return np.array([known[key] for key in wanted], dtype=float)
+    return scene.vector_of(known)
 
 
 def _facing(scene: Scene, recording: Recording) -> Scene:

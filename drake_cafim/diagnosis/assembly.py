@@ -28,7 +28,8 @@ from drake_cafim.diagnosis.verdict import (
 )
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.numerics.computation import NotComputable, compute
-from drake_cafim.scenario.unknown import UnknownParameter
+from drake_cafim.scenario.inertials import INERTIALS, PHYSICAL, LinkInertials, distance_together
+from drake_cafim.scenario.unknown import UnknownParameter, inertials
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -98,6 +99,7 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Pro
 def _location(unknown: UnknownParameter, share: float) -> Location:
     """The location of a mismatch that is an unknown far from its prior."""
     kind = unknown.kind if unknown.effect is None else effect_named(unknown.effect).place.value
+    kind = "body" if kind == INERTIALS else kind
     return Location(kind, unknown.at, share)
 
 
@@ -152,9 +154,13 @@ def _why_alike(best: Fit, name: str) -> str:
 
 
 def parameters_of(scene: Scene, best: Fit, std: Array | None = None) -> tuple[NominalParameter, ...]:
-    """The scenario's unknowns with their fitted values, and with `std` (n,) or else the fit's standard deviations."""
-    deviations = best.std if std is None else std
-    return tuple(
+    """The scenario's unknowns with their fitted values, and with `std` (n,) or else the fit's standard deviations.
+
+    Of a link's inertials these are the physical parameters, with standard deviations to first order.
+    """
+    values, priors, n = best.model.unknown, scene.priors, len(best.model.unknown)
+    deviations = np.asarray(best.std if std is None else std)[:n]
+    found = [
         NominalParameter(
             unknown.parameter,
             unknown.at,
@@ -165,8 +171,31 @@ def parameters_of(scene: Scene, best: Fit, std: Array | None = None) -> tuple[No
             unknown.prior.std,
             unknown.effect,
         )
-        for unknown, value, deviation in zip(scene.unknown, best.model.unknown, deviations, strict=False)
-    )
+        for unknown, value, deviation in zip(scene.unknown, values, deviations, strict=True)
+    ]
+    known = np.sqrt(np.clip(np.diag(best.covariance)[:n], 0.0, None))
+    wider = np.divide(deviations, known, where=known > 0.0, out=np.ones(n))
+    covariance = best.covariance[:n, :n] * np.outer(wider, wider)
+    for link, own in inertials(scene.unknown).items():
+        found[own] = _inertials_of(scene, link, values[own], covariance[own, own], priors.mean[own], priors.std[own])
+    return tuple(found)
+
+
+def _inertials_of(
+    scene: Scene, link: str, theta: Array, covariance: Array, mean: Array, std: Array
+) -> list[NominalParameter]:
+    """The ten physical parameters of a `link` at log-Cholesky parameters `theta` (10,) of that `covariance`."""
+    of_link = LinkInertials((scene.bare or scene.physics).tree.body(link))
+    slopes, about = of_link.slopes(theta), of_link.slopes(mean)
+    deviations, prior = np.sqrt(np.diag(slopes @ covariance @ slopes.T)), np.sqrt((about**2) @ std**2)
+    rows = zip(PHYSICAL.items(), of_link.physical(theta), deviations, of_link.physical(mean), prior, strict=True)
+    together = distance_together((theta - mean) / std)
+    return [
+        NominalParameter(name, link, float(value), float(known), unit, float(expected), float(wide), None, far)
+        for ((name, unit), value, known, expected, wide), far in zip(
+            rows, [together, *[0.0] * (len(PHYSICAL) - 1)], strict=True
+        )
+    ]
 
 
 def comparisons_of(prepared: PreparedRecordings, fits: Sequence[Fit]) -> list[Comparison]:

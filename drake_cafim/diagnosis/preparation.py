@@ -19,6 +19,7 @@ from drake_cafim.diagnosis.noise.coloured import (
     step_of,
 )
 from drake_cafim.diagnosis.noise.differences import correct_for_memory
+from drake_cafim.diagnosis.noise.filters import notes_on_filters, without_filtered_velocities
 from drake_cafim.diagnosis.noise.quantised import quantised_memories
 from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
 from drake_cafim.diagnosis.noise.stated import needed_columns, noise_of
@@ -154,7 +155,12 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
     for recording in (*recordings, *held_out):
         check_usable(recording, needed_columns(scene))
     scene = _orient_surfaces(scene, recordings)
+    filters = notes_on_filters(scene, recordings)
+    (recordings, filtered), (held_out, _) = (
+        without_filtered_velocities(scene, group) for group in (recordings, held_out)
+    )
     std, notes = noise_of(scene, recordings)
+    notes = (*filters, *filtered, *notes)
     stated = stated_memories(scene, list(std))
     estimated = {column for column in std if scene.std(column) is None}
     from_spectra, remarks = estimate_memories(recordings, std, stated, estimated)

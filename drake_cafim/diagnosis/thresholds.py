@@ -16,6 +16,18 @@ sample."""
 CLOCK_SMOOTHING_REACH = 0.012
 """Half width of the interval from which the motion between a sample and its instant on the even clock is estimated.
 Unit: s. Not calibrated: chosen."""
+MASS_MATRIX_STD = 0.2
+"""Relative standard deviation of the mass matrix by which positions and velocities are compared between samples. Unit:
+1. Source: that of a link's inertials where only a model file is given."""
+CUTS_SHARE_SURE = 0.75
+"""Share of the cuts of the recordings that must name an effect for it not to be told as unsure. Unit: 1. Source: three
+of four, as the file formats promise."""
+EMPTY_SPECTRUM_SHARE = 1e-5
+"""Standard deviation of a measured velocity or effort above half the Nyquist frequency, over its whole one, below which
+it was filtered after it was measured. Unit: 1. Not calibrated: chosen, as a sensor of 16 digits has more noise."""
+OTHER_INERTIA_RATIO = 3.0
+"""Ratio of a joint's inertia under two models, or its inverse, from which on each of the two is judged under its own
+noise. Unit: 1. Not calibrated: chosen, as the noise of the rows is in proportion to the inertia."""
 MOTION_NOISE_STDS = 1.2
 """Scatter of a channel's values over the standard deviation of its noise, from which on the channel counts as moving.
 Unit: 1. Not calibrated: chosen, of noise alone the scatter is 1, within a few percent over a hundred samples."""
@@ -74,9 +86,9 @@ EFFORT_NOISE_SETTLED = 0.8
 the smaller noise. Unit: 1. Not calibrated: chosen."""
 EFFORT_NOISE_ROUNDS = 2
 """Largest number of such repeated searches. Unit: searches. Not calibrated: chosen."""
-EFFORT_NOISE_LARGEST = 1e4
-"""Largest variance of the effort noise in a row, over that of the row's other noise. Unit: 1. Not calibrated:
-chosen."""
+EFFORT_NOISE_LARGEST = 1e14
+"""Largest variance of the effort noise in a row, over that of the row's other noise. Unit: 1. Not calibrated: chosen,
+positions that were low-passed have next to no noise, and the efforts beside them have theirs."""
 
 # A recording as equations
 

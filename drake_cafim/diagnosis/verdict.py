@@ -60,6 +60,8 @@ class Explanation:
     probability: float
     values: Mapping[str, Value]
     sentence: str
+    cuts: float | None = None
+    """Share of the cuts of the recordings that name it; None where they were not cut."""
 
 
 @dataclass(frozen=True)
@@ -94,11 +96,13 @@ class NominalParameter:
     prior_std: float
     effect: str | None = None
     """For a parameter of an effect that the scenario states: the effect's name."""
+    together: float | None = None
+    """Of unknown inertials, which have one prior together: the distance of all ten, at the mass; at the others 0."""
 
     @property
     def distance(self) -> float:
         """|value − mean|/std by its prior."""
-        return abs(self.value - self.prior_mean) / self.prior_std
+        return abs(self.value - self.prior_mean) / self.prior_std if self.together is None else self.together
 
     @property
     def key(self) -> tuple[str, str, str | None]:
@@ -214,6 +218,11 @@ class Verdict:
     adequate: bool = False
     noise: Mapping[str, ChannelNoise] = field(default_factory=dict)
 
+    @property
+    def unknown_values(self) -> dict[tuple[str, str, str | None], float]:
+        """The values of `parameters` by parameter, place and effect."""
+        return {parameter.key: parameter.value for parameter in self.parameters}
+
     def __str__(self) -> str:
         return sentence(self)
 
@@ -264,6 +273,12 @@ def _finding(verdict: Verdict) -> str:
 
 def far_sentence(found: NominalParameter) -> str:
     """A parameter that is far from its prior, as a sentence."""
+    if found.together is not None:
+        return (
+            f"The inertials of {found.at} (mass {found.value:.4g} {found.unit}) are {found.together:.2g} standard "
+            f"deviations from the model's (mass {found.prior_mean:.4g} {found.unit}): the model or its stated std is "
+            "wrong, or physics is missing there that looks like it."
+        )
     unit = "" if found.unit == "1" else f" {found.unit}"
     return (
         f"{found.parameter.replace('_', ' ').capitalize()} of {found.at} is {found.value:.4g}{unit}, "

@@ -159,4 +159,4 @@ def fitted_unknowns(scene: Scene, report: Mapping[str, Any], source: str) -> Arr
     lacking = [f"{unknown.parameter} of {unknown.at}" for unknown in scene.unknown if unknown.key not in known]
     if lacking:
         raise InputError(f"{source}: parameters lacks {', '.join(lacking)}; is it a report on this scenario?")
-    return np.array([known[unknown.key] for unknown in scene.unknown], dtype=float)
+    return scene.vector_of(known)

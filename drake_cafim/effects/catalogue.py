@@ -27,7 +27,7 @@ from drake_cafim.effects.joint import (
     JointViscousFriction,
 )
 from drake_cafim.effects.kinds import check_kinds
-from drake_cafim.effects.link import GravityMisalignment, Payload, RotorInertia
+from drake_cafim.effects.link import GravityMisalignment, InertialError, Payload, RotorInertia
 from drake_cafim.effects.normal_contact import (
     ContactAdhesion,
     ContactHuntCrossleyDissipation,
@@ -60,6 +60,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     ActuatorSaturation,
     ActuatorDeadZone,
     Payload,
+    InertialError,
     GravityMisalignment,
     AerodynamicDrag,
     ExternalDisturbance,

@@ -360,6 +360,10 @@ class Effect(ABC):
         """Why values that are each within their bounds are invalid together, as a clause; empty if they are valid."""
         return ""
 
+    def contradiction_in(self, tree: Tree) -> str:
+        """Why the values are impossible in `tree`, which includes the effect, as a clause; empty if they are not."""
+        return ""
+
     def plausible(self) -> bool:
         """Whether the values are physically possible: within their bounds, and further conditions of the law."""
         return all(s.lower <= self.values[s.name] <= s.upper for s in self.strengths)

@@ -1,14 +1,21 @@
-"""Effects on inertia and gravity: rotor inertia, payload, tilted gravity."""
+"""Effects on inertia and gravity: rotor inertia, payload, wrong inertials, tilted gravity."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
+from drake_cafim.dynamics.pseudo_inertia import (
+    inertial_parameters,
+    pseudo_inertia,
+    pseudo_inertia_of,
+    with_pseudo_inertia,
+)
 from drake_cafim.dynamics.tree import Body, Tree
 from drake_cafim.effects.effect import Direction, Effect, P, Place, Strength
+from drake_cafim.effects.surroundings import Surroundings
 from drake_cafim.typing import Array
 
 
@@ -104,6 +111,57 @@ class Payload(TreeEffect):
             mass = max(moment / USUAL, 1e-3)
         x, y, z = coefficients[1:] / mass
         return self.with_values({"mass": mass, "x": float(x), "y": float(y), "z": float(z)})
+
+
+@dataclass(frozen=True)
+class InertialError(TreeEffect):
+    """Mass, centre of mass and inertia of a body that differ from the model's.
+
+    The strengths are differences; the inertia's are about the body's origin, in its axes. It is a hypothesis where the
+    scenario says that the body's inertials are unknown: then it is what their prior does not hold.
+    """
+
+    place: ClassVar[Place] = Place.BODY
+    family: ClassVar[str] = "link"
+    name: ClassVar[str] = "inertial_error"
+    strengths: ClassVar[tuple[Strength, ...]] = (
+        Strength("mass", "kg", 0.3),
+        *(Strength(f"com_{axis}", "m", 0.03) for axis in "xyz"),
+        *(Strength(name, "kg m^2", 0.02) for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")),
+    )
+    reference: ClassVar[str] = "Wensing, Kim, Slotine, IEEE Robotics and Automation Letters 3(1), 2018"
+    formula: ClassVar[str] = "<i>m</i> + Δ<i>m</i>, <i>c</i> + Δ<i>c</i>, <i>I</i> + Δ<i>I</i> of the body"
+    words: ClassVar[str] = "has another mass, centre of mass and inertia than the model says"
+    alike: ClassVar[Mapping[str, str]] = {
+        "payload": "a point mass on the body changes its mass, centre of mass and inertia",
+        "rotor_inertia": "about its joint's axis a body's inertia is like a rotor's",
+        "actuator_gain_error": "more load and less effort look alike at one joint",
+    }
+
+    @classmethod
+    def attachments(cls, where: Surroundings) -> Iterator[str]:
+        yield from where.inertials if where.thrown is None else ()
+
+    def change(self, tree: Tree, gravity: Array) -> tuple[Tree, Array]:
+        return tree.with_bodies([self.changed(tree.body(self.at))]), gravity
+
+    def changed(self, body: Body) -> Body:
+        """The `body` with the differences added."""
+        v = {s.name: self.values.get(s.name, s.nominal) for s in self.strengths}
+        J = inertial_parameters(pseudo_inertia(body))
+        mass = J[0] + v["mass"]
+        moment = mass * (body.p_BBcm + np.array([v["com_x"], v["com_y"], v["com_z"]]))
+        inertia = J[4:] + np.array([v[name] for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")])
+        return with_pseudo_inertia(body, pseudo_inertia_of(np.array([mass, *moment, *inertia])))
+
+    def contradiction_in(self, tree: Tree) -> str:
+        J = pseudo_inertia(tree.body(self.at))
+        if np.all(np.isfinite(J)) and np.linalg.eigvalsh(J)[0] > 0.0:
+            return ""
+        return (
+            f"with these differences no mass has the inertia of {self.at}, expected a positive mass and a positive "
+            "definite pseudo-inertia of model and differences together"
+        )
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,8 @@ class Surroundings:
     columns: Sequence[str] = ()
     thrown: str | None = None
     """The body that is thrown; None for a robot."""
+    inertials: Sequence[str] = ()
+    """The links whose inertials are unknown, with a prior."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from drake_cafim.dynamics.tree import Body, Tree
 from drake_cafim.effects.effect import Effect, Place
 from drake_cafim.effects.kinds import ByKind
 from drake_cafim.effects.link import TreeEffect
+from drake_cafim.scenario.unknown import apply_unknowns
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -132,10 +133,7 @@ def _bodies(scene: Scene, held: tuple[Effect, ...]) -> dict[str, Body]:
 
 def _at_unknowns(scene: Scene) -> Tree:
     """The tree with the unknowns at their means, before any effect."""
-    physics = scene.bare or scene.physics
-    for unknown in scene.unknown:
-        physics = unknown.apply(physics, unknown.prior.mean)
-    return physics.tree
+    return apply_unknowns(scene.unknown, scene.bare or scene.physics, scene.priors.mean).tree
 
 
 def _same(first: Body, second: Body) -> bool:

@@ -5,8 +5,6 @@ from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
 
-import numpy as np
-
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.verdict import Verdict
 from drake_cafim.numerics.computation import NotComputable, compute
@@ -85,7 +83,7 @@ def replay_of(verdict: Verdict, outcome: Outcome, recording: Recording) -> Recor
     scene, weak = outcome.problem.scene, outcome.problem.pictures.laid_out(recording)
     if weak is None:
         return None
-    nominal = scene.physics_at(np.array([parameter.value for parameter in verdict.parameters]))
+    nominal = scene.physics_at(scene.vector_of(verdict.unknown_values))
     corrected = verdict.corrected.physics if verdict.explanation else None
     shares: dict[str, float] = {}
     for location in verdict.mismatch.standing:

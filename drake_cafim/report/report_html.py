@@ -15,6 +15,7 @@ from markupsafe import Markup, escape
 
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.search.search import Outcome
+from drake_cafim.diagnosis.thresholds import CUTS_SHARE_SURE
 from drake_cafim.diagnosis.verdict import Comparison, Location, NominalParameter, Verdict
 from drake_cafim.effects.effect import Effect, Place
 from drake_cafim.numerics.computation import NotComputable, compute
@@ -83,7 +84,7 @@ def page_of(
     )
     corrected = verdict.corrected.physics
     without = _nominal_physics(verdict, outcome)
-    unknown = np.array([parameter.value for parameter in verdict.parameters])
+    unknown = outcome.problem.scene.vector_of(verdict.unknown_values)
     pictures, effects = outcome.problem.pictures, tuple(accepted.effect for accepted in verdict.explanation)
     changed, drawn = bool(verdict.explanation), Drawing()
     maps = drawn("the map of misfits", lambda: pictures.maps(Model(unknown), Model(unknown, effects))) or []
@@ -136,7 +137,8 @@ def _headline(sentence: str) -> Markup:
 
 def _nominal_physics(verdict: Verdict, outcome: Outcome) -> Physics:
     """The physics without the accepted effects, at the fitted values of the unknowns."""
-    return outcome.problem.scene.physics_at(np.array([parameter.value for parameter in verdict.parameters]))
+    scene = outcome.problem.scene
+    return scene.physics_at(scene.vector_of(verdict.unknown_values))
 
 
 def _tiles(verdict: Verdict) -> list[dict[str, str]]:
@@ -228,6 +230,8 @@ def _effects(
                 "at": accepted.effect.at,
                 "law": law,
                 "probability": wording.probability(accepted.probability),
+                "cuts": None if accepted.cuts is None else f"{100.0 * accepted.cuts:.0f} %",
+                "unsure": accepted.cuts is not None and accepted.cuts < CUTS_SHARE_SURE,
                 "strengths": [
                     {
                         "name": wording.spoken(name),
@@ -310,5 +314,5 @@ def _parameter(unknown: NominalParameter) -> dict[str, Any]:
         "prior": wording.with_interval(unknown.prior_mean, unknown.prior_std),
         "unit": "" if unknown.unit == "1" else unknown.unit,
         "shift": f"{shift:+.1f}".replace("-", "−"),
-        "suspect": abs(shift) > SUSPECT,
+        "suspect": unknown.distance > SUSPECT,
     }

@@ -76,6 +76,7 @@ def _report_of(
                 },
                 "sentence": accepted.sentence,
             }
+            | ({} if accepted.cuts is None else {"cuts": accepted.cuts})
             for accepted in verdict.explanation
         ],
         "rivals": [

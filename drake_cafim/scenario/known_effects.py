@@ -46,6 +46,9 @@ def known_effect(
     """The effect of one entry, which messages call `key`; raises `InputError` as `known_effects` does."""
     effect = _effect(entry, vocabulary, key)
     _check_place(effect, physics, channels, f"{key}.at")
+    contradiction = effect.contradiction_in(physics.with_effects([effect]).tree)
+    if contradiction:
+        raise InputError(f"{key}: {contradiction}")
     return effect
 
 

@@ -7,12 +7,11 @@ from drake_cafim.errors import InputError
 KEYS: Mapping[tuple[str, str], str] = {
     ("Scenario", "servo"): "a position servo",
     ("Scenario", "drive"): "a position servo",
-    ("Channel", "lowpass"): "a published filter",
     ("ContactPair", "modulus"): "the hydroelastic law",
 }
 """(dataclass of the schema, key) to the feature's name in messages."""
 LAWS: Mapping[str, str] = {"hydroelastic": "the hydroelastic law"}
-UNKNOWNS = ("servo_stiffness", "servo_damping", "servo_limit", "modulus", "inertials")
+UNKNOWNS = ("servo_stiffness", "servo_damping", "servo_limit", "modulus")
 EFFECTS = (
     "servo_gain_error",
     "servo_dead_band",
@@ -21,7 +20,6 @@ EFFECTS = (
     "command_rate_limit",
     "actuator_speed_limit",
     "supply_sag",
-    "inertial_error",
     "contact_law",
     "learned_force",
 )

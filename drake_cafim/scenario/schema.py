@@ -26,6 +26,15 @@ class Weld:
     body: str = ""  # the body's name in the model
 
 
+@dc.dataclass(unsafe_hash=True)
+class Lowpass:
+    """A Butterworth filter that whoever published a recording applied to a channel."""
+
+    order: int = 2  # of the filter
+    cutoff: float = number(0.0, "Hz", least=0.0, most=1e6, above=True)  # at −3 dB, of each pass
+    zero_phase: bool = True  # applied forwards and backwards; false: forwards alone
+
+
 @dc.dataclass
 class Channel:
     """Noise of one kind of channel (`q`), of one joint's (`q.elbow`), or of a sensor (`wrench.wrist`)."""
@@ -37,6 +46,7 @@ class Channel:
     )
     correlation_time: float = number(0.0, "s", least=0.0, most=1e6)  # of the noise; 0: white
     hold: str = "zero_order"  # of u between samples: zero_order or first_order
+    lowpass: Lowpass | None = None  # of v or u: filtered after it was measured, and so is what it is compared with
     body: str = ""  # of a wrench sensor: the body it belongs to
     frame: str = ""  # of a wrench sensor: the frame it measures in
 
@@ -48,7 +58,10 @@ class Unknown:
     parameter: str = ""  # what may be wrong, see the table below
     std: float = number(0.0, least=0.0, above=True)  # of the prior, in the parameter's unit
     mean: float | None = None  # of the prior; left out: the model's value
-    body: str | None = None  # the body whose parameter it is; one of body, joint, contact, or effect with at
+    # The body whose parameter it is, of inertials also `all`; one of body, joint, contact, or effect with at.
+    body: str | None = None
+    # of inertials: the change of the model at the prior's mean, as ten log-Cholesky parameters; left out: none
+    log_cholesky: list[float] = dc.field(default_factory=list, metadata={"length": 10, "range": Range(-20.0, 20.0)})
     joint: str | None = None  # the joint whose parameter it is
     contact: list[str] = dc.field(default_factory=list, metadata={"length": 2})  # the two bodies of the contact
     effect: str | None = None  # with `at`: a parameter of an effect, stated under `effects:` or not
@@ -129,6 +142,8 @@ class Scenario:
     initial_position: dict[str, typing.Any] = dc.field(default_factory=dict)  # of hardware_sim; not used
 
 
+MOST_ORDER = 20
+"""Highest order of a `lowpass`."""
 LAWS = ("kelvin_voigt", "paper", "hunt_crossley")
 OF_HARDWARE_SIM = (
     "random_seed", "simulation_duration", "simulator_config", "plant_config", "scene_graph_config", "lcm_buses",
@@ -226,8 +241,19 @@ def _check_channel(name: str, channel: Channel, key: str, source: str) -> None:
         raise InputError(f"{key}.hold is {channel.hold!r}; valid: {', '.join(HOLDS)}")
     if kind != "u" and channel.hold != HOLDS[0]:
         raise InputError(f"{key}.hold is {channel.hold!r}, but only u is held between its samples")
+    if channel.lowpass is not None:
+        _check_lowpass(kind, channel.lowpass, f"{key}.lowpass")
     if kind != "wrench" and (channel.body or channel.frame):
         raise InputError(f"{key} has body or frame, which only a wrench.<sensor> has")
+
+
+def _check_lowpass(kind: str, lowpass: Lowpass, key: str) -> None:
+    if kind not in ("u", "v"):
+        raise InputError(f"{key} is given, but a filter is supported of u and v only, expected it there")
+    if not 1 <= lowpass.order <= MOST_ORDER:
+        raise InputError(f"{key}.order is {lowpass.order}, expected a whole number from 1 to {MOST_ORDER}")
+    if not lowpass.cutoff > 0.0:
+        raise InputError(f"{key} has no cutoff, expected a number in Hz")
 
 
 def _check_contact(pair: ContactPair, key: str) -> None:
@@ -254,6 +280,8 @@ def _check_unknown(unknown: Unknown, key: str) -> None:
     places = [unknown.body, unknown.joint, "/".join(unknown.contact) or None, unknown.effect]
     if sum(place is not None for place in places) != 1 or (unknown.effect is None) != (unknown.at is None):
         raise InputError(f"{key} ({unknown.parameter}) needs exactly one of body, joint, contact, effect with at")
+    if unknown.log_cholesky and unknown.parameter != "inertials":
+        raise InputError(f"{key} ({unknown.parameter}) has log_cholesky, which only inertials have")
     if not unknown.std > 0:
         raise InputError(f"{key} ({unknown.parameter}) has no std, expected that of its prior")
 

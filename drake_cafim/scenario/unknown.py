@@ -1,6 +1,6 @@
 """Unknown nominal parameters: from the entries of `unknown:` to values in the physics, with their priors."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from drake_cafim.effects.stated import bounds
 from drake_cafim.errors import InputError
 from drake_cafim.numerics.ranges import LARGEST, Range
 from drake_cafim.parameters import Parameter, Parameters
+from drake_cafim.scenario.inertials import INERTIALS, PHYSICAL, LinkInertials, check_body, priors_of, with_change
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import Unknown
 from drake_cafim.typing import Array
@@ -30,7 +31,7 @@ class UnknownParameter:
 
     parameter: str
     kind: str
-    """body, joint, contact or effect."""
+    """body, joint, contact or effect; inertials: one of a link's ten log-Cholesky parameters."""
     at: str
     prior: Parameter
     effect: str | None = None
@@ -50,8 +51,12 @@ class UnknownParameter:
         return self.effect == effect.name and self.at == effect.at
 
     def apply(self, physics: Physics, value: float) -> Physics:
-        """The physics with this parameter at `value`; unchanged for a parameter of an effect (see `with_unknowns`)."""
-        if self.kind == "effect":
+        """The physics with this parameter at `value`.
+
+        Unchanged for a parameter of an effect (see `with_unknowns`), and for one of a link's inertials, which act
+        together (see `apply_unknowns`).
+        """
+        if self.kind in ("effect", INERTIALS):
             return physics
         if self.kind == "body" and self.parameter in SIZES:
             sized = (
@@ -94,17 +99,42 @@ def unknown_parameters(
     Raises `InputError` for a parameter or a place that they lack, with the valid choices, for a value out of range,
     and for an unknown that is given twice.
     """
-    found: list[UnknownParameter] = []
+    found: list[list[UnknownParameter]] = []
     for i, entry in enumerate(entries):
         key = f"{source}: unknown[{i}]"
-        unknown = (
-            _of_effect(entry, physics, effects, key) if entry.effect is not None else _unknown(entry, physics, key)
-        )
-        twice = [k for k, other in enumerate(found) if other.key == unknown.key]
-        if twice:
-            raise InputError(f"{key} is {unknown.parameter} of {unknown.at} a second time, after unknown[{twice[0]}]")
-        found.append(unknown)
-    return tuple(found)
+        if entry.parameter == INERTIALS and entry.effect is None:
+            own = _inertials(entry, physics, key)
+        elif entry.effect is not None:
+            own = [_of_effect(entry, physics, effects, key)]
+        else:
+            own = [_unknown(entry, physics, key)]
+        for k, others in enumerate(found):
+            if {other.key for other in others} & {unknown.key for unknown in own}:
+                raise InputError(f"{key} is {entry.parameter} of {own[0].at} a second time, after unknown[{k}]")
+            if _inertials_of(others, own) or _inertials_of(own, others):
+                raise InputError(
+                    f"{key} is {entry.parameter} of {own[0].at}, beside unknown[{k}], of which one is its inertials: "
+                    "these hold mass, centre of mass and inertia together; expected one of the two"
+                )
+        found.append(own)
+    return tuple(unknown for own in found for unknown in own)
+
+
+def _inertials_of(own: Sequence[UnknownParameter], others: Sequence[UnknownParameter]) -> bool:
+    """Whether `own` are the inertials of a body of which the `others` are a part."""
+    return own[0].kind == INERTIALS and others[0].kind == "body" and own[0].at == others[0].at
+
+
+def _inertials(entry: Unknown, physics: Physics, key: str) -> list[UnknownParameter]:
+    """The ten unknowns of the inertials of a body."""
+    if entry.body is None:
+        raise InputError(f"{key} (inertials) needs body, expected a link of the model or all")
+    if entry.mean is not None:
+        raise InputError(f"{key} (inertials) has a mean, expected log_cholesky with ten numbers, or none: the model's")
+    _check(entry.body, [*(body.name for body in physics.tree.bodies), "all"], f"{key}.body")
+    check_body(physics.tree.body(entry.body), key)
+    priors = priors_of(entry)
+    return [UnknownParameter(name, INERTIALS, entry.body, prior) for name, prior in zip(PHYSICAL, priors, strict=True)]
 
 
 def _unknown(entry: Unknown, physics: Physics, key: str) -> UnknownParameter:
@@ -213,7 +243,45 @@ def apply_unknowns(unknown: Sequence[UnknownParameter], physics: Physics, vector
     """The physics with all unknowns of the nominal model at their values in `vector` (n,)."""
     for parameter, value in zip(unknown, vector.tolist(), strict=True):
         physics = parameter.apply(physics, value)
+    links = inertials(unknown)
+    if links:
+        tree = physics.tree
+        changed = [with_change(tree.body(link), vector[own]) for link, own in links.items()]
+        physics = replace(physics, tree=tree.with_bodies(changed))
     return physics
+
+
+def inertials(unknown: Sequence[UnknownParameter]) -> dict[str, slice]:
+    """The links with unknown inertials, and where their ten log-Cholesky parameters are in a vector of the unknowns."""
+    first = [i for i, parameter in enumerate(unknown) if parameter.kind == INERTIALS][:: len(PHYSICAL)]
+    return {unknown[i].at: slice(i, i + len(PHYSICAL)) for i in first}
+
+
+def vector_of(
+    unknown: Sequence[UnknownParameter], bare: Physics, known: Mapping[tuple[str, str, str | None], float]
+) -> Array:
+    """The vector (n,) of the unknowns by the values that a report states, of links' inertials the physical ones.
+
+    `bare` is the physics before any effect.
+    """
+    vector = np.array([known[parameter.key] for parameter in unknown], dtype=float)
+    for link, own in inertials(unknown).items():
+        vector[own] = LinkInertials(bare.tree.body(link)).theta(vector[own])
+    return vector
+
+
+def entries_at(entries: Sequence[Unknown], vector: Array) -> list[Unknown]:
+    """The `entries` of `unknown:`, one for each link with unknown inertials, with their means at `vector` (n,)."""
+    found, start = [], 0
+    for entry in entries:
+        if entry.parameter == INERTIALS and entry.effect is None:
+            own = vector[start : start + len(PHYSICAL)]
+            found.append(replace(entry, log_cholesky=own.tolist() if np.any(own) else []))
+            start += len(PHYSICAL)
+        else:
+            found.append(replace(entry, mean=float(vector[start])))
+            start += 1
+    return found
 
 
 def with_unknowns(unknown: Sequence[UnknownParameter], effects: Sequence[Effect], vector: Array) -> tuple[Effect, ...]:

@@ -30,6 +30,7 @@ from drake_cafim.scenario.holding import (
     notes_on_followers,
     resolve_lock,
 )
+from drake_cafim.scenario.inertials import ALL, DEFAULT_STD, INERTIALS, each_link
 from drake_cafim.scenario.known_effects import known_effects
 from drake_cafim.scenario.model_file import MODEL_SUFFIXES, add_plant
 from drake_cafim.scenario.model_physics import (
@@ -42,9 +43,26 @@ from drake_cafim.scenario.model_physics import (
 from drake_cafim.scenario.names import check_names, naming
 from drake_cafim.scenario.packaged import packaged_folder
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.scenario.schema import OF_HARDWARE_SIM, UNRECORDED, Channel, EffectEntry, Scenario, Weld, load
+from drake_cafim.scenario.schema import (
+    OF_HARDWARE_SIM,
+    UNRECORDED,
+    Channel,
+    EffectEntry,
+    Scenario,
+    Unknown,
+    Weld,
+    load,
+)
 from drake_cafim.scenario.surfaces import contact_of
-from drake_cafim.scenario.unknown import UnknownParameter, apply_unknowns, priors, unknown_parameters, with_unknowns
+from drake_cafim.scenario.unknown import (
+    UnknownParameter,
+    apply_unknowns,
+    entries_at,
+    priors,
+    unknown_parameters,
+    vector_of,
+    with_unknowns,
+)
 from drake_cafim.scenario.unknown_effects import effects_of_unknowns
 from drake_cafim.typing import Array
 
@@ -104,10 +122,12 @@ class Scene:
         file and the key for contents that cannot be used.
         """
         path, part = split_address(str(address))
-        scenario = Scenario(model=path.name) if str(path).endswith(MODEL_SUFFIXES) else load(path, part)
+        alone = str(path).endswith(MODEL_SUFFIXES)
+        scenario = Scenario(model=path.name) if alone else load(path, part)
         given = {name: str(Path(place).resolve()) for name, place in (packages or {}).items()}
         scenario = replace(scenario, packages={**scenario.packages, **given})
-        return cls.build(scenario, path.parent, str(address), effects=effects)
+        scene = cls.build(scenario, path.parent, str(address), effects=effects)
+        return scene.with_uncertain_inertials() if alone else scene
 
     @classmethod
     def from_model(
@@ -150,6 +170,19 @@ class Scene:
         )
         return scene.with_surfaces_at(np.zeros(len(tree.joints)))
 
+    def with_uncertain_inertials(self, std: float = DEFAULT_STD) -> "Scene":
+        """The scene with the inertials of all moving links unknown, with the relative `std`; a note says so.
+
+        A thrown body stays as it is: its poses do not show its mass.
+        """
+        links = [] if self.tree.floating else each_link([Unknown(INERTIALS, std, body=ALL)], self.tree)
+        if not links:
+            return self
+        scenario = replace(self.scenario, unknown=[*self.scenario.unknown, *links])
+        note = f"no scenario states how well the inertials of the links are known: their relative std is {std:g}"
+        stated = replace(self.stated, notes=(*self.stated.notes, note))
+        return replace(self, scenario=scenario, stated=stated).with_surfaces_at(np.zeros(len(self.tree.joints)))
+
     def with_surfaces_at(self, q: Array) -> "Scene":
         """The scene with the contact plane of each fixed box at the face nearest to the robot at positions `q` (n,)."""
         contacts = tuple(
@@ -160,7 +193,11 @@ class Scene:
         of_model = tuple(model_effects(self.stated, self.tree, self.vocabulary))
         stated = known_effects(self.scenario.effects, bare, self.vocabulary, sensors, self.name)
         other = effects_of_unknowns(self.scenario.unknown, stated, bare, self.vocabulary, sensors, self.name)
-        scenario = replace(self.scenario, effects=[*self.scenario.effects, *map(_entry, other)])
+        scenario = replace(
+            self.scenario,
+            effects=[*self.scenario.effects, *map(_entry, other)],
+            unknown=each_link(self.scenario.unknown, bare.tree),
+        )
         known = (*stated, *other)
         unknown = unknown_parameters(scenario.unknown, bare, known, self.name)
         scene = replace(
@@ -227,6 +264,13 @@ class Scene:
         """The priors of the unknown parameters."""
         return priors(self.unknown)
 
+    def vector_of(self, values: Mapping[tuple[str, str, str | None], float]) -> Array:
+        """The vector (n,) of the unknowns by the `values` that a report states, by parameter, place and effect.
+
+        Of a link's inertials a report states the physical parameters.
+        """
+        return vector_of(self.unknown, self.bare or self.physics, values)
+
     def physics_at(self, vector: Array) -> Physics:
         """The physics with the unknowns at `vector` (n,); cached, since a search returns to the same values."""
         cached, key = self._physics_cache, vector.tobytes()
@@ -271,9 +315,7 @@ class Scene:
         ]
         scenario = replace(
             self.scenario,
-            unknown=[
-                replace(entry, mean=float(value)) for entry, value in zip(self.scenario.unknown, unknown, strict=True)
-            ],
+            unknown=entries_at(self.scenario.unknown, unknown),
             effects=[*entries, *(_entry(effect) for effect in effects)],
         )
         return replace(self, scenario=scenario, physics=physics, known=(*known, *effects))

@@ -1,9 +1,11 @@
-"""`python -m tests.concealed.ablate --data DIR --out DIR`: sealed ablations of real machines.
+"""`python -m tests.concealed.ablate --data DIR --out DIR [--resume]`: sealed ablations of seven real machines.
 
 Each set is diagnosed once as it is; the corrected scenario is what is known of the machine. Then something known is
-taken out of the model or put wrong into the recordings, its kind, place and strength drawn from the system's entropy
-and sealed by a salted hash that is printed before the diagnosis starts. `ablations.json` holds what was found; without
-any alteration, as a control, nothing new should be.
+taken out of the model or put wrong into the recordings, its place and strength drawn from the system's entropy and
+sealed by a salted hash that is printed before the diagnosis starts. Beside them stand controls, the machines without
+any alteration, and real nulls: a machine is corrected on one half of its blocks and diagnosed on the other, where
+nothing new may be named. Every finished slot is a file; a killed run goes on with --resume. `ablations.json` holds all
+of them, `summary.json` the shares. It takes hours.
 """
 
 from __future__ import annotations
@@ -11,166 +13,160 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import secrets
 import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import yaml
+from joblib import Parallel, delayed
 from tqdm import tqdm
+
+from drake_cafim.effects.catalogue import EFFECTS
 
 from . import ablation
 from .ablation import Ablation, Machine
+from .ablation_draws import Draw, slots
 from .case import Case
+from .machines import SETS, divided, raw_machine
 from .score import NORMAL_95, same_place
 from .seal import Seal
 from .trial import diagnosed
 
-Draw = Callable[[Machine, np.random.Generator], Ablation]
-
-SETS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
-    "emps_drive": (("ident_0", "ident_1"), ("ident_2",)),
-    "double_pendulum_A0": (("trajectory_00", "trajectory_02", "trajectory_04"), ("trajectory_03",)),
-}
-"""Recordings of each set to learn from, and held out."""
+NULLS_PER_MACHINE = 9
+FAMILY = {effect.name: effect.family for effect in EFFECTS} | {"mass": "link", "inertials": "link"}
+Named = list[tuple[str, str]]
 
 
-def _sign(rng: np.random.Generator) -> float:
-    return float(rng.choice([-1.0, 1.0]))
+@dataclass(frozen=True)
+class Work:
+    """What every slot needs: the folder of the sets, that of the results, the command and its limit, s."""
+
+    data: Path
+    out: Path
+    diagnose: list[str]
+    limit: float
+
+    def slot(self, name: str) -> Path:
+        return self.out / "slots" / f"{name}.json"
 
 
-def _pendulum_joint(rng: np.random.Generator) -> str:
-    return str(rng.choice(["shoulder", "elbow"]))
-
-
-def _lost_mass(machine: Machine, rng: np.random.Generator) -> Ablation:
-    """A point that the link can spare: drawn until the rest is a rigid body, away from the centre of mass.
-
-    At the centre of mass it would be the link's own mass, which the scenario says may be wrong.
-    """
-    body, low, high, center = [("upper_link", -0.4, -0.1, -0.275), ("lower_link", -0.35, 0.0, -0.166)][
-        int(rng.integers(2))
-    ]
-    while True:
-        place = np.array([0.0, 0.0, rng.uniform(low, high)])
-        if abs(place[2] - center) < 0.08:
-            continue
-        try:
-            return ablation.lost_mass(machine, body, float(rng.uniform(0.1, 0.3)), place)
-        except ValueError:
-            continue
-
-
-def _lost_effect(machine: Machine, rng: np.random.Generator) -> Ablation:
-    effects: list[dict[str, Any]] = machine.scenario["effects"]  # type: ignore[assignment]
-    friction = [index for index, effect in enumerate(effects) if "friction" in effect["effect"]]
-    return ablation.lost_effect(machine, int(rng.choice(friction)))
-
-
-DRAWS: Sequence[tuple[str, Draw]] = (
-    ("emps_drive", _lost_effect),
-    ("emps_drive", lambda m, rng: ablation.late_actuator(m, "carriage", rng.uniform(0.003, 0.02))),
-    ("emps_drive", lambda m, rng: ablation.biased_actuator(m, "carriage", _sign(rng) * rng.uniform(4.0, 20.0))),
-    ("emps_drive", lambda m, rng: ablation.weak_actuator(m, "carriage", float(rng.choice([0.6, 0.7, 1.4, 1.6])))),
-    ("double_pendulum_A0", _lost_mass),
-    ("double_pendulum_A0", _lost_mass),
-    ("double_pendulum_A0", _lost_effect),
-    ("double_pendulum_A0", lambda m, rng: ablation.late_actuator(m, _pendulum_joint(rng), rng.uniform(0.02, 0.05))),
-    ("double_pendulum_A0", lambda m, rng: ablation.weak_actuator(m, _pendulum_joint(rng), rng.uniform(0.4, 0.65))),
-    (
-        "double_pendulum_A0",
-        lambda m, rng: ablation.biased_actuator(m, _pendulum_joint(rng), _sign(rng) * rng.uniform(0.3, 0.8)),
-    ),
-    (
-        "double_pendulum_A0",
-        lambda m, rng: ablation.biased_sensor(m, f"q.{_pendulum_joint(rng)}", _sign(rng) * rng.uniform(0.08, 0.25)),
-    ),
-    (
-        "double_pendulum_A0",
-        lambda m, rng: ablation.wrong_sensor_gain(
-            m, f"v.{_pendulum_joint(rng)}", float(rng.choice([0.8, 0.9, 1.1, 1.25]))
-        ),
-    ),
-    (
-        "double_pendulum_A0",
-        lambda m, rng: ablation.late_sensor(m, f"v.{_pendulum_joint(rng)}", rng.uniform(0.01, 0.03)),
-    ),
-    (
-        "double_pendulum_A0",
-        lambda m, rng: ablation.drifting_sensor(m, f"q.{_pendulum_joint(rng)}", _sign(rng) * rng.uniform(0.02, 0.06)),
-    ),
-)
-"""What is sealed: the kind by slot; place and strength are drawn."""
-
-
-def raw_machine(data: Path, name: str) -> Machine:
-    """A set as it was published."""
-    folder = data / name
-    scenario = yaml.safe_load((folder / "scenario.yaml").read_text())
-    train, held = SETS[name]
-    names = [f"train_{k}.parquet" for k in range(len(train))] + [f"held_{k}.parquet" for k in range(len(held))]
-    tables = {
-        alias: pd.read_parquet(folder / "runs" / f"{run}.parquet")
-        for alias, run in zip(names, (*train, *held), strict=True)
-    }
-    return Machine(scenario, (folder / str(scenario["model"])).read_text(), tables)
-
-
-def known_machine(machine: Machine, diagnose: list[str], limit: float) -> Machine:
-    """The machine with what a diagnosis of its own recordings finds, as its corrected scenario says it."""
+def known_machine(machine: Machine, work: Work) -> tuple[Machine | None, str]:
+    """The machine with what a diagnosis of its own recordings finds, as its corrected scenario says it; or why not."""
     home = Path(tempfile.mkdtemp(prefix="known-"))
     try:
-        report, failure = _diagnosed(machine, "known", diagnose, home, limit)
+        report, failure = _diagnosed(machine, "known", home, work)
         if report is None:
-            raise SystemExit(f"the machine as it is could not be diagnosed: {failure}")
+            return None, failure
         scenario = yaml.safe_load((home / "report" / "scenario.corrected.yaml").read_text())
         scenario["model"] = machine.scenario["model"]
-        return ablation.as_fitted(Machine(scenario, machine.model, machine.tables))
+        return ablation.as_fitted(Machine(scenario, machine.model, machine.tables)), ""
     finally:
         shutil.rmtree(home, ignore_errors=True)
 
 
-def _diagnosed(
-    machine: Machine, name: str, diagnose: list[str], home: Path, limit: float
-) -> tuple[dict[str, Any] | None, str]:
+def _diagnosed(machine: Machine, name: str, home: Path, work: Work) -> tuple[dict[str, Any] | None, str]:
     case = Case(
         "ablation", name, machine.scenario, str(machine.scenario["model"]), machine.model, dict(machine.tables), {}
     )
     case.write(home / name)
-    return diagnosed(diagnose, home / name, home, limit, list(machine.tables))
+    return diagnosed(work.diagnose, home / name, home, work.limit, list(machine.tables))
 
 
-def attempt(set_name: str, known: Machine, draw: Draw | None, diagnose: list[str], limit: float) -> dict[str, Any]:
-    """One sealed ablation, or the control; the truth is told after the diagnosis has ended."""
+def keep_machine(machine: Machine, folder: Path) -> None:
+    """Writes a machine, to be read by `kept_machine`."""
+    temporary = folder.with_name(f"{folder.name}.part")
+    shutil.rmtree(temporary, ignore_errors=True)
+    temporary.mkdir(parents=True)
+    (temporary / "model").write_text(machine.model)
+    (temporary / "scenario.yaml").write_text(yaml.safe_dump(machine.scenario))
+    for key, table in machine.tables.items():
+        table.to_parquet(temporary / key, index=False)
+    shutil.rmtree(folder, ignore_errors=True)
+    temporary.rename(folder)
+
+
+def kept_machine(folder: Path) -> Machine:
+    tables = {path.name: pd.read_parquet(path) for path in sorted(folder.glob("*.parquet"))}
+    return Machine(yaml.safe_load((folder / "scenario.yaml").read_text()), (folder / "model").read_text(), tables)
+
+
+def attempt(name: str, set_name: str, kind: str, draw: Draw | None, work: Work) -> None:
+    """One sealed ablation, or a control where there is nothing to draw; the truth is told after the diagnosis."""
     rng = np.random.default_rng(int.from_bytes(os.urandom(16), "big"))
+    known = kept_machine(work.out / "known" / set_name)
     made = draw(known, rng) if draw else Ablation(known, "", "", {})
     seal = Seal.close({"effect": made.effect, "at": made.at, "parameters": dict(made.parameters)})
-    print(f"sealed {seal.digest}", flush=True)
+    _seal(work, seal.digest)
     home = Path(tempfile.mkdtemp(prefix="ablation-"))
     try:
-        report, failure = _diagnosed(made.machine, "case", diagnose, home, limit)
+        report, failure = _diagnosed(made.machine, secrets.token_hex(6), home, work)
     finally:
         shutil.rmtree(home, ignore_errors=True)
-    return {"set": set_name, "digest": seal.digest, "salt": seal.salt, "truth": seal.truth} | scored(
-        made, report, failure
-    )
+    opened = {"digest": seal.digest, "salt": seal.salt, "truth": seal.truth}
+    _write(work.slot(name), {"set": set_name, "kind": kind} | opened | scored(made, report, failure))
+
+
+def attempt_null(name: str, set_name: str, work: Work) -> None:
+    """One real null: corrected on one half of the blocks, diagnosed on the other."""
+    rng = np.random.default_rng(int.from_bytes(os.urandom(16), "big"))
+    one, other = divided(raw_machine(work.data, set_name), SETS[set_name].thrown, rng)
+    corrected, failure = known_machine(one, work)
+    report = None
+    if corrected is not None:
+        home = Path(tempfile.mkdtemp(prefix="null-"))
+        try:
+            again = Machine(corrected.scenario, corrected.model, other.tables)
+            report, failure = _diagnosed(again, secrets.token_hex(6), home, work)
+        finally:
+            shutil.rmtree(home, ignore_errors=True)
+    _write(work.slot(name), {"set": set_name, "kind": "null"} | scored(Ablation(one, "", "", {}), report, failure))
+
+
+def _seal(work: Work, digest: str) -> None:
+    """Tells the digest before the diagnosis starts."""
+    with open(work.out / "seals.txt", "a") as stream:
+        stream.write(f"{digest}\n")
+    print(f"sealed {digest}", flush=True)
+
+
+def _write(path: Path, result: Mapping[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _write_json(path, result)
+
+
+def _write_json(path: Path, content: object) -> None:
+    """JSON, there with all its lines or not at all."""
+    temporary = path.with_suffix(".part")
+    temporary.write_text(json.dumps(content, indent=1, default=float) + "\n")
+    temporary.replace(path)
 
 
 def scored(made: Ablation, report: dict[str, Any] | None, failure: str) -> dict[str, Any]:
     """What was named, whether it is what was concealed, and how far its first strength is off."""
     if report is None:
-        return {"verdict": "failed", "failure": failure, "named": [], "found": False}
+        return {"verdict": "failed", "failure": failure, "named": [], "found": False, "family": False}
     named = [(item["effect"], item["at"]) for item in report["explanation"]]
+    # a nominal parameter far from its prior is a finding, too
+    named += [
+        (word, location["name"])
+        for location in report["mismatch"]["locations"]
+        for word in ("mass", "inertials")
+        if location["kind"] == "body" and f"{word} of {location['name']}" in report["sentence"].lower()
+    ]
     names = [(made.effect, made.at), *made.equal]
-    found = [any(pair[0] == name and same_place(pair[1], at) for pair in named) for name, at in names]
     result = {
         "verdict": report["verdict"],
         "named": named,
-        "found": any(found) if made.effect else not named,
+        "truths": names,
+        "found": any(_same(pair, own) for pair in named for own in names) if made.effect else not named,
+        "family": any(_alike(pair, own) for pair in named for own in names) if made.effect else not named,
         "rivals": [(item.get("effect") or item["parameter"], item["at"]) for item in report["rivals"]],
         "data_mistakes": report["data_mistakes"],
     }
@@ -178,56 +174,145 @@ def scored(made: Ablation, report: dict[str, Any] | None, failure: str) -> dict[
         if (item["effect"], item["at"]) == (made.effect, made.at) and made.parameters:
             first = next(name for name in made.parameters if name in item["parameters"])
             told, true = item["parameters"][first], made.parameters[first]
-            result |= {
-                "strength": {"name": first, "true": true, "told": told["value"], "std": told["std"]},
-                "covered": abs(told["value"] - true) <= NORMAL_95 * told["std"],
-            }
+            result |= {"strength": {"name": first, "true": true, "told": told["value"], "std": told["std"]}}
+            if told["std"] is not None:
+                result |= {"covered": abs(told["value"] - true) <= NORMAL_95 * told["std"]}
     fit = (report.get("fit") or {}).get("held_out") or {}
     if fit:
         result["held_out_rmse"] = {key: fit[key]["rmse"] for key in ("nominal", "corrected")}
     return result
 
 
+def _same(pair: Sequence[str], own: Sequence[str]) -> bool:
+    return pair[0] == own[0] and same_place(pair[1], own[1])
+
+
+def _alike(pair: Sequence[str], own: Sequence[str]) -> bool:
+    """Whether two names are of one family and one place, a joint's channels counting as the joint."""
+    first, second = (place.split(".")[-1] if place[:2] in ("q.", "v.", "u.") else place for place in (pair[1], own[1]))
+    return FAMILY.get(pair[0]) == FAMILY.get(own[0]) and same_place(first, second)
+
+
+def summary(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Shares over all slots: found exactly, at their family and place, misnamed; nulls that name something; covered.
+
+    What the control of a machine names, it also names without any alteration: that is neither found nor misnamed.
+    """
+    controls = {one["set"]: one["named"] for one in results if one["kind"] == "control"}
+    sealed = [one for one in results if one["kind"] not in ("control", "null")]
+    nulls = [one for one in results if one["kind"] == "null"]
+    covered = [one["covered"] for one in sealed if "covered" in one]
+
+    def new(one: Mapping[str, Any]) -> list[Sequence[str]]:
+        before = controls.get(one["set"], [])
+        return [pair for pair in one["named"] if not any(_same(pair, own) for own in before)]
+
+    def matches(one: Mapping[str, Any], alike: Callable[[Sequence[str], Sequence[str]], bool]) -> bool:
+        return any(alike(pair, own) for pair in new(one) for own in one["truths"])
+
+    def misnamed(one: Mapping[str, Any]) -> bool:
+        return any(not any(_same(pair, own) for own in one["truths"]) for pair in new(one))
+
+    def counted(key: str) -> dict[str, list[int]]:
+        groups = {name: [one for one in sealed if one[key] == name] for name in dict.fromkeys(o[key] for o in sealed)}
+        return {name: [sum(matches(one, _same) for one in own), len(own)] for name, own in groups.items()}
+
+    def share(flags: Sequence[bool]) -> float | None:
+        return sum(flags) / len(flags) if flags else None
+
+    return {
+        "sealed": len(sealed),
+        "found exactly": share([matches(one, _same) for one in sealed]),
+        "family and place": share([matches(one, _alike) for one in sealed]),
+        "misnamed": share([misnamed(one) for one in sealed]),
+        "failed": sum(one["verdict"] == "failed" for one in results),
+        "nulls": len(nulls),
+        "nulls that name": share([bool(one["named"]) for one in nulls if one["verdict"] != "failed"]),
+        "intervals that hold": share(covered),
+        "intervals": len(covered),
+        "by kind": counted("kind"),
+        "by machine": counted("set"),
+    }
+
+
+def line(result: Mapping[str, Any]) -> str:
+    """A slot as one line."""
+    truth, strength = result.get("truth", {"effect": "", "at": ""}), result.get("strength")
+    told = ", ".join(f"{effect}@{at}" for effect, at in result["named"]) or result["verdict"]
+    size = (
+        f"; {strength['name']} {strength['told']:.4g} ± {strength['std'] or 0.0:.2g} of {strength['true']:.4g}"
+        if strength
+        else ""
+    )
+    concealed = f"{truth['effect']}@{truth['at']}" if truth["effect"] else "nothing"
+    found = "found" if result["found"] else "near" if result["family"] else "MISSED"
+    return f"{found:6}  {result['set']} ({result['kind']}): {concealed} -> {told}{size}"
+
+
+def _run(name: str, set_name: str, kind: str, draw: Draw | None, work: Work) -> None:
+    if kind == "null":
+        attempt_null(name, set_name, work)
+    else:
+        attempt(name, set_name, kind, draw, work)
+
+
+def _prepare_known(set_name: str, work: Work) -> str:
+    """Keeps the machine as it is known; the sentence is why there is none."""
+    folder = work.out / "known" / set_name
+    if folder.is_dir():
+        return ""
+    machine, failure = known_machine(raw_machine(work.data, set_name), work)
+    if machine is not None:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        keep_machine(machine, folder)
+    return failure
+
+
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.concealed.ablate", description=__doc__)
     parser.add_argument("--data", type=Path, default=os.environ.get("DRAKE_CAFIM_DATA"), help="folder of the sets")
     parser.add_argument("--out", type=Path, default=Path("cafim-out/ablations"))
-    parser.add_argument("--only", type=int, nargs="*", help="these slots only")
-    parser.add_argument("--limit", type=float, default=600.0, help="s that one diagnosis may take")
+    parser.add_argument("--only", type=int, nargs="*", help="these slots only, with the controls of their machines")
+    parser.add_argument("--machines", nargs="*", default=list(SETS), help="these machines only")
+    parser.add_argument("--nulls", type=int, default=NULLS_PER_MACHINE, help="real nulls of each machine")
+    parser.add_argument("--limit", type=float, default=1800.0, help="s that one diagnosis may take")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--resume", action="store_true", help="keep the finished slots in --out")
     cafim = str(Path(sys.executable).parent / "cafim")
     parser.add_argument("--diagnose", nargs="+", default=[cafim, "diagnose", "--no-replay"])
     options = parser.parse_args(arguments)
     if options.data is None:
         raise SystemExit("--data or DRAKE_CAFIM_DATA must name the folder of the recorded sets")
+    if options.out.exists() and any(options.out.iterdir()) and not options.resume:
+        raise SystemExit(f"--out {options.out} is not empty; give --resume, or another folder")
     data = options.data / "data" if (options.data / "data").is_dir() else options.data
-    wanted = range(len(DRAWS)) if options.only is None else options.only
-    slots: list[tuple[str, Draw | None]] = [DRAWS[index] for index in wanted]
-    sets = list(dict.fromkeys(name for name, _ in slots))
-    known = {
-        name: known_machine(raw_machine(data, name), options.diagnose, options.limit)
-        for name in tqdm(sets, desc="machines as they are", file=sys.stderr)
-    }
-    slots += [(name, None) for name in sets]
-    results = [
-        attempt(name, known[name], draw, options.diagnose, options.limit)
-        for name, draw in tqdm(slots, desc="ablations", file=sys.stderr)
-    ]
     options.out.mkdir(parents=True, exist_ok=True)
-    temporary = options.out / "ablations.part"
-    temporary.write_text(json.dumps(results, indent=1, default=float) + "\n")
-    temporary.replace(options.out / "ablations.json")
-    for result in results:
-        truth, strength = result["truth"], result.get("strength")
-        told = ", ".join(f"{effect}@{at}" for effect, at in result["named"]) or result["verdict"]
-        size = (
-            f"; {strength['name']} {strength['told']:.4g} ± {strength['std']:.2g} of {strength['true']:.4g}"
-            if strength
-            else ""
-        )
-        concealed = f"{truth['effect']}@{truth['at']}" if truth["effect"] else "nothing"
-        print(f"{'found' if result['found'] else 'MISSED':6}  {result['set']}: {concealed} -> {told}{size}")
-    sealed = [result for result in results if result["truth"]["effect"]]
-    print(f"{sum(result['found'] for result in sealed)} of {len(sealed)} found")
+    work = Work(data, options.out, options.diagnose, options.limit)
+    every = slots()
+    wanted = range(len(every)) if options.only is None else options.only
+    tasks = [(f"{index:03d}", *every[index]) for index in wanted if every[index][0] in options.machines]
+    sets = list(dict.fromkeys(task[1] for task in tasks))
+    tasks += [(f"control-{name}", name, "control", None) for name in sets]
+    if options.only is None:
+        tasks += [(f"null-{name}-{k}", name, "null", None) for name in sets for k in range(options.nulls)]
+    parallel = Parallel(n_jobs=options.jobs, return_as="generator_unordered")
+    prepared = parallel(delayed(_prepare_known)(name, work) for name in sets)
+    failures = [why for why in tqdm(prepared, total=len(sets), desc="machines as they are", file=sys.stderr) if why]
+    if failures:
+        print("\n".join(f"a machine as it is could not be diagnosed: {why}" for why in failures), file=sys.stderr)
+    left = [
+        task
+        for task in tasks
+        if not work.slot(task[0]).is_file() and (task[2] == "null" or (work.out / "known" / task[1]).is_dir())
+    ]
+    done = parallel(delayed(_run)(*task, work) for task in left)
+    for _ in tqdm(done, total=len(left), desc="ablations", file=sys.stderr):
+        pass
+    results = [json.loads(work.slot(task[0]).read_text()) for task in tasks if work.slot(task[0]).is_file()]
+    _write_json(options.out / "ablations.json", results)
+    _write_json(options.out / "summary.json", summary(results))
+    print("\n".join(map(line, results)))
+    print(json.dumps(summary(results), indent=1))
     return 0
 
 

@@ -80,7 +80,7 @@ def biased_actuator(machine: Machine, joint: str, torque: float) -> Ablation:
 
 def biased_sensor(machine: Machine, channel: str, bias: float) -> Ablation:
     # turning the first joint's zero turns gravity: at a joint across gravity the two are one
-    first = channel == f"q.{_joints(machine)[0]}"
+    first = channel == f"q.{joints(machine)[0]}"
     equal = (("gravity_misalignment", "world"),) if first else ()
     return Ablation(machine.with_column(channel, lambda _, y: y + bias), "sensor_bias", channel, {"bias": bias}, equal)
 
@@ -170,6 +170,46 @@ def _lighter(machine: Machine, body: str, mass: float) -> dict[str, object]:
     return machine.scenario | {"unknown": changed}
 
 
-def _joints(machine: Machine) -> list[str]:
+def dead_actuator(machine: Machine, joint: str, width: float) -> Ablation:
+    """Efforts are written as if `width` of each were lost."""
+    altered = machine.with_column(f"u.{joint}", lambda _, u: u + width * np.sign(u))
+    return Ablation(altered, "actuator_dead_zone", joint, {"width": width})
+
+
+def lagging_sensor(machine: Machine, channel: str, time_constant: float) -> Ablation:
+    """The channel behind a first-order lag, that is at rest before the recording starts."""
+
+    def lagged(time: Array, values: Array) -> Array:
+        steps, found = np.exp(-np.diff(time) / time_constant), values.copy()
+        for k, keep in enumerate(steps):
+            # the value between samples is linear in time
+            slope = (values[k + 1] - values[k]) / (time[k + 1] - time[k])
+            behind = found[k] - values[k] + slope * time_constant
+            found[k + 1] = values[k + 1] - slope * time_constant + behind * keep
+        return found
+
+    return Ablation(machine.with_column(channel, lagged), "sensor_lag", channel, {"time_constant": time_constant})
+
+
+def wrong_lengths(machine: Machine, pose: str, gain: float) -> Ablation:
+    """All positions of a pose `gain` times what they were."""
+    for axis in "xyz":
+        machine = machine.with_column(f"{pose}.{axis}", lambda _, y: gain * y)
+    return Ablation(machine, "sensor_gain_error", pose, {"gain": gain})
+
+
+def raised_surface(machine: Machine, body: str, surface: str, offset: float) -> Ablation:
+    """The ground, and all that happens on it, raised by `offset`."""
+    altered = machine.with_column(f"pose.{body}.z", lambda _, z: z + offset)
+    return Ablation(altered, "surface_offset", surface, {"offset": offset}, (("sensor_bias", f"pose.{body}.z"),))
+
+
+def skewed_clock(machine: Machine, sensor: str, skew: float) -> Ablation:
+    """A clock by which a sample of the time t was taken at t (1 + skew)."""
+    altered = machine.with_column("time", lambda time, _: time / (1.0 + skew))
+    return Ablation(altered, "clock_skew", sensor, {"skew": skew})
+
+
+def joints(machine: Machine) -> list[str]:
     columns = next(iter(machine.tables.values())).columns
     return [str(name).removeprefix("q.") for name in columns if str(name).startswith("q.")]

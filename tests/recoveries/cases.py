@@ -121,6 +121,24 @@ CASES = [
     joint("actuator_bias", "lift", torque=0.5),
     joint("actuator_dead_zone", "turn", width=0.3),
     joint("payload", "l3", mass=0.4, x=0.2, y=0.05, z=-0.05),
+    # beside what the scenario says is uncertain about the link
+    replace(
+        joint(
+            "inertial_error",
+            "l3",
+            mass=0.7,
+            com_x=0.05,
+            com_y=-0.06,
+            com_z=0.04,
+            ixx=0.05,
+            iyy=0.08,
+            izz=0.09,
+            ixy=0.02,
+            ixz=-0.03,
+            iyz=0.02,
+        ),
+        more={"unknown": [{"parameter": "inertials", "body": "l3", "std": 0.1}]},
+    ),
     joint("gravity_misalignment", "world", roll=0.05, pitch=-0.08),
     joint("aerodynamic_drag", "l3", coefficient=1.5),
     # where all three directions are felt: an arm of three joints has no joint that is turned by a push along its links

@@ -91,9 +91,13 @@ def read_back(scene: Scene, folder: Path) -> Scene:
 
 
 def _nearby(bare: Scene, best: Fit) -> list[Scene]:
-    """The corrected scene, one standard deviation along each axis of what is not known of its strengths."""
+    """The corrected scene, one standard deviation along each axis of what is not known of unknowns and strengths."""
     [effect] = best.model.effects
-    return [bare.corrected(best.model.unknown, [effect.with_values(effect.vector + axis)]) for axis in _axes(best).T]
+    n = len(best.model.unknown)
+    return [
+        bare.corrected(best.model.unknown + axis[:n], [effect.with_values(effect.vector + axis[n:])])
+        for axis in _axes(best).T
+    ]
 
 
 def _axes(best: Fit) -> Array:

@@ -96,6 +96,9 @@ def checks(problem: Problem, before: Fit, after: Fit, trials: int, rate: float) 
     Where even `after` leaves far more than noise, a small gain means little, since effects that do not exist compensate
     for the wrong law of another one. Then `after` must remove a fair share of χ², in most recordings.
     """
+    if problem.has_other_noise(after.model):
+        problem = problem.rewhitened(after.model)
+        before, after = unbiased_fit(problem, before.model), unbiased_fit(problem, after.model)
     for check in _checks(problem, before, after, trials, rate):
         yield check
         if not check.passed:

@@ -70,6 +70,10 @@ class Problem(ABC):
     def jacobian(self, model: Model) -> Array:
         """∂residual/∂(unknowns, strengths), (R + n, n + k)."""
 
+    def has_other_noise(self, model: Model) -> bool:
+        """Whether the noise of the rows under `model` is so different that tests of it need its own whitening."""
+        return False
+
     @property
     def rows(self) -> int:
         """Number R of whitened rows, without prior rows."""

@@ -27,6 +27,7 @@ from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.effects.surroundings import Surroundings
 from drake_cafim.scenario.physics import Physics
+from drake_cafim.scenario.unknown import inertials
 from drake_cafim.typing import Array
 
 CACHED_ROWS = 30_000
@@ -36,8 +37,9 @@ CACHED_ROWS = 30_000
 def hypotheses(problem: WeakFormRows) -> tuple[Effect, ...]:
     """Every effect of the scene's vocabulary at every place where it can act."""
     columns = tuple(name for name, _ in problem.runs[0].labels)
-    where = Surroundings(problem.scene.tree, problem.scene.physics.contacts, columns)
-    return tuple(effect(at) for effect in problem.scene.vocabulary for at in effect.attachments(where))
+    scene = problem.scene
+    where = Surroundings(scene.tree, scene.physics.contacts, columns, inertials=tuple(inertials(scene.unknown)))
+    return tuple(effect(at) for effect in scene.vocabulary for at in effect.attachments(where))
 
 
 def looks(problem: WeakFormRows, at: Fit, effect: Effect) -> Looks:

@@ -39,7 +39,8 @@ def draws(shared: Array, jacobian: Array) -> int:
     """
     chance, known = (np.einsum("ij,ij->j", slopes, slopes) for slopes in (shared, jacobian))
     needed = np.max(chance / np.maximum(CHANCE_SHARE * known, 1e-300), initial=1.0)
-    return int(np.ceil(min(needed, MOST_DRAWS)))
+    # a hidden state that diverges under added noise has no finite derivative
+    return int(np.ceil(min(needed, MOST_DRAWS))) if np.isfinite(needed) else 1
 
 
 def noisy_parameters(model: Model) -> Array:

@@ -12,6 +12,8 @@ from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.joints.differences import Differences
 from drake_cafim.diagnosis.joints.more_noise import draws, has_feedback, noisy_parameters, with_more_noise
 from drake_cafim.diagnosis.joints.noise_of_reading import Smoothing, has_equal_lags
+from drake_cafim.diagnosis.joints.other_inertia import is_other_inertia, noise_cost
+from drake_cafim.diagnosis.joints.unknown_columns import UnknownColumns
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
@@ -120,32 +122,31 @@ class WeakFormRows(Problem):
     def penalty(self, model: Model) -> float:
         physics = model.physics(self.scene)
         start = sum(run.marginalise_start(physics).paid for run in self.runs) if has_unknown_start(physics) else 0.0
-        return start + self._noise_cost(model)
-
-    def _noise_cost(self, model: Model) -> float:
-        """Decrease of χ² by noise that the model's lags remove and those of the whitening do not.
-
-        Inverting a lag amplifies a channel's noise: explanations with and without one compare each under its own noise.
-        """
+        if self.has_other_noise(model):
+            return start + noise_cost(self, self.rewhitened(model), model)
+        # inverting a lag amplifies a channel's noise: explanations with and without one compare each under its own
         if has_equal_lags(model, self.under):
-            return self._smoothing.decrease(model)
+            return start + self._smoothing.decrease(model)
         rows, own = (problem.rows_of(model) for problem in (self, self.rewhitened(model)))
-        return float(own @ own - rows @ rows)
+        return start + float(own @ own - rows @ rows)
+
+    def has_other_noise(self, model: Model) -> bool:
+        return is_other_inertia(self.scene, self.runs[0].weak, model, self.under)
 
     @cached_property
     def _smoothing(self) -> Smoothing:
         return Smoothing(self.scene, self.runs, self.under)
 
     @cached_property
-    def _differences(self) -> Differences:
-        return Differences(self.scene, self.runs, self.prior_rows)
+    def _by_unknowns(self) -> UnknownColumns:
+        return UnknownColumns(Differences(self.scene, self.runs, self.prior_rows), self.prior_std)
 
     @property
     def forms(self) -> list[WeakForm]:
         return [run.weak for run in self.runs]
 
     def jacobian(self, model: Model) -> Array:
-        columns = [self._differences.by_unknown(model, i)[:, None] for i in range(len(model.unknown))]
+        columns = self._by_unknowns.of(model)
         columns += [self.effect_columns(model, position) for position in range(len(model.effects))]
         return np.concatenate([np.zeros((self.rows + len(model.unknown), 0)), *columns], axis=1)
 
@@ -154,9 +155,8 @@ class WeakFormRows(Problem):
         effect, physics = model.effects[position], model.physics(self.scene)
         found = _KnownColumns(self, physics)(effect)
         if found is None:
-            return np.stack(
-                [self._differences.by_strength(model, position, k) for k in range(len(effect.strengths))], axis=1
-            )
+            by_strength = self._by_unknowns.differences.by_strength
+            return np.stack([by_strength(model, position, k) for k in range(len(effect.strengths))], axis=1)
         if has_unknown_start(physics):
             parts = np.split(found, np.cumsum([run.rows for run in self.runs])[:-1])
             found = np.concatenate(
@@ -224,6 +224,9 @@ class _Plausible(ByKind[bool]):
             return False
         # a law that hardly acts may be real where noise remains, but compensates for something else where more does
         return effect.stands_out(together) or not self._leaves_more_than_noise
+
+    def tree(self, effect: Effect) -> bool:
+        return not effect.contradiction_in(self.model.physics(self.problem.scene).tree)
 
     def obstacle(self, effect: UnmodeledContact) -> bool:
         return touched_and_left(self.problem.runs, effect, self.model.physics(self.problem.scene))

@@ -16,11 +16,13 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from drake_cafim.diagnosis.predict.rotor_efforts import rotor_efforts
+from drake_cafim.diagnosis.rows.filtered_windows import FilteredWindows, apply_filter
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.verdict import EffortResidual
 from drake_cafim.dynamics.motion import equations_of_motion, motion
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.scenario.physics import Physics
+from drake_cafim.scenario.schema import Lowpass
 from drake_cafim.typing import Array, Indices
 
 ORDER = 4
@@ -29,6 +31,8 @@ CUTOFF, LARGEST_SHARE = 12.0, 0.2
 """Cutoff of F, Hz, and the largest share of the sampling rate that it may be."""
 WIDER, NYQUIST_SHARE = 5.0, 0.8
 """Cutoff of the positions' filter over that of F, and the largest share of the Nyquist frequency that it may be."""
+BEYOND_MAKERS = 1.25
+"""Largest cutoff of F over that of the filter that the maker of a recording applied to its efforts."""
 SHORTEST, TRANSIENT = 12.0, 3.0
 """In periods of the cutoff: the shortest stretch without gaps that is used, and the part left out at each of its ends,
 where the filter's assumption about the signal beyond the end is amplified by differentiating twice."""
@@ -60,9 +64,18 @@ def effort_residuals(
 
 
 def default_cutoff(forms: Sequence[WeakForm]) -> float:
-    """min(`CUTOFF`, `LARGEST_SHARE` × the lowest sampling rate of the recordings), Hz."""
+    """min(`CUTOFF`, `LARGEST_SHARE` × the lowest sampling rate of the recordings), Hz.
+
+    Where the efforts were filtered by their maker, not more than `BEYOND_MAKERS` × the cutoff of that filter.
+    """
     rate = min(1.0 / float(np.median(np.diff(weak.samples.time))) for weak in forms)
-    return min(CUTOFF, LARGEST_SHARE * rate)
+    makers = [lowpass.cutoff for weak in forms if (lowpass := _makers_filter(weak)) is not None]
+    return min(CUTOFF, LARGEST_SHARE * rate, *(BEYOND_MAKERS * cutoff for cutoff in makers))
+
+
+def _makers_filter(weak: WeakForm) -> Lowpass | None:
+    windows = weak.samples.windows
+    return windows.lowpass if isinstance(windows, FilteredWindows) else None
 
 
 def _stretches(weak: WeakForm, cutoff: float) -> Iterator[Indices]:
@@ -103,6 +116,9 @@ def _filtered_efforts(
     states = weak.contact_memory(physics)[stretch].T
     memory = np.stack([np.interp(even, time, column) for column in states], axis=1) if len(states) else None
     required = _inverse_dynamics(physics, (q, v, a), acted, (even, weak.samples.recording.name), memory)
+    lowpass = _makers_filter(weak)
+    if lowpass is not None:
+        required = apply_filter(lowpass, required, rate)
     inside = (even >= even[0] + TRANSIENT / cutoff) & (even <= even[-1] - TRANSIENT / cutoff)
     return low_pass(required, cutoff)[inside], low_pass(acted, cutoff)[inside]
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drake_cafim.diagnosis.rows.measured_rows import MeasuredRows
+from drake_cafim.diagnosis.rows.mobility import Mobility, rotors_of
 from drake_cafim.effects.actuator import ActuatorEffect, Effort
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
@@ -27,11 +28,12 @@ class ActingEffort:
 
 @dataclass(frozen=True)
 class EffortRows:
-    """The rows' terms of efforts; `inverse_mass` M⁻¹ (N, n, n) where velocities are measured, else empty."""
+    """The rows' terms of efforts; `mobility` where velocities are measured, else None."""
 
     rows: MeasuredRows
-    inverse_mass: Array
+    mobility: Mobility | None
     _acting: dict[tuple[object, ...], ActingEffort] = field(default_factory=dict, repr=False, compare=False)
+    _asked: dict[tuple[float, ...], Array] = field(default_factory=dict, repr=False, compare=False)
     _behind: dict[tuple[object, ...], float] = field(default_factory=dict, repr=False, compare=False)
 
     def integral(self, physics: Physics) -> Array:
@@ -42,11 +44,26 @@ class EffortRows:
         return integral
 
     def steps(self, physics: Physics) -> Array:
-        """(M, n or 0): how the kinematic rows' correction for steps of v̇ changes by the actuator effects."""
-        steps = np.zeros((len(self.rows.windows), self.rows.u.shape[1] if len(self.inverse_mass) else 0))
-        for j in _changed(physics) if steps.size else ():
+        """(M, n or 0) correction of the kinematic rows for the steps of v̇ that the acting efforts u cause, M⁻¹ u."""
+        if self.mobility is None:
+            return np.zeros((len(self.rows.windows), 0))
+        rotors = rotors_of(physics)
+        if rotors not in self._asked:
+            make_room(self._asked, CACHED_TERMS)
+            self._asked[rotors] = self._steps_of_asked(self.mobility.of(physics))
+        steps = self._asked[rotors].copy()
+        for j in _changed(physics):
             steps += self._of(physics, j).steps
         return steps
+
+    def _steps_of_asked(self, mobility: Array) -> Array:
+        """(M, n) the correction for the efforts as commanded."""
+        windows, ramped = self.rows.windows, np.array(self.rows.ramped)
+        total = np.zeros((len(windows), self.rows.u.shape[1]))
+        for ramp in set(self.rows.ramped):
+            acceleration = (mobility @ np.where(ramped == ramp, self.rows.u, 0.0)[..., None])[..., 0]
+            total += windows.steps(windows.time, ramp) @ acceleration
+        return total
 
     def effort(self, physics: Physics, joint: int) -> Effort:
         """The effort that acts at `joint` over time, its actuator effects included."""
@@ -71,20 +88,21 @@ class EffortRows:
     def _of(self, physics: Physics, joint: int) -> ActingEffort:
         """The terms of one joint, cached by its actuator effects."""
         name = physics.tree.joints[joint].name
-        key = (joint, *((effect.name, *effect.values.values()) for effect in physics.actuators if effect.at == name))
+        acting = ((effect.name, *effect.values.values()) for effect in physics.actuators if effect.at == name)
+        key = (joint, rotors_of(physics), *acting)
         if key not in self._acting:
             windows = self.rows.windows
             effort = self.effort(physics, joint)
             integral = np.asarray(windows.held(effort.times, effort.ramped) @ effort.values)
             make_room(self._acting, CACHED_TERMS)
-            self._acting[key] = ActingEffort(integral, self._step(joint, effort))
+            self._acting[key] = ActingEffort(integral, self._step(physics, joint, effort))
         return self._acting[key]
 
-    def _step(self, joint: int, effort: Effort) -> Array:
+    def _step(self, physics: Physics, joint: int, effort: Effort) -> Array:
         windows, asked = self.rows.windows, self.rows.u[:, joint : joint + 1]
-        if not len(self.inverse_mass):
+        if self.mobility is None:
             return np.zeros((len(windows), 0))
-        by_effort = self.inverse_mass[:, :, joint]
+        by_effort = self.mobility.of(physics)[:, :, joint]
         at = np.clip(np.searchsorted(windows.time, effort.times, side="right") - 1, 0, None)
         acting = windows.steps(effort.times, effort.ramped) @ (by_effort[at] * effort.values[:, None])
         return np.asarray(acting - windows.steps(windows.time, self.rows.ramped[joint]) @ (by_effort * asked))

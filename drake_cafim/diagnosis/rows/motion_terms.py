@@ -11,10 +11,10 @@ from drake_cafim.diagnosis.rows.inertial_regressor import InertialRegressor, Lin
 from drake_cafim.diagnosis.rows.kinematic_rows import KinematicRows, lags_of
 from drake_cafim.diagnosis.rows.measured_rows import MeasuredRows
 from drake_cafim.diagnosis.rows.measurement import Measurement, corrected_measurement, joint_samples_of
+from drake_cafim.diagnosis.rows.mobility import Mobility
 from drake_cafim.diagnosis.rows.samples import Samples
 from drake_cafim.dynamics.contact import WrenchSensor
-from drake_cafim.dynamics.inverses import inverses
-from drake_cafim.dynamics.motion import Motion, mass_matrix, motion
+from drake_cafim.dynamics.motion import Motion, motion
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
@@ -33,7 +33,7 @@ class MotionTerms:
     """The smoothed motion."""
     regressor: InertialRegressor
     kinematic: Array
-    """(M, n or 0) ∫ ẇ q dt + ∫ w v dt, corrected for the steps of v̇."""
+    """(M, n or 0) ∫ ẇ q dt + ∫ w v dt, not corrected for the steps of v̇ yet."""
     driven: EffortRows
     acting: ForceRows
     louder: Array
@@ -74,30 +74,17 @@ class MotionTermsCache:
         moving = replace(motion(physics.tree, measured.q_hat, measured.v_hat), lasting=np.gradient(samples.time))
         joints = samples.q.shape[1]
         kinematic, louder = np.zeros((len(windows), 0)), np.ones((len(windows), joints))
-        inverse_mass: Array = np.zeros((0, joints, joints))
         if samples.velocity_measured:
-            inverse_mass = inverses(mass_matrix(moving) + np.diag(physics.rotor_inertias))
-            correction = _correction_of_efforts(samples, inverse_mass, measured.u)
             lags = lags_of(physics.sensors)
             others = tuple(effect for effect in physics.sensors if effect not in lags)
             as_written = measured
             if lags:
                 as_written = corrected_measurement(samples, self.sensors, replace(physics, sensors=others))
             q, v, louder = self._kinematic.compared(lags, physics.tree.joint_names, as_written.q, as_written.v)
-            kinematic = (windows.rate @ q + windows.value @ v - correction) * louder
+            kinematic = (windows.rate @ q + windows.value @ v) * louder
         at_joints = joint_samples_of(samples, measured, samples.v_std)
         regressor = self._links.regressor(moving, measured.v)
         rows = MeasuredRows(windows, measured.v, measured.u, measured.v_hat, measured.wrenches, samples.ramped)
-        driven = EffortRows(rows, inverse_mass)
+        driven = EffortRows(rows, Mobility(moving) if samples.velocity_measured else None)
         acting = ForceRows(windows, samples.recording.name, at_joints, moving)
         return MotionTerms(measured, rows, at_joints, moving, regressor, kinematic, driven, acting, louder)
-
-
-def _correction_of_efforts(samples: Samples, inverse_mass: Array, u: Array) -> Array:
-    """(M, n) correction of the kinematic rows for the steps of v̇ that efforts `u` (N, n) cause, M⁻¹ u."""
-    time, ramped = samples.time, np.array(samples.ramped)
-    total = np.zeros((len(samples.windows), samples.q.shape[1]))
-    for ramp in set(samples.ramped):
-        acceleration = (inverse_mass @ np.where(ramped == ramp, u, 0.0)[..., None])[..., 0]
-        total += samples.windows.steps(time, ramp) @ acceleration
-    return total

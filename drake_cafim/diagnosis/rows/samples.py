@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from drake_cafim.diagnosis.noise.coloured import CorrelatedNoise, drawn
 from drake_cafim.diagnosis.noise.feedback import Feedback
 from drake_cafim.diagnosis.noise.slow_channels import Bridges
+from drake_cafim.diagnosis.rows.filtered_windows import FilteredWindows, reach_of
 from drake_cafim.diagnosis.rows.position_smoothing import Track, track_of
 from drake_cafim.diagnosis.rows.test_functions import Windows, lay_windows
 from drake_cafim.diagnosis.rows.velocity_smoothing import Noise, Velocity, VelocityNoise, resting
@@ -23,6 +24,7 @@ from drake_cafim.diagnosis.thresholds import (
 from drake_cafim.errors import InputError
 from drake_cafim.numerics.local_polynomial import local_polynomial
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
+from drake_cafim.scenario.schema import Lowpass
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array, Flags
 
@@ -91,6 +93,8 @@ def over_wider_windows(samples: Samples, times: float) -> Samples | None:
     for first, stop in zip(windows.first, windows.stop, strict=True):
         covered[first:stop] = True
     wide = lay_windows(samples.time, covered, times * windows.width)
+    if isinstance(windows, FilteredWindows):
+        wide = FilteredWindows.of(wide, windows.lowpass)
     return replace(samples, windows=wide) if len(wide) >= 3 else None
 
 
@@ -173,7 +177,14 @@ def samples_of(
     u = recording.matrix("u", names)
     time = recording.time
     measured = all(f"v.{name}" in recording.columns for name in names)
-    width = max(width, 12.0 * float(np.median(np.diff(time))))
+    lowpass, period = effort_filter(scene), float(np.median(np.diff(time)))
+    if lowpass and not lowpass.cutoff < 0.5 / period:
+        raise InputError(
+            f"{scene.name}: the cutoff {lowpass.cutoff:g} Hz of u is not below half the rate of {recording.name}, "
+            f"{0.5 / period:.4g} Hz, expected a lowpass with the cutoff of the filter that was applied"
+        )
+    # a window narrower than the filter's response says nothing more, and its rows are hardly independent
+    width = max(width, 12.0 * period, 1.0 / lowpass.cutoff if lowpass else 0.0)
     v = recording.matrix("v", names) if measured else np.zeros_like(q)
     wrenches = tuple(recording.wrench(sensor.name) for sensor in scene.wrench_sensors)
     usable = np.all(np.isfinite(np.concatenate([q, v, u, *wrenches], axis=1)), axis=1)
@@ -187,7 +198,10 @@ def samples_of(
     memories = dict(memories or {})
     noise = _velocity_noise(names, std, memories, measured)
     usable &= (time >= time[0] + END_MARGIN) & (time <= time[-1] - END_MARGIN)
-    windows = lay_windows(time, _away_from(~usable, smooth_q), width)
+    usable = _away_from(~usable, smooth_q)
+    if lowpass:
+        usable = _beyond_response(usable, reach_of(lowpass, 1.0 / period))
+    windows = lay_windows(time, usable, width)
     if len(windows) < 3:
         _refuse_other_stamps(recording, scene)
         raise InputError(
@@ -201,7 +215,7 @@ def samples_of(
         u,
         wrenches,
         std,
-        windows,
+        FilteredWindows.of(windows, lowpass) if lowpass else windows,
         smooth_q,
         tuple(Velocity.over(VELOCITY_SMOOTHING_REACH, time, of_joint) for of_joint in noise),
         tuple(resting(time, q[:, j], v[:, j], of_joint) for j, of_joint in enumerate(noise)),
@@ -210,6 +224,23 @@ def samples_of(
         memories,
         dict(bridges or {}),
     )
+
+
+def effort_filter(scene: Scene) -> Lowpass | None:
+    """The filter that the maker of the recordings applied to all efforts; None where there is none.
+
+    Raises `InputError` where the efforts of the joints were filtered in different ways.
+    """
+    filters = {name: scene.channel(f"u.{name}") for name in scene.tree.joint_names}
+    found = {name: channel.lowpass if channel is not None else None for name, channel in filters.items()}
+    if len(set(found.values())) > 1:
+        one, *others = found
+        other = next(name for name in others if found[name] != found[one])
+        raise InputError(
+            f"{scene.name}: the efforts of {one} and {other} are filtered differently (channels: u: lowpass), expected "
+            "one filter of all joints, as the equations of the joints are filtered together"
+        )
+    return next(iter(found.values()), None)
 
 
 def moves(samples: Samples) -> bool:
@@ -259,6 +290,13 @@ def _filled(values: Array) -> Array:
     index = np.where(np.isfinite(values), np.arange(len(values))[:, None], 0)
     held = np.take_along_axis(values, np.maximum.accumulate(index, axis=0), axis=0)
     return np.asarray(np.nan_to_num(held), dtype=float)
+
+
+def _beyond_response(usable: Flags, reach: int) -> Flags:
+    """(N,) True for `usable` samples with none that is not, and no end of the recording, within `reach` samples."""
+    missing = np.concatenate([np.ones(reach), ~usable, np.ones(reach)])
+    near = np.convolve(missing, np.ones(2 * reach + 1), mode="valid")
+    return np.asarray(near == 0.0)
 
 
 def _away_from(missing: Flags, smooth: sp.csr_matrix) -> Flags:

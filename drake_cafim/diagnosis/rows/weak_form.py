@@ -109,7 +109,7 @@ class WeakForm:
             dynamic[:, physics.tree.joint_index(coupling.at)] += self.couplings.rows(physics, coupling)
         # divided by the effort gains: otherwise a gain of zero with no motion would fit perfectly
         kinematic = terms.kinematic
-        if physics.actuators and kinematic.size:
+        if kinematic.size:
             kinematic = kinematic - terms.driven.steps(physics) * terms.louder
         rows = [kinematic, dynamic / physics.effort_gains]
         return np.concatenate([*rows, *terms.rows.read], axis=1) + self.contact_rows(physics)

@@ -17,6 +17,7 @@ from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE, UNKNOWN_FAR_IN
 from drake_cafim.diagnosis.trace import NOMINAL, OTHERS, Record, name_of, names_of, spoken
 from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.rounding import short
+from drake_cafim.scenario.inertials import INERTIALS
 from drake_cafim.scenario.unknown import UnknownParameter
 from drake_cafim.scene.scene import Scene
 
@@ -286,6 +287,14 @@ def record_far_unknown(scene: Scene, unknown: UnknownParameter, model: Model) ->
     """An unknown parameter whose value in `model` is too far from its prior mean."""
     i = scene.unknown.index(unknown)
     distance = float(distances(scene, model)[i])
+    if unknown.kind == INERTIALS:
+        words = (
+            f"its ten inertial parameters together are {short(distance)} prior standard deviations from the model's; "
+            f"beyond {short(UNKNOWN_FAR_IN_PRIOR_STDS)} they are a mismatch, so the verdict is unexplained"
+        )
+        asked = name_of((INERTIALS, unknown.at))
+        limit = UNKNOWN_FAR_IN_PRIOR_STDS
+        return Record("far_unknown", asked, distance, limit, True, words, "prior standard deviations")
     unit = "" if unknown.prior.unit == "1" else f" {unknown.prior.unit}"
     words = (
         f"its fitted value {short(float(model.unknown[i]), 4)}{unit} is {short(distance)} prior standard "

@@ -12,7 +12,8 @@ import numpy as np
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.thresholds import UNKNOWN_FAR_IN_PRIOR_STDS
-from drake_cafim.scenario.unknown import UnknownParameter
+from drake_cafim.scenario.inertials import INERTIALS, distance_together
+from drake_cafim.scenario.unknown import UnknownParameter, inertials
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -24,8 +25,16 @@ def far_unknowns(scene: Scene, model: Model) -> tuple[UnknownParameter, ...]:
 
 
 def distances(scene: Scene, model: Model) -> Array:
-    """(n,) |value − mean|/std of each unknown, by its stated prior."""
-    return np.asarray(np.abs(model.unknown - scene.priors.mean) / scene.priors.std, dtype=float)
+    """(n,) |value − mean|/std of each unknown, by its stated prior.
+
+    The ten inertials of a link have one distance together, at the first of them, and zero at the others.
+    """
+    shift = (model.unknown - scene.priors.mean) / scene.priors.std
+    distance = np.abs(shift)
+    for own in inertials(scene.unknown).values():
+        distance[own] = 0.0
+        distance[own.start] = distance_together(shift[own])
+    return np.asarray(distance, dtype=float)
 
 
 def free_priors(scene: Scene, parent: Fit, least: float) -> Iterator[Model]:
@@ -39,7 +48,8 @@ def free_priors(scene: Scene, parent: Fit, least: float) -> Iterator[Model]:
     J, z = parent.jacobian / np.where(size > 0.0, size, 1.0), parent.residual
     H, g = J.T @ J, J.T @ z
     for i, unknown in enumerate(scene.unknown):
-        if unknown in parent.model.free:
+        # of a link's inertials, ten of one prior, the effect `inertial_error` is what no prior holds
+        if unknown in parent.model.free or unknown.kind == INERTIALS:
             continue
         prior, distance = J[data + i], z[data + i]
         own_H, own_g = H - np.outer(prior, prior), g - prior * distance

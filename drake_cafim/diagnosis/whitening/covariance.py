@@ -12,6 +12,7 @@ from drake_cafim.diagnosis.noise.coloured import covariance
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.impact_noise import impact_covariance
 from drake_cafim.diagnosis.whitening.kinked_law_noise import kinked_law_covariance
+from drake_cafim.diagnosis.whitening.mobility_noise import mobility_covariance
 from drake_cafim.diagnosis.whitening.noise_jacobian import noise_jacobian
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -65,7 +66,9 @@ def whitening(
     """
     jacobian, labels = noise_jacobian(weak, physics)
     # what the first-order Jacobian leaves out: kinks and jumps within the noise
-    beyond = kinked_law_covariance(weak, physics) + impact_covariance(weak, physics)
+    beyond = (
+        kinked_law_covariance(weak, physics) + impact_covariance(weak, physics) + mobility_covariance(weak, physics)
+    )
     for density, part in (
         zip(unknown_force, unknown_force_factors(weak, physics), strict=True) if np.any(unknown_force) else ()
     ):

@@ -1,0 +1,63 @@
+"""Derivatives of whitened rows by the log-Cholesky parameters of links' unknown inertials, by the chain rule.
+
+The dynamic rows are linear in each link's ten inertial parameters φ: their whitened regressor is computed once for a
+gravity, the actuators' gains and the sensor effects, and ∂rows/∂θ = (∂rows/∂φ) (∂φ/∂θ) follows for every θ.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_cafim.diagnosis.rows.inertial_regressor import INERTIAL
+from drake_cafim.diagnosis.whitening.whitened_run import Run
+from drake_cafim.dynamics.pseudo_inertia import in_frame, inertial_parameters, pseudo_inertia, slopes
+from drake_cafim.dynamics.tree import FIXED
+from drake_cafim.numerics.cache import make_room
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+CACHED = 4
+"""Most cached regressors."""
+
+
+@dataclass(frozen=True)
+class InertialColumns:
+    """The columns (R, 10) of links' inertials in the whitened rows of all `runs`."""
+
+    runs: Sequence[Run]
+    _known: dict[tuple[object, ...], dict[int, Array]] = field(default_factory=dict, repr=False, compare=False)
+
+    def of(self, physics: Physics, model: Physics, link: str, theta: Array) -> Array:
+        """(R, 10) ∂rows/∂θ at `theta` (10,) of the body `link` of the `model`, whose inertials θ changes.
+
+        `physics` is what acts, effects included.
+        """
+        body = model.tree.body(link)
+        if body.joint == FIXED:
+            return np.zeros((sum(run.rows for run in self.runs), INERTIAL))
+        by = in_frame(slopes(pseudo_inertia(body), theta), body.R_JB, body.p_JB)
+        return np.asarray(self._regressor(physics, body.joint) @ inertial_parameters(by).T)
+
+    def _regressor(self, physics: Physics, joint: int) -> Array:
+        """(R, 10) whitened ∂rows/∂φ of what is fixed to a joint's moving frame; cached."""
+        moved = tuple((e.key, *e.values.values()) for e in physics.sensors if not e.at.startswith("wrench."))
+        key = physics.gravity.tobytes(), physics.effort_gains.tobytes(), moved
+        if key not in self._known:
+            make_room(self._known, CACHED)
+            self._known[key] = {}
+        known = self._known[key]
+        if joint not in known:
+            known[joint] = np.concatenate([_whitened(run, physics, joint) for run in self.runs])
+        return known[joint]
+
+
+def _whitened(run: Run, physics: Physics, joint: int) -> Array:
+    """One recording's rows (R, 10) by the inertial parameters of what is fixed to a joint's moving frame."""
+    weak = run.weak
+    regressor = weak.terms(physics).regressor
+    rows = np.zeros((len(weak.samples.windows), weak.rows_per_window, INERTIAL))
+    dynamic = regressor.inertia[:, :, joint].copy()
+    dynamic[..., :4] += regressor.weight[:, :, joint] @ physics.gravity
+    rows[:, weak.dynamic] = dynamic / physics.effort_gains[:, None]
+    return run.whitened(rows)

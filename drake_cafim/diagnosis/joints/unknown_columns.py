@@ -1,0 +1,49 @@
+"""Derivatives of whitened rows by a scene's unknowns: links' inertials by the chain rule, the others by differences."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.differences import Differences
+from drake_cafim.diagnosis.joints.inertial_columns import InertialColumns
+from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
+from drake_cafim.scenario.unknown import inertials
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class UnknownColumns:
+    """The columns of a Jacobian by unknowns, from `differences` and, of inertials, analytic.
+
+    `prior_std` gives the (n,) standard deviations of the priors under a model.
+    """
+
+    differences: Differences
+    prior_std: Callable[[Model], Array]
+
+    def of(self, model: Model) -> list[Array]:
+        """Whitened rows and prior rows (R + n, 1) by each unknown, or (R + n, 10) by a link's inertials, in order."""
+        scene, n = self.differences.scene, len(model.unknown)
+        links = {own.start: (link, own) for link, own in inertials(scene.unknown).items()}
+        physics = model.physics(scene) if links else scene.physics
+        if physics.couplings or has_unknown_start(physics):
+            # what a rotor behind an elastic gear does to the rows is not linear in the link's inertia
+            links = {}
+        columns, i = [], 0
+        while i < n:
+            if i not in links:
+                columns.append(self.differences.by_unknown(model, i)[:, None])
+                i += 1
+                continue
+            link, own = links[i]
+            rows = self._inertials.of(physics, scene.bare or scene.physics, link, model.unknown[own])
+            columns.append(np.concatenate([rows, np.diag(1.0 / self.prior_std(model))[:, own]]))
+            i = own.stop
+        return columns
+
+    @cached_property
+    def _inertials(self) -> InertialColumns:
+        return InertialColumns(self.differences.runs)
