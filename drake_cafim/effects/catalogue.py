@@ -36,6 +36,14 @@ from drake_cafim.effects.normal_contact import (
 )
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorBias, SensorDrift, SensorGainError, SensorMisalignment
+from drake_cafim.effects.servo_effect import (
+    CommandDelay,
+    CommandLag,
+    CommandRateLimit,
+    ServoDeadBand,
+    ServoGainError,
+    SupplySag,
+)
 from drake_cafim.effects.surface import SurfaceOffset, SurfaceTilt
 from drake_cafim.effects.timing import ClockSkew, SensorDelay, SensorLag
 from drake_cafim.effects.transmission import JointHardStop, TorqueRipple
@@ -59,6 +67,12 @@ EFFECTS: tuple[type[Effect], ...] = (
     ActuatorLag,
     ActuatorSaturation,
     ActuatorDeadZone,
+    ServoGainError,
+    ServoDeadBand,
+    SupplySag,
+    CommandDelay,
+    CommandLag,
+    CommandRateLimit,
     Payload,
     GravityMisalignment,
     AerodynamicDrag,

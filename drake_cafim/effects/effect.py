@@ -101,6 +101,12 @@ class JointSamples:
             self._signs[width] = MeanSign.of(self.v, self.v_std, width)
         return self._signs[width]
 
+    def with_effort(self, u: Array) -> "JointSamples":
+        """The samples with the efforts `u` (N,) N m or N; the cached signs are shared."""
+        changed = replace(self, u=u)
+        object.__setattr__(changed, "_signs", self._signs)
+        return changed
+
     def with_velocity_change(self, by: Array) -> "JointSamples":
         """The samples with velocities changed `by` (N,) rad/s or m/s."""
         return replace(self, v=self.v + by)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.tree import Tree
+from drake_cafim.effects.servo import Servo
 
 
 @dataclass(frozen=True)
@@ -16,6 +17,8 @@ class Surroundings:
     columns: Sequence[str] = ()
     thrown: str | None = None
     """The body that is thrown; None for a robot."""
+    servos: Sequence[Servo] = ()
+    """The position servos that drive joints in the recordings."""
 
 
 @dataclass(frozen=True)

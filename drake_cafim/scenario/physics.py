@@ -18,6 +18,8 @@ from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect, Force, JointSamples
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.effects.servo import Servo
+from drake_cafim.effects.servo_effect import ServoEffect
 from drake_cafim.numerics.cross import cross
 from drake_cafim.typing import Array, Indices
 
@@ -46,6 +48,9 @@ class Physics:
     sensors: tuple[SensorEffect, ...] = ()
     couplings: tuple[JointCoupling, ...] = ()
     body_forces: tuple[BodyForce, ...] = ()
+    servos: tuple[Servo, ...] = ()
+    """The position servos as the scenario states them; `servo_at` includes their effects."""
+    servo_effects: tuple[ServoEffect, ...] = ()
 
     @property
     def rotor_inertias(self) -> Array:
@@ -71,6 +76,14 @@ class Physics:
         for effect in self.actuators:
             gains[self.tree.joint_index(effect.at)] *= effect.gain
         return gains
+
+    def servo_at(self, joint: str) -> Servo:
+        """The servo at `joint`, its effects included."""
+        servo = next(servo for servo in self.servos if servo.joint == joint)
+        for effect in self.servo_effects:
+            if effect.at == joint:
+                servo = effect.of(servo)
+        return servo
 
     @property
     def dampings(self) -> Array:

@@ -41,6 +41,7 @@ from drake_cafim.scenario.names import check_names, naming
 from drake_cafim.scenario.packaged import packaged_folder
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import UNRECORDED, Channel, EffectEntry, Scenario, Weld, load
+from drake_cafim.scenario.servos import servos_of
 from drake_cafim.scenario.surfaces import contact_of
 from drake_cafim.scenario.unknown import UnknownParameter, apply_unknowns, priors, unknown_parameters, with_unknowns
 from drake_cafim.scenario.unknown_effects import effects_of_unknowns
@@ -150,7 +151,8 @@ class Scene:
         contacts = tuple(
             contact_of(pair, self.plant, self.scene_graph, self.tree, q, self.name) for pair in self.scenario.contact
         )
-        bare = Physics(self.tree, np.array(self.scenario.gravity, dtype=float), contacts)
+        servos = servos_of(self.scenario.servo, self.stated.servos, self.tree, self.joint_names, self.name)
+        bare = Physics(self.tree, np.array(self.scenario.gravity, dtype=float), contacts, servos=servos)
         sensors = [name for name in self.scenario.channels if name.startswith(("wrench.", "pose."))]
         of_model = tuple(model_effects(self.stated, self.tree, self.vocabulary))
         stated = known_effects(self.scenario.effects, bare, self.vocabulary, sensors, self.name)

@@ -12,10 +12,12 @@ from drake_cafim.diagnosis.rows.kinematic_rows import KinematicRows, lags_of
 from drake_cafim.diagnosis.rows.measured_rows import MeasuredRows
 from drake_cafim.diagnosis.rows.measurement import Measurement, corrected_measurement, joint_samples_of
 from drake_cafim.diagnosis.rows.samples import Samples
+from drake_cafim.diagnosis.rows.servo_efforts import ServoMotion, servo_key
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.inverses import inverses
 from drake_cafim.dynamics.motion import Motion, mass_matrix, motion
 from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.servo import ServoEffort
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -38,8 +40,23 @@ class MotionTerms:
     acting: ForceRows
     louder: Array
     """(M, n), the factor that scales `kinematic` to the noise that it has without a sensor's lag."""
+    servos: dict[int, ServoEffort] = field(default_factory=dict)
+    """The efforts of the servos that drive joints, by the joint's index."""
     in_doubt: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False, compare=False)
     """Cached rows of the unknown initial state of sensors' lags, by the sensor and its time constant."""
+
+    def driven_by(self, servos: dict[int, ServoEffort]) -> "MotionTerms":
+        """The terms with the efforts of `servos` added to the recorded ones."""
+        u, ramped, joints = self.rows.u.copy(), list(self.rows.ramped), list(self.joints)
+        for j, effort in servos.items():
+            u[:, j] += effort.value
+            # sampled, and smooth between the samples but for the steps of the command
+            ramped[j] = True
+            joints[j] = joints[j].with_effort(u[:, j])
+        rows = replace(self.rows, u=u, ramped=tuple(ramped))
+        acting = ForceRows(self.acting.windows, self.acting.recording, tuple(joints), self.moving)
+        driven = EffortRows(rows, self.driven.inverse_mass)
+        return replace(self, rows=rows, joints=tuple(joints), driven=driven, acting=acting, servos=servos)
 
 
 @dataclass(frozen=True)
@@ -49,16 +66,32 @@ class MotionTermsCache:
     samples: Samples
     sensors: tuple[WrenchSensor, ...]
     _cache: dict[tuple[object, ...], MotionTerms] = field(default_factory=dict, repr=False, compare=False)
+    _driven: dict[tuple[object, ...], MotionTerms] = field(default_factory=dict, repr=False, compare=False)
 
     def of(self, physics: Physics) -> MotionTerms:
-        """The terms under the sensor effects of `physics`; its other effects do not matter."""
+        """The terms under the sensor effects and the servos of `physics`; its other effects do not matter."""
         key = tuple(
             (effect.key, *effect.values.values()) for effect in physics.sensors if not effect.at.startswith("wrench.")
         )
         if key not in self._cache:
             make_room(self._cache, 4)
             self._cache[key] = self._compute(physics)
-        return self._cache[key]
+        if not self.samples.commands:
+            return self._cache[key]
+        under = (*key, *servo_key(physics))
+        if under not in self._driven:
+            make_room(self._driven, 8)
+            base = self._cache[key]
+            motion = ServoMotion(self.samples.time, self._read(physics), base.measured.v, self.samples.commands)
+            self._driven[under] = base.driven_by(motion.efforts(physics))
+        return self._driven[under]
+
+    def _read(self, physics: Physics) -> Array:
+        """(N, n) the positions that the encoders read, corrected for delays and lags of the recording alone."""
+        late = tuple(effect for effect in physics.sensors if effect.late)
+        if not any(effect.at.startswith("q.") for effect in late):
+            return self.samples.q
+        return corrected_measurement(self.samples, self.sensors, replace(physics, sensors=late)).q
 
     @cached_property
     def _kinematic(self) -> KinematicRows:

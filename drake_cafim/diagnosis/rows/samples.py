@@ -23,11 +23,9 @@ from drake_cafim.diagnosis.thresholds import (
 from drake_cafim.errors import InputError
 from drake_cafim.numerics.local_polynomial import local_polynomial
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
+from drake_cafim.scene.driving import RAMPED, Command, commands_of, driven_by_servo, with_idle_efforts
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array, Flags
-
-RAMPED = "first_order"
-"""The `hold` of a channel whose values are linear from sample to sample."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +57,8 @@ class Samples:
     """Correlation models by column; a column that is not in it has white noise."""
     bridges: Bridges = field(default_factory=dict)
     """Interpolation matrices (N, N) of the columns that are sampled more slowly than the others."""
+    commands: Mapping[int, Command] = field(default_factory=dict)
+    """The commands of the joints that a servo drives, by the joint's index; `u` is then what acts beside the servo."""
 
     @cached_property
     def tracks(self) -> tuple[Track, ...]:
@@ -120,8 +120,9 @@ def add_noise(samples: Samples, rng: np.random.Generator, fed_back: bool = False
     if fed_back:
         u = u + Feedback.of(samples.q, samples.v, samples.u).carry_noise(q - samples.q, v - samples.v)
     columns = dict(samples.recording.columns)
-    for kind, values in (("q", q), ("u", u), *([("v", v)] if samples.velocity_measured else [])):
+    for kind, values in (("q", q), *([("v", v)] if samples.velocity_measured else [])):
         columns |= {f"{kind}.{name}": values[:, j] for j, name in enumerate(names)}
+    columns |= {f"u.{name}": u[:, j] for j, name in enumerate(names) if j not in samples.commands}
     for sensor, wrench in zip(sensors, wrenches, strict=True):
         columns |= {f"{sensor}.{axis}": wrench[:, k] for k, axis in enumerate(WRENCH_COMPONENTS)}
     recording = replace(samples.recording, columns=columns)
@@ -148,8 +149,9 @@ def with_recording(samples: Samples, scene: Scene, recording: Recording) -> Samp
             else resting(samples.time, q[:, j], v[:, j], of_joint)
             for j, of_joint in enumerate(noise)
         ),
-        u=_filled(recording.matrix("u", names)),
+        u=_filled(with_idle_efforts(scene, recording).matrix("u", names)),
         wrenches=tuple(_filled(recording.wrench(sensor.name)) for sensor in scene.wrench_sensors),
+        commands=_filled_commands(commands_of(scene, recording, [names[j] for j in samples.commands])),
     )
 
 
@@ -169,14 +171,18 @@ def samples_of(
     Raises `InputError` when a needed column is missing, or fewer than three windows fit between the recording's gaps.
     """
     names = scene.tree.joint_names
+    driven = driven_by_servo(scene, recording)
     q = recording.matrix("q", names)
-    u = recording.matrix("u", names)
+    u = with_idle_efforts(scene, recording).matrix("u", names)
     time = recording.time
     measured = all(f"v.{name}" in recording.columns for name in names)
     width = max(width, 12.0 * float(np.median(np.diff(time))))
     v = recording.matrix("v", names) if measured else np.zeros_like(q)
     wrenches = tuple(recording.wrench(sensor.name) for sensor in scene.wrench_sensors)
     usable = np.all(np.isfinite(np.concatenate([q, v, u, *wrenches], axis=1)), axis=1)
+    commands = commands_of(scene, recording, driven)
+    for command in commands.values():
+        usable &= np.isfinite(command.position) & np.isfinite(command.gain) & np.isfinite(command.supply)
     q, v, u = _filled(q), _filled(v), _filled(u)
     wrenches = tuple(_filled(wrench) for wrench in wrenches)
     smooth_q = local_polynomial(time, VELOCITY_SMOOTHING_REACH, 2, 0, at_least=2)
@@ -209,6 +215,7 @@ def samples_of(
         tuple((channel := scene.channel(f"u.{name}")) is not None and channel.hold == RAMPED for name in names),
         memories,
         dict(bridges or {}),
+        _filled_commands(commands),
     )
 
 
@@ -259,6 +266,18 @@ def _filled(values: Array) -> Array:
     index = np.where(np.isfinite(values), np.arange(len(values))[:, None], 0)
     held = np.take_along_axis(values, np.maximum.accumulate(index, axis=0), axis=0)
     return np.asarray(np.nan_to_num(held), dtype=float)
+
+
+def _filled_commands(commands: Mapping[int, Command]) -> dict[int, Command]:
+    """The commands with missing samples replaced by the last one before."""
+
+    def whole(values: Array) -> Array:
+        return _filled(values[:, None])[:, 0]
+
+    return {
+        j: replace(one, position=whole(one.position), gain=whole(one.gain), supply=whole(one.supply))
+        for j, one in commands.items()
+    }
 
 
 def _away_from(missing: Flags, smooth: sp.csr_matrix) -> Flags:
