@@ -44,6 +44,7 @@ from drake_cafim.effects.servo_effect import (
     ServoGainError,
     SupplySag,
 )
+from drake_cafim.effects.speed_limit import ActuatorSpeedLimit
 from drake_cafim.effects.surface import SurfaceOffset, SurfaceTilt
 from drake_cafim.effects.timing import ClockSkew, SensorDelay, SensorLag
 from drake_cafim.effects.transmission import JointHardStop, TorqueRipple
@@ -67,6 +68,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     ActuatorLag,
     ActuatorSaturation,
     ActuatorDeadZone,
+    ActuatorSpeedLimit,
     ServoGainError,
     ServoDeadBand,
     SupplySag,

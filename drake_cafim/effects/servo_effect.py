@@ -44,6 +44,15 @@ class ServoEffect(Effect):
         """The commanded position over time, rad (m), that the servo follows when `command` is sent."""
         return command
 
+    def after(self, now: float, sent: float, period: float) -> float:
+        """What is followed `period` s after `now` was, while `sent` is commanded, rad (m)."""
+        return sent
+
+    @property
+    def remembers(self) -> bool:
+        """Whether what is followed depends on earlier commands."""
+        return type(self).follow is not ServoEffect.follow
+
     def of(self, servo: Servo) -> Servo:
         """The servo with the effect."""
         return servo
@@ -185,6 +194,9 @@ class CommandLag(ServoEffect):
     def follow(self, command: Effort) -> Effort:
         return ActuatorLag(self.at, self.values).drive(command)
 
+    def after(self, now: float, sent: float, period: float) -> float:
+        return sent + (now - sent) * float(np.exp(-period / self.values["time_constant"]))
+
     def looks(self, rate: Array, error: Array) -> Iterator[Sequence[Direction]]:
         for constant in (0.001, 0.004, 0.012, 0.03, 0.08):
             yield (Direction({"time_constant": constant}, None, constant),)
@@ -212,6 +224,10 @@ class CommandRateLimit(ServoEffect):
     def follow(self, command: Effort) -> Effort:
         times, values = _rate_limited(command.times, command.values, command.ramped, self.values["rate"])
         return Effort(times, values, True)
+
+    def after(self, now: float, sent: float, period: float) -> float:
+        farthest = self.values["rate"] * period
+        return now + float(np.clip(sent - now, -farthest, farthest))
 
     def looks(self, rate: Array, error: Array) -> Iterator[Sequence[Direction]]:
         for share in (0.3, 0.6, 0.8, 0.9, 0.97):

@@ -16,7 +16,6 @@ EFFECTS = (
     "contact_law",
     "learned_force",
 )
-PARAMETERS = {("joint_load_dependent_friction", "external")}
 
 
 def refuse_key(kind: str, name: str, key: str) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.inverses import inverses
-from drake_cafim.dynamics.motion import Motion, equations_of_motion, momentum_balance
+from drake_cafim.dynamics.motion import Motion, bias_force, equations_of_motion, momentum_balance, motion
 from drake_cafim.dynamics.touching import sphere_wrenches
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.actuator import ActuatorEffect
@@ -84,6 +84,19 @@ class Physics:
             if effect.at == joint:
                 servo = effect.of(servo)
         return servo
+
+    @property
+    def depends_on_load(self) -> bool:
+        """Whether a joint's force depends on the load from outside."""
+        return any(effect.values.get("external", 0.0) > 0.0 for effect in self.joint_forces)
+
+    def loads(self, q: Array, memory: Array | None = None) -> Array:
+        """(N, n) the efforts by gravity and contacts at the joints, at rest at the positions `q` (N, n)."""
+        resting = motion(self.tree, q, np.zeros_like(q))
+        load = -bias_force(resting, self.gravity)
+        if self.contacts:
+            load = load + resting.project(self.contact_wrenches(resting, memory))
+        return np.asarray(load, dtype=float)
 
     @property
     def dampings(self) -> Array:

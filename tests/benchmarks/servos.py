@@ -35,7 +35,9 @@ NOMINAL_SUPPLY = 7.4
 
 def scene_of(folder: Path, scale: float, scratch: Path) -> Scene:
     """The set's scenario, with the servo's numbers unknown and their prior means `scale` times the stated ones."""
-    text = (folder / "scenario.yaml").read_text(encoding="utf-8").replace("pendulum.urdf", str(folder / "pendulum.urdf"))
+    text = (
+        (folder / "scenario.yaml").read_text(encoding="utf-8").replace("pendulum.urdf", str(folder / "pendulum.urdf"))
+    )
     text += "unknown:\n" + "".join(
         f"  - {{parameter: {name}, joint: pendulum, mean: {scale * value}, std: {0.5 * scale * value}}}\n"
         for name, value in SERVO.items()

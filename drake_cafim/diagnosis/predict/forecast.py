@@ -125,7 +125,10 @@ class _Course:
 
 
 def _courses(weak: WeakForm, physics: Physics, starts: Sequence[int], horizon: float) -> list[_Course]:
-    """The inputs of each window of `horizon` s from the samples `starts` on; an interval ends at each sample and at each knot of the efforts."""
+    """The inputs of each window of `horizon` s from the samples `starts` on.
+
+    An interval ends at each sample and at each knot of the efforts.
+    """
     time = weak.samples.time
     served = weak.samples.commands
     knots, efforts = acting_efforts(physics, time, weak.measurement(physics).u, weak.samples.ramped, served)

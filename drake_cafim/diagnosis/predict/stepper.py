@@ -43,9 +43,9 @@ def step(physics: Physics, state: State, effort: Array, duration: Array, servo: 
     M, bias = equations_of_motion(moving, physics.gravity)
     M = M + np.diag(physics.rotor_inertias)
     effort, by_servo = _driven(physics, servo, q_middle, state.v, effort, duration)
-    joints = [JointSamples(q_middle[:, j], state.v[:, j], effort[:, j]) for j in range(state.q.shape[1])]
+    joints = _joints(physics, q_middle, state.v, effort)
     law, _, slope = physics.applied_at_joints(joints)
-    slope = slope + by_servo
+    slope = slope + by_servo * (1.0 + law_by_effort(physics, joints))
     force = effort + law - bias
     memory = state.memory
     if memory is not None and memory.shape[1]:
@@ -61,6 +61,20 @@ def step(physics: Physics, state: State, effort: Array, duration: Array, servo: 
     implicit[:, diagonal, diagonal] -= 0.5 * h * slope
     change = np.linalg.solve(implicit, (h * force)[..., None])[..., 0]
     return State(state.q + h * (state.v + 0.5 * change), state.v + change, memory)
+
+
+def _joints(physics: Physics, q: Array, v: Array, effort: Array) -> list[JointSamples]:
+    """The samples at which joint laws are evaluated, from q, v and acting efforts (B, n)."""
+    load = physics.loads(q) if physics.depends_on_load else np.zeros_like(q)
+    return [JointSamples(q[:, j], v[:, j], effort[:, j], load=load[:, j]) for j in range(q.shape[1])]
+
+
+def law_by_effort(physics: Physics, joints: Sequence[JointSamples]) -> Array:
+    """(B, n) derivative of the joint laws by the efforts that act."""
+    total = np.zeros((len(joints[0].q), len(joints)))
+    for effect in physics.joint_forces:
+        total[:, physics.tree.joint_index(effect.at)] += physics.joint_force(effect, joints).d_u
+    return total
 
 
 def _driven(
@@ -95,12 +109,12 @@ def _step_by_laws(
     """`step` by compiled code, for physics whose only additions to the nominal model are joint laws."""
     q_middle = state.q + 0.5 * duration[:, None] * state.v
     effort, slope = _driven(physics, servo, q_middle, state.v, effort, duration)
-    joints = [JointSamples(q_middle[:, j], state.v[:, j], effort[:, j]) for j in range(state.q.shape[1])]
-    law = effort.copy()
+    joints = _joints(physics, q_middle, state.v, effort)
+    law, by_servo = effort.copy(), slope.copy()
     for effect in physics.joint_forces:
         j, found = physics.tree.joint_index(effect.at), physics.joint_force(effect, joints)
         law[:, j] += found.value
-        slope[:, j] += found.d_v
+        slope[:, j] += found.d_v + found.d_u * by_servo[:, j]
     return _step_compiled(physics, state, law, slope, duration, 1)
 
 

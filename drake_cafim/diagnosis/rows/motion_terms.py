@@ -45,14 +45,14 @@ class MotionTerms:
     in_doubt: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False, compare=False)
     """Cached rows of the unknown initial state of sensors' lags, by the sensor and its time constant."""
 
-    def driven_by(self, servos: dict[int, ServoEffort]) -> "MotionTerms":
-        """The terms with the efforts of `servos` added to the recorded ones."""
-        u, ramped, joints = self.rows.u.copy(), list(self.rows.ramped), list(self.joints)
+    def driven_by(self, servos: dict[int, ServoEffort], load: Array) -> "MotionTerms":
+        """The terms with the efforts of `servos` added to the recorded ones, and the `load` (N, n) from outside."""
+        u, ramped = self.rows.u.copy(), list(self.rows.ramped)
         for j, effort in servos.items():
             u[:, j] += effort.value
             # sampled, and smooth between the samples but for the steps of the command
             ramped[j] = True
-            joints[j] = joints[j].with_effort(u[:, j])
+        joints = [joint.under(u[:, j] if j in servos else joint.u, load[:, j]) for j, joint in enumerate(self.joints)]
         rows = replace(self.rows, u=u, ramped=tuple(ramped))
         acting = ForceRows(self.acting.windows, self.acting.recording, tuple(joints), self.moving)
         driven = EffortRows(rows, self.driven.inverse_mass)
@@ -76,14 +76,14 @@ class MotionTermsCache:
         if key not in self._cache:
             make_room(self._cache, 4)
             self._cache[key] = self._compute(physics)
-        if not self.samples.commands:
+        if not self.samples.commands and not physics.depends_on_load:
             return self._cache[key]
         under = (*key, *servo_key(physics))
         if under not in self._driven:
             make_room(self._driven, 8)
             base = self._cache[key]
             motion = ServoMotion(self.samples.time, self._read(physics), base.measured.v, self.samples.commands)
-            self._driven[under] = base.driven_by(motion.efforts(physics))
+            self._driven[under] = base.driven_by(motion.efforts(physics), physics.loads(base.measured.q_hat))
         return self._driven[under]
 
     def _read(self, physics: Physics) -> Array:

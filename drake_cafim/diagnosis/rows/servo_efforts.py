@@ -55,5 +55,7 @@ def mean_around(signal: Effort, time: Array) -> Array:
 
 
 def servo_key(physics: Physics) -> tuple[object, ...]:
-    """All numbers that the efforts of servos depend on, as a key of a cache."""
-    return (physics.servos, *((effect.key, *effect.values.items()) for effect in physics.servo_effects))
+    """All numbers that the efforts of servos and the loads from outside depend on, as a key of a cache."""
+    effects = ((effect.key, *effect.values.items()) for effect in physics.servo_effects)
+    contacts = (str(contact) for contact in physics.contacts)
+    return (physics.servos, *effects, physics.tree.inertial_parameters.tobytes(), physics.gravity.tobytes(), *contacts)
