@@ -199,14 +199,25 @@ class Scene:
         """
         beyond = joints_beyond_limits(self.tree, recordings)
         limited = tuple(name for name in beyond if self.std(f"u.{name}") == 0.0)
+        served = tuple(
+            servo.joint
+            for servo in self.stated.servos
+            if servo.joint in self.tree.joint_names
+            and self.tree.joints[self.tree.joint_index(servo.joint)].effort_limit < np.inf
+            and any(f"cmd.{servo.joint}" in recording.columns for recording in recordings)
+            and not any(f"u.{servo.joint}" in recording.columns for recording in recordings)
+        )
         measured = [name for name in beyond if name not in limited]
         notes = (
             [f"commands above the model's effort limits act at the limits ({list_names(limited)})"] if limited else []
         )
         if measured:
             notes.append(f"measured efforts exceed the model's limits, which are ignored ({list_names(measured)})")
+        if served:
+            notes.append(f"the model's servos act up to the efforts that it states ({list_names(served)})")
         if not notes:
             return self
+        limited = (*limited, *served)
         stated = replace(self.stated, notes=(*self.stated.notes, *notes))
         return replace(self, limited=limited, stated=stated).with_surfaces_at(np.zeros(len(self.tree.joints)))
 
