@@ -76,6 +76,11 @@ class EffortRows:
             windows = self.rows.windows
             effort = self.effort(physics, joint)
             integral = np.asarray(windows.held(effort.times, effort.ramped) @ effort.values)
+            if joint in self.rows.servos:
+                # the means around the samples stand for the steps between them in the difference alone
+                integral = (
+                    self.rows.asked[:, joint] + integral - windows.held(windows.time, True) @ self.rows.u[:, joint]
+                )
             make_room(self._acting, CACHED_TERMS)
             self._acting[key] = ActingEffort(integral, self._step(joint, effort))
         return self._acting[key]

@@ -1,5 +1,6 @@
 """The terms of one recording's rows that follow from its motion and efforts, cached by the sensor effects on these."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -12,12 +13,11 @@ from drake_cafim.diagnosis.rows.kinematic_rows import KinematicRows, lags_of
 from drake_cafim.diagnosis.rows.measured_rows import MeasuredRows
 from drake_cafim.diagnosis.rows.measurement import Measurement, corrected_measurement, joint_samples_of
 from drake_cafim.diagnosis.rows.samples import Samples
-from drake_cafim.diagnosis.rows.servo_efforts import ServoMotion, servo_key
+from drake_cafim.diagnosis.rows.servo_efforts import ServoDrive, ServoMotion, servo_key
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.inverses import inverses
 from drake_cafim.dynamics.motion import Motion, mass_matrix, motion
 from drake_cafim.effects.effect import JointSamples
-from drake_cafim.effects.servo import ServoEffort
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -40,23 +40,42 @@ class MotionTerms:
     acting: ForceRows
     louder: Array
     """(M, n), the factor that scales `kinematic` to the noise that it has without a sensor's lag."""
-    servos: dict[int, ServoEffort] = field(default_factory=dict)
+    servos: dict[int, ServoDrive] = field(default_factory=dict)
     """The efforts of the servos that drive joints, by the joint's index."""
     in_doubt: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False, compare=False)
     """Cached rows of the unknown initial state of sensors' lags, by the sensor and its time constant."""
 
-    def driven_by(self, servos: dict[int, ServoEffort], load: Array) -> "MotionTerms":
+    def driven_by(self, servos: dict[int, ServoDrive], load: Array) -> "MotionTerms":
         """The terms with the efforts of `servos` added to the recorded ones, and the `load` (N, n) from outside."""
+        if self.kinematic.size:
+            servos = {j: self._bent(j, drive, servos) for j, drive in servos.items()}
         u, ramped = self.rows.u.copy(), list(self.rows.ramped)
-        for j, effort in servos.items():
-            u[:, j] += effort.value
-            # sampled, and smooth between the samples but for the steps of the command
+        for j, drive in servos.items():
+            u[:, j] += drive.mean.value
             ramped[j] = True
-        joints = [joint.under(u[:, j] if j in servos else joint.u, load[:, j]) for j, joint in enumerate(self.joints)]
-        rows = replace(self.rows, u=u, ramped=tuple(ramped))
-        acting = ForceRows(self.acting.windows, self.acting.recording, tuple(joints), self.moving)
+        joints = tuple(
+            joint.under(u[:, j] if j in servos else joint.u, load[:, j]) for j, joint in enumerate(self.joints)
+        )
+        rows = replace(self.rows, u=u, ramped=tuple(ramped), servos=servos)
+        acting = ForceRows(self.acting.windows, self.acting.recording, joints, self.moving)
         driven = EffortRows(rows, self.driven.inverse_mass)
-        return replace(self, rows=rows, joints=tuple(joints), driven=driven, acting=acting, servos=servos)
+        kinematic = self.kinematic
+        if kinematic.size:
+            kinematic = kinematic - self.louder * sum(self._correction_of(j, drive) for j, drive in servos.items())
+        return replace(self, rows=rows, joints=joints, driven=driven, acting=acting, servos=servos, kinematic=kinematic)
+
+    def _bent(self, joint: int, drive: ServoDrive, servos: Mapping[int, ServoDrive]) -> ServoDrive:
+        """The drive of `joint` with the bends split off that the steps of all `servos` cause."""
+        for other, steps in servos.items():
+            drive = drive.bent_by(self.rows.windows.time, self.driven.inverse_mass[:, joint, other], steps)
+        return drive
+
+    def _correction_of(self, joint: int, drive: ServoDrive) -> Array:
+        """(M, n) correction of the kinematic rows for the steps of v̇ that a servo's steps cause, M⁻¹ times each."""
+        windows, times = self.rows.windows, drive.steps.times
+        at = np.clip(np.searchsorted(windows.time, times, side="right") - 1, 0, None)
+        acceleration = np.cumsum(self.driven.inverse_mass[at, :, joint] * drive.jumps[:, None], axis=0)
+        return np.asarray(windows.steps(times) @ acceleration)
 
 
 @dataclass(frozen=True)
@@ -83,7 +102,7 @@ class MotionTermsCache:
             make_room(self._driven, 8)
             base = self._cache[key]
             motion = ServoMotion(self.samples.time, self._read(physics), base.measured.v, self.samples.commands)
-            self._driven[under] = base.driven_by(motion.efforts(physics), physics.loads(base.measured.q_hat))
+            self._driven[under] = base.driven_by(motion.drives(physics), physics.loads(base.measured.q_hat))
         return self._driven[under]
 
     def _read(self, physics: Physics) -> Array:

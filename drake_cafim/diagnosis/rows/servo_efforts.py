@@ -1,15 +1,51 @@
-"""The efforts of position servos along a recorded motion, with their derivatives by the measured channels."""
+"""The efforts of position servos along a recorded motion, with their derivatives by the measured channels.
+
+Between samples a servo's effort is smooth but for the steps of its command. A staircase S of these steps is split off,
+so that integrals of the effort take it as held and the rest, effort − S, as a smooth channel. Each step also bends the
+velocity, and with it the damping's part of the effort: what is linear between the steps is split off in the same way.
+"""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drake_cafim.effects.actuator import Effort
-from drake_cafim.effects.servo import ServoEffort
+from drake_cafim.effects.servo import Servo, ServoEffort
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.driving import Command
 from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class ServoDrive:
+    """The effort of one servo: `mean` (N,) around each sample with its derivatives; `steps` S and `ramps`; `rest` (N,).
+
+    S is held, the ramps are linear between their times; the rest is what they leave at the samples.
+    """
+
+    mean: ServoEffort
+    steps: Effort
+    rest: Array
+    ramps: tuple[Effort, ...] = ()
+
+    @property
+    def jumps(self) -> Array:
+        """(K,) the steps of S at its times, N m or N."""
+        return np.diff(self.steps.values, prepend=0.0)
+
+    def bent_by(self, time: Array, mobility: Array, other: "ServoDrive") -> "ServoDrive":
+        """The drive with the bends split off that the steps of `other` cause by this servo's damping.
+
+        `mobility` (N,) is the acceleration of this joint for a unit effort of the other one, at `time` (N,) s.
+        """
+        times = other.steps.times
+        if len(times) < 2:
+            return self
+        at = np.clip(np.searchsorted(time, times, side="right") - 1, 0, None)
+        slope = np.cumsum(self.mean.d_v[at] * mobility[at] * other.jumps)
+        ramp = Effort(times, np.concatenate([[0.0], np.cumsum(slope[:-1] * np.diff(times))]), True)
+        return replace(self, rest=self.rest - np.interp(time, times, ramp.values), ramps=(*self.ramps, ramp))
 
 
 @dataclass(frozen=True)
@@ -25,15 +61,28 @@ class ServoMotion:
     v: Array
     commands: Mapping[int, Command]
 
-    def efforts(self, physics: Physics) -> dict[int, ServoEffort]:
-        """The effort of each servo at the samples, by joint index."""
+    def drives(self, physics: Physics) -> dict[int, ServoDrive]:
+        """The drive of each servo, by joint index."""
         found = {}
         for j, command in self.commands.items():
             name = physics.tree.joints[j].name
-            position = mean_around(followed(physics, name, command.over(self.time)), self.time)
-            servo = physics.servo_at(name)
-            found[j] = servo.effort(position, self.q[:, j], self.v[:, j], command.gain, command.supply)
+            sent = followed(physics, name, command.over(self.time))
+            found[j] = self._drive(physics.servo_at(name), command, sent, self.q[:, j], self.v[:, j])
         return found
+
+    def _drive(self, servo: Servo, command: Command, sent: Effort, q: Array, v: Array) -> ServoDrive:
+        time = self.time
+        mean = servo.effort(mean_around(sent, time), q, v, command.gain, command.supply)
+        if sent.ramped:
+            return ServoDrive(mean, Effort(time[:1], np.zeros(1)), mean.value)
+        at = np.clip(sent.times[1:], time[0], time[-1])
+        there = [np.interp(at, time, channel) for channel in (q, v, command.gain, command.supply)]
+        after, before = (servo.effort(goal, *there).value for goal in (sent.values[1:], sent.values[:-1]))
+        steps = Effort(sent.times, np.concatenate([[0.0], np.cumsum(after - before)]))
+        # values at the samples, just after a step that is there
+        index = np.clip(np.searchsorted(sent.times, time, side="right") - 1, 0, None)
+        now = servo.effort(sent.values[index], q, v, command.gain, command.supply).value
+        return ServoDrive(mean, steps, now - steps.values[index])
 
 
 def followed(physics: Physics, joint: str, command: Effort) -> Effort:

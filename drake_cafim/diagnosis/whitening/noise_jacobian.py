@@ -72,9 +72,9 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
                 from_v = from_v + _force_rows(weak, readings, slopes, velocity.from_v)
         if j in servos:
             # what is read enters a second time, through the effort that the servo makes of it
-            acts = place(weak, -s.windows.held(s.time, True), weak.kinematic_rows + j)
-            from_q = from_q + acts @ sp.diags_array(servos[j].d_q)
-            from_v = from_v + acts @ sp.diags_array(servos[j].d_v)
+            acts = place(weak, -s.windows.value, weak.kinematic_rows + j)
+            from_q = from_q + acts @ sp.diags_array(servos[j].mean.d_q)
+            from_v = from_v + acts @ sp.diags_array(servos[j].mean.d_v)
         if s.differentiate is None:
             add(f"q.{name}", sp.csr_matrix(from_q))
             add(f"v.{name}", sp.csr_matrix(from_v))

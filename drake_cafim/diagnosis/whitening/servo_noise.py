@@ -17,12 +17,12 @@ def read_by_servos(run: Run, physics: Physics, columns: Sequence[str], change: A
     recorded position then stands for another one of the joint, and the servo's effort stays as it is.
     """
     weak = run.weak
-    windows, time = weak.samples.windows, weak.samples.time
+    windows = weak.samples.windows
     rows = np.zeros((run.rows, change.shape[2]))
-    for j, servo in weak.terms(physics).servos.items():
+    for j, drive in weak.terms(physics).servos.items():
         column = f"q.{physics.tree.joints[j].name}"
         if column in columns:
-            moved = servo.d_q[:, None] * change[:, list(columns).index(column)]
-            acts = place(weak, -windows.held(time, True), weak.kinematic_rows + j)
+            moved = drive.mean.d_q[:, None] * change[:, list(columns).index(column)]
+            acts = place(weak, -windows.value, weak.kinematic_rows + j)
             rows += np.asarray(acts @ moved) / physics.effort_gains[j]
     return run.whiten(rows)
