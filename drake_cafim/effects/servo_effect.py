@@ -230,7 +230,7 @@ class CommandRateLimit(ServoEffect):
         return now + float(np.clip(sent - now, -farthest, farthest))
 
     def looks(self, rate: Array, error: Array) -> Iterator[Sequence[Direction]]:
-        for share in (0.3, 0.6, 0.8, 0.9, 0.97):
+        for share in (0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97):
             level = float(np.quantile(np.abs(rate), share))
             if level > 0.0:
                 yield (Direction({"rate": level}, None, 1.0),)
