@@ -12,6 +12,7 @@ from drake_cafim.diagrams.reference.tables import code, table
 from drake_cafim.numerics.ranges import LARGEST, Range
 from drake_cafim.recordings.topics import Topic
 from drake_cafim.scenario import schema
+from drake_cafim.scenario.servos import SERVO_PARAMETERS
 from drake_cafim.scenario.unknown import BODY_PARAMETERS, CONTACT_PARAMETERS, JOINT_PARAMETERS, SIZES
 
 SECTIONS: dict[str, type] = {
@@ -22,6 +23,8 @@ SECTIONS: dict[str, type] = {
     "contact[]": schema.ContactPair,
     "contact[].ground": schema.Ground,
     "effects[]": schema.EffectEntry,
+    "servo": schema.ServoEntry,
+    "servo.supply": schema.Supply,
     "topics.<name>": Topic,
 }
 """The dataclasses of the schema by their place in the file."""
@@ -34,9 +37,10 @@ REQUIRED = {
     ("ContactPair", "stiffness"),
     ("EffectEntry", "effect"),
     ("EffectEntry", "at"),
+    ("Supply", "column"),
 }
 _WORDS = {str: "text", float: "number", bool: "true or false", int: "whole number"}
-PLACES = {"body": {**BODY_PARAMETERS, **SIZES}, "joint": JOINT_PARAMETERS, "contact": CONTACT_PARAMETERS}
+PLACES = {"body": {**BODY_PARAMETERS, **SIZES}, "joint": {**JOINT_PARAMETERS, **SERVO_PARAMETERS}, "contact": CONTACT_PARAMETERS}
 PARAMETERS = {
     "mass": "the inertia scales with it, the centre of mass stays",
     "inertia": "a factor of the model's inertia about the centre of mass",
@@ -44,6 +48,9 @@ PARAMETERS = {
     "width": "of a box, along its y",
     "height": "of a box, along its z",
     "radius": "of a sphere",
+    "servo_stiffness": "kp under `servo:`; where that is a multiple of a column, its `scale`",
+    "servo_damping": "kv",
+    "servo_limit": "the limit of kp (cmd − q)",
 }
 
 
