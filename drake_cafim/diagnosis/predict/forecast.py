@@ -14,7 +14,8 @@ import numpy as np
 from drake_cafim.diagnosis.predict.initial_state import LOOK_BACK, state_at
 from drake_cafim.diagnosis.predict.rotor_efforts import rotor_efforts
 from drake_cafim.diagnosis.predict.servo_input import ServoInput, servo_input, stacked
-from drake_cafim.diagnosis.predict.stepper import State, acting_efforts, advance
+from drake_cafim.diagnosis.predict.servo_memory import ServoMemory, remembering
+from drake_cafim.diagnosis.predict.stepper import LONGEST_STEP, State, acting_efforts, advance
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.scenario.physics import Physics
@@ -83,7 +84,8 @@ def simulated_courses(
         states += [(*first_state(weak, physics, course.start), memory[course.start]) for course in own]
     state = State(*(np.stack([parts[k] for parts in states]) for k in range(3)))
     together = [course for own in courses for course in own]
-    trail = _simulate(physics, state, together, joint_ranges(forms, physics))
+    begins = [(weak, course.start) for weak, own in zip(forms, courses, strict=True) for course in own]
+    trail = _simulate(physics, state, together, joint_ranges(forms, physics), ServoMemory.of(begins, physics))
     result, first = [], 0
     for weak, own in zip(forms, courses, strict=True):
         result.append(_gather(weak, physics, own, trail[first : first + len(own)]))
@@ -132,13 +134,17 @@ def _courses(weak: WeakForm, physics: Physics, starts: Sequence[int], horizon: f
     time = weak.samples.time
     served = weak.samples.commands
     knots, efforts = acting_efforts(physics, time, weak.measurement(physics).u, weak.samples.ramped, served)
-    taken = rotor_efforts(weak, physics)
+    taken, fine = rotor_efforts(weak, physics), bool(remembering(physics))
     result = []
     for start in starts:
         stop = int(np.searchsorted(time, time[start] + horizon + 1e-9, side="right")) - 1
         own = time[start : stop + 1]
         within = knots[(knots > own[0] + 1e-12) & (knots < own[-1] - 1e-12)]
         edges = np.unique(np.concatenate([own, within]))
+        if fine:
+            parts = max(1, int(np.ceil(float(np.max(np.diff(edges))) / LONGEST_STEP - 1e-6)))
+            shares = np.arange(parts) / parts
+            edges = np.append((edges[:-1, None] + np.diff(edges)[:, None] * shares).ravel(), edges[-1])
         held = np.clip(np.searchsorted(knots, edges[:-1] + 1e-12, side="right") - 1, 0, None)
         rotors = taken[np.searchsorted(time, edges[:-1] + 1e-12, side="right") - 1]
         servo = servo_input(weak, physics, edges)
@@ -155,7 +161,9 @@ class _Simulated:
     joint: int
 
 
-def _simulate(physics: Physics, state: State, courses: Sequence[_Course], ranges: Array) -> list[_Simulated]:
+def _simulate(
+    physics: Physics, state: State, courses: Sequence[_Course], ranges: Array, memory: ServoMemory | None = None
+) -> list[_Simulated]:
     """The states of each course at its samples, held from the step at which a joint leaves `ranges` (2, n)."""
     steps = max(len(course.duration) for course in courses)
     duration = np.zeros((steps, len(courses)))
@@ -169,18 +177,22 @@ def _simulate(physics: Physics, state: State, courses: Sequence[_Course], ranges
     left = np.full(len(courses), steps + 1)
     joint = np.zeros(len(courses), dtype=np.int64)
     for k in range(steps):
-        after = advance(physics, state, effort[k], duration[k], servo[k])
+        asked = servo[k]
+        if memory is not None and asked is not None:
+            asked, acting = memory.drive(physics, asked, state.q, state.v, duration[k])
+            effort[k] += acting
+        after = advance(physics, state, effort[k], duration[k], asked)
         outside = ~np.isfinite(after.q) | ~np.isfinite(after.v) | (after.q < ranges[0]) | (after.q > ranges[1])
         diverging = np.any(outside, axis=1) & (left > steps)
         left[diverging], joint[diverging] = k + 1, np.argmax(outside[diverging], axis=1)
         state = _hold(state, after, left <= steps)
         trail.append(state)
     q, v = np.stack([moment.q for moment in trail]), np.stack([moment.v for moment in trail])
-    memory = None if state.memory is None else np.stack([m.memory for m in trail if m.memory is not None])
+    states = None if state.memory is None else np.stack([m.memory for m in trail if m.memory is not None])
     result = []
     for k, course in enumerate(courses):
         at = course.marks
-        own = State(q[at, k], v[at, k], None if memory is None else memory[at, k])
+        own = State(q[at, k], v[at, k], None if states is None else states[at, k])
         first_lost = int(np.searchsorted(at, left[k])) if left[k] <= at[-1] else None
         result.append(_Simulated(own, first_lost, int(joint[k])))
     return result

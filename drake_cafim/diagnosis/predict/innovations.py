@@ -21,6 +21,7 @@ from scipy.linalg import block_diag
 from drake_cafim.diagnosis.predict.initial_state import LOOK_BACK, state_at
 from drake_cafim.diagnosis.predict.rotor_efforts import rotor_efforts
 from drake_cafim.diagnosis.predict.servo_input import ServoInput, joined, servo_input
+from drake_cafim.diagnosis.predict.servo_memory import remembering
 from drake_cafim.diagnosis.predict.stepper import State, advance
 from drake_cafim.diagnosis.predict.wrench_innovations import wrench_innovations
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
@@ -63,6 +64,9 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
     time, y, effort, memory = (np.concatenate([track[k] for track in tracks]) for k in range(4))
     driving = any(weak.samples.commands for weak in forms)
     servo = joined([servo_input(weak, physics, _edges(weak.samples.time)) for weak in forms]) if driving else None
+    if servo is not None:
+        # behind a delay or a lag it follows the recorded motion
+        servo.on[:, list(remembering(physics))] = 0.0
     firsts = np.cumsum([0, *(len(track[0]) for track in tracks)])
     samples, n = forms[0].samples, forms[0].joints
     initial, index, stops = [], [], []
@@ -150,7 +154,7 @@ def _track(weak: WeakForm, physics: Physics) -> tuple[Array, Array, Array, Array
     samples = weak.samples
     measured = weak.measurement(physics)
     effort = weak.mean_effort(physics)
-    for j in samples.commands:
+    for j in samples.commands.keys() - remembering(physics):
         # the servo's effort follows the filtered state
         effort[:, j] = measured.u[:, j]
     effort = effort + rotor_efforts(weak, physics)
