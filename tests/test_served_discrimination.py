@@ -57,7 +57,5 @@ def test_a_gain_that_only_a_recording_knows_is_refused(scene: Scene, tmp_path: P
     text = SERVED.replace("kp: {elbow: 20.0}", "kp: {column: gain, scale: 0.2}")
     (tmp_path / "scenario.yaml").write_text(text)
     other = Scene.load(tmp_path / "scenario.yaml")
-    with pytest.raises(
-        InputError, match=r"servo\.kp is a multiple of the column gain, which a planned motion"
-    ):
+    with pytest.raises(InputError, match=r"servo\.kp is a multiple of the column gain, which a planned motion"):
         _planned(other)

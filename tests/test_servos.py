@@ -1,13 +1,18 @@
 """Position servos: their law and its derivatives, their effects on commands, and the scenario's words for them."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import yaml
 
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.servo import Servo
 from drake_cafim.effects.servo_effect import CommandDelay, CommandLag, CommandRateLimit
 from drake_cafim.effects.speed_limit import ActuatorSpeedLimit
+from drake_cafim.scenario.scenario_yaml import as_yaml
+from drake_cafim.scenario.schema import parse
 from drake_cafim.typing import Array
 
 TIME = np.linspace(0.0, 2.0, 201)
@@ -91,3 +96,17 @@ def test_the_speed_limit_has_the_derivatives_that_it_says() -> None:
     for k, name in enumerate(("no_load_speed", "stall_torque")):
         moved = effect.with_values({**effect.values, name: effect.values[name] + step}).force(JointSamples(q, v, u))
         assert (moved.value - law.value) / step == pytest.approx(law.d_strengths[:, k], abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    "servo",
+    [
+        {"kp": 17.8, "kv": 0.6},
+        {"kp": {"elbow": 20, "wrist": 4.5}, "kv": {"elbow": 1.0}, "limit": 3.0, "drive": "servo"},
+        {"kp": {"column": "gain", "scale": 0.0014}, "supply": {"column": "volts", "nominal": 7.4}},
+    ],
+)
+def test_a_scenario_keeps_its_servo_when_it_is_written(servo: dict[str, object]) -> None:
+    read = parse({"model": "arm.urdf", "servo": servo}, "scenario.yaml")
+    assert parse(yaml.safe_load(as_yaml(read, Path(), Path())), "again.yaml") == read
+    assert read.servo is not None and read.servo.kp
