@@ -40,7 +40,11 @@ REQUIRED = {
     ("Supply", "column"),
 }
 _WORDS = {str: "text", float: "number", bool: "true or false", int: "whole number"}
-PLACES = {"body": {**BODY_PARAMETERS, **SIZES}, "joint": {**JOINT_PARAMETERS, **SERVO_PARAMETERS}, "contact": CONTACT_PARAMETERS}
+PLACES = {
+    "body": {**BODY_PARAMETERS, **SIZES},
+    "joint": {**JOINT_PARAMETERS, **SERVO_PARAMETERS},
+    "contact": CONTACT_PARAMETERS,
+}
 PARAMETERS = {
     "mass": "the inertia scales with it, the centre of mass stays",
     "inertia": "a factor of the model's inertia about the centre of mass",

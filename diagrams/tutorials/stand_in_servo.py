@@ -73,7 +73,9 @@ def record(seed: int) -> Recording:
     ApplySimulatorConfig(integrator, simulator)
     simulator.AdvanceTo(DURATION)
     names = ("shoulder", "elbow")
-    states = from_vector_log(log.FindLog(simulator.get_context()), [f"{kind}.{name}" for kind in "qv" for name in names])
+    states = from_vector_log(
+        log.FindLog(simulator.get_context()), [f"{kind}.{name}" for kind in "qv" for name in names]
+    )
     columns = {f"q.{name}": QUANTUM * np.round(states[f"q.{name}"] / QUANTUM) for name in names}
     sent = np.stack([servos.command(time) for time in states.time])
     columns |= {f"cmd.{name}": sent[:, j] for j, name in enumerate(names)}

@@ -37,7 +37,7 @@ EFFECTS = (
     "actuator_speed_limit",
     "joint_coulomb_friction",
 )
-STEP, PERIOD, DURATION = 5e-4, 0.008, 6.0
+STEP, PERIOD, DURATION = 1e-4, 0.008, 6.0
 QUANTUM = 2.0 * np.pi / 4096
 CLEAR = 2.0
 
