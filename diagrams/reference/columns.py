@@ -13,8 +13,8 @@ JOINTS = {
     ),
     "cmd": (
         "rad or m",
-        "commanded position of a joint with a position servo (`servo:`), held from its sample to the next; a joint that "
-        "has `u`, too, is driven by that, unless `drive: servo` is given",
+        "commanded position of a joint with a position servo (`servo:`), held from its sample to the next; a joint "
+        "that has `u`, too, is driven by that, unless `drive: servo` is given",
     ),
 }
 WRENCH = {

@@ -5,7 +5,7 @@
 
 The first line makes files to try it on; put yours in their place: `time`, `q.<joint>`, `cmd.<joint>`. The last table is
 held out. What to record, so that the rest can be told apart: slow and fast motions that reverse often, poses in
-which gravity pulls differently at each joint (it fixes the scale of kp), and, where the servos can be switched off, free
+which gravity pulls differently at each joint (it fixes the scale of kp) and, where the servos can be switched off, free
 swings with `u` = 0 instead of `cmd`. Once a report exists, `cafim discriminate SCENARIO REPORT` designs the motion that
 tells its rivals apart, as commands.
 """

@@ -26,7 +26,7 @@ HIDDEN = {
     "sensor_lag",
 }
 """Effects whose state nobody measures."""
-REMEMBERING = HIDDEN | {"clock_skew"}
+REMEMBERING = HIDDEN | {"clock_skew", "command_delay", "command_lag", "command_rate_limit"}
 """Effects that keep something in the Context."""
 
 
