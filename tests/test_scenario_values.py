@@ -171,7 +171,7 @@ def test_no_key_takes_what_is_no_number_and_no_name(folder: Path, value: Any) ->
         (("servo",), {"kp": 3.0, "drive": "motor"}, "servo.drive is 'motor'; valid: servo"),
         (("servo",), {"kp": 3.0, "supply": {"nominal": 7.4}}, "servo.supply has no column, expected the recording's"),
         (("unknown", 1, "parameter"), "servo_stiffness", "unknown[1].parameter is 'servo_stiffness', which a "),
-        (("topics", "/joint_states", "join"), -1.0, "topics: /joint_states: join must not be negative"),
+        (("topics", "/joint_states", "join"), -1.0, "topics./joint_states.join is -1 s, expected a finite number"),
     ],
 )  # fmt: skip
 def test_the_sentence_names_the_key_and_what_was_expected(
