@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long descriptions descriptions-concealed prove thresholds ablations recoveries confusable fuzz faults fleet cluster exports wheels lint clean
+.PHONY: all demo test ci long descriptions descriptions-concealed prove thresholds ablations recoveries confusable servo served fuzz faults fleet cluster exports wheels lint clean
 
 all: demo
 
@@ -74,6 +74,15 @@ recoveries: $(STAMPS)/test
 # How long designed, D-optimal and random motions take to tell confusable pairs apart.
 confusable: $(STAMPS)/test
 	$(RUN)/python -m tests.benchmarks.discrimination $(CONFUSABLE)
+
+# A real servo with four gains, predicted from its commands; DRAKE_CAFIM_DATA names the folder of the sets. Hours.
+servo: $(STAMPS)/test
+	$(RUN)/python -m tests.benchmarks.servos $(DRAKE_CAFIM_DATA)
+
+# Random arms that are commanded by position, diagnosed blind: SERVED cases.
+SERVED := 80
+served: $(STAMPS)/test
+	$(RUN)/python -m tests.concealed.served $(SERVED)
 
 # Hostile recordings, models, scenarios and command lines by the hundred thousand: hours, which it says beforehand;
 # resumable; FUZZ="--minutes 10" for a short form.

@@ -17,7 +17,7 @@ from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 from tests.recoveries.cases import REMEMBERING
 from tests.recoveries.instant import NOW, built, drake_acceleration, entry
-from tests.recoveries.models import ARM, PRESS, ROLLER, STAGE, scene_of
+from tests.recoveries.models import ARM, PRESS, ROLLER, SERVED, STAGE, scene_of
 from tests.recoveries.rig import CONTINUOUS
 
 JOINT: list[tuple[str, str, dict[str, float]]] = [
@@ -30,12 +30,18 @@ JOINT: list[tuple[str, str, dict[str, float]]] = [
     ("joint_hard_stop", "lift", {"position": 0.1, "stiffness": 30.0, "damping": 0.5, "side": 1.0}),
     ("torque_ripple", "turn", {"amplitude": 0.4, "cycles": 18.0, "phase": 0.7}),
     ("rotor_inertia", "elbow", {"inertia": 0.05}),
+    ("actuator_speed_limit", "lift", {"no_load_speed": 4.0, "stall_torque": 0.8}),
 ]
 ACTUATOR: list[tuple[str, str, dict[str, float]]] = [
     ("actuator_gain_error", "lift", {"gain": 0.8}),
     ("actuator_bias", "elbow", {"torque": -0.5}),
     ("actuator_saturation", "lift", {"limit": 0.8}),
     ("actuator_dead_zone", "turn", {"width": 0.3}),
+]
+SERVO: list[tuple[str, str, dict[str, float]]] = [
+    ("servo_gain_error", "lift", {"gain": 0.8}),
+    ("servo_dead_band", "elbow", {"width": 0.05}),
+    ("supply_sag", "turn", {"sag": 0.02}),
 ]
 LINK: list[tuple[str, str, dict[str, Any]]] = [
     ("payload", "l3", {"mass": 0.6, "x": 0.2, "y": -0.05, "z": 0.1}),
@@ -93,6 +99,35 @@ def test_arm_accelerates_as_the_law_says(name: str, at: str, values: dict[str, A
         np.testing.assert_allclose(stepped, expected, rtol=1e-4, atol=1e-3)
         seen = max(seen, float(np.max(np.abs(expected - expected_acceleration(bare, q, v, u)))))
     assert not name or seen > 0.1
+
+
+@pytest.mark.parametrize(("name", "at", "values"), [("", "", {}), *SERVO])
+def test_servos_drive_the_arm_as_the_law_says(name: str, at: str, values: dict[str, float], tmp_path: Path) -> None:
+    effects = [entry(name, at, values)] if name else []
+    scene, free = scene_of(tmp_path, ARM, *effects, **SERVED), scene_of(tmp_path, ARM)
+    rng = np.random.default_rng(7)
+    for _ in range(4):
+        q, v, beside = rng.uniform(-0.5, 0.5, 3), rng.uniform(-1.0, 1.0, 3), rng.uniform(-2.0, 2.0, 3)
+        command = q + rng.uniform(-0.2, 0.2, 3)
+        error = command - q
+        kp = np.array(
+            [300.0 * (values.get("gain", 1.0) if joint == at else 1.0) for joint in ("turn", "lift", "elbow")]
+        )
+        if name == "servo_dead_band":
+            error[2] -= np.clip(error[2], -0.05, 0.05)
+        asked = np.clip(kp * error, -40.0, 40.0)
+        effort = asked - 8.0 * v
+        if name == "supply_sag":
+            effort[0] /= 1.0 + np.sign(asked[0] * effort[0]) * 0.02 * asked[0] ** 2 / 40.0
+        corrected, diagram, context = built(scene)
+        corrected.servo["command"].FixValue(
+            corrected.servo["command"].get_system().GetMyContextFromRoot(context), command
+        )
+        diagram.GetInputPort("effort").FixValue(context, beside)
+        own = corrected.plant.GetMyMutableContextFromRoot(context)
+        corrected.plant.SetPositionsAndVelocities(own, np.concatenate([q, v]))
+        found = diagram.EvalTimeDerivatives(context).get_generalized_velocity().CopyToVector()
+        np.testing.assert_allclose(found, expected_acceleration(free, q, v, effort + beside), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize(("name", "at", "values"), [("", "", {}), *CONTACT])
@@ -192,7 +227,7 @@ def test_channels_are_what_the_sensor_writes(name: str, at: str, values: dict[st
 
 
 def test_every_effect_of_the_vocabulary_is_here() -> None:
-    tried = {name for name, *_ in (*JOINT, *ACTUATOR, *LINK, *CONTACT, *SENSOR)}
+    tried = {name for name, *_ in (*JOINT, *ACTUATOR, *SERVO, *LINK, *CONTACT, *SENSOR)}
     assert tried | REMEMBERING == {effect.name for effect in EFFECTS}
 
 

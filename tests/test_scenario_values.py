@@ -175,6 +175,13 @@ def test_no_key_takes_what_is_no_number_and_no_name(folder: Path, value: Any) ->
         (("weld", 0, "body"), "palm", "weld[0].body is 'palm', which the model lacks; it has: base"),
         (("lock",), {"shoulder": 0.0, "elbow": 0.0}, "no joint of the model moves, all of them are under lock"),
         (("topics", "/joint_states"), 3, "topics./joint_states is 3, expected a mapping"),
+        (("servo",), {"kp": "stiff"}, "servo.kp.all is 'stiff', expected a number"),
+        (("servo",), {"kp": {"wing": 3.0}}, "servo.kp names the joint 'wing', which the model lacks; it has: "),
+        (("servo",), {"kp": {"column": "gain"}}, "servo.kp is {'column': 'gain'}, expected a number, numbers by joint"),
+        (("servo",), {"kp": 3.0, "limit": 0.0}, "servo.limit is 0, expected a finite number above 0"),
+        (("servo",), {"kp": 3.0, "drive": "motor"}, "servo.drive is 'motor'; valid: servo"),
+        (("servo",), {"kp": 3.0, "supply": {"nominal": 7.4}}, "servo.supply has no column, expected the recording's"),
+        (("unknown", 1, "parameter"), "servo_stiffness", "unknown[1].parameter is 'servo_stiffness', which a "),
         (("topics", "/joint_states", "join"), -1.0, "topics./joint_states.join is -1 s, expected a finite number"),
     ],
 )  # fmt: skip
@@ -187,15 +194,10 @@ def test_the_sentence_names_the_key_and_what_was_expected(
 @pytest.mark.parametrize(
     ("path", "value", "sentence"),
     [
-        (("servo",), {"kp": 17.8, "kv": 0.6}, "servo is given, but a position servo is not supported"),
-        (("drive",), "servo", "drive is given, but a position servo is not supported"),
         (("contact", 0, "modulus"), 1e5, "contact[0].modulus is given, but the hydroelastic law is not supported"),
         (("contact", 0, "law"), "hydroelastic", "contact[0].law is hydroelastic, which is not supported"),
-        (("unknown", 1, "parameter"), "servo_stiffness", "unknown[1].parameter is servo_stiffness, which is not"),
         (("effects", 0), {"effect": "learned_force", "at": "elbow", "table": "law.parquet"},
          "effects[0].effect is learned_force, which is not supported"),
-        (("effects", 0), {"effect": "command_delay", "at": "elbow", "delay": 0.1},
-         "effects[0].effect is command_delay, which is not supported"),
     ],
 )  # fmt: skip
 def test_what_is_not_built_yet_is_refused_by_name(

@@ -34,6 +34,18 @@ def test_own_robot_has_thirty_lines_at_most() -> None:
     assert len([line for line in code.splitlines() if line.strip()]) <= 30
 
 
+def test_own_servo_from_commands_and_positions_to_a_corrected_simulation(tmp_path: Path) -> None:
+    run("stand_in_servo", "robot", folder=tmp_path)
+    tables = [f"robot/run_{number}.csv" for number in (1, 2, 3)]
+    said = run("own_servo", "robot/arm.urdf", *tables, folder=tmp_path)
+    assert said.startswith("The model lacks joint coulomb friction at elbow (torque 0.4")
+    found = dict(re.findall(r"(servo_\w+ of \w+): ([0-9.]+)", said))
+    assert float(found["servo_stiffness of shoulder"]) == pytest.approx(60.0, rel=0.02)
+    assert float(found["servo_stiffness of elbow"]) == pytest.approx(25.0, rel=0.02)
+    alone, corrected = (float(number) for number in re.findall(r"off by ([0-9.]+) rad", said))
+    assert corrected < 0.002 < 0.004 < alone
+
+
 def test_own_effect_is_named(tmp_path: Path) -> None:
     said = run("own_effect", folder=tmp_path)
     assert re.match(r"The model lacks joint catch at elbow \(torque 0\.2[45]\d* N m, position 0\.(2|19)", said)

@@ -8,10 +8,14 @@ JOINTS = {
     "v": ("rad/s or m/s", "its velocity, if it was measured"),
     "u": (
         "N m or N",
-        "effort at the joint, gravity not taken out; needed. Commanded (`std: 0`) or measured; it is held from its "
-        "sample to the next, or linear between them (`hold: first_order`)",
+        "effort at the joint, gravity not taken out; needed where no servo drives the joint. Commanded (`std: 0`) or "
+        "measured; it is held from its sample to the next, or linear between them (`hold: first_order`)",
     ),
-    "cmd": ("rad or m", "commanded position; read and kept, and not used by this version"),
+    "cmd": (
+        "rad or m",
+        "commanded position of a joint with a position servo (`servo:`), held from its sample to the next; a joint "
+        "that has `u`, too, is driven by that, unless `drive: servo` is given",
+    ),
 }
 WRENCH = {
     "fx fy fz": ("N", "what the environment's contact exerts on the sensor's body, in the sensor's frame"),

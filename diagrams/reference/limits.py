@@ -79,8 +79,6 @@ LIMITS = (
         urdf(link("a"), link("b", BALL), joint("j", "a", "b")),
         f"{HELD}\ncontact: [{{bodies: [b, ground], law: hydroelastic, {GROUND}}}]",
     ),
-    Limit("A position servo", ONE, f"{HELD}\nservo: {{kp: 17.8, kv: 0.6}}"),
-    Limit("Effects of commands and servos", ONE, f"{HELD}\neffects: [{{effect: command_delay, at: j, delay: 0.01}}]"),
 )
 
 

@@ -13,6 +13,7 @@ from drake_cafim.numerics.ranges import LARGEST, Range
 from drake_cafim.recordings.topics import Topic
 from drake_cafim.scenario import schema
 from drake_cafim.scenario.inertials import INERTIALS
+from drake_cafim.scenario.servos import SERVO_PARAMETERS
 from drake_cafim.scenario.unknown import BODY_PARAMETERS, CONTACT_PARAMETERS, JOINT_PARAMETERS, SIZES
 
 SECTIONS: dict[str, type] = {
@@ -24,6 +25,8 @@ SECTIONS: dict[str, type] = {
     "contact[]": schema.ContactPair,
     "contact[].ground": schema.Ground,
     "effects[]": schema.EffectEntry,
+    "servo": schema.ServoEntry,
+    "servo.supply": schema.Supply,
     "topics.<name>": Topic,
 }
 """The dataclasses of the schema by their place in the file."""
@@ -36,11 +39,12 @@ REQUIRED = {
     ("ContactPair", "stiffness"),
     ("EffectEntry", "effect"),
     ("EffectEntry", "at"),
+    ("Supply", "column"),
 }
 _WORDS = {str: "text", float: "number", bool: "true or false", int: "whole number"}
 PLACES = {
     "body": {**BODY_PARAMETERS, INERTIALS: "1", **SIZES},
-    "joint": JOINT_PARAMETERS,
+    "joint": {**JOINT_PARAMETERS, **SERVO_PARAMETERS},
     "contact": CONTACT_PARAMETERS,
 }
 PARAMETERS = {
@@ -51,6 +55,9 @@ PARAMETERS = {
     "width": "of a box, along its y",
     "height": "of a box, along its z",
     "radius": "of a sphere",
+    "servo_stiffness": "kp under `servo:`; where that is a multiple of a column, its `scale`",
+    "servo_damping": "kv",
+    "servo_limit": "the limit of kp (cmd − q)",
 }
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from drake_cafim.diagrams.reference.tables import code, table
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.effects.effect import Effect, Strength
+from drake_cafim.effects.servo import Servo
 from drake_cafim.effects.stated import bounds, is_required
 from drake_cafim.effects.surroundings import Surroundings
 from drake_cafim.numerics.ranges import LARGEST
@@ -35,6 +36,8 @@ FAMILIES = {
     "sensor": "Sensor and timing",
 }
 
+SERVED = "that a position servo drives"
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -45,17 +48,26 @@ class Settings:
     measured_effort: Surroundings
     without_rotor: Surroundings
     known_inertials: Surroundings
+    served: Surroundings
+
+    def on_robot(self, effect: type[Effect]) -> list[str]:
+        """The places on the robot, with a position servo or without."""
+        return list(dict.fromkeys([*effect.attachments(self.robot), *effect.attachments(self.served)]))
 
     def places(self, effect: type[Effect]) -> list[str]:
         """Where the effect is looked for, in sentences; the conditions are found by what the lesser robots lack."""
-        here, there = list(effect.attachments(self.robot)), list(effect.attachments(self.thrown))
+        here, there = self.on_robot(effect), list(effect.attachments(self.thrown))
         conditions = {
             "whose effort is commanded (`std: 0`)": self.measured_effort,
             "whose rotor's inertia is in the model": self.without_rotor,
             "whose inertials are under `unknown:`": self.known_inertials,
+            SERVED: self.robot,
+            "that no position servo drives": self.served,
         }
         met = [words for words, less in conditions.items() if here and not list(effect.attachments(less))]
-        found = [" ".join([f"of robots at {_places(here)}", *met])] if here else []
+        # without a servo it is nowhere, whatever else is different
+        met = [SERVED] if SERVED in met else met
+        found = [f"of robots at {_places(here)} {' and '.join(met)}".rstrip()] if here else []
         return found + ([f"of thrown bodies at {_places(there)}"] if there else [])
 
 
@@ -75,7 +87,7 @@ def overview() -> str:
     settings = _settings()
     rows = []
     for effect in EFFECTS:
-        places = _places([*effect.attachments(settings.robot), *effect.attachments(settings.thrown)])
+        places = _places([*settings.on_robot(effect), *effect.attachments(settings.thrown)])
         rows.append([f"[{effect.name}](#{effect.name})", places, _law(effect)])
     return table(["effect", "`at`", "law"], rows)
 
@@ -161,6 +173,13 @@ def _settings() -> Settings:
         Surroundings(robot.tree, robot.physics.contacts, [*columns, "u.JOINT"], inertials=("BODY",)),
         Surroundings(plain.tree, plain.physics.contacts, columns, inertials=("BODY",)),
         Surroundings(robot.tree, robot.physics.contacts, columns),
+        Surroundings(
+            robot.tree,
+            robot.physics.contacts,
+            columns,
+            inertials=("BODY",),
+            servos=[Servo("JOINT", stiffness=10.0, damping=1.0, limit=9.0)],
+        ),
     )
 
 

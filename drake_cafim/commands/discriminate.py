@@ -17,7 +17,7 @@ from drake_cafim.discrimination.design import Designer, default_effort
 from drake_cafim.discrimination.hypotheses import Pair, fitted_unknowns, named_pair, reported_pairs
 from drake_cafim.discrimination.motions import Motion, Shape
 from drake_cafim.discrimination.outcome import course, odds_along, settled_after
-from drake_cafim.discrimination.planned import noise_of, problem_of
+from drake_cafim.discrimination.planned import driving_columns, noise_of, problem_of
 from drake_cafim.discrimination.reported_noise import with_reported_noise
 from drake_cafim.discrimination.scores import Odds, OddsValue, Soonest
 from drake_cafim.errors import InputError
@@ -162,10 +162,11 @@ def _report_and_pairs(request: DiscriminateRequest, scene: Scene) -> tuple[Scene
 
 
 def _trajectory(scene: Scene, planned: Motion) -> Recording:
-    """q, v and u of every joint against time."""
+    """q, v and effort of every joint against time; where a servo drives it, the command instead of the effort."""
     names = scene.tree.joint_names
-    matrices = (("q", planned.q), ("v", planned.v), ("u", planned.u))
+    matrices = (("q", planned.q), ("v", planned.v))
     columns = {f"{kind}.{joint}": values[:, j] for kind, values in matrices for j, joint in enumerate(names)}
+    columns |= driving_columns(scene, planned)
     return Recording(TRAJECTORY, planned.time, columns)
 
 

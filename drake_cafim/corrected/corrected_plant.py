@@ -1,7 +1,7 @@
 """The result of adding a scene to a Diagram: its plant, its ports and its channels."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
@@ -25,3 +25,7 @@ class CorrectedPlant:
     effort: InputPort
     measured: Mapping[str, OutputPort]
     columns: tuple[str, ...]
+    servo: Mapping[str, InputPort] = field(default_factory=dict)
+    """Where joints have position servos, ports (n,): "command" rad or m, "gain" and "supply" as `ServoSystem` reads
+    them. Without a connected command the servos are switched off; `effort` acts beside them and need not be connected.
+    """

@@ -74,7 +74,7 @@ def add_scene(
         _exclude_collisions(plant, scene_graph)
     wiring = Wiring.around(builder, plant, scene.physics.tree, Clock(plant.time_step() or period))
     connect_brakes(builder, plant)
-    effort, asked, driving = wiring.add_efforts(scene.physics)
+    entries, asked, driving = wiring.add_efforts(scene.physics)
     wiring.add_joint_forces(scene.physics, driving)
     wiring.add_body_forces(scene.physics)
     if contact == "scenario":
@@ -85,7 +85,8 @@ def add_scene(
     wiring.close()
     bodies = [name.removeprefix("pose.") for name in scene.scenario.channels if name.startswith("pose.")]
     measured, columns = wiring.add_channels(scene.physics, asked, scene.wrench_sensors, bodies, wrenches)
-    return CorrectedPlant(plant, scene_graph, scene.tree.joint_names, effort, measured, columns)
+    servo = {name: port for name, port in entries.items() if name != "effort"}
+    return CorrectedPlant(plant, scene_graph, scene.tree.joint_names, entries["effort"], measured, columns, servo)
 
 
 def _exclude_collisions(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:

@@ -1,7 +1,7 @@
 """Connects the systems of effects with a finalized plant: efforts in, forces on the plant, channels out."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pydrake.multibody.plant import ExternallyAppliedSpatialForceMultiplexer, MultibodyPlant
@@ -29,6 +29,7 @@ from drake_cafim.corrected.plant import free_state_selection, state_selection
 from drake_cafim.corrected.reading import array
 from drake_cafim.corrected.rotors import rotor_system
 from drake_cafim.corrected.sensors import sensor_system
+from drake_cafim.corrected.servos import CommandSystem, ServoSystem
 from drake_cafim.corrected.sticking import StickingFriction, grows_with_load
 from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
 from drake_cafim.dynamics.tree import Body, Tree
@@ -68,11 +69,38 @@ class Wiring:
         builder.Connect(plant.get_state_output_port(), selected.get_input_port())
         return cls(builder, plant, tree, clock, selected.get_output_port())
 
-    def add_efforts(self, physics: Physics) -> tuple[InputPort, OutputPort, OutputPort]:
-        """Ports, each (n,): input of the commanded efforts, the commands, and the efforts on joints or their rotors."""
+    def add_efforts(self, physics: Physics) -> tuple[dict[str, InputPort], OutputPort, OutputPort]:
+        """Ports, each (n,): inputs, the efforts that are asked for, and the efforts on joints or their rotors.
+
+        The input "effort" is of commanded efforts; with position servos there are "command", "gain" and "supply", too.
+        """
+        if physics.servos:
+            entries, asked = self._add_servos(physics)
+            return entries, asked, self.driven(physics, self._within_limits(asked))
         entry = self.builder.AddNamedSystem("effort", PassThrough(len(self.tree.joints)))
         asked = entry.get_output_port()
-        return entry.get_input_port(), asked, self.driven(physics, self._within_limits(asked))
+        return {"effort": entry.get_input_port()}, asked, self.driven(physics, self._within_limits(asked))
+
+    def _add_servos(self, physics: Physics) -> tuple[dict[str, InputPort], OutputPort]:
+        """Adds the position servos, and the systems of effects on their commands; returns their ports."""
+        n, names = len(self.tree.joints), self.tree.joint_names
+        servos = [physics.servo_at(servo.joint) for servo in physics.servos]
+        system = self.builder.AddNamedSystem("position servos", ServoSystem(servos, names))
+        halves = self.builder.AddNamedSystem("q, v for the servos", Demultiplexer(2 * n, n))
+        self.builder.Connect(self.state, halves.get_input_port())
+        seen = replace(physics, sensors=tuple(effect for effect in physics.sensors if not effect.late))
+        columns = [f"q.{name}" for name in names]
+        self.builder.Connect(self.sensed(seen, halves.get_output_port(0), columns), system.GetInputPort("read"))
+        self.builder.Connect(halves.get_output_port(1), system.GetInputPort("v"))
+        entries = {name: system.GetInputPort(name) for name in ("effort", "command", "gain", "supply")}
+        for effect in reversed(physics.servo_effects):
+            if effect.remembers:
+                joint = self.tree.joint_index(effect.at)
+                made = self._build(effect) or CommandSystem(effect, joint, n, self.clock)
+                follower = self._add(effect, made)
+                self.builder.Connect(follower.get_output_port(), entries["command"])
+                entries["command"] = follower.get_input_port()
+        return entries, system.get_output_port()
 
     def _within_limits(self, asked: OutputPort) -> OutputPort:
         """The efforts (n,) clipped to the model's limits; a limit of 0 means that none is stated."""

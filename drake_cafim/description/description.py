@@ -21,6 +21,16 @@ class StatedEffect:
 
 
 @dataclass(frozen=True)
+class StatedServo:
+    """A position servo that the file states at a joint: effort = clip(stiffness (cmd − q), ±limit) − damping v."""
+
+    joint: str
+    stiffness: float
+    damping: float
+    limit: float
+
+
+@dataclass(frozen=True)
 class Mimic:
     """A joint that follows another one: q = multiplier · q_leader + offset."""
 
@@ -63,6 +73,7 @@ class Description:
     - `positions` (rad, m): of joints whose position in the file's reference pose is not 0.
     - `shown`: visual meshes beside those in `text`.
     - `closures`: constraints between bodies, which the parser ignores.
+    - `servos`: position servos of joints.
     """
 
     text: str
@@ -76,6 +87,7 @@ class Description:
     positions: Mapping[str, float] = field(default_factory=dict)
     shown: tuple[VisualMesh, ...] = ()
     closures: tuple[Closure, ...] = ()
+    servos: tuple[StatedServo, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -91,6 +103,7 @@ class ModelStatements:
     positions: Mapping[str, float] = field(default_factory=dict)
     shown: tuple[VisualMesh, ...] = ()
     closures: tuple[Closure, ...] = ()
+    servos: tuple[StatedServo, ...] = ()
 
 
 def combine_descriptions(descriptions: Iterable[Description], notes: Iterable[str] = ()) -> ModelStatements:
@@ -106,6 +119,7 @@ def combine_descriptions(descriptions: Iterable[Description], notes: Iterable[st
         places={name: place for file in found for name, place in file.places.items()},
         positions={name: value for file in found for name, value in file.positions.items()},
         shown=tuple(mesh for file in found for mesh in file.shown),
+        servos=tuple(servo for file in found for servo in file.servos),
     )
 
 

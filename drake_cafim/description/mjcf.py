@@ -14,6 +14,7 @@ from drake_cafim.description.mjcf_couplings import read_closures, read_couplings
 from drake_cafim.description.mjcf_defaults import Defaults, bodies, include_all
 from drake_cafim.description.mjcf_frames import Compiler, binding_range, set_pose
 from drake_cafim.description.mjcf_meshes import Meshes
+from drake_cafim.description.mjcf_servos import read_servos
 from drake_cafim.description.packages import Packages
 from drake_cafim.description.xml_document import XmlDocument, numbers
 from drake_cafim.errors import InputError
@@ -55,13 +56,15 @@ def mjcf_description(document: XmlDocument, packages: Packages) -> Description:
     _name_all(worlds)
     closures = read_closures(root)
     efforts, notes = effort_limits(driving, worlds, compiler)
+    servos = read_servos(driving)
     for world in worlds:
         _keep_shapes(world, taken)
         moving = _moving_bodies(world)
         for body, _ in bodies(world):
             _read_body(document, body, compiler, taken, body in moving)
     mimics, uncoupled = read_couplings(root, taken.references)
-    taken.notes += [*notes, *uncoupled, *_describe_unread(root)]
+    taken.acting += servos.acting
+    taken.notes += [*notes, *servos.notes, *uncoupled, *_describe_unread(root)]
     files = Meshes.of(root, defaults, compiler, document.path)
     shown = [mesh for body, geoms in taken.meshes.items() for mesh in files.visual_meshes(body, geoms)]
     lost = [body for body in taken.meshes if body not in {mesh.body for mesh in shown}]
@@ -86,6 +89,7 @@ def mjcf_description(document: XmlDocument, packages: Packages) -> Description:
         places=places,
         positions=taken.references,
         shown=tuple(shown),
+        servos=servos.servos,
     )
 
 

@@ -10,7 +10,7 @@ from drake_cafim.description.mjcf_defaults import Defaults
 from drake_cafim.description.mjcf_frames import Compiler, binding_range
 from drake_cafim.description.xml_document import numbers
 
-SERVOS = ("position", "velocity", "intvelocity", "damper")
+UNREAD = ("intvelocity", "damper")
 
 
 def read_actuators(root: Element, defaults: Defaults) -> list[Element]:
@@ -36,13 +36,11 @@ def effort_limits(
             limits[joint] = limits.get(joint, 0.0) + _largest(element, compiler)
     for name, effort in _of_joints(worlds, compiler):
         limits[name] = min(effort, limits.get(name, np.inf))
-    servos = [str(actuator.get("name") or actuator.get("joint")) for actuator in found if actuator.tag in SERVOS]
+    unread = [str(actuator.get("name") or actuator.get("joint")) for actuator in found if actuator.tag in UNREAD]
     others = [actuator.get("name", actuator.tag) for actuator in found if not actuator.get("joint")]
     notes = []
-    if servos:
-        notes.append(
-            f"gains of the model's servos are ignored, `servo:` in the scenario gives them ({list_names(servos)})"
-        )
+    if unread:
+        notes.append(f"actuators of type {' or '.join(UNREAD)} are ignored ({list_names(unread)})")
     if others:
         notes.append(f"actuators that do not drive a single joint are ignored ({list_names(others)})")
     return {name: value for name, value in limits.items() if 0.0 < value < np.inf}, notes

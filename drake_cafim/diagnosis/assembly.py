@@ -9,6 +9,7 @@ from scipy.stats import norm
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.joints.effort_scale import effort_scale_notes
 from drake_cafim.diagnosis.preparation import PreparedRecordings
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement
@@ -68,6 +69,7 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Pro
     train, *held_out = comparisons
     explanation, unknown_std = _explanations(scene, outcome, best)
     notes = (*notes, *unknown_std, *train.missing("train"), *(held_out[0].missing("held_out") if held_out else ()))
+    notes = (*notes, *effort_scale_notes(outcome.problem, best))
     parameters = parameters_of(scene, best)
     unknown = far_unknowns(scene, best.model) if kind == "unexplained" and not prepared.mistakes else ()
     far = tuple(parameters[scene.unknown.index(parameter)] for parameter in unknown)

@@ -31,6 +31,7 @@ from drake_cafim.diagnosis.verdict import ChannelNoise, Quality
 from drake_cafim.effects.effect import channel_unit
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.usable import check_usable
+from drake_cafim.scene.driving import columns_of_servos, driven_by_servo
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -175,7 +176,9 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
 
     even = [bridge_slow_channels(recording)[0] for recording in recordings]
     forms = [lay_out(recording, std) for recording in recordings]
-    measured = [j for j, name in enumerate(scene.tree.joint_names) if f"u.{name}" in estimated]
+    servos = {name for recording in recordings for name in driven_by_servo(scene, recording)}
+    names = scene.tree.joint_names
+    measured = [j for j, name in enumerate(names) if f"u.{name}" in estimated and name not in servos]
     noise: dict[str, float] = {}
     if measured:
         # the noise of efforts is estimated from the residual of the equations, set up first with exact efforts
@@ -189,7 +192,7 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
         (
             *scene.stated.notes,
             *notes,
-            *notes_of(even),
+            *notes_of(even, columns_of_servos(scene)),
             *notes_on_unknown_joints(scene, recordings),
             *(f"held out: {mistake}" for mistake in mistakes_of(scene, held_out, std)),
         ),

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.diagnosis.noise.coloured import drawn, stated_memories
+from drake_cafim.diagnosis.predict.servo_input import ServoInput
 from drake_cafim.discrimination.motions import MARGIN, Limits, Motion
+from drake_cafim.discrimination.planned import driving_columns
+from drake_cafim.discrimination.servo_commands import ServoPlan
 from drake_cafim.dynamics.motion import equations_of_motion, mass_matrix, motion
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.effect import JointSamples
@@ -54,17 +57,29 @@ def simulated_together(
     wanted_q, wanted_v, wanted_u = (np.stack([getattr(path, name) for path in planned], axis=1) for name in "qvu")
     q, v, u = np.empty_like(wanted_q), np.empty_like(wanted_v), np.empty_like(wanted_u)  # (T, B, n)
     state = _start(physics, planned)
+    plan = None
+    if nominal.servos:
+        plan = ServoPlan.of(physics, time, np.stack([_sent(path) for path in planned], axis=1))
     for k in range(len(time)):
         q[k], v[k] = state.q, state.v
         moving = motion(nominal.tree, state.q, state.v)
         M = mass_matrix(moving) + np.diag(nominal.rotor_inertias)
         error = BANDWIDTH**2 * (wanted_q[k] - state.q) + 2.0 * BANDWIDTH * (wanted_v[k] - state.v)
         u[k] = np.clip(wanted_u[k] + (M @ error[..., None])[..., 0], -most, most)
+        servo = None
+        if plan is not None:
+            servo = plan.input(physics, k)
+            u[k] = np.where(servo.on > 0.0, 0.0, u[k])
         if k + 1 < len(time):
             first = max(int(np.searchsorted(time, time[k] - PAST)), 0)
             for edge, until, effort in _acting(physics, time[first : k + 2], u[first : k + 1]):
-                state = _advanced(physics, state, effort, until - edge)
-    return tuple(Motion(time, q[:, b], v[:, b], u[:, b]) for b in range(len(planned)))
+                state = _advanced(physics, state, effort, until - edge, servo)
+    return tuple(Motion(time, q[:, b], v[:, b], u[:, b], path.cmd) for b, path in enumerate(planned))
+
+
+def _sent(path: Motion) -> Array:
+    """The commands (T, n) of a planned motion, NaN where it has none."""
+    return path.cmd if path.cmd is not None else np.full_like(path.q, np.nan)
 
 
 def measured(
@@ -75,7 +90,7 @@ def measured(
     columns = {f"q.{joint}": run.q[:, j] for j, joint in enumerate(names)}
     if f"v.{names[0]}" in std:
         columns |= {f"v.{joint}": run.v[:, j] for j, joint in enumerate(names)}
-    columns |= {f"u.{joint}": run.u[:, j] for j, joint in enumerate(names)}
+    columns |= driving_columns(scene, run)
     if scene.wrench_sensors:
         moving = motion(physics.tree, run.q, run.v)
         wrench = physics.contact_wrenches(moving, physics.contact_memory(run.time, moving, moving))
@@ -143,16 +158,18 @@ def _held(effort: Effort, at: float) -> float:
     return float(effort.values[max(int(np.searchsorted(effort.times, at, side="right")) - 1, 0)])
 
 
-def _advanced(physics: Physics, state: _State, effort: Array, duration: float) -> _State:
+def _advanced(
+    physics: Physics, state: _State, effort: Array, duration: float, servo: ServoInput | None = None
+) -> _State:
     longest = LONGEST_CONTACT_STEP if physics.contacts else LONGEST_STEP
     longest = min(longest, LONGEST_COUPLED_STEP) if physics.couplings else longest
     count = max(1, int(np.ceil(duration / longest - 1e-6)))
     for _ in range(count):
-        state = _step(physics, state, effort, duration / count)
+        state = _step(physics, state, effort, duration / count, servo)
     return state
 
 
-def _step(physics: Physics, state: _State, effort: Array, h: float) -> _State:
+def _step(physics: Physics, state: _State, effort: Array, h: float, servo: ServoInput | None = None) -> _State:
     """The linearly implicit midpoint rule, as in the diagnosis, for links and rotors together.
 
     A coupled joint's rotor is an additional degree of freedom, driven by the effort (B, n) and tied to the link by the
@@ -163,8 +180,13 @@ def _step(physics: Physics, state: _State, effort: Array, h: float) -> _State:
     theta = state.theta + 0.5 * h * state.omega
     moving = motion(physics.tree, q, state.v)
     rigid, bias = equations_of_motion(moving, physics.gravity)
-    joints = [JointSamples(q[:, j], state.v[:, j], effort[:, j]) for j in range(n)]
+    by_servo = np.zeros_like(effort)
+    if servo is not None:
+        effort, by_servo = servo.drive(physics, q, state.v, effort, np.full(count, h))
+    load = physics.loads(q) if physics.depends_on_load else np.zeros_like(q)
+    joints = [JointSamples(q[:, j], state.v[:, j], effort[:, j], load=load[:, j]) for j in range(n)]
     law, _, slope = physics.applied_at_joints(joints)
+    slope = slope + by_servo
     force = np.zeros((count, n + c))
     force[:, :n] = effort + law - bias
     memory = state.memory

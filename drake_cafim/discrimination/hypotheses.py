@@ -81,7 +81,7 @@ def placed(scene: Scene, kind: type[Effect], place: str, source: str) -> Effect:
 def places(scene: Scene, kind: type[Effect]) -> tuple[str, ...]:
     """The valid places of an effect of this class in the scene."""
     noisy = tuple(column for column, std in noise_of(scene).items() if std > 0.0)
-    return tuple(kind.attachments(Surroundings(scene.tree, scene.physics.contacts, noisy)))
+    return tuple(kind.attachments(Surroundings(scene.tree, scene.physics.contacts, noisy, servos=scene.physics.servos)))
 
 
 def _typical(effect: Effect) -> Effect:

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BSpline
 
+from drake_cafim.discrimination.servo_commands import commands_for
 from drake_cafim.dynamics.motion import equations_of_motion, motion
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.effect import JointSamples
@@ -78,6 +79,8 @@ class Motion:
     q: Array
     v: Array
     u: Array
+    cmd: Array | None = None
+    """(T, n) commands of position servos, rad or m, NaN at joints without one; None where no servo drives."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +173,9 @@ def motion_through(shape: Shape, physics: Physics, points: Array) -> Motion:
     """The motion of control points (points + 6, n), without regard to the effort limits."""
     value, rate = shape.at_samples
     q, v, a = (matrix @ points for matrix in shape.between_samples)
-    return Motion(shape.time, value @ points, rate @ points, inverse_dynamics(physics, shape.time, q, v, a))
+    u = inverse_dynamics(physics, shape.time, q, v, a)
+    cmd = commands_for(physics, q, v, u) if physics.servos else None
+    return Motion(shape.time, value @ points, rate @ points, u, cmd)
 
 
 def inverse_dynamics(physics: Physics, time: Array, q: Array, v: Array, a: Array) -> Array:

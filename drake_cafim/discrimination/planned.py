@@ -13,6 +13,7 @@ from drake_cafim.dynamics.motion import motion
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.scene.scene import Scene
+from drake_cafim.typing import Array
 
 
 def noise_of(scene: Scene) -> dict[str, float]:
@@ -43,7 +44,7 @@ def recording_of(scene: Scene, planned: Motion, std: Mapping[str, float], name: 
     columns = {f"q.{joint}": planned.q[:, j] for j, joint in enumerate(names)}
     if f"v.{names[0]}" in std:
         columns |= {f"v.{joint}": planned.v[:, j] for j, joint in enumerate(names)}
-    columns |= {f"u.{joint}": planned.u[:, j] for j, joint in enumerate(names)}
+    columns |= driving_columns(scene, planned)
     if scene.wrench_sensors:
         moving = motion(scene.tree, planned.q, planned.v)
         physics = scene.physics
@@ -52,6 +53,18 @@ def recording_of(scene: Scene, planned: Motion, std: Mapping[str, float], name: 
             reading = sensor.reading(moving, wrench[:, sensor.joint])
             columns |= {f"wrench.{sensor.name}.{axis}": reading[:, k] for k, axis in enumerate(WRENCH_COMPONENTS)}
     return Recording(name, planned.time, columns)
+
+
+def driving_columns(scene: Scene, run: Motion) -> dict[str, Array]:
+    """The commands of the joints that a servo drives, and the efforts of the others."""
+    driven = {servo.joint for servo in scene.physics.servos} if run.cmd is not None else set()
+    names = scene.tree.joint_names
+    return {
+        f"cmd.{name}" if name in driven else f"u.{name}": (
+            run.cmd[:, j] if run.cmd is not None and name in driven else run.u[:, j]
+        )
+        for j, name in enumerate(names)
+    }
 
 
 @dataclass(frozen=True)

@@ -63,6 +63,9 @@ class ActuatorEffect(Effect):
     upstream: ClassVar[bool] = False
     """Whether it acts before the point where the effort is measured: a measured effort already contains it."""
 
+    of_command: ClassVar[bool] = False
+    """Whether a position servo's effort takes the form of another law by it: no hypothesis where a servo drives."""
+
     def add_to(self, physics: P) -> P:
         return physics.with_part("actuators", self)
 
@@ -74,7 +77,8 @@ class ActuatorEffect(Effect):
     @classmethod
     def attachments(cls, where: Surroundings) -> Iterator[str]:
         measured = [at for at in cls.places(where.tree) if cls.upstream and f"u.{at}" in where.columns]
-        yield from (at for at in super().attachments(where) if at not in measured)
+        within = [servo.joint for servo in where.servos if cls.of_command]
+        yield from (at for at in super().attachments(where) if at not in (*measured, *within))
 
     @abstractmethod
     def drive(self, effort: Effort) -> Effort:
@@ -99,6 +103,7 @@ class ActuatorGainError(ActuatorEffect):
     """gain·u acts."""
 
     name: ClassVar[str] = "actuator_gain_error"
+    of_command: ClassVar[bool] = True
     shown_over: ClassVar[str] = "effort"
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("gain", "1", 0.1, lower=0.2, upper=5.0, nominal=1.0),)
     reference: ClassVar[str] = "Gautier, Briot, IEEE/ASME Trans. Mechatronics 19(6), 2014 (drive gains)"
@@ -274,6 +279,7 @@ class ActuatorDeadZone(ActuatorEffect):
     """Nothing for |u| < width, else u − width·sign(u) acts."""
 
     name: ClassVar[str] = "actuator_dead_zone"
+    of_command: ClassVar[bool] = True
     shown_over: ClassVar[str] = "effort"
     upstream: ClassVar[bool] = True
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("width", "N m", 0.3, lower=0.0, linear_unit="N"),)

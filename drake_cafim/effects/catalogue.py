@@ -36,6 +36,15 @@ from drake_cafim.effects.normal_contact import (
 )
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorBias, SensorDrift, SensorGainError, SensorMisalignment
+from drake_cafim.effects.servo_effect import (
+    CommandDelay,
+    CommandLag,
+    CommandRateLimit,
+    ServoDeadBand,
+    ServoGainError,
+    SupplySag,
+)
+from drake_cafim.effects.speed_limit import ActuatorSpeedLimit
 from drake_cafim.effects.surface import SurfaceOffset, SurfaceTilt
 from drake_cafim.effects.timing import ClockSkew, SensorDelay, SensorLag
 from drake_cafim.effects.transmission import JointHardStop, TorqueRipple
@@ -59,6 +68,13 @@ EFFECTS: tuple[type[Effect], ...] = (
     ActuatorLag,
     ActuatorSaturation,
     ActuatorDeadZone,
+    ActuatorSpeedLimit,
+    ServoGainError,
+    ServoDeadBand,
+    SupplySag,
+    CommandDelay,
+    CommandLag,
+    CommandRateLimit,
     Payload,
     InertialError,
     GravityMisalignment,

@@ -91,6 +91,8 @@ class JointSamples:
     """Standard deviation of v; a force that is strongly nonlinear in v is averaged over this error."""
     q_reach: Array | float = 0.0
     """Distance that q moves within half a sample interval; a force with an onset in that range is averaged over it."""
+    load: Array | float = 0.0
+    """The effort by gravity and contacts at the joint, N m or N; 0 unless a law depends on it."""
     _signs: dict[float, MeanSign] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def sign(self, width: float) -> MeanSign:
@@ -101,6 +103,12 @@ class JointSamples:
             self._signs[width] = MeanSign.of(self.v, self.v_std, width)
         return self._signs[width]
 
+    def under(self, u: Array, load: Array | float) -> "JointSamples":
+        """The samples with the efforts `u` (N,) and the `load` (N,), N m or N; the cached signs are shared."""
+        changed = replace(self, u=u, load=load)
+        object.__setattr__(changed, "_signs", self._signs)
+        return changed
+
     def with_velocity_change(self, by: Array) -> "JointSamples":
         """The samples with velocities changed `by` (N,) rad/s or m/s."""
         return replace(self, v=self.v + by)
@@ -108,7 +116,7 @@ class JointSamples:
 
 def concatenate(samples: Sequence[JointSamples]) -> JointSamples:
     """The samples of several recordings, concatenated."""
-    names = ("q", "v", "u", "v_std", "q_reach")
+    names = ("q", "v", "u", "v_std", "q_reach", "load")
     return JointSamples(
         *(np.concatenate([np.broadcast_to(getattr(part, name), part.q.shape) for part in samples]) for name in names)
     )

@@ -6,9 +6,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.effect import Force, JointSamples, Start, Strength
 from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointForce
 from drake_cafim.effects.mean_sign import MeanSign
+from drake_cafim.numerics.rounding import short
 from drake_cafim.typing import Array
 
 
@@ -94,9 +96,13 @@ class _Rise:
         )
 
 
+EXTERNAL = Strength("external", "1", 0.05, lower=0.0, upper=1.0)
+"""Share of the load from outside; 0 unless a servo drives the joint, whose gears carry that load back to the motor."""
+
+
 @dataclass(frozen=True)
 class JointLoadDependentFriction(JointForce):
-    """−(T + c |u|) tanh(v/w), u the commanded effort."""
+    """−(T + c |u| + e |load|) tanh(v/w), u the effort that acts, the load that of gravity and contacts."""
 
     name: ClassVar[str] = "joint_load_dependent_friction"
     shown_over: ClassVar[str] = "load"
@@ -105,9 +111,9 @@ class JointLoadDependentFriction(JointForce):
         Strength("torque", "N m", 0.3, lower=0.0, linear_unit="N", amplitude=False),
         Strength("coefficient", "1", 0.05, lower=0.0, upper=1.0),
     )
-    shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY,)
+    shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY, EXTERNAL)
     reference: ClassVar[str] = "Hamon, Gautier, Garrec, IEEE/RSJ IROS, 2010 (load-dependent joint friction)"
-    formula: ClassVar[str] = "−(<i>T</i> + <i>c</i> |<i>u</i>|) tanh(<i>v</i>/<i>w</i>)"
+    formula: ClassVar[str] = "−(<i>T</i> + <i>c</i> |<i>u</i>| + <i>e</i> |load|) tanh(<i>v</i>/<i>w</i>)"
     words: ClassVar[str] = "opposes the motion, more the more effort the transmission carries"
     alike: ClassVar[Mapping[str, str]] = {
         "joint_coulomb_friction": "it is that law where the load hardly changes",
@@ -115,10 +121,15 @@ class JointLoadDependentFriction(JointForce):
         "actuator_gain_error": "a loss in proportion to the effort, whichever way the joint moves",
     }
 
+    @property
+    def external(self) -> float:
+        """The share of the load from outside that friction grows with."""
+        return float(self.values.get("external", 0.0))
+
     def force(self, joint: JointSamples) -> Force:
         torque, coefficient = self.vector
         sign = joint.sign(self.values.get("slip_velocity", SLIP_VELOCITY.nominal))
-        level = torque + coefficient * np.abs(joint.u)
+        level = torque + coefficient * np.abs(joint.u) + self.external * np.abs(joint.load)
         d_strengths = np.stack([-sign.value, -np.abs(joint.u) * sign.value], axis=1)
         d_u = -coefficient * np.sign(joint.u) * sign.value
         return Force(-level * sign.value, np.zeros_like(joint.v), -level * sign.by_v, d_u, d_strengths)
@@ -129,8 +140,22 @@ class JointLoadDependentFriction(JointForce):
             loaded = -np.abs(joint.u) * sign
             yield Start(np.stack([-sign, loaded], axis=1), {"slip_velocity": width})
             yield Start(loaded[:, None], {"slip_velocity": width})
+            if np.any(joint.load):
+                outside = -np.abs(joint.load) * sign
+                yield Start(np.stack([-sign, loaded, outside], axis=1), {"slip_velocity": width})
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointLoadDependentFriction":
-        torque, coefficient = (0.0, *coefficients) if len(coefficients) == 1 else coefficients
+        torque, coefficient = (0.0, *coefficients) if len(coefficients) == 1 else coefficients[:2]
         values = {"torque": float(torque), "coefficient": float(coefficient)}
+        if len(coefficients) > 2 and coefficients[2] > 0.0:
+            values["external"] = float(min(coefficients[2], EXTERNAL.upper))
         return type(self)(self.at, {**values, **shape})
+
+    def restarts(self) -> Iterator["JointLoadDependentFriction"]:
+        yield from super().restarts()
+        for factor in (0.0, 0.5, 0.75, 1.33, 2.0) if self.external > 0.0 else ():
+            yield type(self)(self.at, {**self.values, "external": factor * self.external})
+
+    def sentence(self, tree: Tree) -> str:
+        told = super().sentence(tree)
+        return f"{told[:-1]}, external {short(self.external)})" if self.external > 0.0 else told

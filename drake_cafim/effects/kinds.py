@@ -13,6 +13,7 @@ from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.link import Payload, TreeEffect
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.effects.servo_effect import ServoEffect
 from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.errors import InputError
 
@@ -26,6 +27,7 @@ KINDS: tuple[type[Effect], ...] = (
     ContactEffect,
     SurfaceEffect,
     SensorEffect,
+    ServoEffect,
 )
 """The base classes that a user-defined effect may derive from."""
 
@@ -84,6 +86,9 @@ class ByKind(ABC, Generic[T]):
         return self.other(effect)
 
     def sensor(self, effect: SensorEffect) -> T:
+        return self.other(effect)
+
+    def servo(self, effect: ServoEffect) -> T:
         return self.other(effect)
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.tree import Tree
+from drake_cafim.effects.servo import Servo
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,8 @@ class Surroundings:
     """The body that is thrown; None for a robot."""
     inertials: Sequence[str] = ()
     """The links whose inertials are unknown, with a prior."""
+    servos: Sequence[Servo] = ()
+    """The position servos that drive joints in the recordings."""
 
 
 @dataclass(frozen=True)

@@ -58,9 +58,6 @@ def _effect(entry: EffectEntry, vocabulary: Sequence[type[Effect]], key: str) ->
             raise InputError(f"{key} has no {name}, expected a name")
     kind = effect_class(entry.effect, vocabulary, f"{key}.effect")
     given = dict(entry.parameters)
-    for name in given:
-        if (kind.name, name) in not_built.PARAMETERS:
-            raise InputError(f"{key}.{name} is given, which is not supported by this version: leave the key out")
     if not kind.brief:
         if entry.interval or entry.recording is not None:
             raise InputError(f"{key} has interval or recording, which only an effect of limited duration has")

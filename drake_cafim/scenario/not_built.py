@@ -5,25 +5,15 @@ from collections.abc import Collection, Mapping
 from drake_cafim.errors import InputError
 
 KEYS: Mapping[tuple[str, str], str] = {
-    ("Scenario", "servo"): "a position servo",
-    ("Scenario", "drive"): "a position servo",
     ("ContactPair", "modulus"): "the hydroelastic law",
 }
 """(dataclass of the schema, key) to the feature's name in messages."""
 LAWS: Mapping[str, str] = {"hydroelastic": "the hydroelastic law"}
-UNKNOWNS = ("servo_stiffness", "servo_damping", "servo_limit", "modulus")
+UNKNOWNS = ("modulus",)
 EFFECTS = (
-    "servo_gain_error",
-    "servo_dead_band",
-    "command_delay",
-    "command_lag",
-    "command_rate_limit",
-    "actuator_speed_limit",
-    "supply_sag",
     "contact_law",
     "learned_force",
 )
-PARAMETERS = {("joint_load_dependent_friction", "external")}
 
 
 def refuse_key(kind: str, name: str, key: str) -> None:

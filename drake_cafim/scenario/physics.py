@@ -9,7 +9,7 @@ import numpy as np
 
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.inverses import inverses
-from drake_cafim.dynamics.motion import Motion, equations_of_motion, momentum_balance
+from drake_cafim.dynamics.motion import Motion, bias_force, equations_of_motion, momentum_balance, motion
 from drake_cafim.dynamics.touching import sphere_wrenches
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.actuator import ActuatorEffect
@@ -18,6 +18,8 @@ from drake_cafim.effects.coupling import JointCoupling, RotorDrive
 from drake_cafim.effects.effect import Effect, Force, JointSamples
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.effects.servo import Servo
+from drake_cafim.effects.servo_effect import ServoEffect
 from drake_cafim.numerics.cross import cross
 from drake_cafim.typing import Array, Indices
 
@@ -46,6 +48,9 @@ class Physics:
     sensors: tuple[SensorEffect, ...] = ()
     couplings: tuple[JointCoupling, ...] = ()
     body_forces: tuple[BodyForce, ...] = ()
+    servos: tuple[Servo, ...] = ()
+    """The position servos as the scenario states them; `servo_at` includes their effects."""
+    servo_effects: tuple[ServoEffect, ...] = ()
 
     @property
     def rotor_inertias(self) -> Array:
@@ -71,6 +76,27 @@ class Physics:
         for effect in self.actuators:
             gains[self.tree.joint_index(effect.at)] *= effect.gain
         return gains
+
+    def servo_at(self, joint: str) -> Servo:
+        """The servo at `joint`, its effects included."""
+        servo = next(servo for servo in self.servos if servo.joint == joint)
+        for effect in self.servo_effects:
+            if effect.at == joint:
+                servo = effect.of(servo)
+        return servo
+
+    @property
+    def depends_on_load(self) -> bool:
+        """Whether a joint's force depends on the load from outside."""
+        return any(effect.values.get("external", 0.0) > 0.0 for effect in self.joint_forces)
+
+    def loads(self, q: Array, memory: Array | None = None) -> Array:
+        """(N, n) the efforts by gravity and contacts at the joints, at rest at the positions `q` (N, n)."""
+        resting = motion(self.tree, q, np.zeros_like(q))
+        load = -bias_force(resting, self.gravity)
+        if self.contacts:
+            load = load + resting.project(self.contact_wrenches(resting, memory))
+        return np.asarray(load, dtype=float)
 
     @property
     def dampings(self) -> Array:

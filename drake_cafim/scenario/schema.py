@@ -109,6 +109,30 @@ class EffectEntry:
 
 
 @dc.dataclass
+class Supply:
+    """The logged voltage of a servo's supply, with which kp and the limit scale."""
+
+    column: str = ""  # the recording's column
+    nominal: float = number(1.0, least=0.0, above=True)  # the voltage at which kp and the limit are as stated
+
+
+@dc.dataclass
+class ServoEntry:
+    """A position servo that runs on the robot: effort = clip(kp (cmd − q), −limit, limit) − kv v."""
+
+    # N m/rad: a number, by joint, or `{column: kp_firmware, scale: 0.0014}`, a multiple of a recording's column
+    kp: dict[str, float | str] = dc.field(default_factory=dict, metadata={"plain": "all", "range": Range(0.0, 1e9)})
+    kv: dict[str, float] = dc.field(
+        default_factory=dict, metadata={"plain": "all", "range": Range(0.0, 1e9)}
+    )  # N m s/rad, a number or by joint
+    limit: dict[str, float] = dc.field(
+        default_factory=dict, metadata={"plain": "all", "range": Range(0.0, 1e9, above=True)}
+    )  # N m at standstill, of kp (cmd − q) alone; a number or by joint
+    supply: Supply | None = None  # where the supply voltage is logged
+    drive: str = ""  # `servo`: a joint with a `u.` column is driven by its servo all the same
+
+
+@dc.dataclass
 class Scenario:
     """A robot's model, the noise of its sensors, its unknown parameters, its contacts, and effects known to act."""
 
@@ -126,6 +150,7 @@ class Scenario:
     unknown: list[Unknown] = dc.field(default_factory=list)  # parameters of the model that may simply be wrong
     contact: list[ContactPair] = dc.field(default_factory=list)  # the contacts of the nominal model
     effects: list[EffectEntry] = dc.field(default_factory=list)  # physics beyond the model file that is known to act
+    servo: ServoEntry | None = None  # a position servo that runs on the robot: `cmd.` and `q.` are then enough
     topics: dict[str, Topic] = dc.field(default_factory=dict)  # names in bags, logs and foreign tables
     diagram: dict[str, typing.Any] = dc.field(default_factory=dict)  # the world that `cafim run` builds, see diagrams/
     task: dict[str, typing.Any] = dc.field(default_factory=dict)  # numbers of the planner's task, see tasks/
@@ -186,12 +211,16 @@ def parse(raw: dict[str, Any], source: str) -> Scenario:
     _refuse_later_effects(raw, source)
     plain = conform(raw, Scenario, f"{source}: ")
     free: dict[str, Any] = {key: plain.pop(key) for key in FREE if key in plain}
+    servo = plain.pop("servo", None)
     try:
         scenario: Scenario = yaml_load_typed(schema=Scenario, data=yaml.safe_dump(plain))
     except (RuntimeError, ValueError, TypeError) as error:
         raise InputError(f"{source}: {' '.join(str(error).split())}") from None
     for key, value in free.items():  # YAML of any shape, which the schema cannot type
         setattr(scenario, key, value)
+    if servo is not None:
+        supply = servo.pop("supply", None)
+        scenario.servo = ServoEntry(**servo, supply=None if supply is None else Supply(**supply))
     _check(scenario, source)
     return scenario
 
@@ -211,6 +240,8 @@ def _check(scenario: Scenario, source: str) -> None:
     if scenario.model and scenario.directives:
         raise InputError(f"{source}: model and directives are both given, expected one of them")
     check_topics(scenario.topics, source)
+    if scenario.servo is not None:
+        _check_servo(scenario.servo, f"{source}: servo")
     _check_lock(scenario.lock, source)
     for i, weld in enumerate(scenario.weld):
         if weld.body in ("", "world"):
@@ -254,6 +285,19 @@ def _check_lowpass(kind: str, lowpass: Lowpass, key: str) -> None:
         raise InputError(f"{key}.order is {lowpass.order}, expected a whole number from 1 to {MOST_ORDER}")
     if not lowpass.cutoff > 0.0:
         raise InputError(f"{key} has no cutoff, expected a number in Hz")
+
+
+def _check_servo(servo: ServoEntry, key: str) -> None:
+    if servo.supply is not None and not servo.supply.column:
+        raise InputError(f"{key}.supply has no column, expected the recording's column of the voltage")
+    if servo.drive not in ("", "servo"):
+        raise InputError(f"{key}.drive is {servo.drive!r}; valid: servo")
+    by_column = "column" in servo.kp or "scale" in servo.kp
+    if by_column and (set(servo.kp) != {"column", "scale"} or not isinstance(servo.kp["column"], str)):
+        raise InputError(f"{key}.kp is {servo.kp}, expected a number, numbers by joint, or column and scale")
+    for name, value in servo.kp.items():
+        if name != "column" and not isinstance(value, float):
+            raise InputError(f"{key}.kp.{name} is {value!r}, expected a number")
 
 
 def _check_contact(pair: ContactPair, key: str) -> None:

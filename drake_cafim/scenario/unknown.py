@@ -15,14 +15,15 @@ from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.scenario.inertials import INERTIALS, PHYSICAL, LinkInertials, check_body, priors_of, with_change
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import Unknown
+from drake_cafim.scenario.servos import SERVO_PARAMETERS, servo_parameters, with_servo_parameter
 from drake_cafim.typing import Array
 
 BODY_PARAMETERS = {"mass": "kg", "com_x": "m", "com_y": "m", "com_z": "m", "inertia": "1"}
 JOINT_PARAMETERS = {"damping": "N m s/rad", "rotor_inertia": "kg m^2"}
 SIZES = {"length": "m", "width": "m", "height": "m", "radius": "m"}
 CONTACT_PARAMETERS = {"stiffness": "N/m", "damping": "N s/m", "dissipation": "s/m", "friction": "1"}
-_ABOVE_ZERO = (*SIZES, "mass", "inertia", "stiffness")
-_POSITIVE = (*_ABOVE_ZERO, "damping", "rotor_inertia", "dissipation", "friction")
+_ABOVE_ZERO = (*SIZES, "mass", "inertia", "stiffness", "servo_stiffness", "servo_limit")
+_POSITIVE = (*_ABOVE_ZERO, "damping", "rotor_inertia", "dissipation", "friction", "servo_damping")
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,8 @@ class UnknownParameter:
         if self.kind == "body":
             body = physics.tree.body(self.at)
             return replace(physics, tree=physics.tree.with_bodies([_with_value(body, self.parameter, value)]))
+        if self.parameter in SERVO_PARAMETERS:
+            return replace(physics, servos=with_servo_parameter(physics.servos, self.at, self.parameter, value))
         if self.kind == "joint":
             joint = physics.tree.joints[physics.tree.joint_index(self.at)]
             changed = replace(joint, **{self.parameter: value})  # type: ignore[arg-type]
@@ -168,7 +171,10 @@ def _place(entry: Unknown, physics: Physics, key: str) -> tuple[str, str, dict[s
     if entry.joint is not None:
         _check(entry.joint, tree.joint_names, f"{key}.joint")
         joint = tree.joints[tree.joint_index(entry.joint)]
-        return "joint", entry.joint, JOINT_PARAMETERS, float(getattr(joint, entry.parameter, np.nan))
+        of_servo = servo_parameters(physics.servos, entry.joint)
+        valid = JOINT_PARAMETERS | {name: SERVO_PARAMETERS[name] for name in of_servo}
+        present = of_servo.get(entry.parameter, float(getattr(joint, entry.parameter, np.nan)))
+        return "joint", entry.joint, valid, present
     for contact in physics.contacts:
         if set(contact.bodies) == set(entry.contact):
             values, law = contact.parameters, contact.law.normal

@@ -53,6 +53,7 @@ from drake_cafim.scenario.schema import (
     Weld,
     load,
 )
+from drake_cafim.scenario.servos import servos_of
 from drake_cafim.scenario.surfaces import contact_of
 from drake_cafim.scenario.unknown import (
     UnknownParameter,
@@ -188,7 +189,8 @@ class Scene:
         contacts = tuple(
             contact_of(pair, self.plant, self.scene_graph, self.tree, q, self.name) for pair in self.scenario.contact
         )
-        bare = Physics(self.tree, np.array(self.scenario.gravity, dtype=float), contacts)
+        servos = servos_of(self.scenario.servo, self.stated.servos, self.tree, self.joint_names, self.name)
+        bare = Physics(self.tree, np.array(self.scenario.gravity, dtype=float), contacts, servos=servos)
         sensors = [name for name in self.scenario.channels if name.startswith(("wrench.", "pose."))]
         of_model = tuple(model_effects(self.stated, self.tree, self.vocabulary))
         stated = known_effects(self.scenario.effects, bare, self.vocabulary, sensors, self.name)
@@ -239,14 +241,25 @@ class Scene:
         """
         beyond = joints_beyond_limits(self.tree, recordings)
         limited = tuple(name for name in beyond if self.std(f"u.{name}") == 0.0)
+        served = tuple(
+            servo.joint
+            for servo in self.stated.servos
+            if servo.joint in self.tree.joint_names
+            and self.tree.joints[self.tree.joint_index(servo.joint)].effort_limit < np.inf
+            and any(f"cmd.{servo.joint}" in recording.columns for recording in recordings)
+            and not any(f"u.{servo.joint}" in recording.columns for recording in recordings)
+        )
         measured = [name for name in beyond if name not in limited]
         notes = (
             [f"commands above the model's effort limits act at the limits ({list_names(limited)})"] if limited else []
         )
         if measured:
             notes.append(f"measured efforts exceed the model's limits, which are ignored ({list_names(measured)})")
+        if served:
+            notes.append(f"the model's servos act up to the efforts that it states ({list_names(served)})")
         if not notes:
             return self
+        limited = (*limited, *served)
         stated = replace(self.stated, notes=(*self.stated.notes, *notes))
         return replace(self, limited=limited, stated=stated).with_surfaces_at(np.zeros(len(self.tree.joints)))
 

@@ -12,7 +12,7 @@ from drake_cafim.effects.effect import Effect
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 
-from .models import ARM, PRESS, ROLLER, STAGE, scene_of
+from .models import ARM, PRESS, ROLLER, SERVED, STAGE, scene_of
 from .rig import Desired, recorded, waves
 
 HIDDEN = {
@@ -26,7 +26,7 @@ HIDDEN = {
     "sensor_lag",
 }
 """Effects whose state nobody measures."""
-REMEMBERING = HIDDEN | {"clock_skew"}
+REMEMBERING = HIDDEN | {"clock_skew", "command_delay", "command_lag", "command_rate_limit"}
 """Effects that keep something in the Context."""
 
 
@@ -100,6 +100,11 @@ def press(name: str, at: str, step: float = 1e-3, **values: Any) -> Case:
     return Case(name, at, values, STAGE, (0.0, 0.0, 0.0192), (0.03, 0.03, 0.0015), step, 60.0, more=PRESS)
 
 
+def served(name: str, at: str, step: float = 5e-4, **values: float) -> Case:
+    """An effect of a position servo, or beside one: the motions are commands, and no effort is recorded."""
+    return Case(name, at, values, step=step, size=(0.8, 0.6, 0.8), more=SERVED)
+
+
 CASES = [
     joint("joint_viscous_friction", "turn", coefficient=0.5),
     joint("joint_coulomb_friction", "lift", 1e-4, torque=0.5),
@@ -120,6 +125,13 @@ CASES = [
     joint("actuator_gain_error", "elbow", gain=0.9),
     joint("actuator_bias", "lift", torque=0.5),
     joint("actuator_dead_zone", "turn", width=0.3),
+    served("servo_gain_error", "elbow", gain=0.8),
+    served("servo_dead_band", "turn", width=0.01),
+    served("supply_sag", "lift", sag=0.02),
+    served("command_delay", "elbow", delay=0.0083),
+    served("command_lag", "lift", time_constant=0.012),
+    served("command_rate_limit", "turn", rate=1.2),
+    served("actuator_speed_limit", "turn", no_load_speed=3.0, stall_torque=6.0),
     joint("payload", "l3", mass=0.4, x=0.2, y=0.05, z=-0.05),
     # beside what the scenario says is uncertain about the link
     replace(

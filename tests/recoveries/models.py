@@ -74,6 +74,7 @@ ROLLER = (
     + '<joint name="mount" type="fixed"><parent link="base"/><child link="wall"/></joint></robot>'
 )
 NOISE = {"q": {"std": 1e-4}, "v": {"std": 2e-3}}
+SERVED = {"servo": {"kp": 300.0, "kv": 8.0, "limit": 40.0}}
 PRESS = {
     "channels": {
         "q": {"std": 2e-6},

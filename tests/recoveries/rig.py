@@ -87,12 +87,23 @@ class Controller(Held):
         return inverse_dynamics(self.tree, np.array(self.gravity), q_d, v_d, a)
 
 
-class Replay(Held):
-    """A recording's efforts."""
+class Commands(Held):
+    """The desired positions, as commands to servos."""
 
-    def __init__(self, recording: Recording, joints: Sequence[str]) -> None:
+    def __init__(self, desired: Desired, joints: int, period: float, continuous: bool) -> None:
+        super().__init__(joints, period, continuous)
+        self.desired = desired
+
+    def sampled(self, context: Context) -> Array:
+        return self.desired(context.get_time())[0]
+
+
+class Replay(Held):
+    """A recording's efforts, or its commands."""
+
+    def __init__(self, recording: Recording, joints: Sequence[str], kind: str = "u") -> None:
         super().__init__(len(joints), PERIOD, True)
-        self.start, self.efforts = recording.time[0], recording.matrix("u", joints)
+        self.start, self.efforts = recording.time[0], recording.matrix(kind, joints)
 
     def sampled(self, context: Context) -> Array:
         k = round((context.get_time() - self.start) / self.period)
@@ -139,10 +150,16 @@ def rig(
     """The scene under a controller from the desired motion's start; recorded every `period` s."""
     builder = DiagramBuilder()
     corrected = scene.add_to(builder, config, **more)
-    controller = builder.AddNamedSystem("controller", Controller(scene, desired, period, rate, config.time_step == 0.0))
-    for name in "qv":
-        builder.Connect(corrected.measured[name], controller.GetInputPort(name))
-    builder.Connect(controller.get_output_port(), corrected.effort)
+    if corrected.servo:
+        commands = builder.AddSystem(Commands(desired, len(corrected.joints), period, config.time_step == 0.0))
+        builder.Connect(commands.get_output_port(), corrected.servo["command"])
+    else:
+        controller = builder.AddNamedSystem(
+            "controller", Controller(scene, desired, period, rate, config.time_step == 0.0)
+        )
+        for name in "qv":
+            builder.Connect(corrected.measured[name], controller.GetInputPort(name))
+        builder.Connect(controller.get_output_port(), corrected.effort)
     found = logged(builder, corrected, period, integrator_step)
     q, v, _ = desired(0.0)
     place(corrected, found.simulator, q, v)
@@ -166,8 +183,8 @@ def replayed(scene: Scene, recording: Recording, start: Array, duration: float, 
     """What the scene does for `duration` s under the recording's efforts, from its positions and velocities (2n,)."""
     builder = DiagramBuilder()
     corrected = scene.add_to(builder, CONTINUOUS)
-    replay = builder.AddSystem(Replay(recording, corrected.joints))
-    builder.Connect(replay.get_output_port(), corrected.effort)
+    replay = builder.AddSystem(Replay(recording, corrected.joints, "cmd" if corrected.servo else "u"))
+    builder.Connect(replay.get_output_port(), corrected.servo.get("command", corrected.effort))
     found = logged(builder, corrected, PERIOD, integrator_step)
     found.simulator.get_mutable_context().SetTime(float(recording.time[0]))
     place(corrected, found.simulator, *np.split(start, 2))
@@ -193,6 +210,11 @@ def recorded(scene: Scene, desired: Desired, duration: float, seed: int = 1, **m
     found = rig(scene, desired, **more)
     found.simulator.AdvanceTo(duration)
     clean, rng = found.recording(), np.random.default_rng(seed)
+    if found.corrected.servo:
+        sent = np.stack([desired(t)[0] for t in clean.time])
+        known = {name: values for name, values in clean.columns.items() if not name.startswith("u.")}
+        known |= {f"cmd.{name}": sent[:, j] for j, name in enumerate(found.corrected.joints)}
+        clean = Recording(clean.name, clean.time, known)
     columns = {
         name: values + (scene.std(name) or 0.0) * rng.normal(size=len(values)) for name, values in clean.columns.items()
     }

@@ -12,6 +12,7 @@ from drake_cafim.diagnosis.fit.search_problem import Look, Looks
 from drake_cafim.diagnosis.joints.linearised_contact_effects import contact_looks, surface_looks
 from drake_cafim.diagnosis.joints.plane_candidates import plane_looks
 from drake_cafim.diagnosis.joints.pulses import strongest_pushes
+from drake_cafim.diagnosis.joints.servo_looks import driving, servo_looks
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.thresholds import GAIN_SIGNAL_IN_NOISE_STDS
 from drake_cafim.diagnosis.whitening.whitened_run import Run
@@ -24,6 +25,7 @@ from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.kinds import ByKind
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.effects.servo_effect import ServoEffect
 from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.effects.surroundings import Surroundings
 from drake_cafim.scenario.physics import Physics
@@ -38,7 +40,8 @@ def hypotheses(problem: WeakFormRows) -> tuple[Effect, ...]:
     """Every effect of the scene's vocabulary at every place where it can act."""
     columns = tuple(name for name, _ in problem.runs[0].labels)
     scene = problem.scene
-    where = Surroundings(scene.tree, scene.physics.contacts, columns, inertials=tuple(inertials(scene.unknown)))
+    links = tuple(inertials(scene.unknown))
+    where = Surroundings(scene.tree, scene.physics.contacts, columns, inertials=links, servos=driving(problem))
     return tuple(effect(at) for effect in scene.vocabulary for at in effect.attachments(where))
 
 
@@ -91,6 +94,9 @@ class _LooksByKind(ByKind[Looks]):
         if effect.needs_signal and not _moves(self.problem, effect.at):
             return Looks(iter(()))
         return Looks(iter([(self.problem.sensor_columns(effect), effect.from_directions)]))
+
+    def servo(self, effect: ServoEffect) -> Looks:
+        return Looks(servo_looks(self.problem, self._physics, self.at, effect))
 
     def tree(self, effect: Effect) -> Looks:
         """Looks by differences of all rows along the effect's directions."""

@@ -27,7 +27,7 @@ class JointPictures(Pictures):
     row_note: ClassVar[str] = (
         "“Forces” is the equation of motion of a joint: what drives it, less what its motion shows."
     )
-    simulation_note: ClassVar[str] = ", driven by the recorded efforts alone"
+    simulation_note: ClassVar[str] = ", driven by the recorded efforts or commands alone"
 
     @property
     def recordings(self) -> list[Recording]:

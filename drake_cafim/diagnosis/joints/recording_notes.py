@@ -1,6 +1,6 @@
 """Notes on recordings before their diagnosis: mistakes of the data, ignored columns, repairs while reading."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -39,11 +39,12 @@ def notes_on_unknown_joints(scene: Scene, recordings: Sequence[Recording]) -> li
     return notes
 
 
-def notes_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """Notes on each recording from reading its file, and on ignored columns."""
+def notes_of(recordings: Sequence[Recording], read: Collection[str] = ()) -> tuple[str, ...]:
+    """Notes on each recording from reading its file, and on ignored columns; `read` are other columns that are used."""
     notes: list[str] = []
     for recording in recordings:
         notes.extend(f"{recording.name}: {note}" for note in recording.notes)
-        if recording.other_columns:
-            notes.append(f"{recording.name}: ignored columns: {', '.join(recording.other_columns)}")
+        ignored = [column for column in recording.other_columns if column not in read]
+        if ignored:
+            notes.append(f"{recording.name}: ignored columns: {', '.join(ignored)}")
     return tuple(notes)

@@ -1,6 +1,6 @@
 """Possible mistakes of a recording's columns (signs, units, swapped joints), and the corrected columns."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -29,7 +29,7 @@ def suspicions(scene: Scene, recording: Recording, joints: Sequence[int]) -> Ite
         for b in joints:
             if a < b:
                 yield from _swapped(recording, names[a], names[b])
-    yield _without_gravity(scene, recording)
+    yield from _without_gravity(scene, recording)
     for sensor in scene.wrench_sensors:
         parts = [f"wrench.{sensor.name}.{axis}" for axis in WRENCH_COMPONENTS]
         turned = {part: -recording.columns[part] for part in parts}
@@ -37,8 +37,8 @@ def suspicions(scene: Scene, recording: Recording, joints: Sequence[int]) -> Ite
 
 
 def _turned(recording: Recording, joints: Sequence[str]) -> Iterator[Suspicion]:
-    """The sign of u, v or q is wrong at all of `joints`, or of q and v together."""
-    for kinds in ("u", "v", "q", "qv"):
+    """The sign of u, cmd, v or q is wrong at all of `joints`, or of q and v together."""
+    for kinds in (("u",), ("cmd",), ("v",), ("q",), ("q", "v")):
         columns = _columns(recording, kinds, joints)
         if columns:
             turned = {name: -recording.columns[name] for name in columns}
@@ -74,9 +74,9 @@ def _in_thousandths(scene: Scene, recording: Recording, joints: Sequence[str]) -
 
 def _swapped(recording: Recording, a: str, b: str) -> Iterator[Suspicion]:
     """Channels of the joints `a` and `b` are in each other's columns."""
-    for kinds in ("u", "q", "v", "qv", "qvu"):
-        present = [kind for kind in kinds if f"{kind}.{a}" in recording.columns]
-        if not present or (kinds == "qv" and len(present) < 2):
+    for kinds in (("u",), ("cmd",), ("q",), ("v",), ("q", "v"), ("q", "v", "u", "cmd")):
+        present = [kind for kind in kinds if all(f"{kind}.{name}" in recording.columns for name in (a, b))]
+        if len(present) < min(len(kinds), 2):
             continue
         exchanged = {}
         for kind in present:
@@ -86,17 +86,20 @@ def _swapped(recording: Recording, a: str, b: str) -> Iterator[Suspicion]:
         yield Suspicion(listed(columns), f"have the joints {a} and {b} swapped", exchanged)
 
 
-def _without_gravity(scene: Scene, recording: Recording) -> Suspicion:
+def _without_gravity(scene: Scene, recording: Recording) -> Iterator[Suspicion]:
     """The efforts lack those that hold the nominal robot at rest against gravity."""
     names = scene.tree.joint_names
+    pushed = {j: f"u.{name}" for j, name in enumerate(names) if f"u.{name}" in recording.columns}
+    if not pushed:
+        return
     q = np.nan_to_num(recording.matrix("q", names))
     physics = Model(scene.priors.mean).physics(scene)
     holding = bias_force(motion(physics.tree, q, np.zeros_like(q)), physics.gravity)
-    whole = {f"u.{name}": recording.columns[f"u.{name}"] + holding[:, j] for j, name in enumerate(names)}
-    return Suspicion(listed(list(whole)), _plural(list(whole), "gravity already taken out"), whole)
+    whole = {column: recording.columns[column] + holding[:, j] for j, column in pushed.items()}
+    yield Suspicion(listed(list(whole)), _plural(list(whole), "gravity already taken out"), whole)
 
 
-def _columns(recording: Recording, kinds: str, joints: Sequence[str]) -> list[str]:
+def _columns(recording: Recording, kinds: Iterable[str], joints: Sequence[str]) -> list[str]:
     """The columns of all `kinds` at all `joints`; empty where any is missing."""
     wanted = [f"{kind}.{name}" for kind in kinds for name in joints]
     return wanted if all(name in recording.columns for name in wanted) else []

@@ -18,6 +18,7 @@ from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.whitening.covariance import NONE, whitening
+from drake_cafim.diagnosis.whitening.servo_noise import read_by_servos
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.effects.effect import Effect, concatenate
 from drake_cafim.effects.joint import JointForce
@@ -181,7 +182,10 @@ class WeakFormRows(Problem):
             for run in self.runs:
                 on = effect.channels([name for name, _ in run.labels])
                 change = run.weak.sensor_slopes.of(effect, on)
-                result.append(-sum(run.sensed(name, change[:, k]) for k, name in enumerate(on)))
+                moved = sum(run.sensed(name, change[:, k]) for k, name in enumerate(on))
+                if not effect.late:
+                    moved = moved - read_by_servos(run, self.under.physics(self.scene), on, change)
+                result.append(-moved)
             self._sensor_columns[effect.key] = np.concatenate(result)
         return self._sensor_columns[effect.key]
 

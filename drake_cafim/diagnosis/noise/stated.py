@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from drake_cafim.diagnosis.noise.differences import noise_std
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
+from drake_cafim.scene.driving import driven_by_servo, with_idle_efforts
 from drake_cafim.scene.scene import Scene
 
 LEAST_STD = 1e-100
@@ -20,15 +21,17 @@ def noise_of(scene: Scene, recordings: Sequence[Recording]) -> tuple[dict[str, f
     as zero (a column that does not change).
     """
     names = scene.tree.joint_names
+    idle = {f"u.{name}" for recording in recordings for name in driven_by_servo(scene, recording)}
     for recording in recordings:
-        recording.matrix("u", names)  # a missing column is reported before a constant one
+        # a missing column is reported before a constant one
+        with_idle_efforts(scene, recording).matrix("u", names)
     unmeasured = {f"v.{name}" for name in names if not all(f"v.{name}" in r.columns for r in recordings)}
     columns = [column for column in needed_columns(scene) if column not in unmeasured]
     std: dict[str, float] = {}
     notes = []
     for column in columns:
         stated = scene.std(column)
-        if stated is None and column.startswith("u."):
+        if column in idle or (stated is None and column.startswith("u.")):
             # its differences would contain the sensors' noise that the controller feeds back
             stated = 0.0
         elif stated is None:

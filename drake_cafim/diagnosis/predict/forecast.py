@@ -1,17 +1,21 @@
-"""Open-loop simulation of a recording over windows of 1 s or 0.1 s, compared with the recorded samples.
+"""Simulation of a recording over windows of 1 s or 0.1 s, compared with the recorded samples.
+
+It is open loop in the efforts, and closed through the position servos that drive joints, from their commands.
 
 A simulation counts as long as every joint stays in its range. When a joint leaves its range the simulation has
 diverged: its state is held from then on, and no later sample of that window counts.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from drake_cafim.diagnosis.predict.initial_state import LOOK_BACK, state_at
 from drake_cafim.diagnosis.predict.rotor_efforts import rotor_efforts
-from drake_cafim.diagnosis.predict.stepper import State, acting_efforts, advance
+from drake_cafim.diagnosis.predict.servo_input import ServoInput, servo_input, stacked
+from drake_cafim.diagnosis.predict.servo_memory import ServoMemory, remembering
+from drake_cafim.diagnosis.predict.stepper import LONGEST_STEP, State, acting_efforts, advance
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.scenario.physics import Physics
@@ -48,21 +52,40 @@ class Forecast:
 
 
 def forecast(weak: WeakForm, physics: Physics, horizon: float = HORIZON) -> Forecast:
-    """The recording simulated in windows of `horizon` s, open loop in u, each from the state of the 50 ms before it."""
+    """The recording simulated in windows of `horizon` s, each from the state of the 50 ms before it."""
     return forecasts([weak], physics, horizon)[0]
 
 
 def forecasts(forms: Sequence[WeakForm], physics: Physics, horizon: float = HORIZON) -> list[Forecast]:
     """The `forecast` of each recording; the windows of all recordings are simulated as one batch."""
+    return simulated_courses(
+        forms,
+        physics,
+        lambda weak: (window_starts(weak.samples.time, horizon), horizon),
+        lambda weak, under, start: state_at(weak.samples, weak.measurement(under), start)[:2],
+    )
+
+
+def simulated_courses(
+    forms: Sequence[WeakForm],
+    physics: Physics,
+    windows: Callable[[WeakForm], tuple[Sequence[int], float]],
+    first_state: Callable[[WeakForm, Physics, int], tuple[Array, Array]],
+) -> list[Forecast]:
+    """Each recording simulated over its `windows`, all as one batch.
+
+    `windows` gives the samples at which they start and their length, s; `first_state` q and v (n,) at one of these.
+    """
     courses, states = [], []
     for weak in forms:
-        own = _courses(weak, physics, horizon)
-        measured, memory = weak.measurement(physics), weak.contact_memory(physics)
+        own = _courses(weak, physics, *windows(weak))
+        memory = weak.contact_memory(physics)
         courses.append(own)
-        states += [(*state_at(weak.samples, measured, course.start)[:2], memory[course.start]) for course in own]
+        states += [(*first_state(weak, physics, course.start), memory[course.start]) for course in own]
     state = State(*(np.stack([parts[k] for parts in states]) for k in range(3)))
     together = [course for own in courses for course in own]
-    trail = _simulate(physics, state, together, joint_ranges(forms, physics))
+    begins = [(weak, course.start) for weak, own in zip(forms, courses, strict=True) for course in own]
+    trail = _simulate(physics, state, together, joint_ranges(forms, physics), ServoMemory.of(begins, physics))
     result, first = [], 0
     for weak, own in zip(forms, courses, strict=True):
         result.append(_gather(weak, physics, own, trail[first : first + len(own)]))
@@ -100,22 +123,32 @@ class _Course:
     duration: Array
     effort: Array
     marks: np.ndarray[tuple[int], np.dtype[np.int64]]
+    servo: ServoInput
 
 
-def _courses(weak: WeakForm, physics: Physics, horizon: float) -> list[_Course]:
-    """The inputs of each window of `horizon` s; an interval ends at each sample and at each knot of the efforts."""
+def _courses(weak: WeakForm, physics: Physics, starts: Sequence[int], horizon: float) -> list[_Course]:
+    """The inputs of each window of `horizon` s from the samples `starts` on.
+
+    An interval ends at each sample and at each knot of the efforts.
+    """
     time = weak.samples.time
-    knots, efforts = acting_efforts(physics, time, weak.measurement(physics).u, weak.samples.ramped)
-    taken = rotor_efforts(weak, physics)
+    served = weak.samples.commands
+    knots, efforts = acting_efforts(physics, time, weak.measurement(physics).u, weak.samples.ramped, served)
+    taken, fine = rotor_efforts(weak, physics), bool(remembering(physics))
     result = []
-    for start in window_starts(time, horizon):
+    for start in starts:
         stop = int(np.searchsorted(time, time[start] + horizon + 1e-9, side="right")) - 1
         own = time[start : stop + 1]
         within = knots[(knots > own[0] + 1e-12) & (knots < own[-1] - 1e-12)]
         edges = np.unique(np.concatenate([own, within]))
+        if fine:
+            parts = max(1, int(np.ceil(float(np.max(np.diff(edges))) / LONGEST_STEP - 1e-6)))
+            shares = np.arange(parts) / parts
+            edges = np.append((edges[:-1, None] + np.diff(edges)[:, None] * shares).ravel(), edges[-1])
         held = np.clip(np.searchsorted(knots, edges[:-1] + 1e-12, side="right") - 1, 0, None)
         rotors = taken[np.searchsorted(time, edges[:-1] + 1e-12, side="right") - 1]
-        result.append(_Course(start, stop, np.diff(edges), efforts[held] + rotors, np.searchsorted(edges, own)))
+        servo = servo_input(weak, physics, edges)
+        result.append(_Course(start, stop, np.diff(edges), efforts[held] + rotors, np.searchsorted(edges, own), servo))
     return result
 
 
@@ -128,7 +161,9 @@ class _Simulated:
     joint: int
 
 
-def _simulate(physics: Physics, state: State, courses: Sequence[_Course], ranges: Array) -> list[_Simulated]:
+def _simulate(
+    physics: Physics, state: State, courses: Sequence[_Course], ranges: Array, memory: ServoMemory | None = None
+) -> list[_Simulated]:
     """The states of each course at its samples, held from the step at which a joint leaves `ranges` (2, n)."""
     steps = max(len(course.duration) for course in courses)
     duration = np.zeros((steps, len(courses)))
@@ -136,22 +171,28 @@ def _simulate(physics: Physics, state: State, courses: Sequence[_Course], ranges
     for k, course in enumerate(courses):
         duration[: len(course.duration), k] = course.duration
         effort[: len(course.duration), k] = course.effort
+    driving = any(np.any(course.servo.on) for course in courses)
+    servo = stacked([course.servo.padded(steps) for course in courses]) if driving else [None] * steps
     trail = [state]
     left = np.full(len(courses), steps + 1)
     joint = np.zeros(len(courses), dtype=np.int64)
     for k in range(steps):
-        after = advance(physics, state, effort[k], duration[k])
+        asked = servo[k]
+        if memory is not None and asked is not None:
+            asked, acting = memory.drive(physics, asked, state.q, state.v, duration[k])
+            effort[k] += acting
+        after = advance(physics, state, effort[k], duration[k], asked)
         outside = ~np.isfinite(after.q) | ~np.isfinite(after.v) | (after.q < ranges[0]) | (after.q > ranges[1])
         diverging = np.any(outside, axis=1) & (left > steps)
         left[diverging], joint[diverging] = k + 1, np.argmax(outside[diverging], axis=1)
         state = _hold(state, after, left <= steps)
         trail.append(state)
     q, v = np.stack([moment.q for moment in trail]), np.stack([moment.v for moment in trail])
-    memory = None if state.memory is None else np.stack([m.memory for m in trail if m.memory is not None])
+    states = None if state.memory is None else np.stack([m.memory for m in trail if m.memory is not None])
     result = []
     for k, course in enumerate(courses):
         at = course.marks
-        own = State(q[at, k], v[at, k], None if memory is None else memory[at, k])
+        own = State(q[at, k], v[at, k], None if states is None else states[at, k])
         first_lost = int(np.searchsorted(at, left[k])) if left[k] <= at[-1] else None
         result.append(_Simulated(own, first_lost, int(joint[k])))
     return result

@@ -20,6 +20,8 @@ from scipy.linalg import block_diag
 
 from drake_cafim.diagnosis.predict.initial_state import LOOK_BACK, state_at
 from drake_cafim.diagnosis.predict.rotor_efforts import rotor_efforts
+from drake_cafim.diagnosis.predict.servo_input import ServoInput, joined, servo_input
+from drake_cafim.diagnosis.predict.servo_memory import remembering
 from drake_cafim.diagnosis.predict.stepper import State, advance
 from drake_cafim.diagnosis.predict.wrench_innovations import wrench_innovations
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
@@ -60,6 +62,11 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
     """
     tracks = [_track(weak, physics) for weak in forms]
     time, y, effort, memory = (np.concatenate([track[k] for track in tracks]) for k in range(4))
+    driving = any(weak.samples.commands for weak in forms)
+    servo = joined([servo_input(weak, physics, _edges(weak.samples.time)) for weak in forms]) if driving else None
+    if servo is not None:
+        # behind a delay or a lag it follows the recorded motion
+        servo.on[:, list(remembering(physics))] = 0.0
     firsts = np.cumsum([0, *(len(track[0]) for track in tracks)])
     samples, n = forms[0].samples, forms[0].joints
     initial, index, stops = [], [], []
@@ -89,16 +96,17 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
         now, following = (begin + k)[alive], (begin + k + 1)[alive]
         start = State(mean[alive, :n], mean[alive, n : 2 * n], memory[now])
         duration = time[following] - time[now]
+        asked = servo.at(now) if servo is not None else None
         if physics.contacts or k % RENEWED == 0:
             with_effort = bool(np.any(effort_variance))
             moved, transitions[alive, : 2 * n, : 2 * n], by_efforts[alive, : 2 * n] = _predict(
-                physics, start, effort[now], duration, with_effort
+                physics, start, effort[now], duration, with_effort, asked
             )
         else:
-            moved = _advance(physics, start, effort[now], duration)
+            moved = _advance(physics, start, effort[now], duration, asked)
         if k % RENEWED == 0:
             for column, doubt in enumerate(doubts):
-                change = _advance(doubt, start, effort[now], duration) - moved
+                change = _advance(doubt, start, effort[now], duration, asked) - moved
                 transitions[alive, : 2 * n, 2 * n + column] = change
         predicted = mean[alive]
         predicted[:, : 2 * n] = moved + np.einsum(
@@ -145,7 +153,11 @@ def _track(weak: WeakForm, physics: Physics) -> tuple[Array, Array, Array, Array
     """Time (N,) s, measurements (N, H), mean efforts (N, n) to the next sample and contact memory (N, m)."""
     samples = weak.samples
     measured = weak.measurement(physics)
-    effort = weak.mean_effort(physics) + rotor_efforts(weak, physics)
+    effort = weak.mean_effort(physics)
+    for j in samples.commands.keys() - remembering(physics):
+        # the servo's effort follows the filtered state
+        effort[:, j] = measured.u[:, j]
+    effort = effort + rotor_efforts(weak, physics)
     y = np.concatenate([measured.q, measured.v], axis=1) if samples.velocity_measured else measured.q
     # the contacts' memory follows the recorded motion, not the filtered one: the two differ by noise alone
     return samples.time, y, effort, weak.contact_memory(physics)
@@ -176,14 +188,19 @@ def _joint_covariance(blocks: Array) -> Array:
     return result
 
 
-def _advance(physics: Physics, start: State, effort: Array, duration: Array) -> Array:
+def _edges(time: Array) -> Array:
+    """The samples' times and one more, so that each sample begins an interval."""
+    return np.append(time, 2.0 * time[-1] - time[-2])
+
+
+def _advance(physics: Physics, start: State, effort: Array, duration: Array, servo: ServoInput | None = None) -> Array:
     """The state (B, 2n) one sample later."""
-    end = advance(physics, start, effort, duration)
+    end = advance(physics, start, effort, duration, servo)
     return np.concatenate([end.q, end.v], axis=1)
 
 
 def _predict(
-    physics: Physics, start: State, effort: Array, duration: Array, with_effort: bool
+    physics: Physics, start: State, effort: Array, duration: Array, with_effort: bool, servo: ServoInput | None
 ) -> tuple[Array, Array, Array]:
     """The state x₊ (B, 2n) one sample later, ∂x₊/∂x (B, 2n, 2n) and ∂x₊/∂u (B, 2n, n), by forward differences.
 
@@ -197,7 +214,8 @@ def _predict(
     x = (mean[None] + shifts[:, None]).reshape(-1, 2 * n)
     u = (effort[None] + pushes[:, None]).reshape(-1, n)
     memory = None if start.memory is None else np.tile(start.memory, (copies, 1))
-    end = _advance(physics, State(x[:, :n], x[:, n:], memory), u, np.tile(duration, copies))
+    repeated = None if servo is None else servo.at(np.tile(np.arange(len(mean)), copies))
+    end = _advance(physics, State(x[:, :n], x[:, n:], memory), u, np.tile(duration, copies), repeated)
     moved = end.reshape(copies, len(mean), 2 * n)
     transition = np.moveaxis(moved[1 : 1 + 2 * n] - moved[0], 0, -1) / DIFFERENCE
     by_effort = np.zeros((len(mean), 2 * n, n))

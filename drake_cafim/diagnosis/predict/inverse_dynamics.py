@@ -135,7 +135,9 @@ def _inverse_dynamics(
     moving = motion(physics.tree, q, v)
     M, bias = equations_of_motion(moving, physics.gravity)
     M = M + np.diag(physics.rotor_inertias)
-    laws, _, _ = physics.applied_at_joints([JointSamples(q[:, j], v[:, j], acted[:, j]) for j in range(q.shape[1])])
+    load = physics.loads(q) if physics.depends_on_load else np.zeros_like(q)
+    joints = [JointSamples(q[:, j], v[:, j], acted[:, j], load=load[:, j]) for j in range(q.shape[1])]
+    laws, _, _ = physics.applied_at_joints(joints)
     needed = np.einsum("kij,kj->ki", M, a) + bias - laws
     if physics.contacts:
         needed = needed - moving.project(physics.contact_wrenches(moving, memory))

@@ -1,10 +1,11 @@
-"""Time stepping of many simulations of a model at once, open loop in the efforts."""
+"""Time stepping of many simulations of a model at once, open loop in the efforts, closed through position servos."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from drake_cafim.diagnosis.predict.servo_input import ServoInput
 from drake_cafim.dynamics.motion import equations_of_motion, motion
 from drake_cafim.dynamics.stepping import integrate
 from drake_cafim.effects.actuator import Effort
@@ -25,7 +26,7 @@ class State:
     memory: Array | None = None
 
 
-def step(physics: Physics, state: State, effort: Array, duration: Array) -> State:
+def step(physics: Physics, state: State, effort: Array, duration: Array, servo: ServoInput | None = None) -> State:
     """The state after one step of `duration` h (B,) s under the constant `effort` u (B, n).
 
     The linearly implicit midpoint rule, of second order,
@@ -34,15 +35,17 @@ def step(physics: Physics, state: State, effort: Array, duration: Array) -> Stat
 
     with M, c, the joint laws f and the contact and body forces F at q + ½ h v and v. The slopes of the joint laws in v
     are implicit, so that stiff friction is stable (Hairer, Wanner, Solving Ordinary Differential Equations II, 1996,
-    IV.7).
+    IV.7). The efforts of a `servo` are added to u, with their slopes in q and v implicit, too.
     """
     h = duration[:, None]
     q_middle = state.q + 0.5 * h * state.v
     moving = motion(physics.tree, q_middle, state.v)
     M, bias = equations_of_motion(moving, physics.gravity)
     M = M + np.diag(physics.rotor_inertias)
-    joints = [JointSamples(q_middle[:, j], state.v[:, j], effort[:, j]) for j in range(state.q.shape[1])]
+    effort, by_servo = _driven(physics, servo, q_middle, state.v, effort, duration)
+    joints = _joints(physics, q_middle, state.v, effort)
     law, _, slope = physics.applied_at_joints(joints)
+    slope = slope + by_servo * (1.0 + law_by_effort(physics, joints))
     force = effort + law - bias
     memory = state.memory
     if memory is not None and memory.shape[1]:
@@ -60,29 +63,58 @@ def step(physics: Physics, state: State, effort: Array, duration: Array) -> Stat
     return State(state.q + h * (state.v + 0.5 * change), state.v + change, memory)
 
 
-def advance(physics: Physics, state: State, effort: Array, duration: Array) -> State:
-    """The state after `duration` (B,) s under a constant `effort` (B, n), in as many equal steps as the model needs."""
+def _joints(physics: Physics, q: Array, v: Array, effort: Array) -> list[JointSamples]:
+    """The samples at which joint laws are evaluated, from q, v and acting efforts (B, n)."""
+    load = physics.loads(q) if physics.depends_on_load else np.zeros_like(q)
+    return [JointSamples(q[:, j], v[:, j], effort[:, j], load=load[:, j]) for j in range(q.shape[1])]
+
+
+def law_by_effort(physics: Physics, joints: Sequence[JointSamples]) -> Array:
+    """(B, n) derivative of the joint laws by the efforts that act."""
+    total = np.zeros((len(joints[0].q), len(joints)))
+    for effect in physics.joint_forces:
+        total[:, physics.tree.joint_index(effect.at)] += physics.joint_force(effect, joints).d_u
+    return total
+
+
+def _driven(
+    physics: Physics, servo: ServoInput | None, q: Array, v: Array, effort: Array, duration: Array
+) -> tuple[Array, Array]:
+    """The efforts (B, n) with those of servos, and the slope (B, n) of these in v."""
+    if servo is None:
+        return effort, np.zeros_like(effort)
+    return servo.drive(physics, q, v, effort, duration)
+
+
+def advance(physics: Physics, state: State, effort: Array, duration: Array, servo: ServoInput | None = None) -> State:
+    """The state after `duration` (B,) s under a constant `effort` (B, n), in as many equal steps as the model needs.
+
+    Where a `servo` drives a joint, its effort under a constant command is added.
+    """
     touching = physics.contacts or any(force.stiff for force in physics.body_forces)
     longest = LONGEST_CONTACT_STEP if touching else LONGEST_STEP
     count = max(1, int(np.ceil(float(np.max(duration)) / longest - 1e-6)))
     quickly = physics.spheres is not None and not physics.body_forces and not physics.tree.followers
-    if quickly and not physics.joint_forces:
+    if quickly and not physics.joint_forces and servo is None:
         return _step_compiled(physics, state, effort, np.zeros_like(effort), duration / count, count)
     take_step = _step_by_laws if quickly else step
     for _ in range(count):
-        state = take_step(physics, state, effort, duration / count)
+        state = take_step(physics, state, effort, duration / count, servo)
     return state
 
 
-def _step_by_laws(physics: Physics, state: State, effort: Array, duration: Array) -> State:
+def _step_by_laws(
+    physics: Physics, state: State, effort: Array, duration: Array, servo: ServoInput | None = None
+) -> State:
     """`step` by compiled code, for physics whose only additions to the nominal model are joint laws."""
     q_middle = state.q + 0.5 * duration[:, None] * state.v
-    joints = [JointSamples(q_middle[:, j], state.v[:, j], effort[:, j]) for j in range(state.q.shape[1])]
-    law, slope = effort.copy(), np.zeros_like(effort)
+    effort, slope = _driven(physics, servo, q_middle, state.v, effort, duration)
+    joints = _joints(physics, q_middle, state.v, effort)
+    law, by_servo = effort.copy(), slope.copy()
     for effect in physics.joint_forces:
         j, found = physics.tree.joint_index(effect.at), physics.joint_force(effect, joints)
         law[:, j] += found.value
-        slope[:, j] += found.d_v
+        slope[:, j] += found.d_v + found.d_u * by_servo[:, j]
     return _step_compiled(physics, state, law, slope, duration, 1)
 
 
@@ -95,18 +127,20 @@ def _step_compiled(physics: Physics, state: State, force: Array, slope: Array, d
     return State(q, v, state.memory)
 
 
-def acting_efforts(physics: Physics, time: Array, u: Array, ramped: Sequence[bool]) -> tuple[Array, Array]:
+def acting_efforts(
+    physics: Physics, time: Array, u: Array, ramped: Sequence[bool], served: Collection[int] = ()
+) -> tuple[Array, Array]:
     """Knots (K,) s and the acting efforts (K, n) held from each knot to the next, from samples `u` (N, n) at `time`.
 
     The knots hold the steps of every joint's effort after its actuator effects. The efforts of `ramped` joints are
     linear between samples: each piece between knots then has their mean, and no piece is longer than a step of the
-    simulation.
+    simulation. Where a servo drives a joint, one of `served`, the actuator effects act on the sum in the simulation.
     """
     efforts = []
     for j, name in enumerate(physics.tree.joint_names):
         effort = Effort(time, u[:, j], ramped[j])
         for effect in physics.actuators:
-            if effect.at == name:
+            if effect.at == name and j not in served:
                 effort = effect.drive(effort)
         efforts.append(effort)
     together = all(len(effort.times) == len(time) and np.array_equal(effort.times, time) for effort in efforts)

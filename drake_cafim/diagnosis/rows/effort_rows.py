@@ -57,12 +57,20 @@ class EffortRows:
         return steps
 
     def _steps_of_asked(self, mobility: Array) -> Array:
-        """(M, n) the correction for the efforts as commanded."""
+        """(M, n) the correction for the efforts as commanded, those of servos by their own steps."""
         windows, ramped = self.rows.windows, np.array(self.rows.ramped)
-        total = np.zeros((len(windows), self.rows.u.shape[1]))
+        u = self.rows.u.copy()
+        for j, drive in self.rows.servos.items():
+            u[:, j] -= drive.mean.value
+        total = np.zeros((len(windows), u.shape[1]))
         for ramp in set(self.rows.ramped):
-            acceleration = (mobility @ np.where(ramped == ramp, self.rows.u, 0.0)[..., None])[..., 0]
+            acceleration = (mobility @ np.where(ramped == ramp, u, 0.0)[..., None])[..., 0]
             total += windows.steps(windows.time, ramp) @ acceleration
+        for j, drive in self.rows.servos.items():
+            times = drive.steps.times
+            at = np.clip(np.searchsorted(windows.time, times, side="right") - 1, 0, None)
+            jumping = np.cumsum(mobility[at, :, j] * drive.jumps[:, None], axis=0)
+            total += windows.steps(times) @ jumping
         return total
 
     def effort(self, physics: Physics, joint: int) -> Effort:
@@ -94,6 +102,11 @@ class EffortRows:
             windows = self.rows.windows
             effort = self.effort(physics, joint)
             integral = np.asarray(windows.held(effort.times, effort.ramped) @ effort.values)
+            if joint in self.rows.servos:
+                # the means around the samples stand for the steps between them in the difference alone
+                integral = (
+                    self.rows.asked[:, joint] + integral - windows.held(windows.time, True) @ self.rows.u[:, joint]
+                )
             make_room(self._acting, CACHED_TERMS)
             self._acting[key] = ActingEffort(integral, self._step(physics, joint, effort))
         return self._acting[key]

@@ -1,10 +1,12 @@
 """The rows' terms that depend on the measurement alone, not on the physics: computed once."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
+from drake_cafim.diagnosis.rows.servo_efforts import ServoDrive
 from drake_cafim.diagnosis.rows.test_functions import Windows
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.typing import Array
@@ -24,6 +26,8 @@ class MeasuredRows:
     v_hat: Array
     wrenches: tuple[Array, ...]
     ramped: tuple[bool, ...]
+    servos: Mapping[int, ServoDrive] = field(default_factory=dict)
+    """The servos that drive joints, by the joint's index; `u` holds the means of their efforts, as if ramped."""
 
     @cached_property
     def rate_of_velocity(self) -> Array:
@@ -38,8 +42,15 @@ class MeasuredRows:
     @cached_property
     def asked(self) -> Array:
         """∫ w u dt, (M, n), of the commanded efforts."""
-        columns = [self.windows.held(self.windows.time, ramp) @ self.u[:, j] for j, ramp in enumerate(self.ramped)]
-        return np.stack(columns, axis=1)
+        return np.stack([self._integral(j) for j in range(len(self.ramped))], axis=1)
+
+    def _integral(self, joint: int) -> Array:
+        if joint not in self.servos:
+            return np.asarray(self.windows.held(self.windows.time, self.ramped[joint]) @ self.u[:, joint])
+        drive = self.servos[joint]
+        parts = [(effort.times, effort.ramped, effort.values) for effort in (drive.steps, *drive.ramps)]
+        stepped = sum(self.windows.held(times, ramped) @ values for times, ramped, values in parts)
+        return np.asarray(stepped + self.windows.value @ drive.rest)
 
     def effort(self, joint: int) -> Effort:
         """The commanded effort of `joint` over time."""

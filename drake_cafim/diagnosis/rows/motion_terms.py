@@ -1,5 +1,6 @@
 """The terms of one recording's rows that follow from its motion and efforts, cached by the sensor effects on these."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -11,8 +12,9 @@ from drake_cafim.diagnosis.rows.inertial_regressor import InertialRegressor, Lin
 from drake_cafim.diagnosis.rows.kinematic_rows import KinematicRows, lags_of
 from drake_cafim.diagnosis.rows.measured_rows import MeasuredRows
 from drake_cafim.diagnosis.rows.measurement import Measurement, corrected_measurement, joint_samples_of
-from drake_cafim.diagnosis.rows.mobility import Mobility
+from drake_cafim.diagnosis.rows.mobility import Mobility, rotors_of
 from drake_cafim.diagnosis.rows.samples import Samples
+from drake_cafim.diagnosis.rows.servo_efforts import ServoDrive, ServoMotion, servo_key
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.motion import Motion, motion
 from drake_cafim.effects.effect import JointSamples
@@ -38,8 +40,33 @@ class MotionTerms:
     acting: ForceRows
     louder: Array
     """(M, n), the factor that scales `kinematic` to the noise that it has without a sensor's lag."""
+    servos: dict[int, ServoDrive] = field(default_factory=dict)
+    """The efforts of the servos that drive joints, by the joint's index."""
     in_doubt: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False, compare=False)
     """Cached rows of the unknown initial state of sensors' lags, by the sensor and its time constant."""
+
+    def driven_by(self, servos: dict[int, ServoDrive], load: Array, physics: Physics) -> "MotionTerms":
+        """The terms with the efforts of `servos` added to the recorded ones, and the `load` (N, n) from outside."""
+        if self.driven.mobility is not None:
+            mobility = self.driven.mobility.of(physics)
+            servos = {j: self._bent(j, drive, servos, mobility) for j, drive in servos.items()}
+        u, ramped = self.rows.u.copy(), list(self.rows.ramped)
+        for j, drive in servos.items():
+            u[:, j] += drive.mean.value
+            ramped[j] = True
+        joints = tuple(
+            joint.under(u[:, j] if j in servos else joint.u, load[:, j]) for j, joint in enumerate(self.joints)
+        )
+        rows = replace(self.rows, u=u, ramped=tuple(ramped), servos=servos)
+        acting = ForceRows(self.acting.windows, self.acting.recording, joints, self.moving)
+        driven = EffortRows(rows, self.driven.mobility)
+        return replace(self, rows=rows, joints=joints, driven=driven, acting=acting, servos=servos)
+
+    def _bent(self, joint: int, drive: ServoDrive, servos: Mapping[int, ServoDrive], mobility: Array) -> ServoDrive:
+        """The drive of `joint` with the bends split off that the steps of all `servos` cause."""
+        for other, steps in servos.items():
+            drive = drive.bent_by(self.rows.windows.time, mobility[:, joint, other], steps)
+        return drive
 
 
 @dataclass(frozen=True)
@@ -49,16 +76,32 @@ class MotionTermsCache:
     samples: Samples
     sensors: tuple[WrenchSensor, ...]
     _cache: dict[tuple[object, ...], MotionTerms] = field(default_factory=dict, repr=False, compare=False)
+    _driven: dict[tuple[object, ...], MotionTerms] = field(default_factory=dict, repr=False, compare=False)
 
     def of(self, physics: Physics) -> MotionTerms:
-        """The terms under the sensor effects of `physics`; its other effects do not matter."""
+        """The terms under the sensor effects and the servos of `physics`; its other effects do not matter."""
         key = tuple(
             (effect.key, *effect.values.values()) for effect in physics.sensors if not effect.at.startswith("wrench.")
         )
         if key not in self._cache:
             make_room(self._cache, 4)
             self._cache[key] = self._compute(physics)
-        return self._cache[key]
+        if not self.samples.commands and not physics.depends_on_load:
+            return self._cache[key]
+        under = (*key, *servo_key(physics), rotors_of(physics))
+        if under not in self._driven:
+            make_room(self._driven, 8)
+            base = self._cache[key]
+            motion = ServoMotion(self.samples.time, self._read(physics), base.measured.v, self.samples.commands)
+            self._driven[under] = base.driven_by(motion.drives(physics), physics.loads(base.measured.q_hat), physics)
+        return self._driven[under]
+
+    def _read(self, physics: Physics) -> Array:
+        """(N, n) the positions that the encoders read, corrected for delays and lags of the recording alone."""
+        late = tuple(effect for effect in physics.sensors if effect.late)
+        if not any(effect.at.startswith("q.") for effect in late):
+            return self.samples.q
+        return corrected_measurement(self.samples, self.sensors, replace(physics, sensors=late)).q
 
     @cached_property
     def _kinematic(self) -> KinematicRows:

@@ -25,11 +25,9 @@ from drake_cafim.errors import InputError
 from drake_cafim.numerics.local_polynomial import local_polynomial
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.scenario.schema import Lowpass
+from drake_cafim.scene.driving import RAMPED, Command, commands_of, driven_by_servo, with_idle_efforts
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array, Flags
-
-RAMPED = "first_order"
-"""The `hold` of a channel whose values are linear from sample to sample."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +59,8 @@ class Samples:
     """Correlation models by column; a column that is not in it has white noise."""
     bridges: Bridges = field(default_factory=dict)
     """Interpolation matrices (N, N) of the columns that are sampled more slowly than the others."""
+    commands: Mapping[int, Command] = field(default_factory=dict)
+    """The commands of the joints that a servo drives, by the joint's index; `u` is then what acts beside the servo."""
 
     @cached_property
     def tracks(self) -> tuple[Track, ...]:
@@ -124,8 +124,9 @@ def add_noise(samples: Samples, rng: np.random.Generator, fed_back: bool = False
     if fed_back:
         u = u + Feedback.of(samples.q, samples.v, samples.u).carry_noise(q - samples.q, v - samples.v)
     columns = dict(samples.recording.columns)
-    for kind, values in (("q", q), ("u", u), *([("v", v)] if samples.velocity_measured else [])):
+    for kind, values in (("q", q), *([("v", v)] if samples.velocity_measured else [])):
         columns |= {f"{kind}.{name}": values[:, j] for j, name in enumerate(names)}
+    columns |= {f"u.{name}": u[:, j] for j, name in enumerate(names) if j not in samples.commands}
     for sensor, wrench in zip(sensors, wrenches, strict=True):
         columns |= {f"{sensor}.{axis}": wrench[:, k] for k, axis in enumerate(WRENCH_COMPONENTS)}
     recording = replace(samples.recording, columns=columns)
@@ -152,8 +153,9 @@ def with_recording(samples: Samples, scene: Scene, recording: Recording) -> Samp
             else resting(samples.time, q[:, j], v[:, j], of_joint)
             for j, of_joint in enumerate(noise)
         ),
-        u=_filled(recording.matrix("u", names)),
+        u=_filled(with_idle_efforts(scene, recording).matrix("u", names)),
         wrenches=tuple(_filled(recording.wrench(sensor.name)) for sensor in scene.wrench_sensors),
+        commands=_filled_commands(commands_of(scene, recording, [names[j] for j in samples.commands])),
     )
 
 
@@ -173,8 +175,9 @@ def samples_of(
     Raises `InputError` when a needed column is missing, or fewer than three windows fit between the recording's gaps.
     """
     names = scene.tree.joint_names
+    driven = driven_by_servo(scene, recording)
     q = recording.matrix("q", names)
-    u = recording.matrix("u", names)
+    u = with_idle_efforts(scene, recording).matrix("u", names)
     time = recording.time
     measured = all(f"v.{name}" in recording.columns for name in names)
     lowpass, period = effort_filter(scene), float(np.median(np.diff(time)))
@@ -188,6 +191,9 @@ def samples_of(
     v = recording.matrix("v", names) if measured else np.zeros_like(q)
     wrenches = tuple(recording.wrench(sensor.name) for sensor in scene.wrench_sensors)
     usable = np.all(np.isfinite(np.concatenate([q, v, u, *wrenches], axis=1)), axis=1)
+    commands = commands_of(scene, recording, driven)
+    for command in commands.values():
+        usable &= np.isfinite(command.position) & np.isfinite(command.gain) & np.isfinite(command.supply)
     q, v, u = _filled(q), _filled(v), _filled(u)
     wrenches = tuple(_filled(wrench) for wrench in wrenches)
     smooth_q = local_polynomial(time, VELOCITY_SMOOTHING_REACH, 2, 0, at_least=2)
@@ -223,6 +229,7 @@ def samples_of(
         tuple((channel := scene.channel(f"u.{name}")) is not None and channel.hold == RAMPED for name in names),
         memories,
         dict(bridges or {}),
+        _filled_commands(commands),
     )
 
 
@@ -297,6 +304,18 @@ def _beyond_response(usable: Flags, reach: int) -> Flags:
     missing = np.concatenate([np.ones(reach), ~usable, np.ones(reach)])
     near = np.convolve(missing, np.ones(2 * reach + 1), mode="valid")
     return np.asarray(near == 0.0)
+
+
+def _filled_commands(commands: Mapping[int, Command]) -> dict[int, Command]:
+    """The commands with missing samples replaced by the last one before."""
+
+    def whole(values: Array) -> Array:
+        return _filled(values[:, None])[:, 0]
+
+    return {
+        j: replace(own, position=whole(own.position), gain=whole(own.gain), supply=whole(own.supply))
+        for j, own in commands.items()
+    }
 
 
 def _away_from(missing: Flags, smooth: sp.csr_matrix) -> Flags:

@@ -30,6 +30,7 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
     q, v = measured.q_hat, measured.v_hat
     joints = weak.joint_samples(physics)
     memory = weak.contact_memory(physics)
+    servos = weak.terms(physics).servos
     _, d_q_law, d_v_law = physics.applied_at_joints(joints)
     rigid = balance_slopes(replace(weak.motion(physics), tree=physics.tree), physics)
     first = np.arange(weak.rows_per_window) < weak.kinematic_rows
@@ -69,6 +70,11 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
             from_q = from_q + _force_rows(weak, readings, slopes, velocity.from_q)
             if s.differentiate is None:
                 from_v = from_v + _force_rows(weak, readings, slopes, velocity.from_v)
+        if j in servos:
+            # what is read enters a second time, through the effort that the servo makes of it
+            acts = place(weak, -s.windows.value, weak.kinematic_rows + j)
+            from_q = from_q + acts @ sp.diags_array(servos[j].mean.d_q)
+            from_v = from_v + acts @ sp.diags_array(servos[j].mean.d_v)
         if s.differentiate is None:
             add(f"q.{name}", sp.csr_matrix(from_q))
             add(f"v.{name}", sp.csr_matrix(from_v))

@@ -1,0 +1,101 @@
+"""What position servos get during a simulation: commands, gains and supply by interval; and the efforts they make."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from drake_cafim.diagnosis.rows.servo_efforts import followed
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.effects.actuator import Effort
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array, Indices
+
+DIFFERENCE = 1e-6
+"""N m (N), step by which the slope of an actuator effect is taken."""
+
+
+@dataclass(frozen=True)
+class ServoInput:
+    """The inputs of the servos in B simulations, (B, n) each, n joints; `on` is 0 where no servo drives a joint.
+
+    `command` rad (m), `gain` and `supply` as in `Servo.effort`; the encoder reads `scale` q + `offset`.
+    """
+
+    on: Array
+    command: Array
+    gain: Array
+    supply: Array
+    scale: Array
+    offset: Array
+
+    def at(self, index: Indices) -> "ServoInput":
+        """The inputs of the simulations with these indices, which may repeat."""
+        return ServoInput(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    def padded(self, length: int) -> "ServoInput":
+        """The inputs repeated to `length` rows by their last one."""
+        return self.at(np.minimum(np.arange(length), len(self.on) - 1))
+
+    def drive(self, physics: Physics, q: Array, v: Array, effort: Array, duration: Array) -> tuple[Array, Array]:
+        """The acting efforts (B, n) beside `effort`, and their slope in v for a step of `duration` (B,) s.
+
+        The actuator effects act on the sum. A step from velocity v moves q by ½ h v within its first half, so that the
+        slope in q enters that in v times ½ h.
+        """
+        total, slope = effort.copy(), np.zeros_like(effort)
+        for servo in physics.servos:
+            j = physics.tree.joint_index(servo.joint)
+            on = self.on[:, j]
+            if not np.any(on):
+                continue
+            read = self.scale[:, j] * q[:, j] + self.offset[:, j]
+            law = physics.servo_at(servo.joint).effort(
+                self.command[:, j], read, v[:, j], self.gain[:, j], self.supply[:, j]
+            )
+            total[:, j] += on * law.value
+            slope[:, j] = on * (law.d_v + 0.5 * duration * self.scale[:, j] * law.d_q)
+            acting, ahead = (_after(physics, servo.joint, total[:, j] + step) for step in (0.0, DIFFERENCE))
+            slope[:, j] *= np.where(on > 0.0, (ahead - acting) / DIFFERENCE, 1.0)
+            total[:, j] = np.where(on > 0.0, acting, total[:, j])
+        return total, slope
+
+
+def _after(physics: Physics, joint: str, effort: Array) -> Array:
+    """The efforts (B,) after the actuator effects at `joint` that have no memory."""
+    for effect in physics.actuators:
+        if effect.at == joint and not effect.past and effect.settling is None:
+            effort = effect.drive(Effort(np.arange(len(effort), dtype=float), effort)).values
+    return effort
+
+
+def stacked(inputs: Sequence[ServoInput]) -> list[ServoInput]:
+    """For each interval of several simulations of equal length, the inputs of all of them."""
+    together = [np.stack([getattr(one, field.name) for one in inputs], axis=1) for field in fields(ServoInput)]
+    return [ServoInput(*(part[k] for part in together)) for k in range(len(inputs[0].on))]
+
+
+def joined(inputs: Sequence[ServoInput]) -> ServoInput:
+    """The inputs of several recordings, one after the other."""
+    return ServoInput(*(np.concatenate([getattr(one, field.name) for one in inputs]) for field in fields(ServoInput)))
+
+
+def servo_input(weak: WeakForm, physics: Physics, edges: Array) -> ServoInput:
+    """The inputs over each of the intervals between `edges` (K + 1,) s of one recording, (K, n)."""
+    samples, n = weak.samples, weak.joints
+    time, count = samples.time, len(edges) - 1
+    sample = np.clip(np.searchsorted(time, edges[:-1] + 1e-12, side="right") - 1, 0, len(time) - 1)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    on, command, offset = (np.zeros((count, n)) for _ in range(3))
+    gain, supply, scale = (np.ones((count, n)) for _ in range(3))
+    for j, sent in samples.commands.items():
+        name = physics.tree.joints[j].name
+        on[:, j] = 1.0
+        command[:, j] = followed(physics, name, sent.over(time)).means(edges)[:-1]
+        gain[:, j], supply[:, j] = sent.gain[sample], sent.supply[sample]
+        for effect in physics.sensors:
+            if effect.at == f"q.{name}" and not effect.late:
+                zero = effect.measured(middle, np.zeros((count, 1)))[:, 0]
+                slope = effect.measured(middle, np.ones((count, 1)))[:, 0] - zero
+                scale[:, j], offset[:, j] = slope * scale[:, j], slope * offset[:, j] + zero
+    return ServoInput(on, command, gain, supply, scale, offset)

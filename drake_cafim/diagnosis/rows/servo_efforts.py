@@ -1,0 +1,166 @@
+"""The efforts of position servos along a recorded motion, with their derivatives by the measured channels.
+
+Between samples a servo's effort is smooth but for the steps of its command. A staircase S of these steps is split off,
+so that integrals of the effort take it as held and the rest, effort − S, as a smooth channel. Each step also bends the
+velocity, and with it the damping's part of the effort, and the effort itself bends where it enters or leaves its limit
+or the dead band: what is linear between such instants is split off in the same way.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drake_cafim.effects.actuator import Effort
+from drake_cafim.effects.servo import Servo, ServoEffort
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.scene.driving import Command
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class ServoDrive:
+    """The effort of one servo: `mean` (N,) around each sample with its derivatives; `steps` S and `ramps`; `rest` (N,).
+
+    S is held, the ramps are linear between their times; the rest is what they leave at the samples.
+    """
+
+    mean: ServoEffort
+    steps: Effort
+    rest: Array
+    ramps: tuple[Effort, ...] = ()
+
+    @property
+    def jumps(self) -> Array:
+        """(K,) the steps of S at its times, N m or N."""
+        return np.diff(self.steps.values, prepend=0.0)
+
+    def bent_by(self, time: Array, mobility: Array, other: "ServoDrive") -> "ServoDrive":
+        """The drive with the bends split off that the steps of `other` cause by this servo's damping.
+
+        `mobility` (N,) is the acceleration of this joint for a unit effort of the other one, at `time` (N,) s.
+        """
+        times = other.steps.times
+        if len(times) < 2:
+            return self
+        at = np.clip(np.searchsorted(time, times, side="right") - 1, 0, None)
+        slope = np.cumsum(self.mean.d_v[at] * mobility[at] * other.jumps)
+        ramp = Effort(times, np.concatenate([[0.0], np.cumsum(slope[:-1] * np.diff(times))]), True)
+        return replace(self, rest=self.rest - np.interp(time, times, ramp.values), ramps=(*self.ramps, ramp))
+
+
+@dataclass(frozen=True)
+class ServoMotion:
+    """What the servos of one recording act on: the `commands` by joint index, and q, v (N, n) at `time` (N,) s.
+
+    q is what the encoders read, without the delay or lag of the recording; v is the true velocity, since back-EMF acts
+    at once.
+    """
+
+    time: Array
+    q: Array
+    v: Array
+    commands: Mapping[int, Command]
+
+    def drives(self, physics: Physics) -> dict[int, ServoDrive]:
+        """The drive of each servo, by joint index."""
+        found = {}
+        for j, command in self.commands.items():
+            name = physics.tree.joints[j].name
+            sent = followed(physics, name, command.over(self.time))
+            found[j] = self._drive(physics.servo_at(name), command, sent, self.q[:, j], self.v[:, j])
+        return found
+
+    def _drive(self, servo: Servo, command: Command, sent: Effort, q: Array, v: Array) -> ServoDrive:
+        time = self.time
+        mean = servo.effort(mean_around(sent, time), q, v, command.gain, command.supply)
+        edges = _bends_at_edges(servo, command, sent, time, q, v)
+        bent = 0.0 if edges is None else np.interp(time, edges.times, edges.values)
+        ramps = () if edges is None else (edges,)
+        if sent.ramped:
+            return ServoDrive(mean, Effort(time[:1], np.zeros(1)), mean.value - bent, ramps)
+        at = np.clip(sent.times[1:], time[0], time[-1])
+        there = [np.interp(at, time, channel) for channel in (q, v, command.gain, command.supply)]
+        after, before = (servo.effort(goal, *there).value for goal in (sent.values[1:], sent.values[:-1]))
+        steps = Effort(sent.times, np.concatenate([[0.0], np.cumsum(after - before)]))
+        # values at the samples, just after a step that is there
+        index = np.clip(np.searchsorted(sent.times, time, side="right") - 1, 0, None)
+        now = servo.effort(sent.values[index], q, v, command.gain, command.supply).value
+        return ServoDrive(mean, steps, now - steps.values[index] - bent, ramps)
+
+
+def _bends_at_edges(servo: Servo, command: Command, sent: Effort, time: Array, q: Array, v: Array) -> Effort | None:
+    """The piecewise linear part of the effort that bends where the position error crosses an edge of the law.
+
+    Edges are the dead band's and the limit's; between knots, the samples and the command's steps, the error is taken as
+    linear. None where nothing bends.
+    """
+    levels = [servo.dead_band] if servo.dead_band > 0.0 else []
+    if np.isfinite(servo.limit):
+        levels.append(np.nan)  # depends on the gain, below
+    if not levels:
+        return None
+    knots = np.unique(np.concatenate([time, sent.times[(sent.times > time[0]) & (sent.times < time[-1])]]))
+    held = np.clip(np.searchsorted(sent.times, knots[:-1], side="right") - 1, 0, None)
+    goal = np.interp(knots, sent.times, sent.values) if sent.ramped else np.zeros(0)
+    begin, end = (goal[:-1], goal[1:]) if sent.ramped else (sent.values[held], sent.values[held])
+    at = np.interp(knots, time, q)
+    before, after, lasting = begin - at[:-1], end - at[1:], np.diff(knots)
+    speed, gain, supply = (np.interp(knots[:-1], time, channel) for channel in (v, command.gain, command.supply))
+    instants, bends = [], []
+    for level in levels:
+        edge = np.full_like(before, level)
+        if np.isnan(level):
+            edge = servo.dead_band + servo.limit / np.maximum(servo.stiffness * gain, 1e-300)
+        for side in (edge, -edge):
+            k = np.flatnonzero((before - side) * (after - side) < 0.0)
+            rate = (after[k] - before[k]) / lasting[k]
+            aside = EDGE * np.sign(rate)
+            slopes = [
+                servo.effort(side[k] + sign * aside, 0.0 * rate, speed[k], gain[k], supply[k]).d_command
+                for sign in (1.0, -1.0)
+            ]
+            instants.append(knots[k] + (side[k] - before[k]) / rate)
+            bends.append((slopes[0] - slopes[1]) * rate)
+    # a step of the command may cross an edge as well
+    rates = (after - before) / lasting
+    slopes = [servo.effort(error, 0.0 * error, speed, gain, supply).d_command for error in (before, after)]
+    crossed = np.flatnonzero(slopes[0][1:] != slopes[1][:-1])
+    instants.append(knots[1:-1][crossed])
+    bends.append(((slopes[0][1:] - slopes[1][:-1]) * 0.5 * (rates[1:] + rates[:-1]))[crossed])
+    times, bent = np.concatenate(instants), np.concatenate(bends)
+    if not len(times):
+        return None
+    order = np.argsort(times, kind="stable")
+    times = np.concatenate([[time[0]], times[order], [time[-1]]])
+    slope = np.concatenate([[0.0], np.cumsum(bent[order])])
+    return Effort(times, np.concatenate([[0.0], np.cumsum(slope * np.diff(times))]), True)
+
+
+EDGE = 1e-9
+"""rad (m), beside an edge of the law, where its slope on either side is taken."""
+
+
+def followed(physics: Physics, joint: str, command: Effort) -> Effort:
+    """The commanded position over time that the servo at `joint` follows when `command` is sent to it."""
+    for effect in physics.servo_effects:
+        if effect.at == joint:
+            command = effect.follow(command)
+    return command
+
+
+def mean_around(signal: Effort, time: Array) -> Array:
+    """(N,) mean of `signal` from halfway after the sample before to halfway before the next, for each of `time` (N,) s.
+
+    With it, the trapezoid rule integrates a staircase between the samples.
+    """
+    middles = 0.5 * (time[1:] + time[:-1])
+    edges = np.concatenate([[2.0 * time[0] - middles[0]], middles, [2.0 * time[-1] - middles[-1]]])
+    return signal.means(edges)[:-1]
+
+
+def servo_key(physics: Physics) -> tuple[object, ...]:
+    """All numbers that the efforts of servos and the loads from outside depend on, as a key of a cache."""
+    effects = ((effect.key, *effect.values.items()) for effect in physics.servo_effects)
+    contacts = (str(contact) for contact in physics.contacts)
+    return (physics.servos, *effects, physics.tree.inertial_parameters.tobytes(), physics.gravity.tobytes(), *contacts)
