@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long descriptions prove thresholds ablations recoveries confusable lint clean
+.PHONY: all demo test ci long descriptions prove thresholds ablations recoveries confusable efficiency lint clean
 
 all: demo
 
@@ -67,6 +67,11 @@ recoveries: $(STAMPS)/test
 # How long designed, D-optimal and random motions take to tell confusable pairs apart.
 confusable: $(STAMPS)/test
 	$(RUN)/python -m tests.benchmarks.discrimination $(CONFUSABLE)
+
+# How near the fits come to the Cramér-Rao bound, and whether what they state is true; `EFFICIENCY=--short` takes ten
+# minutes. Resumable.
+efficiency: $(STAMPS)/test
+	$(RUN)/python -m tests.benchmarks.efficiency $(EFFICIENCY)
 
 lint: $(STAMPS)/test
 	$(VENV)/bin/ruff check

@@ -7,16 +7,17 @@ import numpy as np
 
 from drake_cafim.diagnosis.assembly import comparisons_of, parameters_of, verdict_of
 from drake_cafim.diagnosis.fit.evidence import scale_of
-from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.conclusion import record_conclusion, record_data_mistake
+from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.diagnosis.search.goodness_of_fit import GoodnessOfFit, goodness_of_fit
 from drake_cafim.diagnosis.search.judgement import judge
 from drake_cafim.diagnosis.search.search import Outcome
-from drake_cafim.diagnosis.search.state import ROUNDS, Settings, has_moved
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_ROUNDS, UNKNOWN_FAR_IN_PRIOR_STDS
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.verdict import (
@@ -151,11 +152,11 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
     prepared = prepare(scene, recordings)
     scene = prepared.scene
     progress("fitting the unknown parameters")
-    problem, fitted = _fitted(prepared.problem(), Model(scene.priors.mean))
+    problem, fitted = fit_given(prepared.problem(), Model(scene.priors.mean))
     finer = prepared.with_noise_beside(fitted.model)
     if finer is not None:
         prepared = finer
-        problem, fitted = _fitted(finer.problem(), fitted.model)
+        problem, fitted = fit_given(finer.problem(), fitted.model)
     goodness, notes = goodness_of_fit(problem, fitted)
     progress("simulating")
     train = comparisons_of(prepared, [fitted, fitted])[0]
@@ -168,17 +169,6 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
         (*prepared.notes, *notes, *train.missing("train")),
         prepared.channel_noise,
     )
-
-
-def _fitted(problem: SearchProblem, start: Model) -> tuple[SearchProblem, Fit]:
-    """The fit, and the problem whose noise is whitened as the fitted model lets it through."""
-    fitted = unbiased_fit(problem, start)
-    for _ in range(ROUNDS if len(start.unknown) else 0):
-        before, problem = fitted.model, problem.rewhitened(fitted.model)
-        fitted = unbiased_fit(problem, before)
-        if not has_moved(problem, before, fitted.model):
-            break
-    return problem, fitted
 
 
 def _widened(problem: SearchProblem, fitted: Fit) -> Array:
