@@ -59,6 +59,7 @@ CELLS = (
     Cell("7 joints, 4 ms, coarse q, slow", seven_joints, Motion(SLOW, 0.8, SPREAD), 0.004, 6.0, Noise(1e-3),
          _coulomb("j2", 0.5), LAST),
     Cell("press, 2 ms, rubs and leaves the wall", press,
-         Motion((0.4, 1.1), (0.03, 0.03, 0.002), (0.0, 0.0, 0.1037)), 0.002, 4.0, Noise(1e-5, 5e-4, force=0.1, torque=0.01), _viscous("px", 1.0),
+         Motion((0.4, 1.1), (0.03, 0.03, 0.002), (0.0, 0.0, 0.1037)), 0.002, 4.0,
+         Noise(1e-5, 5e-4, force=0.1, torque=0.01), _viscous("px", 1.0),
          (_contact("stiffness", 4500.0, 225.0, 4600.0), _contact("friction", 0.4, 0.02, 0.41)), bandwidth=15.0),
 )  # fmt: skip
