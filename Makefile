@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long descriptions prove thresholds ablations recoveries confusable efficiency lint clean
+.PHONY: all demo test ci long descriptions prove thresholds ablations recoveries confusable efficiency bench lint clean
 
 all: demo
 
@@ -72,6 +72,10 @@ confusable: $(STAMPS)/test
 # minutes. Resumable.
 efficiency: $(STAMPS)/test
 	$(RUN)/python -m tests.benchmarks.efficiency $(EFFICIENCY)
+
+# `cafim estimate` and `mujoco.sysid` on the same recordings, in turn: time, error, coverage, convergence, memory.
+bench: $(STAMPS)/test
+	$(RUN)/python -m tests.benchmarks.peers $(BENCH)
 
 lint: $(STAMPS)/test
 	$(VENV)/bin/ruff check
