@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drake_cafim.diagnosis.assembly import comparisons_of, parameters_of, verdict_of
+from drake_cafim.diagnosis.finish import finish
 from drake_cafim.diagnosis.fit.evidence import scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
@@ -158,10 +159,16 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
         prepared = finer
         problem, fitted = fit_given(finer.problem(), fitted.model)
     goodness, notes = goodness_of_fit(problem, fitted)
+    std = fitted.std if goodness.accepted else _widened(problem, fitted)
+    if goodness.accepted:
+        progress("maximising the likelihood of whole recordings")
+        whole = finish(prepared, fitted)
+        if isinstance(whole, Fit):
+            fitted, std = whole, np.sqrt(np.diag(whole.covariance))
     progress("simulating")
     train = comparisons_of(prepared, [fitted, fitted])[0]
     return Estimate(
-        parameters_of(scene, fitted, fitted.std if goodness.accepted else _widened(problem, fitted)),
+        parameters_of(scene, fitted, std),
         train,
         goodness,
         prepared.mistakes,

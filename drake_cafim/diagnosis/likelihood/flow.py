@@ -1,19 +1,19 @@
-"""The states of a model one sampling interval later, by the classical Runge–Kutta method, for many intervals at once."""
+"""The states of a model one sampling interval later, for many intervals at once (classical Runge–Kutta method)."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.dynamics.inverses import inverses
 from drake_cafim.dynamics.motion import equations_of_motion, motion
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 LONGEST_STEP, LONGEST_CONTACT_STEP = 5e-3, 5e-4
 """s, without and with contact."""
-STIFFNESS, MOST_STEPS = 0.4, 64
-"""Largest step times the rate at which a joint law changes the velocity, and most steps of one interval."""
+TOLERANCE, MOST_STEPS = 1e-7, 64
+"""Change of the end of an interval by twice as many steps that counts as rounding, rad and rad/s (m and m/s), and the
+most steps of one interval."""
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,12 @@ class Intervals:
     last: Array
     recording: str | None = None
 
-    def at(self, rows: Array) -> "Intervals":
+    def at(self, rows: Indices) -> "Intervals":
         """Those of the given rows."""
         return Intervals(self.time[rows], self.duration[rows], self.first[rows], self.last[rows], self.recording)
 
 
-def flow(physics: Physics, state: Array, intervals: Intervals, steps: Array) -> Array:
+def flow(physics: Physics, state: Array, intervals: Intervals, steps: Indices) -> Array:
     """The state (q, v) (B, 2n) at the end of each interval, from `state` (B, 2n) in `steps` (B,) equal steps."""
     result = np.empty_like(state)
     for count in np.unique(steps):
@@ -40,29 +40,24 @@ def flow(physics: Physics, state: Array, intervals: Intervals, steps: Array) -> 
     return result
 
 
-def steps_of(physics: Physics, state: Array, after: Array, intervals: Intervals) -> Array:
-    """(B,) the number of steps in which each interval is integrated, by its length and by how stiff its laws are.
+def steps_of(physics: Physics, state: Array, intervals: Intervals) -> Indices:
+    """(B,) the number of steps in which each interval is integrated: twice as many change its end by rounding alone.
 
-    `state` and `after` (B, 2n) are those at its ends. A change of sign of friction is stiff where v is nearly zero.
+    A change of sign of friction needs many more than a smooth motion does.
     """
     touching = physics.contacts or any(force.stiff for force in physics.body_forces)
     longest = LONGEST_CONTACT_STEP if touching else LONGEST_STEP
-    least = np.ceil(intervals.duration / longest - 1e-6)
-    if physics.joint_forces:
-        n = state.shape[1] // 2
-        M, _ = equations_of_motion(motion(physics.tree, state[:, :n], state[:, n:]), physics.gravity)
-        inertia = 1.0 / np.diagonal(inverses(M + np.diag(physics.rotor_inertias)), axis1=1, axis2=2)
-        before, later = state[:, n:], after[:, n:]
-        slowest = np.where(before * later < 0.0, 0.0, np.minimum(np.abs(before), np.abs(later)))
-        slope = _slopes(physics, state[:, :n], slowest, intervals.first)
-        rate = np.max(np.abs(slope) / inertia, axis=1)
-        least = np.maximum(least, np.ceil(intervals.duration * rate / STIFFNESS))
-    # powers of two: few groups
-    return np.asarray(2.0 ** np.ceil(np.log2(np.clip(least, 1, MOST_STEPS))), dtype=np.int64)
-
-
-def _slopes(physics: Physics, q: Array, v: Array, u: Array) -> Array:
-    return physics.applied_at_joints([JointSamples(q[:, j], v[:, j], u[:, j]) for j in range(q.shape[1])])[2]
+    steps = np.maximum(1, np.ceil(intervals.duration / longest - 1e-6)).astype(np.int64)
+    rows = np.arange(len(steps))
+    end = flow(physics, state, intervals, steps)
+    while len(rows):
+        own = intervals.at(rows)
+        finer = flow(physics, state[rows], own, 2 * steps[rows])
+        off = np.max(np.abs(finer - end[rows]), axis=1)
+        end[rows] = finer
+        rows = rows[(off > TOLERANCE) & (steps[rows] < MOST_STEPS)]
+        steps[rows] *= 2
+    return steps
 
 
 def _integrate(physics: Physics, state: Array, intervals: Intervals, count: int) -> Array:

@@ -6,15 +6,16 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_cafim.diagnosis.likelihood.flow import Intervals, flow, steps_of
+from drake_cafim.diagnosis.likelihood.flow import Intervals, steps_of
 from drake_cafim.diagnosis.likelihood.smoother import filter_forward, smooth
+from drake_cafim.diagnosis.likelihood.transitions import Displaced, Transitions, transitions
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Flags
 
-STATE_STEP, EFFORT_STEP = 1e-6, 1e-3
-"""Finite differences: rad and rad/s (m and m/s); N m (N)."""
+READING_STEP = 1e-8
+"""Finite differences of readings, rad and rad/s (m and m/s): at contacts a fraction of a millimetre matters."""
 FREE_POSITION, FREE_VELOCITY = 10.0, 100.0
 """Standard deviations of an initial state of which nothing is known, rad and rad/s (m and m/s)."""
 
@@ -26,14 +27,6 @@ class Readings:
     values: Array
     seen: Flags
     std: Array
-
-
-@dataclass(frozen=True)
-class Displaced:
-    """The physics with one parameter displaced by `size`, for a difference quotient."""
-
-    physics: Physics
-    size: float
 
 
 @dataclass(frozen=True)
@@ -52,7 +45,7 @@ class Pass:
 
 @dataclass(frozen=True)
 class Linearised:
-    """A recording's steps x₊ = A x + B θ + c + E w and readings r = C x + D θ + e about a trajectory, see `smoother`."""
+    """Steps x₊ = A x + B θ + c + E w and readings r = C x + D θ + e of one recording, see `smoother`."""
 
     A: Array
     B: Array
@@ -68,10 +61,9 @@ class Linearised:
     @cached_property
     def filtered(self) -> Pass:
         """The filter's pass."""
-        found = filter_forward(
-            self.A, self.B, self.c, self.E, self.C, self.D, self.r, self.R, self.seen, self.start
-        )
-        return Pass(*found[:4], float(found[4][0]), *found[5:])
+        found = filter_forward(self.A, self.B, self.c, self.E, self.C, self.D, self.r, self.R, self.seen, self.start)
+        information, gradient, scores, chi_square, log_volume, means, covariances, gains = found
+        return Pass(information, gradient, scores, float(chi_square), float(log_volume), means, covariances, gains)
 
     def deviations(self, theta: Array) -> Array:
         """(N, s) smoothed deviations of the states for parameters that deviate by `theta` (p,)."""
@@ -127,33 +119,30 @@ def intervals_of(weak: WeakForm, physics: Physics) -> Intervals:
     return Intervals(time[:-1], np.diff(time), *efforts(weak, physics), weak.samples.recording.name)
 
 
-def linearise(weak: WeakForm, physics: Physics, displaced: Sequence[Displaced], state: Array) -> Linearised:
-    """The recording about the trajectory `state` (N, 2n), with the parameters of `displaced` as θ."""
+def linearise(weak: WeakForm, physics: Physics, others: Sequence[tuple[Physics, float]], state: Array) -> Linearised:
+    """The recording about the trajectory `state` (N, 2n); `others` has each parameter's displaced physics and by what."""
     N, n = len(state), state.shape[1] // 2
-    begin, intervals = state[:-1], intervals_of(weak, physics)
-    steps = steps_of(physics, begin, state[1:], intervals)
-    after = flow(physics, begin, intervals, steps)
-
-    def slope(moved: Array, size: float) -> Array:
-        return np.asarray((moved - after) / size)
-
-    A = np.stack(
-        [slope(flow(physics, begin + push, intervals, steps), STATE_STEP) for push in STATE_STEP * np.eye(2 * n)],
-        axis=2,
-    )
-    columns = []
-    for other in displaced:
-        moved = flow(other.physics, begin, intervals_of(weak, other.physics), steps)
-        columns.append(slope(moved, other.size))
-    B = np.stack(columns, axis=2) if columns else np.zeros((N - 1, 2 * n, 0))
-    read = readings(weak, physics)
-    expected = predicted(weak, physics, state)
+    intervals = intervals_of(weak, physics)
+    steps = steps_of(physics, state[:-1], intervals)
+    displaced = [Displaced(other, size, intervals_of(weak, other)) for other, size in others]
+    found = transitions(physics, displaced, state[:-1], intervals, steps)
+    read, expected = readings(weak, physics), predicted(weak, physics, state)
     C, D = _slopes_of_readings(weak, physics, displaced, state, read, expected)
     start = np.repeat(np.square([FREE_POSITION, FREE_VELOCITY]), n)
-    found = Linearised(
-        A, B, after - state[1:], np.zeros((N - 1, 2 * n, 0)), C, D, read.values - expected, read.std**2, read.seen, start
+    plain = Linearised(
+        found.by_state,
+        found.by_parameters,
+        found.after - state[1:],
+        np.zeros((N - 1, 2 * n, 0)),
+        C,
+        D,
+        read.values - expected,
+        read.std**2,
+        read.seen,
+        start,
     )
-    return _with_noise_of_efforts(found, weak, physics, intervals, begin, steps, after)
+    std = np.array([weak.samples.std[f"u.{name}"] for name in physics.tree.joint_names])
+    return _with_noise_of_efforts(plain, found, std, bool(np.any(weak.samples.ramped))) if np.any(std) else plain
 
 
 def _slopes_of_readings(
@@ -163,11 +152,8 @@ def _slopes_of_readings(
     N, m, states = len(state), expected.shape[1], state.shape[1]
     C = np.tile(np.eye(m, states), (N, 1, 1))
     if weak.sensors:
-        # at contacts a fraction of a millimetre matters
-        size = 1e-2 * STATE_STEP
-        C = np.stack(
-            [(predicted(weak, physics, state + push) - expected) / size for push in size * np.eye(states)], axis=2
-        )
+        pushes = READING_STEP * np.eye(states)
+        C = np.stack([(predicted(weak, physics, state + e) - expected) / READING_STEP for e in pushes], axis=2)
     D = np.zeros((N, m, len(displaced)))
     for i, other in enumerate(displaced):
         if weak.sensors:
@@ -177,40 +163,23 @@ def _slopes_of_readings(
     return C, D
 
 
-def _with_noise_of_efforts(
-    found: Linearised, weak: WeakForm, physics: Physics, intervals: Intervals, begin: Array, steps: Array, after: Array
-) -> Linearised:
-    """With the noise of measured efforts as process noise.
+def _with_noise_of_efforts(plain: Linearised, found: Transitions, std: Array, ramped: bool) -> Linearised:
+    """With the noise of measured efforts, of `std` (n,), as process noise.
 
     The error of a held effort acts until the next sample. That of a ramped one acts before its sample and after it, so
     that it is a part of the state.
     """
-    std = np.array([weak.samples.std[f"u.{name}"] for name in physics.tree.joint_names])
-    if not np.any(std):
-        return found
-    N, states = len(begin) + 1, begin.shape[1]
-    n = states // 2
-    ramped = bool(np.any(weak.samples.ramped))
-
-    def slopes(first: float, last: float) -> Array:
-        columns = []
-        for j in range(n):
-            push = EFFORT_STEP * np.eye(n)[j]
-            other = replace(intervals, first=intervals.first + first * push, last=intervals.last + last * push)
-            columns.append((flow(physics, begin, other, steps) - after) / EFFORT_STEP * std[j])
-        return np.stack(columns, axis=2)
-
     if not ramped:
-        return replace(found, E=slopes(1.0, 1.0))
-    now, then = slopes(1.0, 0.0), slopes(0.0, 1.0)
-    A = np.zeros((N - 1, states + n, states + n))
-    A[:, :states, :states], A[:, :states, states:] = found.A, now
+        return replace(plain, E=(found.by_first + found.by_last) * std)
+    steps, states, n = found.by_first.shape
+    A = np.zeros((steps, states + n, states + n))
+    A[:, :states, :states], A[:, :states, states:] = plain.A, found.by_first * std
     return replace(
-        found,
+        plain,
         A=A,
-        B=np.concatenate([found.B, np.zeros((N - 1, n, found.B.shape[2]))], axis=1),
-        c=np.concatenate([found.c, np.zeros((N - 1, n))], axis=1),
-        E=np.concatenate([then, np.tile(np.eye(n), (N - 1, 1, 1))], axis=1),
-        C=np.concatenate([found.C, np.zeros((N, found.C.shape[1], n))], axis=2),
-        start=np.concatenate([found.start, np.ones(n)]),
+        B=np.concatenate([plain.B, np.zeros((steps, n, plain.B.shape[2]))], axis=1),
+        c=np.concatenate([plain.c, np.zeros((steps, n))], axis=1),
+        E=np.concatenate([found.by_last * std, np.tile(np.eye(n), (steps, 1, 1))], axis=1),
+        C=np.concatenate([plain.C, np.zeros((steps + 1, plain.C.shape[1], n))], axis=2),
+        start=np.concatenate([plain.start, np.ones(n)]),
     )

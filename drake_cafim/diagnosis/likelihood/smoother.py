@@ -5,8 +5,9 @@ The model is linear about a trajectory: with deviations x of the state and θ of
     x₊ = A x + B θ + c + E w,   r = C x + D θ + e,   w ~ N(0, 1), e ~ N(0, R),
 
 and x of the first sample of variances that say nothing. Each innovation is ν = ν₀ − V θ with V its derivative, so that
-−2 ln p(r | θ) is Σ νᵀ S⁻¹ ν + Σ ln det S (Schweppe, IEEE Trans. Inf. Theory 11(1), 1965), a parabola in θ whose curvature
-Σ Vᵀ S⁻¹ V is the Fisher information of θ with the initial state projected out. Costs grow linearly with the samples.
+−2 ln p(r | θ) is Σ νᵀ S⁻¹ ν + Σ ln det S (Schweppe, IEEE Trans. Inf. Theory 11(1), 1965), a parabola in θ whose
+curvature Σ Vᵀ S⁻¹ V is the Fisher information of θ with the initial state projected out. Costs grow linearly with the
+samples.
 """
 
 import numpy as np
@@ -18,18 +19,18 @@ from drake_cafim.typing import Array, Flags
 @compiled
 def filter_forward(
     A: Array, B: Array, c: Array, E: Array, C: Array, D: Array, r: Array, R: Array, seen: Flags, start: Array
-) -> tuple[Array, Array, Array, float, Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array, float, float, Array, Array, Array]:
     """One pass over N samples of m readings, with s states, p parameters and w noises.
 
     A (N−1, s, s), B (N−1, s, p), c (N−1, s), E (N−1, s, w); C (N, m, s), D (N, m, p), r (N, m), R (m,) variances,
     `seen` (N, m); `start` (s,) variances of the first state. Returns the information (p, p), the gradient
-    Σ Vᵀ S⁻¹ ν₀ (p,), the scores Vᵀ S⁻¹ ν₀ of each sample (N, p), Σ ν₀ᵀ S⁻¹ ν₀, Σ ln det S in the first element of an
-    array, and for `smooth`: means (N, s, p + 1) and covariances (N, s, s) after each sample's readings, and K (N, s, m).
+    Σ Vᵀ S⁻¹ ν₀ (p,), the scores Vᵀ S⁻¹ ν₀ of each sample (N, p), Σ ν₀ᵀ S⁻¹ ν₀, Σ ln det S, and for `smooth`: means
+    (N, s, p + 1) and covariances (N, s, s) after each sample's readings, and gains (N, s, m).
     """
     N, m, s = C.shape
     p = D.shape[2]
     information, gradient, scores = np.zeros((p, p)), np.zeros(p), np.zeros((N, p))
-    chi_square, log_volume = 0.0, np.zeros(1)
+    chi_square, log_volume = 0.0, 0.0
     means, covariances, gains = np.zeros((N, s, p + 1)), np.zeros((N, s, s)), np.zeros((N, s, m))
     d, P = np.zeros((s, p + 1)), np.diag(start)
     V = np.zeros(p + 1)
@@ -52,7 +53,7 @@ def filter_forward(
                         V[b] += row[a] * d[a, b]
                     V[p] -= row[a] * d[a, p]
             chi_square += V[p] * V[p] / S
-            log_volume[0] += np.log(S)
+            log_volume += np.log(S)
             for b in range(p):
                 weighted = V[b] / S
                 scores[k, b] += weighted * V[p]
@@ -93,7 +94,8 @@ def smooth(
 ) -> Array:  # fmt: skip
     """Deviations of the states (N, s) given all readings, for parameters `theta` (p,).
 
-    Backwards recursion of adjoints, which inverts no covariance (Bryson, Frazier, 1963; Bierman, Automatica 9(4), 1973).
+    A recursion of adjoints backwards, which inverts no covariance (Bryson, Frazier, 1963; Bierman, Automatica 9(4),
+    1973).
     """
     N, m, s = C.shape
     result = np.empty((N, s))

@@ -1,39 +1,41 @@
 """The estimate of highest likelihood of whole recordings, by multiple shooting from every sample.
 
 The trajectories and the parameters are found together: Gauss–Newton steps about trajectories that begin as the recorded
-ones, whose steps need not join, so that neither an unstable motion nor one that swings over runs away (Bock,
-multiple shooting, 1981; here condensed by a Kalman smoother, as Bell, SIAM J. Optim. 4(3), 1994). A step costs as much as
-the samples are many.
+ones, whose steps need not join, so that neither an unstable motion nor one that swings over runs away (Bock, Numerical
+treatment of inverse problems, 1981; condensed by a Kalman smoother after Bell, SIAM J. Optim. 4(3), 1994).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.likelihood.coordinates import Coordinates
 from drake_cafim.diagnosis.likelihood.flow import unsupported
-from drake_cafim.diagnosis.likelihood.linearised import Displaced, Linearised, linearise
+from drake_cafim.diagnosis.likelihood.linearised import Linearised, linearise
 from drake_cafim.diagnosis.noise.coloured import Memory
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
-from drake_cafim.diagnosis.thresholds import UNKNOWN_REACH_IN_PRIOR_STDS
-from drake_cafim.numerics.computation import NotComputable
+from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.scene.scene import Scene
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
-DIFFERENCE = 1e-4
-"""Displacement of a parameter, of its size."""
-ITERATIONS, SETTLED = 15, 0.02
-"""Most steps, and their size in standard deviations at which they end."""
+ITERATIONS, SETTLED = 20, 0.03
+"""Most steps, and the change of any parameter or reading, in standard deviations, at which they end."""
+WORSE = 0.1
+"""Rise of χ² that a step may make: that of a linearised model is not exact."""
+SMALL_DAMPING, LARGE_DAMPING = 1e-3, 1e6
+"""Levenberg's damping of a step after one that failed, and at which no step is tried again."""
 
 
 @dataclass(frozen=True)
 class WholeFit:
-    """The estimate: its `model`, the information (n + k, n + k) of the recordings alone, and what is left.
+    """The estimate: its `model`, its covariance, and what is left.
 
-    `states` are the smoothed trajectories (N, 2n) of each recording; `scores` (N, n + k) of each sample, whose sum over
-    all recordings is zero but for priors; `chi_square` is Σ νᵀ S⁻¹ ν of `readings` readings, plus the priors' rows.
+    `information` and `prior_information` (c, c) are of the `coordinates.Coordinates`: unknowns, strengths, shapes.
+    `states` are the smoothed trajectories (N, 2n) of each recording; `scores` (N, c) those of each sample, whose sum
+    over all recordings is zero but for priors; `chi_square` is Σ νᵀ S⁻¹ ν of all readings, plus the priors' rows.
     """
 
     model: Model
@@ -47,8 +49,9 @@ class WholeFit:
 
     @property
     def covariance(self) -> Array:
-        """(n + k, n + k), priors included."""
-        return np.asarray(np.linalg.inv(self.information + self.prior_information))
+        """(n + k, n + k) of unknowns and strengths, priors included."""
+        plain = len(self.model.vector)
+        return _inverse(self.information + self.prior_information)[:plain, :plain]
 
     @property
     def std(self) -> Array:
@@ -57,6 +60,7 @@ class WholeFit:
 
     @property
     def reduced_chi_square(self) -> float:
+        """χ² per degree of freedom, 1 for noise alone."""
         return self.chi_square / max(self.degrees_of_freedom, 1)
 
 
@@ -75,86 +79,84 @@ def refuses(scene: Scene, forms: Sequence[WeakForm], model: Model) -> str:
 def fit_whole(
     scene: Scene, forms: Sequence[WeakForm], start: Model, iterations: int = ITERATIONS
 ) -> WholeFit | NotComputable:
-    """The estimate near `start`; what cannot be computed says why."""
+    """The estimate near `start`, or why there is none."""
     if reason := refuses(scene, forms, start):
         return NotComputable(reason)
-    prior = np.zeros(len(start.vector))
-    prior[: len(start.unknown)] = (scene.priors.std * start.prior_std_ratios(scene)) ** -2.0
-    means = np.concatenate([scene.priors.mean, np.zeros(len(start.vector) - len(start.unknown))])
-    states = [first_states(form, start, scene) for form in forms]
-    best: tuple[float, Model, list[Array], list[Linearised]] | None = None
-    model, damping, settled = start, 0.0, False
+    found = compute(lambda: _maximise(scene, forms, start, iterations))
+    if isinstance(found, WholeFit) and not np.all(np.isfinite(found.information)):
+        return NotComputable("the simulated motion diverges")
+    return found
+
+
+@dataclass(frozen=True)
+class _Point:
+    """A model and trajectories with the recordings linearised about them, and the χ² of all."""
+
+    model: Model
+    states: list[Array]
+    parts: list[Linearised]
+    cost: float
+
+    @property
+    def information(self) -> Array:
+        return np.asarray(sum(part.filtered.information for part in self.parts))
+
+    @property
+    def gradient(self) -> Array:
+        return np.asarray(sum(part.filtered.gradient for part in self.parts))
+
+    def after(self, change: Array) -> tuple[list[Array], float]:
+        """The trajectories for parameters that change, and the largest change of a reading, in its std."""
+        states, largest = [], 0.0
+        for part, state in zip(self.parts, self.states, strict=True):
+            moved = part.deviations(change)
+            read = np.einsum("kms,ks->km", part.C, moved) / np.sqrt(part.R)
+            largest = max(largest, float(np.max(np.abs(read))))
+            states.append(state + moved[:, : state.shape[1]])
+        return states, largest
+
+
+def _maximise(scene: Scene, forms: Sequence[WeakForm], start: Model, iterations: int) -> WholeFit:
+    at = Coordinates(scene, start)
+    prior, mean = at.prior_information, at.prior_mean
+
+    def point(model: Model, states: list[Array]) -> _Point:
+        physics, displaced = model.physics(scene), at.displaced(model)
+        parts = [linearise(form, physics, displaced, state) for form, state in zip(forms, states, strict=True)]
+        cost = sum(part.filtered.chi_square for part in parts) + float(prior @ (at.of(model) - mean) ** 2)
+        return _Point(model, states, parts, cost)
+
+    best, damping, settled = point(at.first, [first_states(form, start, scene) for form in forms]), 0.0, False
     for _ in range(iterations):
-        parts = _linearised(scene, forms, model, states)
-        offset = prior * (model.vector - means)
-        cost = sum(part.filtered.chi_square for part in parts) + float(offset @ (model.vector - means))
-        if best is not None and not cost < best[0] * (1.0 + 1e-9) + 1e-3:
-            damping = max(10.0 * damping, 1e-3)
-            if damping > 1e6:
-                break
-        else:
-            best, damping = (cost, model, states, parts), 0.1 * damping
-        cost, model, states, parts = best
-        information = sum((part.filtered.information for part in parts), np.zeros((len(prior), len(prior))))
-        if not np.all(np.isfinite(information)):
-            return NotComputable("the simulated motion diverges")
-        gradient = sum((part.filtered.gradient for part in parts), -prior * (model.vector - means))
-        whole = information + np.diag(prior)
-        size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-        scaled = whole / np.outer(size, size) + damping * np.eye(len(size))
-        change = np.linalg.lstsq(scaled, gradient / size, rcond=1e-13)[0] / size
-        after = _within(scene, start, model.at(model.vector + change))
-        change = after.vector - model.vector
-        settled = bool(np.all(np.abs(change) * size < SETTLED)) and damping < 1e-2
-        moved = [part.deviations(change)[:, : state.shape[1]] for part, state in zip(parts, states, strict=True)]
-        joined = max(float(np.max(np.abs(part.c))) for part in parts)
-        if settled and joined < 1e-9 + 0.02 * float(np.min(np.sqrt(parts[0].R))):
+        x, information = at.of(best.model), best.information + np.diag(prior)
+        size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+        scaled = information / np.outer(size, size) + damping * np.eye(len(size))
+        gradient = (best.gradient - prior * (x - mean)) / size
+        model = at.model(x + np.linalg.lstsq(scaled, gradient, rcond=1e-13)[0] / size)
+        change = at.of(model) - x
+        states, moved = best.after(change)
+        if damping < SMALL_DAMPING and moved < SETTLED and np.all(np.abs(change) * size < SETTLED):
+            settled = True
             break
-        model, states = after, [state + more for state, more in zip(states, moved, strict=True)]
-    if best is None:
-        return NotComputable("no step was taken")
-    cost, model, states, parts = best
-    information = sum((part.filtered.information for part in parts), np.zeros((len(prior), len(prior))))
-    rows = sum(int(np.sum(part.seen)) - states[0].shape[1] for part in parts)
-    strengths = len(start.vector) - len(start.unknown) + len(start.free)
-    scores = tuple(part.filtered.scores for part in parts)
-    return WholeFit(model, information, np.diag(prior), cost, rows - strengths, tuple(states), scores, settled)
+        trial = point(model, states)
+        if trial.cost < best.cost + WORSE:
+            best, damping = trial, 0.1 * damping
+        elif damping < LARGE_DAMPING:
+            damping = max(10.0 * damping, SMALL_DAMPING)
+        else:
+            break
+    rows = sum(int(np.sum(part.seen)) - state.shape[1] for part, state in zip(best.parts, best.states, strict=True))
+    strengths = len(start.vector) - len(start.unknown) + len(start.free) + len(at.shapes)
+    scores = tuple(part.filtered.scores for part in best.parts)
+    return WholeFit(
+        best.model, best.information, np.diag(prior), best.cost, rows - strengths, tuple(best.states), scores, settled
+    )
 
 
-def information_of(scene: Scene, forms: Sequence[WeakForm], model: Model, states: Sequence[Array] | None = None) -> Array:
-    """(n + k, n + k) Fisher information of the recordings about unknowns and strengths, initial states projected out."""
-    states = states or [first_states(form, model, scene) for form in forms]
-    parts = _linearised(scene, forms, model, states)
-    return np.asarray(sum(part.filtered.information for part in parts))
-
-
-def _linearised(scene: Scene, forms: Sequence[WeakForm], model: Model, states: Sequence[Array]) -> list[Linearised]:
-    physics, displaced = model.physics(scene), []
-    for index, size in enumerate(_sizes(scene, model)):
-        step = np.zeros(len(model.vector))
-        step[index] = DIFFERENCE * size
-        ahead = model.at(model.vector + step)
-        if ahead.vector[index] == model.vector[index]:
-            step = -step
-            ahead = model.at(model.vector + step)
-        displaced.append(Displaced(ahead.physics(scene), float(step[index])))
-    return [linearise(form, physics, displaced, state) for form, state in zip(forms, states, strict=True)]
-
-
-def _sizes(scene: Scene, model: Model) -> Array:
-    strengths = [
-        max(0.1 * s.typical, min(s.typical, abs(value - s.nominal)))
-        for effect in model.effects
-        for s, value in zip(effect.strengths, effect.vector, strict=True)
-    ]
-    return np.concatenate([scene.priors.std, strengths])
-
-
-def _within(scene: Scene, start: Model, model: Model) -> Model:
-    """The model with its unknowns within reach of their priors and in their bounds."""
-    reach = UNKNOWN_REACH_IN_PRIOR_STDS * scene.priors.std * start.prior_std_ratios(scene)
-    near = np.clip(model.unknown, scene.priors.mean - reach, scene.priors.mean + reach)
-    return replace(model, unknown=scene.priors.clip(near))
+def _inverse(information: Array) -> Array:
+    # parameters differ by many powers of ten
+    size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    return np.asarray(np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size))
 
 
 def first_states(form: WeakForm, model: Model, scene: Scene) -> Array:
@@ -166,7 +168,7 @@ def first_states(form: WeakForm, model: Model, scene: Scene) -> Array:
     for j, name in enumerate(scene.tree.joint_names):
         there = np.all([np.isfinite(columns[f"{kind}.{name}"]) for kind in kinds], axis=0)
         known = np.flatnonzero(there)
-        for before, after in pairwise(known):
+        for before, after in pairwise(known.tolist()):
             if after == before + 1:
                 continue
             inside = np.arange(before + 1, after)
@@ -174,7 +176,7 @@ def first_states(form: WeakForm, model: Model, scene: Scene) -> Array:
     return np.concatenate([q, v], axis=1)
 
 
-def _joining(time: Array, q: Array, v: Array, before: int, after: int, inside: Array) -> tuple[Array, Array]:
+def _joining(time: Array, q: Array, v: Array, before: int, after: int, inside: Indices) -> tuple[Array, Array]:
     """The cubic Hermite polynomial and its slope at `inside`, between two samples."""
     h = time[after] - time[before]
     s = (time[inside] - time[before]) / h

@@ -56,6 +56,9 @@ def main() -> None:
     parser.add_argument("words", nargs="*")
     parser.add_argument("--draws", type=int, default=200)
     parser.add_argument("--short", action="store_true")
+    parser.add_argument(
+        "--rows", action="store_true", help="Fit whitened rows alone, as a search does; give another --out."
+    )
     parser.add_argument("--out", type=Path, default=Path("cafim-out/efficiency"))
     parser.add_argument("--beside", type=Path)
     arguments = parser.parse_args()
@@ -65,7 +68,7 @@ def main() -> None:
     lines = []
     for cell in cells:
         with progress_line() as progress:
-            bound, found = measured(cell, draws, arguments.out, progress)
+            bound, found = measured(cell, draws, arguments.out, progress, not arguments.rows)
         before = None
         if arguments.beside and (other := kept(cell, arguments.beside)):
             before = line_of(cell, bound, list(other.values()))

@@ -181,7 +181,7 @@ def bound_of(cell: Cell, clean: Clean, position: int) -> Bound:
     while True:
         cuts = np.linspace(0, cell.samples - 1, segments + 1).astype(int)
         spans = list(pairwise(cuts))
-        total = np.diag([*(item.prior_std**-2 for item in cell.unknown), *(0.0 for _ in cell.effect.values)])
+        total = np.diag([*(item.prior_std**-2 for item in cell.unknown), *_priors_of(cell)])
         parts = []
         for own in linear:
             for first, last in spans:
@@ -197,6 +197,12 @@ def bound_of(cell: Cell, clean: Clean, position: int) -> Bound:
         if bend < LINEAR or segments >= 64:
             return Bound(covariance, segments, bend)
         segments *= 2
+
+
+def _priors_of(cell: Cell) -> list[float]:
+    """Inverse variances: nothing is known of a strength, and a width to a factor of ten."""
+    width = [] if cell.effect.width is None else [np.log(10.0) ** -2]
+    return [*(0.0 for _ in cell.effect.values), *width]
 
 
 def _variances(cell: Cell, width: int) -> Array:

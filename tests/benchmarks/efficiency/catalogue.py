@@ -19,7 +19,7 @@ def _viscous(at: str, coefficient: float) -> Effect:
 
 
 def _coulomb(at: str, torque: float) -> Effect:
-    return Effect("joint_coulomb_friction", at, {"torque": torque})
+    return Effect("joint_coulomb_friction", at, {"torque": torque}, width=0.005)
 
 
 BLOCK = (_mass("block", 2.0, 0.4, 2.2),)

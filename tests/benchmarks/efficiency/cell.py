@@ -91,13 +91,13 @@ class Cell:
 
     @property
     def true(self) -> Array:
-        """Unknowns, then strengths (n + k,)."""
-        return np.array([*(item.true for item in self.unknown), *self.effect.values.values()])
+        """Unknowns, then the effect's numbers (n + k,)."""
+        return np.array([*(item.true for item in self.unknown), *self.effect.numbers])
 
     @property
     def typical(self) -> Array:
         """(n + k,) sizes by which the parameters are displaced."""
-        return np.array([*(item.prior_std for item in self.unknown), *map(abs, self.effect.values.values())])
+        return np.array([*(item.prior_std for item in self.unknown), *map(abs, self.effect.numbers)])
 
     @property
     def samples(self) -> int:

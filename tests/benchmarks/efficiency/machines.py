@@ -22,7 +22,7 @@ TOLERANCE = 1e-11
 
 LAWS: Mapping[str, Callable[[int, Mapping[str, float]], Laws]] = {
     "joint_viscous_friction": lambda j, x: laws.viscous(j, x["coefficient"]),
-    "joint_coulomb_friction": lambda j, x: laws.coulomb(j, x["torque"]),
+    "joint_coulomb_friction": lambda j, x: laws.coulomb(j, x["torque"], x["width"]),
     "joint_spring": lambda j, x: laws.spring(j, x["stiffness"], x["rest"]),
     "actuator_gain_error": lambda j, x: laws.gain_error(j, x["gain"]),
     "actuator_bias": lambda j, x: laws.bias(j, x["torque"]),
@@ -37,6 +37,20 @@ class Effect:
     name: str
     at: str
     values: Mapping[str, float]
+    width: float | None = None
+    """Of the change of sign of a dry friction, rad/s (m/s): not a strength, but not known either."""
+
+    @property
+    def numbers(self) -> list[float]:
+        """The strengths, then the logarithm of the width if there is one."""
+        return [*self.values.values(), *([] if self.width is None else [float(np.log(self.width))])]
+
+    def law(self, joint: int, numbers: Array) -> Laws:
+        """The makers' law with these `numbers`."""
+        strengths = dict(zip(self.values, map(float, numbers), strict=False))
+        if self.width is not None:
+            strengths["width"] = float(np.exp(numbers[-1]))
+        return LAWS[self.name](joint, strengths)
 
 
 @dataclass(frozen=True)
@@ -78,15 +92,14 @@ class Arm:
     def simulation(
         self, unknown: tuple[Unknown, ...], values: Array, effect: Effect, copies: int
     ) -> tuple[Simulation, None]:
-        """With the unknowns and the effect's strengths at `values` (n + k,)."""
+        """With the unknowns and the effect's numbers at `values` (n + k,)."""
         robot = self.robot
         for item, value in zip(unknown, values, strict=False):
             if item.entry["parameter"] != "mass":
                 raise ValueError(f"{item.entry}: an arm's unknowns are masses")
             link = robot.link_index(str(item.entry["body"]))
             robot = robot.replace_link(link, robot.links[link].with_mass(float(value)))
-        strengths = dict(zip(effect.values, map(float, values[len(unknown) :]), strict=True))
-        joint_laws = LAWS[effect.name](robot.joint_index(effect.at), strengths)
+        joint_laws = effect.law(robot.joint_index(effect.at), values[len(unknown) :])
         plant = ArmPlant(robot, copies)
         return Simulation(plant, robot.size, joint_laws, {}, TOLERANCE), None
 
@@ -137,11 +150,10 @@ class Press:
     def simulation(
         self, unknown: tuple[Unknown, ...], values: Array, effect: Effect, copies: int
     ) -> tuple[Simulation, PressPlant]:
-        """With the unknowns and the effect's strengths at `values` (n + k,), and its plant for wrenches."""
+        """With the unknowns and the effect's numbers at `values` (n + k,), and its plant for wrenches."""
         numbers = {str(item.entry["parameter"]): float(x) for item, x in zip(unknown, values, strict=False)}
-        strengths = dict(zip(effect.values, map(float, values[len(unknown) :]), strict=True))
         plant = PressPlant(self.stage, replace(self.law, **numbers), copies)  # type: ignore[arg-type]
-        joint_laws = LAWS[effect.name](self.robot.joint_index(effect.at), strengths)
+        joint_laws = effect.law(self.robot.joint_index(effect.at), values[len(unknown) :])
         return Simulation(plant, 3, joint_laws, {}, TOLERANCE), plant
 
 

@@ -11,13 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
+from drake_cafim.diagnosis.finish import finish
 from drake_cafim.diagnosis.fit.evidence import scale_of
+from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect as Law
+from drake_cafim.numerics.computation import NotComputable
 from drake_cafim.output import write_text
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
@@ -48,22 +51,32 @@ def started(cell: Cell) -> Law:
     return law.with_values({s.name: s.nominal + s.typical for s in law.strengths})
 
 
-def refitted(cell: Cell, scene: Scene, recordings: Sequence[Recording], number: int) -> Draw:
-    """The given effect fitted to recordings as a diagnosis fits what it has named."""
+def refitted(
+    cell: Cell, scene: Scene, recordings: Sequence[Recording], number: int, by_likelihood: bool = True
+) -> Draw:
+    """The given effect fitted to recordings as a diagnosis fits what it has named; `words` say why by rows alone."""
     begun = time.perf_counter()
     try:
-        problem, found = fit_given(prepare(scene, recordings).problem(), Model(scene.priors.mean, (started(cell),)))
-        std = standard_deviations(problem, found, scale_of(found))
-        std[: len(cell.unknown)] = found.std[: len(cell.unknown)]
+        prepared = prepare(scene, recordings)
+        problem, found = fit_given(prepared.problem(), Model(scene.priors.mean, (started(cell),)))
+        whole = finish(prepared, found) if by_likelihood else NotComputable("rows were asked for")
+        if isinstance(whole, Fit):
+            found, std, words = whole, np.sqrt(np.diag(whole.covariance)), ""
+        else:
+            std, words = standard_deviations(problem, found, scale_of(found)), whole.reason
+            std[: len(cell.unknown)] = found.std[: len(cell.unknown)]
     except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         return Draw(number, None, None, float("nan"), time.perf_counter() - begun, f"{type(error).__name__}: {error}")
     taken = time.perf_counter() - begun
-    words = "echo" if found.echo else ""
     return Draw(number, found.model.vector.tolist(), std.tolist(), found.reduced_chi_square, taken, words)
 
 
 def measured(
-    cell: Cell, draws: int, out: Path, progress: Callable[[str], None] = lambda text: None
+    cell: Cell,
+    draws: int,
+    out: Path,
+    progress: Callable[[str], None] = lambda text: None,
+    by_likelihood: bool = True,
 ) -> tuple[Bound, list[Draw]]:
     """The bound and the first `draws` draws; what `out` holds of this very cell is not done again."""
     own = folder_of(cell, out)
@@ -86,7 +99,7 @@ def measured(
                 batch = tuple(missing[index : index + TOGETHER])
                 motions = dict(zip(batch, moved(cell, batch), strict=True))
             progress(f"{cell.name}: draw {number + 1} of {draws}")
-            done[number] = refitted(cell, scene, recorded(cell, motions[number], number), number)
+            done[number] = refitted(cell, scene, recorded(cell, motions[number], number), number, by_likelihood)
             with (own / "draws.jsonl").open("a") as file:
                 file.write(json.dumps(asdict(done[number])) + "\n")
     return bound, [done[number] for number in range(draws)]

@@ -2,12 +2,13 @@
 
     python -m tests.benchmarks.peers [--seeds N] [--out cafim-out/bench] [--tools ours mujoco.sysid ...] [TASK ...]
 
-For each seed each tool answers in turn, in a process of its own with one thread. `s` is the median time of a call, and what
-it is of mujoco.sysid's on the same seeds; `converged` counts answers with every parameter within ten standard deviations
-of the bound or ten per cent of the truth, whichever is more; `error` the smallest and the largest over parameters of the
-median error, then the largest of all errors of answers that converged; `of bound` the root mean square error over the
-bound's, its median over parameters; `coverage` how often 95 % intervals hold the truth, with a 99 % interval that resamples
-seeds; `MiB` the process' peak. "sysid, weights" is mujoco.sysid with weights that make its residual the likelihood's.
+For each seed each tool answers in turn, in a process of its own with one thread. `s` is the median time of a call, and
+what it is of mujoco.sysid's on the same seeds; `converged` counts answers with every parameter within ten standard
+deviations of the bound or ten per cent of the truth, whichever is more. Of answers that converged, `error` is the
+smallest and the largest over parameters of the median error, then the largest of all; `of bound` the root mean square
+error over the bound's, its median over parameters; `coverage` how often 95 % intervals hold the truth, with a 99 %
+interval that resamples seeds. `MiB` is the process' peak. "sysid, weights" is mujoco.sysid with weights that make its
+residual the likelihood's. Robots are integrated by MuJoCo's Runge-Kutta method at 1 kHz, and so are mujoco.sysid's.
 
 What was finished stands in the folder and is not done again.
 """
@@ -38,9 +39,7 @@ HEADER = (
 )
 
 
-def answers(
-    task: Task, tools: Sequence[str], seeds: int, out: Path
-) -> tuple[Array, dict[str, list[Answer]]]:
+def answers(task: Task, tools: Sequence[str], seeds: int, out: Path) -> tuple[Array, dict[str, list[Answer]]]:
     """The bounds (seeds, p) and each tool's answers, by seed."""
     out.mkdir(parents=True, exist_ok=True)
     path = out / f"{task.name}.jsonl"

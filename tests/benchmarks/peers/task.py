@@ -1,9 +1,9 @@
-"""A task of the bench: a robot in MuJoCo, its parameters with the values that an estimate starts from, and recordings."""
+"""A task of the bench: a robot in MuJoCo, its parameters with values to start from, and its recordings."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import mujoco
@@ -123,7 +123,7 @@ def mjcf(robot: Robot, servo: Sequence[tuple[float, float]] | None, parameters: 
         for name in names
         if servo is not None or short != "u"
     )
-    option = f'<option timestep="{STEP}" integrator="implicitfast"><flag contact="disable"/></option>'
+    option = f'<option timestep="{STEP}" integrator="RK4"><flag contact="disable"/></option>'
     start, stop = body.index("<option"), body.index("</option>") + len("</option>")
     whole = body[:start] + option + body[stop:]
     whole = whole.replace("</mujoco>", f"<actuator>{actuators}</actuator><sensor>{sensors}</sensor></mujoco>")
@@ -152,7 +152,9 @@ def set_value(spec: mujoco.MjSpec, parameter: Parameter, value: float) -> None:
         joint.armature = value
 
 
-def simulated(task: Task, values: Sequence[float] | Array, controls: Array, q0: Array, v0: Array) -> tuple[Array, Array, Array]:  # fmt: skip
+def simulated(
+    task: Task, values: Sequence[float] | Array, controls: Array, q0: Array, v0: Array
+) -> tuple[Array, Array, Array]:
     """q, v, u at the samples (N, n), noise-free: what sensors show before the sample's step."""
     model = task.model(values)
     data = mujoco.MjData(model)
@@ -213,5 +215,3 @@ def bound(task: Task, seed: int) -> Array:
     triangle = np.linalg.qr(np.roll(J / size, 2 * n, axis=1), mode="r")[2 * n :, 2 * n :]
     inverse = np.linalg.inv(triangle)
     return np.asarray(np.linalg.norm(inverse, axis=1) / size[: len(task.true)])
-
-

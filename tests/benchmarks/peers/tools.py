@@ -141,7 +141,7 @@ def _sysid(task: Task, recorded: Recorded, weighted: bool) -> tuple[Array, Array
     with contextlib.redirect_stdout(io.StringIO()):
         found, result = sysid.optimize(parameters, residual, verbose=False)
     left, _, _ = residual(found.as_vector(), found)
-    covariance, intervals = sysid.calculate_intervals(left, result.jac)
+    _, intervals = sysid.calculate_intervals(left, result.jac)
     # half widths of 95 % intervals by Student's t, of so many samples that it is the normal one
     return found.as_vector(), np.asarray(intervals) / 1.96
 
