@@ -16,7 +16,7 @@ FRICTION = Effect("joint_viscous_friction", "rail", {"coefficient": 0.5})
 TINY = Cell("tiny", slider, Motion((1.0, 2.0), 0.4, (0.0,)), 0.01, 1.5, Noise(1e-3, 1e-2), FRICTION, BLOCK)
 
 
-def _closed_form(cell: Cell) -> np.ndarray:
+def closed_form(cell: Cell) -> np.ndarray:
     """The covariance by the exact solution of m dv/dt = u − c v under a held effort, all of it dense."""
     u, h, N = moved(cell)[0].u[0, :, 0], cell.step, cell.samples
 
@@ -40,10 +40,10 @@ def _closed_form(cell: Cell) -> np.ndarray:
 
 
 @pytest.mark.parametrize("noise", [Noise(1e-3, 1e-2), Noise(1e-4), Noise(1e-4, 1e-3, u=0.3)], ids=str)
-def test_the_bound_is_the_closed_form(noise: Noise) -> None:
+def test_the_bound_is_theclosed_form(noise: Noise) -> None:
     cell = replace(TINY, noise=noise)
     found = bound_of(cell, moved(cell)[0], 1)
-    np.testing.assert_allclose(found.covariance, _closed_form(cell), rtol=2e-4)
+    np.testing.assert_allclose(found.covariance, closed_form(cell), rtol=2e-4)
     assert found.segments == 1
 
 

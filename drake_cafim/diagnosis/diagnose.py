@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from drake_cafim.diagnosis.assembly import comparisons_of, parameters_of, verdict_of
+from drake_cafim.diagnosis.assembly import bounds_of, comparisons_of, parameters_of, verdict_of
 from drake_cafim.diagnosis.finish import finish
 from drake_cafim.diagnosis.fit.evidence import scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit
@@ -165,15 +165,16 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
         whole = finish(prepared, fitted)
         if isinstance(whole, Fit):
             fitted, std = whole, np.sqrt(np.diag(whole.covariance))
+    bound, unbounded = bounds_of(prepared, fitted.model)
     progress("simulating")
     train = comparisons_of(prepared, [fitted, fitted])[0]
     return Estimate(
-        parameters_of(scene, fitted, std),
+        parameters_of(scene, fitted, std, bound),
         train,
         goodness,
         prepared.mistakes,
         prepared.noise_remarks,
-        (*prepared.notes, *notes, *train.missing("train")),
+        (*prepared.notes, *notes, *unbounded, *train.missing("train")),
         prepared.channel_noise,
     )
 

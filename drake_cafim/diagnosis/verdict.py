@@ -50,6 +50,8 @@ class Value:
     value: float
     std: float | None
     unit: str
+    efficiency: float | None = None
+    """The information that `std` claims over that of the likelihood of the recordings; None where it is not known."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,8 @@ class NominalParameter:
     prior_std: float
     effect: str | None = None
     """For a parameter of an effect that the scenario states: the effect's name."""
+    efficiency: float | None = None
+    """As of a `Value`."""
 
     @property
     def distance(self) -> float:

@@ -233,6 +233,7 @@ def _effects(
                         "name": wording.spoken(name),
                         "value": wording.with_interval(value.value, value.std),
                         "unit": _unit(verdict, accepted.effect, value.unit),
+                        "efficiency": wording.as_well(value.efficiency),
                     }
                     for name, value in accepted.values.items()
                 ],
@@ -309,4 +310,5 @@ def _parameter(unknown: NominalParameter) -> dict[str, Any]:
         "unit": "" if unknown.unit == "1" else unknown.unit,
         "shift": f"{shift:+.1f}".replace("-", "−"),
         "suspect": abs(shift) > SUSPECT,
+        "efficiency": wording.as_well(unknown.efficiency),
     }

@@ -120,7 +120,7 @@ def intervals_of(weak: WeakForm, physics: Physics) -> Intervals:
 
 
 def linearise(weak: WeakForm, physics: Physics, others: Sequence[tuple[Physics, float]], state: Array) -> Linearised:
-    """The recording about the trajectory `state` (N, 2n); `others` has each parameter's displaced physics and by what."""
+    """The recording about the trajectory `state` (N, 2n); `others`: physics with a parameter displaced, by how much."""
     N, n = len(state), state.shape[1] // 2
     intervals = intervals_of(weak, physics)
     steps = steps_of(physics, state[:-1], intervals)

@@ -51,7 +51,7 @@ class WholeFit:
     def covariance(self) -> Array:
         """(n + k, n + k) of unknowns and strengths, priors included."""
         plain = len(self.model.vector)
-        return _inverse(self.information + self.prior_information)[:plain, :plain]
+        return inverse(self.information + self.prior_information)[:plain, :plain]
 
     @property
     def std(self) -> Array:
@@ -153,8 +153,8 @@ def _maximise(scene: Scene, forms: Sequence[WeakForm], start: Model, iterations:
     )
 
 
-def _inverse(information: Array) -> Array:
-    # parameters differ by many powers of ten
+def inverse(information: Array) -> Array:
+    """The inverse of an information matrix, whose rows may differ by many powers of ten."""
     size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     return np.asarray(np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size))
 
