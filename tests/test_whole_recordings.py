@@ -1,5 +1,6 @@
 """The likelihood of whole recordings: against dense linear algebra, closed forms and motions that swing over."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,9 @@ from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.report.wording import as_well
 from tests.benchmarks.efficiency.cell import Cell, moved, recorded, scene_of
-from tests.benchmarks.peers.task import bound, record
+from tests.benchmarks.peers.task import record
 from tests.benchmarks.peers.tasks import TASKS
-from tests.benchmarks.peers.tools import ours
+from tests.benchmarks.peers.tools import recording_of, scene_with_priors
 from tests.test_efficiency_bench import TINY, closed_form
 
 
@@ -103,14 +104,17 @@ def test_estimates_reach_the_bound_and_claim_no_more(tmp_path: Path) -> None:
     assert np.all(np.sum(np.square(off), axis=0) > 20.0)
 
 
-def test_an_arm_that_swings_over_is_estimated_at_the_bound() -> None:
-    task = next(task for task in TASKS if task.name == "swing-over")
-    recorded_once = record(task, 0)
-    assert np.ptp(recorded_once.q[:, 1]) > 2.0 * np.pi
-    values, std = ours(task, recorded_once)
-    limits = bound(task, 0)
-    assert np.all(np.abs(values - task.true) < 5.0 * limits)
-    assert np.all((std > 0.8 * limits) & (std < 1.5 * limits))
+@pytest.mark.ci
+def test_an_arm_that_swings_over_is_found_from_the_prior(tmp_path: Path) -> None:
+    task = replace(next(task for task in TASKS if task.name == "swing-over"), duration=3.0)
+    once, scene = record(task, 0), scene_with_priors(task)
+    assert np.ptp(once.q[:, 1]) > 2.0 * np.pi
+    prepared = prepare(scene, [recording_of(task, once)])
+    assert isinstance(prepared, Prepared)
+    found = fit_whole(prepared.scene, prepared.weak, Model(scene.priors.mean))
+    assert isinstance(found, WholeFit) and found.settled
+    # the engine's dry friction is not quite ours: a per cent or two, from starts that are 38 to 80 % off
+    assert np.all(np.abs(found.model.unknown / task.true - 1.0) < 0.05), found.model.unknown / task.true
 
 
 def test_efficiency_in_words() -> None:

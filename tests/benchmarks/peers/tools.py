@@ -51,17 +51,24 @@ def answer(tool: Callable[[Task, Recorded], tuple[Array, Array]], task: Task, re
 def ours(task: Task, recorded: Recorded) -> tuple[Array, Array]:
     """`drake_cafim.estimate`, on the scene and the recording that `cafim estimate` would read."""
     import drake_cafim
+
+    found = drake_cafim.estimate(scene_with_priors(task), [recording_of(task, recorded)])
+    return np.array([p.value for p in found.parameters]), np.array([p.std for p in found.parameters])
+
+
+def recording_of(task: Task, recorded: Recorded) -> Any:
+    """The recording as `cafim estimate` reads it."""
     from drake_cafim.recordings.recording import Recording
 
     columns = {}
     for j, name in enumerate(task.names):
         columns |= {f"q.{name}": recorded.q[:, j], f"v.{name}": recorded.v[:, j], f"u.{name}": recorded.u[:, j]}
-    found = drake_cafim.estimate(_scene(task), [Recording("recording", recorded.time, columns)])
-    return np.array([p.value for p in found.parameters]), np.array([p.std for p in found.parameters])
+    return Recording("recording", recorded.time, columns)
 
 
 @cache
-def _scene(task: Task) -> Any:
+def scene_with_priors(task: Task) -> Any:
+    """The scene with the task's parameters unknown, and priors at their starts."""
     import drake_cafim
     from tests.concealed.urdf import arm_urdf
 
