@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_cafim.diagnosis.finish import finish
 from drake_cafim.diagnosis.fit.evidence import scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.likelihood.finish import finish
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect as Law
@@ -58,8 +58,9 @@ def refitted(
     begun = time.perf_counter()
     try:
         prepared = prepare(scene, recordings)
+        assert isinstance(prepared, Prepared)
         problem, found = fit_given(prepared.problem(), Model(scene.priors.mean, (started(cell),)))
-        whole = finish(prepared, found) if by_likelihood else NotComputable("rows were asked for")
+        whole = finish(prepared.scene, prepared.weak, found) if by_likelihood else NotComputable("rows were asked for")
         if isinstance(whole, Fit):
             found, std, words = whole, np.sqrt(np.diag(whole.covariance)), ""
         else:

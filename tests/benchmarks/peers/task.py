@@ -17,7 +17,7 @@ STEP, SAMPLE = 1e-3, 5e-3
 """s, of the simulation and of the recording."""
 EVERY = round(SAMPLE / STEP)
 FRICTION_SOLREF = [2.0 * STEP, 1.0]
-"""As stiff as the engine's steps allow. With its default of 20 ms dry friction changes its sign 10 ms before the velocity
+"""As stiff as the engine's steps allow. By its default of 20 ms dry friction changes its sign 10 ms before the velocity
 does, which no joint's does."""
 STD = {"q": 1e-3, "v": 1e-2, "u": 0.05}
 """Noise of one sample: rad, rad/s, N m."""

@@ -1,5 +1,6 @@
 """Finishes an estimate: from the whitened rows that a search needs to the likelihood of whole recordings."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -7,26 +8,25 @@ from scipy.stats import chi2
 
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.likelihood.whole_recordings import WholeFit, fit_whole
-from drake_cafim.diagnosis.preparation import Prepared, PreparedRecordings
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE
 from drake_cafim.numerics.computation import NotComputable
+from drake_cafim.scene.scene import Scene
 
 MISFIT_P_VALUE = 1e-3
 """p-value of χ² below which the recordings do not follow the model as a whole, though its rows may."""
 
 
-def finish(prepared: PreparedRecordings, fitted: Fit) -> Fit | NotComputable:
+def finish(scene: Scene, forms: Sequence[WeakForm], fitted: Fit) -> Fit | NotComputable:
     """The fit with the values and the covariance of highest likelihood, or why it stays as it is.
 
     Rows are local in time: they need no trajectory, and so they show what a wrong model lacks. What builds up slowly
     over a recording shows in whole trajectories alone, which a right model follows. Residual and Jacobian stay those of
     the rows at the fit before.
     """
-    if not isinstance(prepared, Prepared):
-        return NotComputable("a thrown body is fitted by its whole flight already")
     if not len(fitted.model.vector):
         return NotComputable("there is no parameter")
-    found = fit_whole(prepared.scene, prepared.weak, fitted.model)
+    found = fit_whole(scene, forms, fitted.model)
     if isinstance(found, NotComputable):
         return found
     if not found.settled:
