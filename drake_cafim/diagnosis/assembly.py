@@ -9,8 +9,8 @@ from scipy.stats import norm
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.likelihood.efficiency import bounds, efficiencies
-from drake_cafim.diagnosis.preparation import Prepared, PreparedRecordings
+from drake_cafim.diagnosis.likelihood.efficiency import efficiencies
+from drake_cafim.diagnosis.preparation import PreparedRecordings
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.push_locations import locate_named
@@ -111,9 +111,9 @@ def _location(unknown: UnknownParameter, share: float) -> Location:
 
 def bounds_of(prepared: PreparedRecordings, model: Model) -> tuple[Array | None, tuple[str, ...]]:
     """(n + k,) least standard deviations that the recordings allow, and a note where they cannot be computed."""
-    if not isinstance(prepared, Prepared) or not len(model.vector):
+    if not len(model.vector):
         return None, ()
-    found = bounds(prepared.scene, prepared.weak, model)
+    found = prepared.bounds(model)
     if isinstance(found, NotComputable):
         return None, (f"the efficiency of the parameters' intervals is not computed: {found.reason}",)
     return found, ()

@@ -11,8 +11,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
-from drake_cafim.diagnosis.likelihood.finish import finish
-from drake_cafim.diagnosis.preparation import Prepared, prepare
+from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.conclusion import record_conclusion, record_data_mistake
 from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.diagnosis.search.goodness_of_fit import GoodnessOfFit, goodness_of_fit
@@ -160,9 +159,9 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
         problem, fitted = fit_given(finer.problem(), fitted.model)
     goodness, notes = goodness_of_fit(problem, fitted)
     std = fitted.std if goodness.accepted else _widened(problem, fitted)
-    if goodness.accepted and isinstance(prepared, Prepared):
+    if goodness.accepted:
         progress("maximising the likelihood of whole recordings")
-        whole = finish(scene, prepared.weak, fitted)
+        whole = prepared.finished(fitted)
         if isinstance(whole, Fit):
             fitted, std = whole, np.sqrt(np.diag(whole.covariance))
     bound, unbounded = bounds_of(prepared, fitted.model)
