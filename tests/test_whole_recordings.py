@@ -119,6 +119,6 @@ def test_an_arm_that_swings_over_is_found_from_the_prior(tmp_path: Path) -> None
 
 def test_efficiency_in_words() -> None:
     assert as_well(0.97) == "as well as these recordings can tell"
-    assert as_well(0.25) == "these recordings could tell it 2 times as closely"
+    assert as_well(0.25) == "these recordings could tell it 2.0 times as closely"
     assert as_well(4.0) == "surer than these recordings can tell"
     assert as_well(None) == as_well(float("nan")) == ""
