@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long descriptions prove thresholds ablations recoveries confusable efficiency bench lint clean
+.PHONY: all demo test ci long descriptions prove thresholds ablations recoveries confusable efficiency bench lint clean fuzz faults
 
 all: demo
 
@@ -76,6 +76,15 @@ efficiency: $(STAMPS)/test
 # `cafim estimate` and `mujoco.sysid` on the same recordings, in turn: time, error, coverage, convergence, memory.
 bench: $(STAMPS)/test
 	$(RUN)/python -m tests.benchmarks.peers $(BENCH)
+
+# Hostile recordings, models, scenarios and command lines by the hundred thousand: hours, which it says beforehand;
+# resumable; FUZZ="--minutes 10" for a short form.
+fuzz: $(STAMPS)/test
+	$(RUN)/python -m tests.fuzzing.table $(FUZZ)
+
+# Kills, full disks, clocks that jump and folders that vanish, while commands run: a row each.
+faults: $(STAMPS)/test
+	$(RUN)/python -m tests.faults.table $(FAULTS)
 
 lint: $(STAMPS)/test
 	$(VENV)/bin/ruff check
