@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long descriptions descriptions-concealed prove thresholds ablations recoveries confusable servo served fuzz faults fleet cluster exports wheels lint clean
+.PHONY: all demo test ci long descriptions descriptions-concealed prove thresholds ablations recoveries confusable servo served efficiency bench fuzz faults fleet cluster exports wheels lint clean
 
 all: demo
 
@@ -83,6 +83,15 @@ servo: $(STAMPS)/test
 SERVED := 80
 served: $(STAMPS)/test
 	$(RUN)/python -m tests.concealed.served $(SERVED)
+
+# How near the fits come to the Cramér-Rao bound, and whether what they state is true; `EFFICIENCY=--short` takes ten
+# minutes. Resumable.
+efficiency: $(STAMPS)/test
+	$(RUN)/python -m tests.benchmarks.efficiency $(EFFICIENCY)
+
+# `cafim estimate` and `mujoco.sysid` on the same recordings, in turn: time, error, coverage, convergence, memory.
+bench: $(STAMPS)/test
+	$(RUN)/python -m tests.benchmarks.peers $(BENCH)
 
 # Hostile recordings, models, scenarios and command lines by the hundred thousand: hours, which it says beforehand;
 # resumable; FUZZ="--minutes 10" for a short form.

@@ -10,6 +10,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.effort_scale import effort_scale_notes
+from drake_cafim.diagnosis.likelihood.efficiency import efficiencies
 from drake_cafim.diagnosis.preparation import PreparedRecordings
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement
@@ -67,10 +68,17 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Pro
         corrected, notes = scene.corrected(scene.priors.mean, ()), (*notes, COMPENSATING)
         comparisons = [replace(comparison, corrected=comparison.nominal_as_given) for comparison in comparisons]
     train, *held_out = comparisons
-    explanation, unknown_std = _explanations(scene, outcome, best)
-    notes = (*notes, *unknown_std, *train.missing("train"), *(held_out[0].missing("held_out") if held_out else ()))
-    notes = (*notes, *effort_scale_notes(outcome.problem, best))
-    parameters = parameters_of(scene, best)
+    bound, unbounded = bounds_of(prepared, best.model)
+    explanation, unknown_std = _explanations(scene, outcome, best, bound)
+    notes = (
+        *notes,
+        *unknown_std,
+        *unbounded,
+        *train.missing("train"),
+        *(held_out[0].missing("held_out") if held_out else ()),
+        *effort_scale_notes(outcome.problem, best),
+    )
+    parameters = parameters_of(scene, best, bound=bound)
     unknown = far_unknowns(scene, best.model) if kind == "unexplained" and not prepared.mistakes else ()
     far = tuple(parameters[scene.unknown.index(parameter)] for parameter in unknown)
     # two-sided p-value of the farthest unknown by its prior, times the number of unknowns (Bonferroni)
@@ -105,20 +113,33 @@ def _location(unknown: UnknownParameter, share: float) -> Location:
     return Location(kind, unknown.at, share)
 
 
-def _explanations(scene: Scene, outcome: Outcome, best: Fit) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
+def bounds_of(prepared: PreparedRecordings, model: Model) -> tuple[Array | None, tuple[str, ...]]:
+    """(n + k,) least standard deviations that the recordings allow, and a note where they cannot be computed."""
+    if not len(model.vector):
+        return None, ()
+    found = prepared.bounds(model)
+    if isinstance(found, NotComputable):
+        return None, (f"the efficiency of the parameters' intervals is not computed: {found.reason}",)
+    return found, ()
+
+
+def _explanations(
+    scene: Scene, outcome: Outcome, best: Fit, bound: Array | None
+) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
     """The accepted effects, and a note where their standard deviations cannot be computed."""
     std = compute(lambda: standard_deviations(outcome.problem, best, outcome.scale))
     notes: tuple[str, ...] = ()
     if isinstance(std, NotComputable):
         notes = (f"the std of the named effects' parameters cannot be computed: {std.reason}",)
         std = np.full(len(best.model.vector), np.nan)
+    used = _used(bound, std)
     position = len(best.model.unknown)
     found = []
     for effect in best.model.effects:
         values = {}
         for strength in effect.strengths:
             unit = effect.unit(strength, scene.tree)
-            values[strength.name] = Value(effect.values[strength.name], float(std[position]), unit)
+            values[strength.name] = Value(effect.values[strength.name], float(std[position]), unit, used[position])
             position += 1
         values |= {choice.name: Value(value, None, choice.unit) for choice, value in effect.choices.items()}
         sentence = effect.sentence(scene.tree)
@@ -155,10 +176,22 @@ def _why_alike(best: Fit, name: str) -> str:
     return reasons[0] if reasons else "over these motions the two change the measurements alike"
 
 
-def parameters_of(scene: Scene, best: Fit, std: Array | None = None) -> tuple[NominalParameter, ...]:
+def _used(bound: Array | None, std: Array) -> list[float | None]:
+    """The efficiencies of intervals of `std` (m,); None where they are not known."""
+    if bound is None:
+        return [None] * len(std)
+    used = efficiencies(bound[: len(std)], std).tolist()
+    return [share if np.isfinite(share) else None for share in used]
+
+
+def parameters_of(
+    scene: Scene, best: Fit, std: Array | None = None, bound: Array | None = None
+) -> tuple[NominalParameter, ...]:
     """The scenario's unknowns with their fitted values, and with `std` (n,) or else the fit's standard deviations.
 
-    Of a link's inertials these are the physical parameters, with standard deviations to first order.
+    Of a link's inertials these are the physical parameters, with standard deviations to first order. `bound` (n + k,)
+    are the least standard deviations that the recordings allow, if they are known; that of a link's inertials is of their
+    log-Cholesky parameters, so that their efficiency is not stated.
     """
     values, priors, n = best.model.unknown, scene.priors, len(best.model.unknown)
     deviations = np.asarray(best.std if std is None else std)[:n]
@@ -172,8 +205,14 @@ def parameters_of(scene: Scene, best: Fit, std: Array | None = None) -> tuple[No
             unknown.prior.mean,
             unknown.prior.std,
             unknown.effect,
+            efficiency=used,
         )
-        for unknown, value, deviation in zip(scene.unknown, values, deviations, strict=True)
+        for unknown, value, deviation, used in zip(
+            scene.unknown, best.model.unknown, deviations, _used(bound, deviations), strict=False
+        )
+        for unknown, value, deviation, used in zip(
+            scene.unknown, values, deviations, _used(bound, deviations), strict=True
+        )
     ]
     known = np.sqrt(np.clip(np.diag(best.covariance)[:n], 0.0, None))
     wider = np.divide(deviations, known, where=known > 0.0, out=np.ones(n))
@@ -193,7 +232,7 @@ def _inertials_of(
     rows = zip(PHYSICAL.items(), of_link.physical(theta), deviations, of_link.physical(mean), prior, strict=True)
     together = distance_together((theta - mean) / std)
     return [
-        NominalParameter(name, link, float(value), float(known), unit, float(expected), float(wide), None, far)
+        NominalParameter(name, link, float(value), float(known), unit, float(expected), float(wide), None, together=far)
         for ((name, unit), value, known, expected, wide), far in zip(
             rows, [together, *[0.0] * (len(PHYSICAL) - 1)], strict=True
         )

@@ -6,18 +6,19 @@ from functools import partial
 
 import numpy as np
 
-from drake_cafim.diagnosis.assembly import comparisons_of, parameters_of, verdict_of
+from drake_cafim.diagnosis.assembly import bounds_of, comparisons_of, parameters_of, verdict_of
 from drake_cafim.diagnosis.fit.evidence import scale_of
-from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.preparation import PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.conclusion import record_conclusion, record_data_mistake
+from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.diagnosis.search.goodness_of_fit import GoodnessOfFit, goodness_of_fit
 from drake_cafim.diagnosis.search.judgement import Judgement, judge
 from drake_cafim.diagnosis.search.search import Outcome
-from drake_cafim.diagnosis.search.state import ROUNDS, Settings, has_moved
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_ROUNDS, UNKNOWN_FAR_IN_PRIOR_STDS
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.verdict import (
@@ -167,7 +168,7 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
     prepared = prepare(scene, recordings)
     scene = prepared.scene
     progress("fitting the unknown parameters")
-    problem, fitted = _fitted(prepared.problem(), Model(scene.priors.mean))
+    problem, fitted = fit_given(prepared.problem(), Model(scene.priors.mean))
     again = compute(lambda: _fitted_with_less_noise(prepared, fitted))
     unknown_noise: tuple[str, ...] = ()
     if isinstance(again, NotComputable):
@@ -175,15 +176,22 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
     elif again is not None:
         prepared, problem, fitted = again
     goodness, notes = goodness_of_fit(problem, fitted)
+    std = fitted.std if goodness.accepted else _widened(problem, fitted)
+    if goodness.accepted:
+        progress("maximising the likelihood of whole recordings")
+        whole = prepared.finished(fitted)
+        if isinstance(whole, Fit):
+            fitted, std = whole, np.sqrt(np.diag(whole.covariance))
+    bound, unbounded = bounds_of(prepared, fitted.model)
     progress("simulating")
     train = comparisons_of(prepared, [fitted, fitted])[0]
     return Estimate(
-        parameters_of(scene, fitted, fitted.std if goodness.accepted else _widened(problem, fitted)),
+        parameters_of(scene, fitted, std, bound),
         train,
         goodness,
         prepared.mistakes,
         prepared.noise_remarks,
-        (*prepared.notes, *unknown_noise, *notes, *train.missing("train")),
+        (*prepared.notes, *unknown_noise, *notes, *unbounded, *train.missing("train")),
         prepared.channel_noise,
     )
 
@@ -193,18 +201,7 @@ def _fitted_with_less_noise(
 ) -> tuple[PreparedRecordings, SearchProblem, Fit] | None:
     """The recordings with the noise of efforts that the fit leaves, fitted again; None where it hardly changed."""
     finer = prepared.with_noise_beside(fitted.model)
-    return None if finer is None else (finer, *_fitted(finer.problem(), fitted.model))
-
-
-def _fitted(problem: SearchProblem, start: Model) -> tuple[SearchProblem, Fit]:
-    """The fit, and the problem whose noise is whitened as the fitted model lets it through."""
-    fitted = unbiased_fit(problem, start)
-    for _ in range(ROUNDS if len(start.unknown) else 0):
-        before, problem = fitted.model, problem.rewhitened(fitted.model)
-        fitted = unbiased_fit(problem, before)
-        if not has_moved(problem, before, fitted.model):
-            break
-    return problem, fitted
+    return None if finer is None else (finer, *fit_given(finer.problem(), fitted.model))
 
 
 def _widened(problem: SearchProblem, fitted: Fit) -> Array:

@@ -6,12 +6,15 @@ from typing import Protocol
 
 import numpy as np
 
+from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.joints.effort_noise import effort_noise, effort_notes, with_std
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.quality import qualities
 from drake_cafim.diagnosis.joints.recording_notes import mistakes_of, notes_of, notes_on_unknown_joints
+from drake_cafim.diagnosis.likelihood.efficiency import bounds
+from drake_cafim.diagnosis.likelihood.finish import finish
 from drake_cafim.diagnosis.noise.coloured import (
     Memory,
     estimate_memories,
@@ -29,6 +32,7 @@ from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_SETTLED
 from drake_cafim.diagnosis.tosses.preparation import prepare_tosses
 from drake_cafim.diagnosis.verdict import ChannelNoise, Quality
 from drake_cafim.effects.effect import channel_unit
+from drake_cafim.numerics.computation import NotComputable
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.usable import check_usable
 from drake_cafim.scene.driving import columns_of_servos, driven_by_servo
@@ -84,6 +88,14 @@ class PreparedRecordings(Protocol):
         """
         ...
 
+    def bounds(self, model: Model) -> Array | NotComputable:
+        """(n + k,) the least standard deviations that the recordings allow, see `likelihood.efficiency`."""
+        ...
+
+    def finished(self, fitted: Fit) -> Fit | NotComputable:
+        """The fit of highest likelihood of whole recordings, see `likelihood.finish`."""
+        ...
+
 
 @dataclass(frozen=True)
 class Prepared:
@@ -131,6 +143,14 @@ class Prepared:
     def moves(self) -> bool:
         """Whether any joint moves in any of the recordings by more than noise."""
         return any(moves(form.samples) for form in self.weak)
+
+    def bounds(self, model: Model) -> Array | NotComputable:
+        """(n + k,) the least standard deviations that the recordings allow."""
+        return bounds(self.scene, self.weak, model)
+
+    def finished(self, fitted: Fit) -> Fit | NotComputable:
+        """The fit of highest likelihood of whole recordings."""
+        return finish(self.scene, self.weak, fitted)
 
     def problem(self) -> WeakProblem:
         """The recordings' equations, whitened under the model as given."""

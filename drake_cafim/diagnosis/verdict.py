@@ -50,6 +50,8 @@ class Value:
     value: float
     std: float | None
     unit: str
+    efficiency: float | None = None
+    """The information that `std` claims over that of the likelihood of the recordings; None where it is not known."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,8 @@ class NominalParameter:
     """For a parameter of an effect that the scenario states: the effect's name."""
     together: float | None = None
     """Of unknown inertials, which have one prior together: the distance of all ten, at the mass; at the others 0."""
+    efficiency: float | None = None
+    """As of a `Value`."""
 
     @property
     def distance(self) -> float:

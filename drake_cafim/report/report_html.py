@@ -237,6 +237,7 @@ def _effects(
                         "name": wording.spoken(name),
                         "value": wording.with_interval(value.value, value.std),
                         "unit": _unit(verdict, accepted.effect, value.unit),
+                        "efficiency": wording.as_well(value.efficiency),
                     }
                     for name, value in accepted.values.items()
                 ],
@@ -315,4 +316,5 @@ def _parameter(unknown: NominalParameter) -> dict[str, Any]:
         "unit": "" if unknown.unit == "1" else unknown.unit,
         "shift": f"{shift:+.1f}".replace("-", "−"),
         "suspect": unknown.distance > SUSPECT,
+        "efficiency": wording.as_well(unknown.efficiency),
     }

@@ -72,7 +72,8 @@ def _report_of(
                 "at": accepted.effect.at,
                 "probability": accepted.probability,
                 "parameters": {
-                    name: {"value": v.value, "std": v.std, "unit": v.unit} for name, v in accepted.values.items()
+                    name: {"value": v.value, "std": v.std, "unit": v.unit, "efficiency": v.efficiency}
+                    for name, v in accepted.values.items()
                 },
                 "sentence": accepted.sentence,
             }
@@ -169,6 +170,7 @@ def parameters_of(parameters: Sequence[NominalParameter]) -> list[dict[str, Any]
             "value": parameter.value,
             "std": parameter.std,
             "unit": parameter.unit,
+            "efficiency": parameter.efficiency,
         }
         | ({} if parameter.effect is None else {"effect": parameter.effect})
         for parameter in parameters

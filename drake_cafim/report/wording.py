@@ -10,6 +10,8 @@ from drake_cafim.numerics.rounding import grouped, rounded
 __all__ = ["rounded"]
 
 NO_FIGURE = "–"
+EFFICIENT, OVERCONFIDENT = 0.8, 1.25
+"""Efficiencies within which an interval is as wide as the recordings make it."""
 INTERVAL = 1.959964
 """Standard deviations to either side of a 95 % interval."""
 
@@ -55,6 +57,17 @@ def odds(log_odds: float) -> str:
 def p_value(p: float) -> str:
     """A p-value as it is written after a sign."""
     return "< 10⁻¹⁵" if p < 1e-15 else f"= {rounded(p, 2)}"
+
+
+def as_well(efficiency: float | None) -> str:
+    """How well an interval uses the recordings; a full likelihood's would be √(1/efficiency) times as narrow."""
+    if efficiency is None or not np.isfinite(efficiency) or efficiency <= 0.0:
+        return ""
+    if efficiency > OVERCONFIDENT:
+        return "surer than these recordings can tell"
+    if efficiency >= EFFICIENT:
+        return "as well as these recordings can tell"
+    return f"these recordings could tell it {rounded(float(efficiency**-0.5), 2)} times as closely"
 
 
 def spoken(name: str) -> str:

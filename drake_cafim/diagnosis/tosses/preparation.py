@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.noise.coloured import Memory, estimate_memories, step_of
 from drake_cafim.diagnosis.noise.differences import correct_for_memory
@@ -26,10 +27,14 @@ from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.tosses.quality import qualities
 from drake_cafim.diagnosis.verdict import ChannelNoise, Quality
 from drake_cafim.errors import InputError
+from drake_cafim.numerics.computation import NotComputable
 from drake_cafim.recordings.recording import POSE_COMPONENTS, Recording
 from drake_cafim.recordings.usable import check_usable
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
+
+OF_ARCS = "a throw is fitted by its flights, each from a state of its own"
+"""Why there is no likelihood of a whole throw."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,14 @@ class PreparedTosses:
     def problem(self) -> TossProblem:
         """The recordings' likelihood, linearised under the scene's nominal physics."""
         return TossProblem.at_nominal(self.scene, arcs_of(self.tracks, self.noise), self.noise)
+
+    def bounds(self, model: Model) -> Array | NotComputable:
+        """Of throws the bound is not reckoned yet."""
+        return NotComputable(OF_ARCS)
+
+    def finished(self, fitted: Fit) -> Fit | NotComputable:
+        """A throw's rows are its whole flights already."""
+        return NotComputable(OF_ARCS)
 
     def qualities(self, model: Model, covariance: Array) -> list[Quality]:
         """The quality of `model` on the recordings, and on the held-out ones if there are any.

@@ -1,0 +1,1 @@
+"""How near the fits of a diagnosis come to the Cramér–Rao bound of their recordings."""

@@ -1,0 +1,1 @@
+"""`cafim estimate` and `mujoco.sysid` on the same recordings."""
