@@ -8,6 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
+from drake_cafim.belief import Belief
 from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.experiment.closed_loop import ExperimentResult, RunResult
 from drake_cafim.report.replay_data import BeliefHistory, Camera, Candidates, Forces, Motion, Replay
@@ -160,13 +161,19 @@ def _candidates(experiment: ExperimentResult, view: View, period: float) -> Cand
 
 
 def _beliefs(result: RunResult, numbers: Sequence[int], offsets: Sequence[float]) -> tuple[BeliefHistory, ...]:
-    """The belief over each parameter before, during and after each shown experiment."""
-    states = [result.prior, *(experiment.belief for experiment in result.experiments)]
+    """The belief over each parameter before, during and after each shown experiment.
+
+    Of several contact laws, the belief under the one that is the most probable at the end.
+    """
+    candidate, best = result.candidate, result.best
+    prior = Belief.prior(candidate.model.parameters)
+    states = [prior, *(experiment.over_laws.beliefs[best] for experiment in result.experiments)]
     rows: list[tuple[float, Array, Array]] = []
     for number, offset in zip(numbers, offsets, strict=True):
         experiment = result.experiments[number]
         rows.append((offset, states[number].mean, states[number].std))
-        rows += [(offset + time, mean, std) for time, mean, std in experiment.history]
+        then = [(offset + time, over_laws.beliefs[best]) for time, over_laws in experiment.history]
+        rows += [(time, belief.mean, belief.std) for time, belief in then]
         after = states[number + 1]
         rows.append((offset + float(experiment.time[-1]), after.mean, after.std))
     times = np.array([row[0] for row in rows])
@@ -178,9 +185,10 @@ def _beliefs(result: RunResult, numbers: Sequence[int], offsets: Sequence[float]
             times,
             means[:, index],
             stds[:, index],
-            result.task.truth[parameter.name],
+            candidate.truth[parameter.name],
         )
-        for index, parameter in enumerate(result.task.model.parameters.free)
+        for index, parameter in enumerate(candidate.model.parameters.free)
+        if not parameter.nuisance
     )
 
 

@@ -103,6 +103,11 @@ def common(function: Command) -> Command:
 )
 @click.option("--fisher", default="tangent", show_default=True, help="Or autodiff, finite-difference.")
 @click.option(
+    "--law",
+    help="Contact law of the planner: kelvin_voigt, hunt_crossley, hydroelastic, paper, or all, between which the "
+    "measurements decide.  [default: all in world drake, else the scenario's]",
+)
+@click.option(
     "--prior-scale", type=float, default=1.3, show_default=True, help="The prior's mean as a multiple of the truth."
 )
 @click.option(
@@ -115,6 +120,7 @@ def run(
     scenario: str,
     world: Any,
     prior_scale: float,
+    law: str | None,
     conceal: tuple[str, ...],
     out: Path | None,
     as_json: bool,
@@ -127,7 +133,7 @@ def run(
     from drake_cafim.experiment.closed_loop import Options
 
     options = Options(**{name: value for name, value in chosen.items() if name != "jobs"})
-    request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal))
+    request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal), law)
     check_request(request)
     folder = _folder(out, "run", resume=resume, overwrite=overwrite)
     with progress_line() as progress:

@@ -43,6 +43,12 @@ class RunRequest:
     options: Options = field(default_factory=Options)
     prior_scale: float = 1.3  # the prior's mean as a multiple of the truth
     concealed: tuple[Concealed, ...] = ()
+    law: str | None = None  # `all`, one of the laws, or None: all in world `drake`, the scenario's own in `model`
+
+    @property
+    def candidates(self) -> str | None:
+        """The contact laws that the run takes into account: `all`, one of them, or None for the scenario's own."""
+        return "all" if self.law is None and self.world == "drake" else self.law
 
 
 def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: bool = False) -> dict[str, Any]:
@@ -58,7 +64,7 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     check_request(request)
     _clear(out)
     stage = load_stage(request.scenario)
-    task = stage.task.with_prior_mean(request.prior_scale)
+    task = stage.with_laws(stage.task.with_prior_mean(request.prior_scale), request.candidates)
     progress("building the world")
     world = stage.world(request.world, request.options.seed, request.concealed)
     total = task.experiments if request.options.experiments is None else request.options.experiments
@@ -116,13 +122,28 @@ def table(record: dict[str, Any]) -> str:
         known = ", ".join(
             f"{name} {value:.4g} ± {row['std'][name]:.2g} ({row['error_percent'][name]:+.1f} %)"
             for name, value in row["estimate"].items()
+            if name in row["error_percent"]
         )
         lines.append(
-            f"{number:2d}  {known};  contact {100 * row['contact_fraction']:.0f} %, reversals {row['reversals']}, "
-            f"largest force {row['max_force']:.1f} N, planning {row['planning_ms']['median']:.1f} ms"
+            f"{number:2d}  {_law_words(row)}{known};  contact {100 * row['contact_fraction']:.0f} %, "
+            f"reversals {row['reversals']}, largest force {row['max_force']:.1f} N, "
+            f"planning {row['planning_ms']['median']:.1f} ms"
         )
         lines += _solver_remarks(row.get("solver", {}))
     return "\n".join([*lines, *_unidentified(record["experiments"][-1])])
+
+
+def _law_words(row: dict[str, Any]) -> str:
+    """The most probable contact law with its odds, for the table; nothing where there is only one."""
+    if "laws" not in row:
+        return ""
+    odds = row["laws"][row["law"]]
+    return f"{row['law']} {_odds(odds)}, "
+
+
+def _odds(odds: float) -> str:
+    """Odds as `20 : 1`; above 10 000, as more than that."""
+    return "> 10000 : 1" if odds > 1e4 else f"{odds:.3g} : 1"
 
 
 def _solver_remarks(solver: dict[str, Any]) -> list[str]:
@@ -156,6 +177,8 @@ def check_request(request: RunRequest) -> None:
     load_stage(request.scenario)
     options = request.options
     check_kind(request.world)
+    stage = load_stage(request.scenario)
+    stage.with_laws(stage.task, request.candidates)
     choices: tuple[tuple[str, str, Sequence[str]], ...] = (
         ("policy", options.policy, POLICIES),
         ("planner", options.planner, PLANNERS),

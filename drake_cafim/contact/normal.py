@@ -141,9 +141,7 @@ def normal_force_at(
     if law == 0:
         speed, slope = -abs(rate), -np.sign(rate)
     through = 1.0 + dissipation * rate
-    unclipped = force_before_clipping_at(
-        law, penetration, rate, stiffness, damping, dissipation, narrowing, deficit
-    )
+    unclipped = force_before_clipping_at(law, penetration, rate, stiffness, damping, dissipation, narrowing, deficit)
     if smoothing > 0:
         root = np.sqrt(unclipped * unclipped + smoothing**2)
         force, active = 0.5 * (unclipped + root), 0.5 * (1.0 + unclipped / root)

@@ -55,7 +55,10 @@ def field_numbers(
 
 
 def modulus_for(force: float, stiffness: float, radius: float, half_extent: float = 0.0) -> float:
-    """The modulus, Pa, at which the force at rest is `force` N at the depth `force` / `stiffness` (N/m)."""
-    depth = force / stiffness
+    """The modulus, Pa, at which the force at rest is `force` N at the depth `force` / `stiffness` (N/m).
+
+    Where that is deeper than the law reaches, at its greatest depth.
+    """
     P, k, _ = field_numbers(1.0, radius, half_extent)
+    depth = min(force / stiffness, 2.0 / (3.0 * float(k)))
     return float(force / (P * depth**2 * (1.0 - k * depth)))

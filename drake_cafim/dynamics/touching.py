@@ -63,9 +63,7 @@ def sphere_wrenches(R: Array, p: Array, V: Array, joints: Indices, placed: Array
         depth, rate, slip, place, _ = touch_kinematics(R, p, V, j, at[:3], at[3], at[4:7], at[7:])
         for i in range(len(p)):
             # a law has damping or dissipation, never both: `law` holds the one that it has
-            normal = normal_force_at(
-                int(law[0]), depth[i], rate[i], law[1], law[2], law[2], law[7], law[8], law[3]
-            )[0]
+            normal = normal_force_at(int(law[0]), depth[i], rate[i], law[1], law[2], law[2], law[7], law[8], law[3])[0]
             if normal == 0.0:
                 continue
             speed = np.sqrt(slip[i, 0] * slip[i, 0] + slip[i, 1] * slip[i, 1] + slip[i, 2] * slip[i, 2])

@@ -60,7 +60,8 @@ def law_of(contact: SphereContact | None) -> Law | None:
     and of the relaxed depth in a point's memory.
     """
     if contact is None:
-        return PAPER, FRICTIONLESS, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]), np.zeros(8), np.zeros((3, 3)), OF_LAW, 0, 0
+        nothing = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+        return PAPER, FRICTIONLESS, nothing, np.zeros(8), np.zeros((3, 3)), OF_LAW, 0, 0
     if not _are_known([type(change) for change in contact.changes]):
         return None
     # a class derived from a known effect is not known, since it may have another law
