@@ -43,11 +43,13 @@ def _soft_hefting() -> Task:
 
 _WORLDS: Mapping[str, _Packaged] = {
     "hefting": _Packaged(hefting.HeftingConfig, hefting.build_world, hefting.view, _soft_hefting),
-    "rubbing": _Packaged(rubbing.RubbingConfig, rubbing.build_world, rubbing.view, rubbing_task),
+    "rubbing": _Packaged(rubbing.RubbingConfig, rubbing.build_world, rubbing.view, rubbing_task, rubbing.other_laws),
     "pinching": _Packaged(
         pinching.PinchingConfig, pinching.build_world, pinching.view, pinching_task, pinching.other_laws
     ),
-    "contouring": _Packaged(contouring.ContouringConfig, contouring.build_world, contouring.view, contouring_task),
+    "contouring": _Packaged(
+        contouring.ContouringConfig, contouring.build_world, contouring.view, contouring_task, contouring.other_laws
+    ),
 }
 
 

@@ -62,7 +62,7 @@ def without_nuisance(fisher: Array, prior: Array, sought: Array) -> tuple[Array,
 
 
 def _schur_complement(matrix: Array, kept: Array) -> Array:
-    a, b = np.flatnonzero(kept), np.flatnonzero(~kept)
+    a, b = np.flatnonzero(kept), np.flatnonzero(np.logical_not(kept))
     across = matrix[..., a[:, np.newaxis], b]
     inner = np.linalg.solve(matrix[..., b[:, np.newaxis], b], np.swapaxes(across, -1, -2))
     return np.asarray(matrix[..., a[:, np.newaxis], a] - across @ inner)

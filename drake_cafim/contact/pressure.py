@@ -36,7 +36,7 @@ def surface_deficit(radius: Scalars, resolution: float) -> Scalars:
     if resolution <= 0.0:
         return 0.0 * radius
     refinements = np.clip(np.ceil(np.log2(np.sqrt(2.0) * radius / resolution)), 0, 8)
-    return DEFICIT * radius / 4.0**refinements
+    return np.asarray(DEFICIT * radius / 4.0**refinements)
 
 
 def field_numbers(

@@ -74,12 +74,12 @@ class SphereContact:
         if type(self) is not SphereContact or self.changes:
             return None
         values, kind = self.parameters, NORMAL_LAWS.index(self.law.normal)
-        normal = values.of_normal(self.law.normal)
+        numbers = values.of_normal(self.law.normal)
         loss = values.dissipation if self.law.normal in ("hunt_crossley", "hydroelastic") else values.damping
         form, width = (1, values.slip_velocity) if values.slip_velocity is not None else (2, values.resistance)
         tangential = (0, 0.0) if width is None else (form, width)
-        field = (normal.get("narrowing", 1.0), normal.get("deficit", 0.0))
-        law = (kind, normal["stiffness"], loss, self.law.smoothing, values.friction, *tangential, *field)
+        field = (numbers.get("narrowing", 1.0), numbers.get("deficit", 0.0))
+        law = (kind, numbers["stiffness"], loss, self.law.smoothing, values.friction, *tangential, *field)
         if any(np.ndim(number) for number in law):
             return None
         center, radius, point, normal = self._placed
