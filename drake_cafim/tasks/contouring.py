@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from drake_cafim.contact.edge import wedge_volume
 from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.contact.normal import NormalLaw
+from drake_cafim.contact.pressure import surface_deficit
 from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.sensitivity.model import Jacobians, Rollout
 from drake_cafim.tasks.point import PointModel, force_excess
@@ -16,14 +18,15 @@ from drake_cafim.typing import Array
 
 TRUE_LENGTH, TRUE_WIDTH = 0.126, 0.05  # m, paper
 FACES = ("+x", "-x", "+y", "-y")
-LAW_PARAMETERS = ("stiffness", "dissipation", "modulus")
+LAW_PARAMETERS = ("stiffness", "dissipation")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Contouring(PointModel):
     """Planner coordinates (x, y) in the plane of the table; a round tip against a fixed box, no friction.
 
-    λ is (2,), the force on the tip, K (r − distance) along the box's outward normal at the nearest point. As the
+    λ is (2,), the force on the tip, K (r − distance) along the box's outward normal at the nearest point, or that of
+    Drake's pressure field (`contact/edge.py`). Of the first: as the
     tip's centre approaches a corner, the derivative of that normal, and with it the information, grows without
     bound; hence within `corner_radius` of a corner the direction is b / corner_radius, shorter than one, with b the
     vector from the corner.
@@ -78,12 +81,7 @@ class Contouring(PointModel):
         return np.asarray(centre + np.stack([named["offset_x"], named["offset_y"]], axis=-1))
 
     def _contact_parameters(self, named: Mapping[str, Array]) -> ContactParameters:
-        numbers: dict[str, Any] = {
-            name: named.get(name, getattr(self, name)) for name in ("stiffness", "dissipation", "modulus")
-        }
-        if self.law == "hydroelastic":
-            least = np.minimum(np.minimum(named["length"], named["width"]), self.height)
-            numbers |= {"radius": self.tip_radius, "half_extent": 0.5 * least, "resolution": self.resolution}
+        numbers: dict[str, Any] = {name: named.get(name, getattr(self, name)) for name in ("stiffness", "dissipation")}
         return ContactParameters(**numbers)
 
     def _beyond(self, motion: Array, named: Mapping[str, Array]) -> Array:
@@ -97,8 +95,50 @@ class Contouring(PointModel):
     def _sides(self, motion: Array, named: Mapping[str, Array]) -> Array:
         return np.where(motion[..., :2] >= self._centre(named), 1.0, -1.0)
 
+    def _field(self, named: Mapping[str, Any]) -> tuple[Any, Any, Any]:
+        """Gradient (Pa/m) and dissipation (s/m) of the box's pressure field, and the radius (m) of the tip's mesh."""
+        least = np.minimum(np.minimum(named["length"], named["width"]), self.height)
+        modulus, loss = (named.get(name, getattr(self, name)) for name in ("modulus", "dissipation"))
+        return modulus / (0.5 * least), loss, self.tip_radius - surface_deficit(self.tip_radius, self.resolution)
+
+    def _field_force(self, motion: Array, named: Mapping[str, Any]) -> Array:
+        """λ of the law `hydroelastic`: of each pair of faces the volume nearest to it times the field's gradient."""
+        (gradient, loss, radius), sides = self._field(named), self._sides(motion, named)
+        beyond = self._beyond(motion, named) / radius
+        volumes = [wedge_volume(beyond[..., axis], beyond[..., 1 - axis])[0] for axis in range(2)]
+        through = 1.0 - np.asarray(loss)[..., np.newaxis] * sides * motion[..., 2:4]
+        scale = np.asarray(gradient * radius**3)[..., np.newaxis]
+        return np.asarray(scale * np.stack(volumes, axis=-1) * np.maximum(through, 0.0) * sides)
+
+    def _field_jacobians(self, motion: Array, theta: Array) -> Jacobians:
+        """`_field_force` with its derivatives: those of a volume are areas, see `wedge_volume`."""
+        named = self._named(theta)
+        (gradient, loss, radius), sides = self._field(named), self._sides(motion, named)
+        beyond = self._beyond(motion, named) / radius
+        volume, by_beyond = np.empty(beyond.shape), np.empty((*beyond.shape, 2))
+        for axis in range(2):
+            found = wedge_volume(beyond[..., axis], beyond[..., 1 - axis])
+            volume[..., axis], by_beyond[..., axis, axis], by_beyond[..., axis, 1 - axis] = found
+        rate = -sides * motion[..., 2:4]
+        through = np.maximum(1.0 + loss * rate, 0.0)
+        force = gradient * radius**3 * volume * through * sides
+        by_size = -0.5 * gradient * radius**2 * by_beyond * (through * sides)[..., np.newaxis]
+        by_name = {"length": by_size[..., 0], "width": by_size[..., 1]}
+        by_name |= {"offset_x": 2.0 * sides[..., :1] * by_size[..., 0]}
+        by_name |= {"offset_y": 2.0 * sides[..., 1:] * by_size[..., 1]}
+        by_name |= {"dissipation": gradient * radius**3 * volume * np.where(through > 0.0, rate, 0.0) * sides}
+        if "modulus" in named:
+            by_name |= {"modulus": force / named["modulus"]}
+        smallest = min(("length", "width"), key=lambda name: float(named[name]))
+        if float(named[smallest]) < self.height:  # the field's gradient is the modulus over half the smallest extent
+            by_name[smallest] = by_name[smallest] - force / named[smallest]
+        slope = np.stack([by_name[name] for name in self.parameters.names], axis=-1)
+        return Jacobians(force, np.zeros((2, 0)), np.zeros((2, 2)), slope)
+
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
         named = self._named(theta)
+        if self.law == "hydroelastic":
+            return self._field_force(motion, named)
         beyond, sides = self._beyond(motion, named), self._sides(motion, named)
         depth = self.tip_radius - _signed_distance(beyond)
         rate = -(_gradient(beyond) * sides * motion[..., 2:4]).sum(axis=-1)
@@ -110,6 +150,8 @@ class Contouring(PointModel):
 
         Hence ∂λ/∂θ = ½ σ∘(N_d n ∇sᵀ − N ∂n/∂b − N_ḋ n (∂ḋ/∂b)ᵀ); ∂n/∂b and ∂ḋ/∂b are zero but at corners.
         """
+        if self.law == "hydroelastic":
+            return self._field_jacobians(motion, theta)
         named = self._named(theta)
         beyond, sides = self._beyond(motion, named), self._sides(motion, named)
         distance = _signed_distance(beyond)
@@ -138,10 +180,6 @@ class Contouring(PointModel):
         by_name |= {"offset_x": 2.0 * sides[..., :1] * by_size[..., 0]}
         by_name |= {"offset_y": 2.0 * sides[..., 1:] * by_size[..., 1]}
         by_name |= {"length": by_size[..., 0], "width": by_size[..., 1]}
-        if self.law == "hydroelastic":  # the field's gradient is the modulus over half the smallest extent
-            smallest = min(("length", "width"), key=lambda name: float(named[name]))
-            if float(named[smallest]) < self.height:
-                by_name[smallest] = by_name[smallest] - across[..., 0] * (normal[..., 0] / named[smallest])
         columns = [np.broadcast_to(by_name[name], across.shape[:-1]) for name in self.parameters.names]
         return Jacobians(
             normal[..., 0] * direction * sides, np.zeros((2, 0)), np.zeros((2, 2)), np.stack(columns, axis=-1)
