@@ -103,6 +103,13 @@ def common(function: Command) -> Command:
 )
 @click.option("--fisher", default="tangent", show_default=True, help="Or autodiff, finite-difference.")
 @click.option(
+    "--place-std",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="How far the contact may be from where it is planned, m, learned beside the unknowns.",
+)
+@click.option(
     "--law",
     help="Contact law of the planner: kelvin_voigt, hunt_crossley, hydroelastic, paper, or all, between which the "
     "measurements decide.  [default: all in world drake, else the scenario's]",
@@ -121,6 +128,7 @@ def run(
     world: Any,
     prior_scale: float,
     law: str | None,
+    place_std: float,
     conceal: tuple[str, ...],
     out: Path | None,
     as_json: bool,
@@ -133,7 +141,7 @@ def run(
     from drake_cafim.experiment.closed_loop import Options
 
     options = Options(**{name: value for name, value in chosen.items() if name != "jobs"})
-    request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal), law)
+    request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal), place_std, law)
     check_request(request)
     folder = _folder(out, "run", resume=resume, overwrite=overwrite)
     with progress_line() as progress:

@@ -74,11 +74,6 @@ LIMITS = (
         urdf(link("a"), link("b", CYLINDER), joint("j", "a", "b")),
         f"{HELD}\ncontact: [{{bodies: [b, ground], {GROUND}}}]",
     ),
-    Limit(
-        "Hydroelastic contact in a diagnosis",
-        urdf(link("a"), link("b", BALL), joint("j", "a", "b")),
-        f"{HELD}\ncontact: [{{bodies: [b, ground], law: hydroelastic, {GROUND}}}]",
-    ),
     Limit("A position servo", ONE, f"{HELD}\nservo: {{kp: 17.8, kv: 0.6}}"),
     Limit("Channels that were filtered", ONE, f"{HELD}\nchannels: {{v: {{lowpass: {{order: 6, cutoff: 2.0}}}}}}"),
     Limit("Effects of commands and servos", ONE, f"{HELD}\neffects: [{{effect: command_delay, at: j, delay: 0.01}}]"),

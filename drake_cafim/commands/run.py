@@ -29,6 +29,7 @@ from drake_cafim.scenario.model_file import MODEL_SUFFIXES
 from drake_cafim.scenario.schema import load
 from drake_cafim.scene.scene import Scene, resolve
 from drake_cafim.sensitivity.evaluator import Fisher
+from drake_cafim.tasks.task import Task
 
 FILES = {"replay": "replay.html", "figures": ["error.svg", "information.svg"]}
 Progress = Callable[[str], None]
@@ -43,6 +44,7 @@ class RunRequest:
     options: Options = field(default_factory=Options)
     prior_scale: float = 1.3  # the prior's mean as a multiple of the truth
     concealed: tuple[Concealed, ...] = ()
+    place_std: float = 0.0  # m, of the contact's place about the planned one; 0: it is where it is planned
     law: str | None = None  # `all`, one of the laws, or None: all in world `drake`, the scenario's own in `model`
 
     @property
@@ -64,7 +66,7 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     check_request(request)
     _clear(out)
     stage = load_stage(request.scenario)
-    task = stage.with_laws(stage.task.with_prior_mean(request.prior_scale), request.candidates)
+    task = planned_task(stage, request)
     progress("building the world")
     world = stage.world(request.world, request.options.seed, request.concealed)
     total = task.experiments if request.options.experiments is None else request.options.experiments
@@ -84,6 +86,12 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     ]
     write_text(finished, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
     return record
+
+
+def planned_task(stage: Stage, request: RunRequest) -> Task:
+    """The task with the prior, the candidate laws and the doubt about its place that the request asks for."""
+    task = stage.with_laws(stage.task.with_prior_mean(request.prior_scale), request.candidates)
+    return task.with_unknown_place(request.place_std) if request.place_std > 0.0 else task
 
 
 def load_stage(address: str) -> Stage:
@@ -178,7 +186,11 @@ def check_request(request: RunRequest) -> None:
     options = request.options
     check_kind(request.world)
     stage = load_stage(request.scenario)
-    stage.with_laws(stage.task, request.candidates)
+    if not 0.0 <= request.place_std < 0.1:
+        raise InputError(f"--place-std {request.place_std}: expected a number of metres from 0 to 0.1")
+    if not request.prior_scale > 0:
+        raise InputError(f"--prior-scale {request.prior_scale}: expected a positive number")
+    planned_task(stage, request)
     choices: tuple[tuple[str, str, Sequence[str]], ...] = (
         ("policy", options.policy, POLICIES),
         ("planner", options.planner, PLANNERS),
@@ -193,8 +205,6 @@ def check_request(request: RunRequest) -> None:
         make_policy(options.policy, model, belief_samples=options.belief_samples)
     if options.force_guard:
         experiment.force_limit(load_stage(request.scenario).task)
-    if not request.prior_scale > 0:
-        raise InputError(f"--prior-scale {request.prior_scale}: expected a positive number")
     if options.experiments is not None and options.experiments < 1:
         raise InputError(f"--experiments {options.experiments}: expected at least 1")
     if options.until_std is not None and not options.until_std > 0:

@@ -8,11 +8,9 @@ KEYS: Mapping[tuple[str, str], str] = {
     ("Scenario", "servo"): "a position servo",
     ("Scenario", "drive"): "a position servo",
     ("Channel", "lowpass"): "a published filter",
-    ("ContactPair", "modulus"): "the hydroelastic law",
 }
 """(dataclass of the schema, key) to the feature's name in messages."""
-LAWS: Mapping[str, str] = {"hydroelastic": "the hydroelastic law"}
-UNKNOWNS = ("servo_stiffness", "servo_damping", "servo_limit", "modulus", "inertials")
+UNKNOWNS = ("servo_stiffness", "servo_damping", "servo_limit", "inertials")
 EFFECTS = (
     "servo_gain_error",
     "servo_dead_band",

@@ -19,8 +19,14 @@ from drake_cafim.typing import Array
 BODY_PARAMETERS = {"mass": "kg", "com_x": "m", "com_y": "m", "com_z": "m", "inertia": "1"}
 JOINT_PARAMETERS = {"damping": "N m s/rad", "rotor_inertia": "kg m^2"}
 SIZES = {"length": "m", "width": "m", "height": "m", "radius": "m"}
-CONTACT_PARAMETERS = {"stiffness": "N/m", "damping": "N s/m", "dissipation": "s/m", "friction": "1"}
-_ABOVE_ZERO = (*SIZES, "mass", "inertia", "stiffness")
+CONTACT_PARAMETERS = {
+    "stiffness": "N/m",
+    "damping": "N s/m",
+    "dissipation": "s/m",
+    "modulus": "Pa",
+    "friction": "1",
+}
+_ABOVE_ZERO = (*SIZES, "mass", "inertia", "stiffness", "modulus")
 _POSITIVE = (*_ABOVE_ZERO, "damping", "rotor_inertia", "dissipation", "friction")
 
 

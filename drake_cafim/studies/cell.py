@@ -56,6 +56,7 @@ class Cell:
     force_guard: bool | None = None  # None: as `experiment.Options` has it
     believed: tuple[tuple[str, float], ...] = ()  # numbers of the planner's model that are not the world's
     law: str | None = None  # candidate contact laws: all, one of them, or None for the scenario's own
+    place_std: float = 0.0  # m, of the prior of the contact's place, learned as nuisance; 0: known
     diagnosed: bool = False  # the joints are recorded as well, and a diagnosis looks for what its scenario lacks
 
     @property
@@ -72,6 +73,7 @@ class Cell:
         parts += [f"process{self.process_noise:g}"] if self.process_noise else []
         parts += [f"outside{self.outside:g}"] if self.outside else []
         parts += [f"law-{self.law}"] if self.law else []
+        parts += [f"place{self.place_std:g}"] if self.place_std else []
         parts += ["diagnosed"] if self.diagnosed else []
         return "_".join(parts)
 
@@ -125,6 +127,7 @@ def _task_and_world(cell: Cell) -> tuple[Task, World]:
         task = replace(task, model=replace(noisy, force_std=cell.noise * noisy.force_std))
     true, model = task, cast(Any, task.model)
     task = replace(task, model=replace(model, **dict(cell.believed)))
+    task = task.with_unknown_place(cell.place_std) if cell.place_std else task
     if stage is None or cell.world is None:
         return task, kinematic_world(
             _with_contact_outside(true, cell.outside), seed=cell.seed, process_std=cell.process_noise

@@ -63,6 +63,11 @@ class Contouring(PointModel):
     seeking: float = 0.01  # 1/m
 
     @property
+    def offsets(self) -> tuple[str, ...]:
+        """The parameters that say where the contact is relative to the plan."""
+        return ("offset_x", "offset_y")
+
+    @property
     def noise_std(self) -> Array:
         return np.full(2, self.force_std)
 

@@ -45,6 +45,11 @@ class Pinching(PointModel):
     force_weight: float = 0.2  # 1/N²
 
     @property
+    def offsets(self) -> tuple[str, ...]:
+        """The parameters that say where the contact is relative to the plan."""
+        return ("offset",)
+
+    @property
     def noise_std(self) -> Array:
         return np.array([self.force_std])
 

@@ -49,6 +49,11 @@ class Rubbing(PointModel):
     seeking: float = 0.01  # 1/m
 
     @property
+    def offsets(self) -> tuple[str, ...]:
+        """The parameters that say where the contact is relative to the plan."""
+        return ("offset",)
+
+    @property
     def noise_std(self) -> Array:
         return np.full(2 if self.measures_normal else 1, self.force_std)
 

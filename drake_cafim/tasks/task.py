@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_cafim.errors import InputError
-from drake_cafim.parameters import Parameters
+from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.typing import Array
 
@@ -62,6 +62,16 @@ class Task:
         valid = ", ".join(candidate.law for candidate in self.candidates)
         raise InputError(f"--law {law}: {self.name} has the laws all, {valid}")
 
+    def with_unknown_place(self, std: float) -> "Task":
+        """The task with the place of the contact unknown, too: offsets with priors of `std` m, as nuisance.
+
+        Raises `InputError` for a model without a place, such as a ball in a palm.
+        """
+        if not getattr(self.model, "offsets", ()):
+            raise InputError(f"--place-std: {self.name} has no place of contact that could be off, expected 0")
+        others = tuple(replace(other, model=_with_offsets(other.model, std)) for other in self.others)
+        return replace(self, model=_with_offsets(self.model, std), others=others)
+
     @property
     def theta(self) -> Array:
         """The true parameters, (n,); of a nuisance parameter its prior's mean."""
@@ -78,3 +88,13 @@ class Task:
         ]
         # every packaged model is a dataclass with a field `parameters`
         return replace(self, model=replace(self.model, parameters=Parameters.of(items)))  # type: ignore[type-var]
+
+
+def _with_offsets(model: PlanningModel, std: float) -> PlanningModel:
+    """The model with the offsets that it can have (`offsets`) among its parameters."""
+    names = getattr(model, "offsets", ())
+    added = [Parameter(name, 0.0, std, lower=-6.0 * std, upper=6.0 * std, unit="m", nuisance=True) for name in names]
+    given = [parameter for parameter in model.parameters if parameter.name not in names]
+    # every packaged model is a dataclass with a field `parameters`
+    changed: PlanningModel = replace(model, parameters=Parameters.of([*given, *added]))  # type: ignore[type-var]
+    return changed
