@@ -53,6 +53,9 @@ _WORLDS: Mapping[str, _Packaged] = {
 }
 
 
+_UNDECIDED = {"hefting": "what a ball weighs that lies in a hand depends on no contact law"}
+
+
 @dataclass(frozen=True)
 class Stage:
     """A scenario that `cafim run` can carry out: its task, its world's configuration, and the view of its replay."""
@@ -75,6 +78,11 @@ class Stage:
             return task
         several = replace(task, others=_WORLDS[self.name].other_laws(self.config, task))
         return several if law == "all" else several.with_law(law)
+
+    @property
+    def undecided(self) -> str:
+        """Why no other contact law is a candidate in this scenario."""
+        return _UNDECIDED.get(self.name, "its unknowns are those of the law itself, or its sensor does not see the law")
 
     def diagram(
         self,

@@ -103,6 +103,9 @@ def common(function: Command) -> Command:
 )
 @click.option("--fisher", default="tangent", show_default=True, help="Or autodiff, finite-difference.")
 @click.option(
+    "--estimator", default="shooting", show_default=True, help="Or joint: parameters and forces in one program."
+)
+@click.option(
     "--place-std",
     type=float,
     default=0.0,

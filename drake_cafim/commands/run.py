@@ -15,6 +15,7 @@ from drake_cafim.diagrams.concealing import Concealed
 from drake_cafim.diagrams.showing import make_replay
 from drake_cafim.diagrams.world import WorldKind, check_kind, start_context
 from drake_cafim.errors import InputError
+from drake_cafim.estimation.system import ESTIMATORS
 from drake_cafim.experiment import closed_loop as experiment
 from drake_cafim.experiment.closed_loop import ExperimentResult, Options, RunResult
 from drake_cafim.experiment.joint_recording import recordings_of
@@ -81,6 +82,8 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     progress("writing the replay")
     _write_replay(request, stage, result, out / "replay.html")
     record = run_record(result, recordings, FILES)
+    if request.candidates == "all" and not task.others:
+        record["laws_note"] = f"no other contact law is a candidate: {stage.undecided}"
     record["concealed"] = [
         {"effect": effect.effect, "at": effect.at, **effect.parameters} for effect in request.concealed
     ]
@@ -138,7 +141,8 @@ def table(record: dict[str, Any]) -> str:
             f"planning {row['planning_ms']['median']:.1f} ms"
         )
         lines += _solver_remarks(row.get("solver", {}))
-    return "\n".join([*lines, *_unidentified(record["experiments"][-1])])
+    note = record.get("laws_note")
+    return "\n".join([*lines, *_unidentified(record["experiments"][-1]), *([f"    {note}"] if note else [])])
 
 
 def _law_words(row: dict[str, Any]) -> str:
@@ -196,6 +200,7 @@ def check_request(request: RunRequest) -> None:
         ("planner", options.planner, PLANNERS),
         ("criterion", options.criterion, _names(Criterion)),
         ("fisher", options.fisher, _names(Fisher)),
+        ("estimator", options.estimator, ESTIMATORS),
     )
     for option, value, valid in choices:
         if value not in valid:

@@ -9,7 +9,8 @@ from drake_cafim.estimation.problem import MapProblem
 from drake_cafim.estimation.shooting import MapEstimate
 from drake_cafim.typing import Array
 
-NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
+NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(8)
+# an even number: none at the mode itself, which may be on a bound and would count in full
 MOST = 2
 """The largest number of parameters over which `log_evidence` integrates on a grid."""
 
@@ -19,7 +20,7 @@ def log_evidence(problem: MapProblem, estimate: MapEstimate) -> float:
 
     Laplace's approximation at the estimate θ̂, −ℓ(θ̂) + ½ log det Σ − ½ log det Σ₀, divided by the prior's probability
     within the parameters' bounds. Up to two parameters the integral over the posterior is not taken as Gaussian but
-    done on the 7ⁿ points of Gauss–Hermite quadrature about θ̂, so that a posterior that is skew, or cut by a bound,
+    done on the 8ⁿ points of Gauss–Hermite quadrature about θ̂, so that a posterior that is skew, or cut by a bound,
     counts as it is.
     """
     belief, prior = estimate.belief, problem.prior

@@ -1,7 +1,7 @@
 """The CA-MAP estimator as a LeafSystem that stores measurements and updates the belief."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteStateIndex, DiscreteValues, LeafSystem
@@ -9,12 +9,16 @@ from pydrake.systems.framework import Context, DiscreteStateIndex, DiscreteValue
 from drake_cafim.belief import Belief, LawBelief
 from drake_cafim.errors import InputError
 from drake_cafim.estimation.evidence import log_evidence
+from drake_cafim.estimation.joint import refine_jointly
 from drake_cafim.estimation.problem import Data, make_problem
 from drake_cafim.estimation.shooting import MapEstimate, ShootingConfig, SolverReport, solve
 from drake_cafim.sensitivity.evaluator import Evaluator
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.sensitivity.tangent import TangentEvaluator
 from drake_cafim.typing import Array
+
+EstimatorName: TypeAlias = Literal["shooting", "joint"]
+ESTIMATORS: tuple[str, ...] = get_args(EstimatorName)
 
 
 class CaMap(LeafSystem):
@@ -33,6 +37,9 @@ class CaMap(LeafSystem):
     With several `laws`, planning models by name that predict the same measurements, it keeps a belief over each law's
     parameters and the laws' probabilities, from the evidence of each; `belief` is then `LawBelief.vector`.
 
+    `method` is `shooting`, over the parameters alone, or `joint`, which then solves for parameters and contact forces
+    together (paper, Def. 4).
+
     `model` predicts the measurements, for your own plant a `DiagramModel`; `config` holds the settings of the search;
     `evaluator` computes the sensitivities, by default the `TangentEvaluator`. All samples and the belief are in the
     Context, with room for `experiments` experiments; a further one raises `InputError`.
@@ -48,11 +55,13 @@ class CaMap(LeafSystem):
         config: ShootingConfig | None = None,
         evaluator: Evaluator | None = None,
         laws: Mapping[str, PlanningModel] | None = None,
+        method: EstimatorName = "shooting",
     ) -> None:
         super().__init__()
         self._model, self._config = model, config
         self._evaluator = TangentEvaluator(model) if evaluator is None else evaluator
         self._laws = {"": model} if laws is None else dict(laws)
+        self._method = method
         self._every = estimate_every
         self._axes, self._readings = len(model.velocity_bounds[0]), len(model.noise_std)
         self._shape = (experiments, periods + 1, 2 * self._axes + self._readings)
@@ -109,7 +118,7 @@ class CaMap(LeafSystem):
         rows = np.array(state.get_vector(self._solver).get_value()).reshape(len(self._laws), -1)
         solved, status, *bound = rows[best].tolist()
         on_bound = tuple(name for name, there in zip(self._prior.names[best], bound, strict=False) if there)
-        return SolverReport(bool(solved), int(status)), on_bound
+        return SolverReport(bool(solved), int(status), self._method == "joint"), on_bound
 
     def _unpack(self, rows: Any) -> Data:
         return Data(rows[:, : 2 * self._axes], rows[1:, 2 * self._axes :])
@@ -140,6 +149,8 @@ class CaMap(LeafSystem):
             evaluator = self._evaluator if model is self._model else TangentEvaluator(model)
             problem = make_problem(model, evaluator, data, prior)
             estimate = solve(problem, self._config)
+            if self._method == "joint":
+                estimate = refine_jointly(problem, estimate)
             beliefs.append(estimate.belief)
             weights.append(log_evidence(problem, estimate) if len(self._laws) > 1 else 0.0)
             _fill_status(row, estimate)

@@ -17,7 +17,7 @@ from drake_cafim.design.system import CaOed
 from drake_cafim.errors import InputError
 from drake_cafim.estimation.problem import make_problem
 from drake_cafim.estimation.shooting import SolverReport
-from drake_cafim.estimation.system import CaMap
+from drake_cafim.estimation.system import CaMap, EstimatorName
 from drake_cafim.experiment.kinematic_world import kinematic_world
 from drake_cafim.experiment.world import World
 from drake_cafim.information import Criterion
@@ -37,6 +37,7 @@ class Options:
     planner: PlannerName = "predictive-sampling"
     criterion: Criterion = "logdet"
     fisher: Fisher = "tangent"
+    estimator: EstimatorName = "shooting"
     planner_config: PlannerConfig = field(default_factory=PlannerConfig)
     belief_samples: int = 1  # points of the belief over which a plan's score is averaged; 1: its mode
     # limit the commands so that the true force stays within the task's limit; None: only those of contact-aware that a
@@ -209,6 +210,7 @@ class _Loop:
             experiments=total,
             estimate_every=task.estimate_every,
             laws=laws,
+            method=options.estimator,
         )
         builder.AddNamedSystem("estimator", self.estimator)
         state, force = (self.plant.GetOutputPort(name) for name in ("measured_state", "measured_force"))

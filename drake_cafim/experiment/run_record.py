@@ -26,6 +26,7 @@ def run_record(result: RunResult, recordings: list[str], files: dict[str, Any]) 
         "planner": result.options.planner,
         "criterion": result.options.criterion,
         "fisher": result.options.fisher,
+        "estimator": result.options.estimator,
         "force_guard": result.options.force_guard,
         "belief_samples": result.options.belief_samples,
         "seed": result.options.seed,
