@@ -105,6 +105,7 @@ def common(function: Command) -> Command:
 @click.option(
     "--estimator", default="shooting", show_default=True, help="Or joint: parameters and forces in one program."
 )
+@click.option("--as-printed", is_flag=True, help="The paper's own choices, where they can be made.")
 @click.option(
     "--place-std",
     type=float,
@@ -132,6 +133,7 @@ def run(
     prior_scale: float,
     law: str | None,
     place_std: float,
+    as_printed: bool,
     conceal: tuple[str, ...],
     out: Path | None,
     as_json: bool,
@@ -144,7 +146,7 @@ def run(
     from drake_cafim.experiment.closed_loop import Options
 
     options = Options(**{name: value for name, value in chosen.items() if name != "jobs"})
-    request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal), place_std, law)
+    request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal), as_printed, place_std, law)
     check_request(request)
     folder = _folder(out, "run", resume=resume, overwrite=overwrite)
     with progress_line() as progress:

@@ -8,7 +8,7 @@ from scipy.integrate import dblquad
 from scipy.stats import norm
 
 from drake_cafim.belief import Belief, LawBelief
-from drake_cafim.commands.run import load_stage
+from drake_cafim.commands.run import RunRequest, check_request, load_stage, planned_task
 from drake_cafim.contact.edge import wedge_volume
 from drake_cafim.design.law_scores import LawAveragedScore, expected_log_bayes_factor
 from drake_cafim.design.scores import InformationScore
@@ -195,3 +195,16 @@ def test_the_volume_nearest_to_a_face_is_that_of_a_sampled_ball() -> None:
 def test_parameters_say_which_are_sought() -> None:
     parameters = Parameters((Parameter("a", 1.0), Parameter("b", 1.0, nuisance=True), Parameter("c", 1.0, frozen=True)))
     assert parameters.sought.tolist() == [True, False]
+
+
+def test_as_printed_has_the_papers_choices() -> None:
+    for name in ("hefting", "rubbing", "pinching", "contouring"):
+        stage = load_stage(name)
+        request = RunRequest(name, as_printed=True)
+        model = planned_task(stage, request).model
+        assert model.law == "paper" and getattr(model, "seeking", 0.0) == 0.0
+        assert request.chosen.criterion == "trace" and request.chosen.force_guard is False
+        assert name != "hefting" or model.damping == 0.0
+        assert name != "pinching" or model.parameters.std.tolist() == [10.0, np.sqrt(10.0)]
+    with pytest.raises(InputError, match="--as-printed --law all"):
+        check_request(RunRequest("pinching", as_printed=True, law="all"))

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -30,6 +30,7 @@ from drake_cafim.scenario.model_file import MODEL_SUFFIXES
 from drake_cafim.scenario.schema import load
 from drake_cafim.scene.scene import Scene, resolve
 from drake_cafim.sensitivity.evaluator import Fisher
+from drake_cafim.tasks.as_printed import as_printed
 from drake_cafim.tasks.task import Task
 
 FILES = {"replay": "replay.html", "figures": ["error.svg", "information.svg"]}
@@ -45,13 +46,23 @@ class RunRequest:
     options: Options = field(default_factory=Options)
     prior_scale: float = 1.3  # the prior's mean as a multiple of the truth
     concealed: tuple[Concealed, ...] = ()
+    as_printed: bool = False  # with the paper's own choices, see `tasks/as_printed.py`
     place_std: float = 0.0  # m, of the contact's place about the planned one; 0: it is where it is planned
     law: str | None = None  # `all`, one of the laws, or None: all in world `drake`, the scenario's own in `model`
 
     @property
     def candidates(self) -> str | None:
         """The contact laws that the run takes into account: `all`, one of them, or None for the scenario's own."""
+        if self.as_printed:
+            return None
         return "all" if self.law is None and self.world == "drake" else self.law
+
+    @property
+    def chosen(self) -> Options:
+        """The options of the run; as printed, with the trace and without a force guard."""
+        if not self.as_printed:
+            return self.options
+        return replace(self.options, criterion="trace", force_guard=False)
 
 
 def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: bool = False) -> dict[str, Any]:
@@ -73,7 +84,7 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     total = task.experiments if request.options.experiments is None else request.options.experiments
     progress(f"experiment 1 of {total}")
     result = experiment.run(
-        task, request.options, world, lambda number, done: _show_progress(progress, number, total, done)
+        task, request.chosen, world, lambda number, done: _show_progress(progress, number, total, done)
     )
     recordings = _write_recordings(request, result, world, out)
     progress("drawing")
@@ -84,6 +95,7 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     record = run_record(result, recordings, FILES)
     if request.candidates == "all" and not task.others:
         record["laws_note"] = f"no other contact law is a candidate: {stage.undecided}"
+    record["as_printed"] = request.as_printed
     record["concealed"] = [
         {"effect": effect.effect, "at": effect.at, **effect.parameters} for effect in request.concealed
     ]
@@ -94,6 +106,7 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
 def planned_task(stage: Stage, request: RunRequest) -> Task:
     """The task with the prior, the candidate laws and the doubt about its place that the request asks for."""
     task = stage.with_laws(stage.task.with_prior_mean(request.prior_scale), request.candidates)
+    task = as_printed(task) if request.as_printed else task
     return task.with_unknown_place(request.place_std) if request.place_std > 0.0 else task
 
 
@@ -188,6 +201,8 @@ def check_request(request: RunRequest) -> None:
     """Raises `InputError` for a scenario that cannot be run and for options that are not valid."""
     load_stage(request.scenario)
     options = request.options
+    if request.as_printed and request.law is not None:
+        raise InputError(f"--as-printed --law {request.law}: the paper's law comes with --as-printed, expected one")
     check_kind(request.world)
     stage = load_stage(request.scenario)
     if not 0.0 <= request.place_std < 0.1:

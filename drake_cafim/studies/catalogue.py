@@ -26,6 +26,7 @@ from drake_cafim.studies.laws import law_cells, laws
 from drake_cafim.studies.noise import noise, noise_cells
 from drake_cafim.studies.one_rub import one_rub, one_rub_cells
 from drake_cafim.studies.point_contact import point_contact, point_contact_cells
+from drake_cafim.studies.printed import printed, printed_cells
 from drake_cafim.studies.priors import calibration, calibration_cells, robustness, robustness_cells
 from drake_cafim.studies.reaching import reaching, reaching_cells
 from drake_cafim.studies.requirements import requirement_cells, requirements
@@ -64,5 +65,6 @@ STUDIES: Mapping[str, Study] = {
     "reaching": Study(reaching_cells, reaching),
     "worlds": Study(world_cells, worlds),
     "laws": Study(law_cells, laws),
+    "as-printed": Study(printed_cells, printed),
     "hefting-table": Study(hefting_table_cells, hefting_table),
 }

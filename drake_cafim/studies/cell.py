@@ -20,6 +20,7 @@ from drake_cafim.scenario.schema import load
 from drake_cafim.scene.scene import resolve
 from drake_cafim.studies.diagnosed import diagnose_run
 from drake_cafim.studies.other_laws import other_laws
+from drake_cafim.tasks.as_printed import as_printed
 from drake_cafim.tasks.contouring import contouring
 from drake_cafim.tasks.hefting import hefting
 from drake_cafim.tasks.pinching import pinching
@@ -57,6 +58,7 @@ class Cell:
     believed: tuple[tuple[str, float], ...] = ()  # numbers of the planner's model that are not the world's
     law: str | None = None  # candidate contact laws: all, one of them, or None for the scenario's own
     place_std: float = 0.0  # m, of the prior of the contact's place, learned as nuisance; 0: known
+    as_printed: bool = False  # with the paper's own choices
     diagnosed: bool = False  # the joints are recorded as well, and a diagnosis looks for what its scenario lacks
 
     @property
@@ -74,6 +76,7 @@ class Cell:
         parts += [f"outside{self.outside:g}"] if self.outside else []
         parts += [f"law-{self.law}"] if self.law else []
         parts += [f"place{self.place_std:g}"] if self.place_std else []
+        parts += ["as-printed"] if self.as_printed else []
         parts += ["diagnosed"] if self.diagnosed else []
         return "_".join(parts)
 
@@ -93,11 +96,11 @@ def measure(cell: Cell) -> dict[str, Any]:
     options = Options(
         policy=cell.policy,
         planner=cell.planner,
-        criterion=cell.criterion,
+        criterion="trace" if cell.as_printed else cell.criterion,
         seed=cell.seed,
         experiments=cell.experiments,
         belief_samples=cell.belief_samples,
-        force_guard=cell.force_guard,
+        force_guard=False if cell.as_printed else cell.force_guard,
     )
     result = run(task, options, world)
     kept = {} if cell.scenario != POINT else {"laws": other_laws(result)}
@@ -127,6 +130,7 @@ def _task_and_world(cell: Cell) -> tuple[Task, World]:
         task = replace(task, model=replace(noisy, force_std=cell.noise * noisy.force_std))
     true, model = task, cast(Any, task.model)
     task = replace(task, model=replace(model, **dict(cell.believed)))
+    task = as_printed(task) if cell.as_printed else task
     task = task.with_unknown_place(cell.place_std) if cell.place_std else task
     if stage is None or cell.world is None:
         return task, kinematic_world(
