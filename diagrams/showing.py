@@ -210,7 +210,7 @@ def _odds(result: RunResult, numbers: Sequence[int], offsets: Sequence[float]) -
 
 def _law_words(over_laws: LawBelief) -> str:
     shares = sorted(zip(over_laws.probability.tolist(), over_laws.laws, strict=True), reverse=True)
-    return "law: " + ", ".join(f"{law} {100.0 * share:.0f} %" for share, law in shares if share >= 0.005)
+    return "law: " + ", ".join(f"{law} {100.0 * share:.0f} %" for share, law in shares[:2] if share >= 0.005)
 
 
 def _unit(unit: str) -> str:

@@ -36,7 +36,7 @@ DIAGNOSIS = {
 
 
 ODDS = {"drake": {"kelvin_voigt": -9.0, "hydroelastic": 0.0}, "model": {"kelvin_voigt": 0.0, "hydroelastic": -9.0}}
-FOUND = {"pinching": ["modulus", "dissipation"]}
+FOUND = {"pinching": ["modulus", "dissipation"], "contouring": ["length", "width"]}
 
 
 def made_up(cell: Cell, error: float = 1.0) -> dict[str, Any]:
