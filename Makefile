@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long descriptions prove thresholds ablations recoveries confusable lint clean
+.PHONY: all demo test ci long descriptions prove thresholds ablations recoveries confusable fuzz faults lint clean
 
 all: demo
 
@@ -67,6 +67,15 @@ recoveries: $(STAMPS)/test
 # How long designed, D-optimal and random motions take to tell confusable pairs apart.
 confusable: $(STAMPS)/test
 	$(RUN)/python -m tests.benchmarks.discrimination $(CONFUSABLE)
+
+# Hostile recordings, models, scenarios and command lines by the hundred thousand: hours, which it says beforehand;
+# resumable; FUZZ="--minutes 10" for a short form.
+fuzz: $(STAMPS)/test
+	$(RUN)/python -m tests.fuzzing.table $(FUZZ)
+
+# Kills, full disks, clocks that jump and folders that vanish, while commands run: a row each.
+faults: $(STAMPS)/test
+	$(RUN)/python -m tests.faults.table $(FAULTS)
 
 lint: $(STAMPS)/test
 	$(VENV)/bin/ruff check

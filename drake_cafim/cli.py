@@ -9,29 +9,87 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+from click.exceptions import NoArgsIsHelpError
 from tqdm import tqdm
 
-from drake_cafim.description.packages import package_folders
-from drake_cafim.errors import InputError
-from drake_cafim.output import prepare_folder
+from drake_cafim.errors import InputError, one_line
+from drake_cafim.output import alone_in, describe_error, prepare_folder
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
+FOLDER = "drake_cafim.folder"
+"""Key of click's context for the folder that the command writes to."""
+RESUMABLE = ("run", "diagnose", "discriminate", "study")
+
+
+def _package_folders(context: click.Context, option: click.Parameter, value: tuple[str, ...]) -> dict[str, str]:
+    from drake_cafim.description.packages import package_folders
+
+    return package_folders(value)
+
+
 package_option = click.option(
-    "--package", "packages", multiple=True, callback=lambda ctx, option, value: package_folders(value),
+    "--package", "packages", multiple=True, callback=_package_folders,
     help="NAME=DIR: where package://NAME/... of a model leads; repeatable.",
 )  # fmt: skip
 
 
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it."""
+
+
 class Cafim(click.Group):
-    """A group whose commands end with status 2 and one sentence where the input cannot be used."""
+    """A group whose commands end with status 2 and one sentence where the input, or the system, cannot be used."""
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
-        except InputError as error:
-            click.echo(f"cafim: {error}", err=True)
+        except (InputError, click.UsageError, OSError, MemoryError) as error:
+            if isinstance(error, NoArgsIsHelpError) or _is_closed_pipe(error):
+                raise
+            click.echo(f"cafim: {_sentence(error)}", err=True)
             ctx.exit(2)
+        except KeyboardInterrupt:
+            click.echo(f"cafim: interrupted{_way_on(ctx)}", err=True)
+            ctx.exit(INTERRUPTED)
+
+    def make_context(self, *arguments: Any, **more: Any) -> click.Context:
+        """The context of the whole command line; an unknown option or command is told in one line."""
+        try:
+            return super().make_context(*arguments, **more)
+        except click.UsageError as error:
+            if isinstance(error, NoArgsIsHelpError):
+                raise
+            click.echo(f"cafim: {_sentence(error)}", err=True)
+            raise click.exceptions.Exit(2) from None
+
+
+def _sentence(error: Exception) -> str:
+    """The error in one line: a wrong argument with the command that lists the right ones, or what the system says."""
+    if isinstance(error, click.UsageError):
+        command = error.ctx.command_path.rpartition("cafim")[2].strip() if error.ctx else ""
+        return one_line(f"{error.format_message()}  See `{' '.join(filter(None, ('cafim', command, '--help')))}`.")
+    if isinstance(error, OSError):
+        where = error.filename or "the working folder, or the one for temporary files"
+        return one_line(f"{where}: {describe_error(error)}")
+    if isinstance(error, MemoryError):
+        return one_line(f"there is not enough memory for this input ({error or 'the system refused more'})")
+    return one_line(str(error))
+
+
+def _is_closed_pipe(error: BaseException) -> bool:
+    """Whether the reader of our output has gone, as in `cafim study ... | head`; click ends quietly then."""
+    return isinstance(error, BrokenPipeError)
+
+
+def _way_on(ctx: click.Context) -> str:
+    """What is kept after Ctrl-C and how to go on, as the end of a sentence."""
+    folder = ctx.meta.get(FOLDER)
+    if folder is None or not folder.is_dir() or not any(folder.iterdir()):
+        return "; nothing was written"
+    if ctx.invoked_subcommand in RESUMABLE:
+        return f"; what was finished is in {folder}, the same command with --out {folder} --resume goes on from there"
+    return f"; what was finished is in {folder}"
 
 
 @click.group(cls=Cafim, context_settings={"help_option_names": ["-h", "--help"]})
@@ -54,7 +112,7 @@ def common(function: Command) -> Command:
         ),
         click.option(
             "--seed",
-            type=int,
+            type=click.IntRange(0, 2**32 - 1),
             default=0,
             show_default=True,
             help="Of all random numbers; the same seed gives the same bytes.",
@@ -382,14 +440,17 @@ def replay(
 
 
 def _folder(out: Path | None, command: str, *, resume: bool, overwrite: bool) -> Path:
-    """The folder that a command writes to; it is removed at the end if nothing was written into it."""
+    """The folder that a command alone writes to; it is removed at the end if nothing was written into it."""
     folder = prepare_folder(out, command, resume=resume, overwrite=overwrite)
 
     def leave_nothing_empty() -> None:
         with suppress(OSError):  # not empty
             folder.rmdir()
 
-    click.get_current_context().call_on_close(leave_nothing_empty)
+    context = click.get_current_context()
+    context.call_on_close(leave_nothing_empty)
+    context.with_resource(alone_in(folder))
+    context.meta[FOLDER] = folder
     return folder
 
 

@@ -166,7 +166,7 @@ def test_no_key_takes_what_is_no_number_and_no_name(folder: Path, value: Any) ->
         (("weld", 0, "body"), "palm", "weld[0].body is 'palm', which the model lacks; it has: base"),
         (("lock",), {"shoulder": 0.0, "elbow": 0.0}, "no joint of the model moves, all of them are under lock"),
         (("topics", "/joint_states"), 3, "topics./joint_states is 3, expected a mapping"),
-        (("topics", "/joint_states", "join"), -1.0, "topics: /joint_states: join must not be negative"),
+        (("topics", "/joint_states", "join"), -1.0, "topics./joint_states.join is -1 s, expected a finite number"),
     ],
 )  # fmt: skip
 def test_the_sentence_names_the_key_and_what_was_expected(

@@ -114,7 +114,7 @@ def test_what_was_not_asked_about_is_one_sentence_with_valid_choices(report: Pat
         ('{"schema": "drake_cafim.run/1"}', "its schema is not drake_cafim.report/1"),
         ('{"schema": "drake_cafim.report/1", "explanation": []}', "it holds no `trace`"),
         ('{"schema": "drake_cafim.report/1", "explanation": [], "trace": [{"step": "admit"}]}', "is damaged"),
-        ('{"schema": "drake_cafim.report/1", "explanation": [], "trace": ["admit"]}', "is damaged"),
+        ('{"schema": "drake_cafim.report/1", "explanation": [], "trace": ["admit"]}', "trace[0] is admit, expected"),
         ('{"schema": "drake_cafim.report/1", "trace": [{"step": "admit"}]}', "is damaged"),
     ],
 )

@@ -9,7 +9,8 @@ from typing import Any
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-from drake_cafim.commands.inputs import in_folder, read_all, read_report, refuse_repeats
+from drake_cafim.commands.inputs import in_folder, read_all, refuse_repeats
+from drake_cafim.commands.reports import read_record, read_report
 from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.errors import InputError
 from drake_cafim.output import prepare_folder, write_text
@@ -56,8 +57,10 @@ def _is_finished(out: Path, command: Sequence[str]) -> bool:
     """Whether `out` holds a finished diagnosis. Raises `InputError` where another command than `command` made it."""
     if not ((out / FINISHED).is_file() and (out / "report.json").is_file()):
         return False
-    made_by = json.loads((out / FINISHED).read_text(encoding="utf-8"))["command"]
-    if made_by != list(command):
+    record = read_record(out / FINISHED, "what an earlier diagnosis left; give --overwrite")
+    made_by = record.get("command")
+    if not isinstance(made_by, list) or made_by != list(command):
+        made_by = [str(word) for word in made_by] if isinstance(made_by, list) else ["?"]
         raise InputError(
             f"--out {out}: it holds the results of `{shlex.join(made_by)}`, expected the same command with --resume; "
             "give --overwrite, or another folder"

@@ -1,6 +1,5 @@
 """`cafim discriminate`: designs the motion that tells rival explanations apart, and simulates it with each as truth."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from drake_cafim.commands.inputs import read_report, refuse_thrown, report_file
+from drake_cafim.commands.inputs import refuse_thrown
+from drake_cafim.commands.reports import read_record, read_report, report_file
 from drake_cafim.design.planner import PLANNERS, PlannerName
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
@@ -74,7 +74,12 @@ def discriminate_command(
     """
     finished = out / REPORT
     if resume and finished.is_file():
-        record: dict[str, Any] = json.loads(finished.read_text(encoding="utf-8"))
+        record = read_record(finished, "what an earlier discrimination left; give --overwrite")
+        try:
+            in_words(record)
+            record["next_experiment"]["file"]
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+            raise InputError(f"{finished}: it is damaged ({error!r}); give --overwrite, or another folder") from None
         return record
     request.check()
     scene = Scene.load(request.scenario, packages=dict(request.packages))

@@ -1,9 +1,7 @@
-"""Reads the recordings and reports that the command line names."""
+"""Reads the recordings that the command line names."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from drake_cafim.errors import InputError
 from drake_cafim.recordings import read
@@ -45,21 +43,3 @@ def refuse_thrown(scene: Scene, command: str) -> None:
             f"{scene.name}: {command} is of robots, expected a model with joints; a thrown body can be diagnosed and "
             "estimated"
         )
-
-
-def report_file(path: Path) -> Path:
-    """The report.json that `path` is, or that is in the folder `path`."""
-    return path / "report.json" if path.is_dir() else path
-
-
-def read_report(path: Path, source: str) -> dict[str, Any]:
-    """The report in the file `path`, called `source` in messages. Raises `InputError` for a file that is no report."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{source}: it cannot be read ({error.strerror}), expected a report.json") from None
-    except ValueError as error:
-        raise InputError(f"{source}: it is no JSON ({error}), expected a report.json") from None
-    if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("drake_cafim.report/"):
-        raise InputError(f"{source}: its schema is not drake_cafim.report/1, expected a report.json")
-    return content

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from pydrake.geometry import Meshcat
 
-from drake_cafim.commands.inputs import read_all, read_report, refuse_thrown, report_file
+from drake_cafim.commands.inputs import read_all, refuse_thrown
+from drake_cafim.commands.reports import read_report, report_file
 from drake_cafim.diagnosis.noise.stated import noise_of
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm

@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 from pydrake.systems.framework import Diagram
 
+from drake_cafim.commands.reports import read_record
 from drake_cafim.design.planner import PLANNERS
 from drake_cafim.design.policies import POLICIES, make_policy
 from drake_cafim.diagrams.catalogue import Stage, joint_names, stage_of
@@ -73,7 +74,11 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     """
     finished = out / "run.json"
     if resume and finished.is_file():
-        record: dict[str, Any] = json.loads(finished.read_text(encoding="utf-8"))
+        record = read_record(finished, "the run.json of an earlier run; give --overwrite")
+        try:
+            table(record)
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+            raise InputError(f"{finished}: it is damaged ({error!r}); give --overwrite, or another folder") from None
         return record
     check_request(request)
     _clear(out)

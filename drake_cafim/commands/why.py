@@ -1,11 +1,11 @@
 """`cafim why`: says from a finished report why an effect was named, or was not."""
 
-import json
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from drake_cafim.commands.reports import read_report, report_file
 from drake_cafim.diagnosis.trace import Record
 from drake_cafim.errors import InputError
 from drake_cafim.report.reasons import Reasons, effects_looked_for, number, reasons_of, story_of
@@ -45,20 +45,13 @@ def why_command(report: Path, asked: str | None) -> dict[str, Any]:
 
 def read_trace(report: Path) -> Traced:
     """The trace of the report in the file, or folder, `report`."""
-    path = report / "report.json" if report.is_dir() else report
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: it cannot be read ({error.strerror}), expected a report.json") from None
-    except ValueError as error:
-        raise InputError(f"{path}: it is no JSON ({error}), expected a report.json") from None
-    if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("drake_cafim.report/"):
-        raise InputError(f"{path}: its schema is not drake_cafim.report/1, expected a report.json of `cafim diagnose`")
+    path = report_file(report)
+    content = read_report(path, str(path))
     if not content.get("trace"):
         raise InputError(f"{path}: it holds no `trace`, expected a report of `cafim diagnose` of this version")
     try:
         records = tuple(Record.from_json(item) for item in content["trace"])
-        named = tuple(f"{item['effect']}@{item['at']}" for item in content["explanation"])
+        named = tuple(f"{item['effect']}@{item['at']}" for item in content.get("explanation") or ())
     except (KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: its `trace` or `explanation` is damaged ({error}), expected a report.json") from None
     return Traced(str(content.get("sentence", "")), records, named)

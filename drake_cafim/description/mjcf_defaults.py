@@ -1,6 +1,6 @@
 """Expansion of an MJCF's includes and default classes into the elements that they apply to."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -9,35 +9,45 @@ from drake_cafim.description.xml_document import XmlDocument, read_document
 from drake_cafim.errors import InputError
 
 MAIN = "main"
-DEPTH = 20
-"""Largest depth of nested includes; deeper ones are taken for a file that includes itself."""
+MOST_FILES = 1000
+"""Largest number of included files, those that are included several times counted as often."""
 
 
 def include_all(document: XmlDocument) -> None:
     """Replace each `<include file>` by that file's elements; it is searched beside the main and the including file.
 
-    Raises `InputError` for a missing file, and for one that includes itself.
+    Raises `InputError` for a missing file, for one that includes itself, and for more than `MOST_FILES`.
     """
-    _include(document, document.root, document.path, 0)
+    _include(document, document.root, (document.path.resolve(),), [])
 
 
-def _include(document: XmlDocument, parent: Element, path: Path, depth: int) -> None:
+def _include(document: XmlDocument, parent: Element, above: Sequence[Path], included: list[Path]) -> None:
+    """Expand what is below `parent`, an element of the last file of `above`, which includes the next one each."""
     for child in list(parent):
         if child.tag != "include":
-            _include(document, child, path, depth)
+            _include(document, child, above, included)
             continue
-        name = child.get("file", "")
-        found = next((file for near in (document.path, path) if (file := near.parent / name).is_file()), None)
-        if found is None or depth > DEPTH:
-            why = "which is not there" if found is None else "which includes itself"
-            raise InputError(f"{document.place(child)}: include names {name!r}, {why}")
-        included = read_document(found)
-        document.lines.update(included.lines)
-        _include(document, included.root, found, depth + 1)
+        path = _included_file(document, child, above)
+        included.append(path)
+        if len(included) > MOST_FILES:
+            raise InputError(f"{document.place(child)}: more than {MOST_FILES} files are included, expected fewer")
+        found = read_document(path)
+        document.lines.update(found.lines)
+        _include(document, found.root, (*above, path), included)
         at = list(parent).index(child)
         parent.remove(child)
-        for k, element in enumerate(included.root):
+        for k, element in enumerate(found.root):
             parent.insert(at + k, element)
+
+
+def _included_file(document: XmlDocument, include: Element, above: Sequence[Path]) -> Path:
+    name = include.get("file", "")
+    files = [(near.parent / name).resolve() for near in (document.path, above[-1])]
+    found = next((file for file in files if file.is_file()), None)
+    if found is None or found in above:
+        why = "which is not there" if found is None else "which includes itself"
+        raise InputError(f"{document.place(include)}: include names {name!r}, {why}")
+    return found
 
 
 @dataclass

@@ -17,13 +17,21 @@ def sdf_description(document: XmlDocument, packages: Packages) -> Description:
     return Description(document.text(), "sdf", tuple(acting), {}, {}, (), notes, places)
 
 
+def _number(text: str, what: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{what} is {text[:60]!r}, expected a number") from None
+
+
 def _take_effects(joint: Element) -> Iterator[StatedEffect]:
     """The joint's friction and spring as effects; they are taken out of its axis, lest they act twice."""
     name, dynamics = joint.get("name", ""), joint.find("axis/dynamics")
     if dynamics is None:
         return
     friction, stiffness, rest = (
-        float(dynamics.findtext(key) or 0.0) for key in ("friction", "spring_stiffness", "spring_reference")
+        _number(dynamics.findtext(key) or "0", f"joint {name!r}: {key}")
+        for key in ("friction", "spring_stiffness", "spring_reference")
     )
     for key in ("friction", "spring_stiffness", "spring_reference"):
         for child in dynamics.findall(key):

@@ -180,7 +180,8 @@ def momentum_terms(
     momentum, force = np.empty((N, n)), np.empty((N, n))
     h, w, link, pull = np.empty((n, 6)), np.empty((n, 6)), np.empty(10), np.zeros(6)
     turned, c = np.empty((3, 3)), np.empty(3)
-    pull[3:] = gravity
+    for r in range(3):
+        pull[3 + r] = gravity[r]
     for i in range(N):
         for j in range(n):
             _inertia(R[i, j], p[i, j], mass[j], center[j], inertia[j], turned, c, link)

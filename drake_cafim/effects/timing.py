@@ -70,7 +70,8 @@ def _weights(offset: Array, derivative: int) -> Array:
                     known[p, d] = (x[n] * known[p, d] - d * known[p, d - 1]) / apart
                 known[p, 0] *= x[n] / apart
             before = product
-        result[i] = known[:, derivative]
+        for n in range(count):
+            result[i, n] = known[n, derivative]
     return result
 
 

@@ -7,7 +7,10 @@ import numba
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """`function` of floats and arrays, compiled by Numba at its first call."""
+    """`function` of floats and arrays, compiled by Numba at its first call.
+
+    Assigning an array to a slice costs two seconds of compiling, for the text of its error: loops cost nothing.
+    """
     try:
         return numba.njit(cache=True)(function)
     except RuntimeError:

@@ -31,9 +31,10 @@ def clean(name: str, table: Mapping[str, Array], notes: Sequence[str] = ()) -> R
     columns: dict[str, Array] = {}
     for column, raw in table.items():
         if column != "time":
-            values = np.asarray(raw, dtype=np.float64)[fresh]
+            values = np.asarray(raw, dtype=np.float64)
+            values = values if fresh.all() else values[fresh]
             gone = ~np.isfinite(values)
-            columns[column] = np.where(gone, np.nan, values)
+            columns[column] = np.where(gone, np.nan, values) if gone.any() else values  # no copy of a whole column
             sentences += describe_missing(column, time, gone)
     return Recording(name=name, time=time, columns=columns, notes=(*sentences, *describe_gaps(time)))
 

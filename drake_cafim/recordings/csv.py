@@ -1,5 +1,6 @@
 """Reading and writing of comma-separated tables; semicolons and tabs are accepted when reading."""
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,8 @@ import pyarrow
 import pyarrow.csv
 
 from drake_cafim.errors import InputError
-from drake_cafim.recordings.columns import as_numbers
+from drake_cafim.recordings.columns import as_numbers, numeric_columns
+from drake_cafim.recordings.limits import check_columns
 from drake_cafim.recordings.recording import Recording, is_signal
 from drake_cafim.typing import Array
 
@@ -25,7 +27,8 @@ def read_csv(path: Path) -> tuple[dict[str, Array], list[str]]:
     names, delimiter = _header(path)
     cut: list[str] = []
     table = _parse(path, names, delimiter, cut)
-    numbers, notes = as_numbers(str(path), table)
+    numeric, notes = numeric_columns(str(path), table.schema)
+    numbers = {name: as_numbers(name, table[name].chunks, notes) for name in numeric}
     empty = [name for name in numbers if name.startswith(NAMELESS) and np.isnan(numbers[name]).all()]
     return {name: values for name, values in numbers.items() if name not in empty}, [*notes, *cut]
 
@@ -50,8 +53,9 @@ def _header(path: Path) -> tuple[list[str], str]:
         raise InputError(
             f"{path}: the header is {names[0][:60]!r}, expected names separated by comma, semicolon or tab"
         )
+    check_columns(str(path), len(names))
     names = [name or f"{NAMELESS}{j}" for j, name in enumerate(names)]
-    twice = sorted({name for name in names if names.count(name) > 1})
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
         raise InputError(f"{path}: column {twice[0]} occurs twice in the header, expected once")
     return names, delimiter
@@ -98,15 +102,16 @@ def _read(path: Path, names: list[str], parse: pyarrow.csv.ParseOptions, *, text
 
 def _numbers_where_possible(path: Path, table: pyarrow.Table) -> pyarrow.Table:
     """The table with each text column as numbers where all its cells are numbers; refuses a signal with other text."""
+    columns = dict(zip(table.column_names, table.columns, strict=True))
     for j, name in enumerate(table.column_names):
         cells = table.column(j).to_pylist()
         bad = next((i for i, cell in enumerate(cells) if cell is not None and not _is_number(cell)), None)
         if bad is None:
             values = [np.nan if cell is None else float(cell) for cell in cells]
-            table = table.set_column(j, name, pyarrow.array(values, pyarrow.float64()))
+            columns[name] = pyarrow.chunked_array([pyarrow.array(values, pyarrow.float64())])
         elif name == "time" or is_signal(name):
             raise InputError(f"{path}: column {name} holds {cells[bad]!r} in sample {bad + 1}, expected a number")
-    return table
+    return pyarrow.table(columns)
 
 
 def _check_row_lengths(path: Path, names: list[str], wrong: list[pyarrow.csv.InvalidRow], cut: list[str]) -> None:

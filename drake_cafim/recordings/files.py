@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from drake_cafim.errors import InputError
-from drake_cafim.output import replacing
+from drake_cafim.output import describe_error, replacing
 from drake_cafim.recordings.checks import clean
 from drake_cafim.recordings.csv import read_csv, write_csv
 from drake_cafim.recordings.gathering import MESSAGES, gather, reader_of
@@ -71,6 +71,13 @@ def check_writable(path: Path) -> None:
 
 def check_path(path: Path) -> None:
     """Raises `InputError` unless the path is a bag's folder, or a file of a known suffix that is not empty."""
+    try:
+        _check_path(path)
+    except OSError as error:  # a name that is too long, a folder that may not be entered
+        raise InputError(f"{path}: it cannot be read ({describe_error(error)}), expected a recording") from None
+
+
+def _check_path(path: Path) -> None:
     if not path.exists():
         raise InputError(f"{path}: there is no such file")
     if path.is_dir():
@@ -84,6 +91,8 @@ def check_path(path: Path) -> None:
         raise InputError(
             f"{path}: unknown suffix {found}, expected {_any((*TABLES, *MESSAGES))} or a ROS 2 bag's folder"
         )
+    if not path.is_file():
+        raise InputError(f"{path}: it is no regular file, expected a recording")
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty, expected a recording")
 

@@ -46,12 +46,16 @@ def _records(path: Path, notes: list[str]) -> Iterator[McapRecord]:
     any_record = False
     bad_chunks = 0
     with path.open("rb") as file:
-        stream = StreamReader(file, emit_chunks=True, record_size_limit=LARGEST_RECORD)
+        limit = min(LARGEST_RECORD, path.stat().st_size)  # of a longer record not even the length is true
+        stream = StreamReader(file, emit_chunks=True, record_size_limit=limit)
         try:
             for record in stream.records:
                 any_record = True
                 if not isinstance(record, Chunk):
                     yield record
+                    continue
+                if record.uncompressed_size > LARGEST_RECORD:
+                    bad_chunks += 1
                     continue
                 try:
                     inside = breakup_chunk(record, validate_crc=True)

@@ -1,5 +1,7 @@
 """Reading of NumPy .npz archives: one-dimensional arrays are columns, two-dimensional ones need `topics:`."""
 
+import math
+import struct
 import zipfile
 import zlib
 from pathlib import Path
@@ -7,13 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from drake_cafim.errors import InputError
+from drake_cafim.recordings.limits import check_columns, check_size
 from drake_cafim.recordings.topics import Topic, Topics
 from drake_cafim.typing import Array
 
 # What NumPy and the zip library raise on archives that are truncated or damaged, or hold Python objects.
 UNREADABLE = (
     *(zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, AttributeError),
-    *(KeyError, NotImplementedError, RuntimeError),
+    *(KeyError, NotImplementedError, RuntimeError, MemoryError, SyntaxError, TypeError, IndexError, OverflowError),
+    struct.error,
 )
 TIMES = ("time", "t", "times", "sample_times")  # usual names of VectorLog.sample_times()
 
@@ -49,12 +53,33 @@ def read_npz(path: Path, topics: Topics) -> tuple[dict[str, Array], list[str]]:
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """The plain arrays of the archive; members that are none are not read, and none beyond what it can hold."""
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {key: archive[key] for key in archive.files}
+        with path.open("rb") as file, zipfile.ZipFile(file) as archive:
+            members = [member for member in archive.infolist() if member.filename.endswith(".npy")]
+            check_columns(str(path), len(members))
+            check_size(path, sum(member.file_size for member in members))
+            return {member.filename.removesuffix(".npy"): _array(archive, member) for member in members}
     except UNREADABLE as error:
-        why = " ".join(str(error).split())
+        why = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path}: not a whole .npz archive of plain arrays ({why})") from error
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+    """The array in a member. Raises `ValueError` where its header promises more than the member holds."""
+    with archive.open(member) as content:
+        version = np.lib.format.read_magic(content)
+        read_header = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}.get(version[0])
+        if read_header is None:
+            raise ValueError(f"{member.filename} has the unknown version {version[0]}.{version[1]}")
+        shape, _, dtype = read_header(content)
+        if math.prod(shape) * dtype.itemsize > member.file_size or any(length < 0 for length in shape):
+            raise ValueError(
+                f"{member.filename} promises an array of shape {shape}, but holds {member.file_size} bytes"
+            )
+    with archive.open(member) as content:
+        array: np.ndarray = np.lib.format.read_array(content, allow_pickle=False)
+        return array
 
 
 def _rows(path: Path, key: str, values: np.ndarray, columns: int, samples: int) -> np.ndarray:

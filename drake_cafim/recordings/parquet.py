@@ -8,25 +8,35 @@ import pyarrow
 import pyarrow.parquet
 
 from drake_cafim.errors import InputError
-from drake_cafim.recordings.columns import as_numbers
+from drake_cafim.recordings.columns import as_numbers, numeric_columns
+from drake_cafim.recordings.limits import check_size
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.typing import Array
 
-GROUP_ROWS = 131072  # rows of a row group, so that long recordings are written piece by piece
+GROUP_ROWS = 131072  # rows of a row group, so that long recordings are read and written piece by piece
+# What PyArrow raises on damaged metadata beside its own exceptions, as on column names that are no UTF-8.
+DAMAGED = (ValueError, OverflowError, TypeError, KeyError, IndexError, MemoryError, AttributeError)
 
 
 def read_parquet(path: Path) -> tuple[dict[str, Array], list[str]]:
     """The numeric columns of the file by name, and a note for each column that is left out.
 
-    Raises `InputError` when the file is not a whole Parquet file or a signal's column is not numeric.
+    The file is read piece by piece, and columns without numbers not at all, so that memory holds the result and one
+    row group. Raises `InputError` when the file is not a whole Parquet file, claims more than it can hold, or a
+    signal's column is not numeric.
     """
     try:
         with pyarrow.parquet.ParquetFile(path) as file:
-            table = file.read()
-    except (pyarrow.ArrowException, OSError) as error:
+            names, notes = numeric_columns(str(path), file.schema_arrow)
+            check_size(path, 8 * max(file.metadata.num_rows, 0) * len(names))
+            pieces: dict[str, list[pyarrow.Array]] = {name: [] for name in names}
+            for batch in file.iter_batches(batch_size=GROUP_ROWS, columns=names, use_threads=False):
+                for name, values in zip(batch.schema.names, batch.columns, strict=True):
+                    pieces[name].append(values)
+            return {name: as_numbers(name, pieces.pop(name), notes) for name in names}, notes
+    except (pyarrow.ArrowException, OSError, *DAMAGED) as error:
         why = " ".join(str(error).split()).rstrip(".") or type(error).__name__
         raise InputError(f"{path}: not a whole Parquet file, it may have been cut ({why})") from error
-    return as_numbers(str(path), table)
 
 
 def write_parquet(recording: Recording, path: Path) -> None:

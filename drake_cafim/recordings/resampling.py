@@ -7,6 +7,8 @@ from drake_cafim.recordings.recording import POSE_COMPONENTS, Recording
 from drake_cafim.typing import Array
 
 HELD = ("u", "cmd")
+MOST = 1e7
+"""Largest number of samples: an hour at 2.8 kHz."""
 
 
 def resample(recording: Recording, period: float, longest_gap: float | None = None) -> Recording:
@@ -19,6 +21,11 @@ def resample(recording: Recording, period: float, longest_gap: float | None = No
     """
     if not period > 0.0:
         raise InputError(f"{recording.name}: the period is {period} s, expected it to be positive")
+    if recording.duration / period > MOST:
+        raise InputError(
+            f"{recording.name}: a period of {period:g} s makes more than {MOST:g} samples of its "
+            f"{recording.duration:.6g} s, expected a longer one"
+        )
     # 1 + 1e-12: a duration of whole periods must not lose its last sample to rounding
     count = int(np.floor(recording.duration / period * (1.0 + 1e-12))) + 1
     time = recording.time[0] + period * np.arange(count)

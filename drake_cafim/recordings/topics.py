@@ -22,6 +22,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from drake_cafim.errors import InputError
+from drake_cafim.numerics.ranges import number
 from drake_cafim.recordings.recording import JOINT_KINDS
 from drake_cafim.typing import Array
 
@@ -37,9 +38,11 @@ class Topic:
     sensor: str = ""  # the sensor that a wrench message belongs to
     body: str = ""  # the body that a pose message belongs to
     columns: list[str] = field(default_factory=list)  # of an array's elements, in their order; "": left out
-    scale: float = 1.0  # the file's unit in SI, as 0.017453292519943295 for degrees
-    offset: float = 0.0  # s, added to this topic's stamps
-    join: float = 0.0  # s; a sample at most this far from a stamp of the other topics takes over that stamp
+    scale: float = number(1.0, least=-1e12, most=1e12)  # the file's unit in SI, as 0.017453292519943295 for degrees
+    offset: float = number(0.0, "s", least=-4e9, most=4e9)  # added to this topic's stamps
+    join: float = number(
+        0.0, "s", least=0.0, most=1e6
+    )  # a sample at most this far from a stamp of the other topics takes over that stamp
     stamp: str = "header"  # the clock that is used: header (the message's own), or log (the recorder's)
 
 

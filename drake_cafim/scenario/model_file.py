@@ -1,5 +1,6 @@
 """Loading of a scenario's model file into a Drake plant."""
 
+import functools
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +10,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import yaml
 from pydrake.geometry import Mesh, SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import LoadModelDirectivesFromString, Parser, ProcessModelDirectives
@@ -21,10 +21,13 @@ from drake_cafim.description.description import Description, ModelStatements, co
 from drake_cafim.description.packages import Packages
 from drake_cafim.description.parser_log import capture_log
 from drake_cafim.description.reading import read_description
+from drake_cafim.description.trial import try_apart
 from drake_cafim.errors import InputError
+from drake_cafim.scenario.directives import EXPECTED, check_directives
 from drake_cafim.scenario.packaged import packaged_folder
 from drake_cafim.scenario.schema import Scenario
 from drake_cafim.typing import Array
+from drake_cafim.yaml_file import dump, read_mapping
 
 MODEL_SUFFIXES = (".urdf", ".sdf", ".xml", ".dmd.yaml", ".dmd.yml", ".mjcf")
 DIRECTIVES = (".dmd.yaml", ".dmd.yml")
@@ -62,6 +65,7 @@ def add_model(scenario: Scenario, folder: Path, plant: MultibodyPlant) -> ModelS
     that they state beyond it is returned. Raises `InputError` for what Drake's parser refuses.
     """
     statements = _Model(scenario, folder, plant).add()
+    _refuse_equal_names(plant)
     for i, weld in enumerate(scenario.weld):
         if not plant.HasBodyNamed(weld.body):
             names = ", ".join(_body_names(plant))
@@ -88,6 +92,23 @@ def _add_rotor(plant: MultibodyPlant, name: str, inertia: float) -> None:
     joint = plant.GetJointByName(name)
     if isinstance(joint, RevoluteJoint | PrismaticJoint):
         plant.AddJointActuator(name, joint).set_default_rotor_inertia(inertia)
+
+
+def _refuse_equal_names(plant: MultibodyPlant) -> None:
+    """Raises `InputError` for two bodies or joints of one name in different models, as of two equal arms."""
+    models = [ModelInstanceIndex(i) for i in range(plant.num_model_instances())]
+    bodies = [(plant.get_body(i).name(), model) for model in models for i in plant.GetBodyIndices(model)]
+    joints = [(plant.get_joint(i).name(), model) for model in models for i in plant.GetJointIndices(model)]
+    for kind, found in (("body", bodies), ("joint", joints)):
+        known: dict[str, str] = {}
+        for name, index in found:
+            model = plant.GetModelInstanceName(index)
+            if name in known:
+                raise InputError(
+                    f"the {kind} {name!r} is in the models {known[name]} and {model}; expected names that differ, "
+                    "since columns and scenarios have nothing else to tell them by"
+                )
+            known[name] = model
 
 
 def _body_names(plant: MultibodyPlant) -> list[str]:
@@ -117,9 +138,9 @@ class _Model:
             return self._add_directives(scenario.directives, "directives", self._folder / "directives")
         path = self._file(scenario.model, self._folder / "scenario")
         if str(path).endswith(DIRECTIVES):
-            content = yaml.safe_load(path.read_text(encoding="utf-8"))
-            return self._add_directives(content.get("directives", []), str(path), path)
+            return self._add_directives(read_mapping(path, EXPECTED).get("directives"), str(path), path)
         description = _described(path, self._packages)
+        _survive(description.text, description.form, str(path))
         with capture_log() as warnings, _as_input_error(str(path)):
             self._parser.AddModelsFromString(description.text, description.form)
         return combine_descriptions([description], _in_words(warnings, path))
@@ -132,20 +153,22 @@ class _Model:
             raise InputError(f"{path}: there is no such model file, expected one of {', '.join(MODEL_SUFFIXES)}")
         return path
 
-    def _add_directives(self, directives: list[dict[str, Any]], source: str, near: Path) -> ModelStatements:
+    def _add_directives(self, directives: Any, source: str, near: Path) -> ModelStatements:
         """Parse Drake's model directives; model files in them are read as descriptions first, as a single one is."""
-        written, found, warnings = deepcopy(directives), list[Description](), list[str]()
+        written = deepcopy(check_directives(directives, source, near, self._packages))
+        found, warnings = list[Description](), list[str]()
         with TemporaryDirectory() as scratch:
             for k, directive in enumerate(written):
                 entry = directive.get("add_model")
-                if not isinstance(entry, dict) or not self._ours(str(entry.get("file", ""))):
+                if entry is None or not self._ours(entry["file"]):
                     continue
-                path = self._file(str(entry["file"]).removeprefix("file://"), near)
+                path = self._file(entry["file"].removeprefix("file://"), near)
                 found.append(_described(path, self._packages))
                 plain = Path(scratch) / f"{k}_{path.stem}.{found[-1].form}"
+                _survive(found[-1].text, found[-1].form, str(path))
                 plain.write_text(found[-1].text, encoding="utf-8")
                 entry["file"] = f"file://{plain}"
-            text = yaml.safe_dump({"directives": written})
+            text = dump({"directives": written})
             with capture_log() as lines, _as_input_error(source):
                 ProcessModelDirectives(LoadModelDirectivesFromString(text), self._parser)
             warnings += [line.replace(f"{scratch}/", "") for line in lines]
@@ -156,6 +179,20 @@ class _Model:
         name = re.match(r"(?:package|model)://([^/]+)/", address)
         known = name is None or self._packages.find(name.group(1), self._folder / "scenario") is not None
         return known and not address.endswith(DIRECTIVES)
+
+
+@functools.lru_cache(maxsize=64)
+def _survive(text: str, form: str, source: str) -> None:
+    """Raises `InputError`, which names `source`, for a model that ends the process when Drake reads or finalizes it."""
+
+    def read() -> None:
+        plant: MultibodyPlant
+        plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.0)
+        with capture_log():
+            Parser(plant).AddModelsFromString(text, form)
+            plant.Finalize()
+
+    try_apart(read, source)
 
 
 def _described(path: Path, packages: Packages) -> Description:

@@ -14,7 +14,7 @@ from drake_cafim.numerics.ranges import Range, number
 from drake_cafim.recordings.topics import Topic, check_topics
 from drake_cafim.scenario import not_built
 from drake_cafim.scenario.shape import conform
-from drake_cafim.scenario.yaml_file import read_mapping
+from drake_cafim.yaml_file import read_mapping
 
 EXPECTED = "a scenario (.yaml): a mapping with the key model"
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from joblib import Parallel, delayed
 
+from drake_cafim.errors import InputError
 from drake_cafim.output import write_text
 from drake_cafim.studies.cell import Cell, measure
 
@@ -22,7 +23,7 @@ def sweep(cells: Sequence[Cell], folder: Path, jobs: int, progress: Callable[[st
     for _ in work:
         done += 1
         progress(f"{done} of {len(unique)} runs")
-    return {cell: json.loads(_file(folder, cell).read_text(encoding="utf-8")) for cell in unique}
+    return {cell: _kept(_file(folder, cell)) for cell in unique}
 
 
 def limit_seeds(cells: Sequence[Cell], seeds: int) -> list[Cell]:
@@ -35,6 +36,15 @@ def limit_seeds(cells: Sequence[Cell], seeds: int) -> list[Cell]:
 
 def _file(folder: Path, cell: Cell) -> Path:
     return folder / f"{cell.key}.json"
+
+
+def _kept(file: Path) -> Any:
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        raise InputError(
+            f"{file}: it is no result of a run; delete it, and give the command again with --resume"
+        ) from None
 
 
 def _keep(cell: Cell, folder: Path) -> None:

@@ -1,0 +1,1 @@
+"""Kills, full disks, jumping clocks and vanishing folders while commands run; see `table`."""

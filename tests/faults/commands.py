@@ -1,0 +1,149 @@
+"""Commands in forked processes that can be killed, and what is asked of the folders that they leave."""
+
+import contextlib
+import hashlib
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from unittest.mock import patch
+
+import pyarrow.parquet
+import yaml
+
+from drake_cafim import recordings
+from drake_cafim.cli import run_cli
+from drake_cafim.commands import diagnose as _diagnose
+from drake_cafim.commands import importing as _importing
+from drake_cafim.commands import run as _run
+from drake_cafim.commands import study as _study
+from drake_cafim.output import TEMPORARY
+from tests.test_cli import PENDULUM, SCENARIO, pendulum_recording
+
+IMPORTED = (_diagnose, _importing, _run, _study)
+"""Imported before any fork, so that none imports them again."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A command to disturb: its arguments without `--out`, and those that finish what was interrupted."""
+
+    name: str
+    arguments: tuple[str, ...]
+    again: tuple[str, ...]
+
+
+IMPORT = Subject("import", ("import", "a.csv", "b.csv", "c.csv"), ("--overwrite",))
+DIAGNOSE = Subject("diagnose", ("diagnose", "scenario.yaml", "--recording", "a.parquet", "--no-replay"), ("--resume",))
+STUDY = Subject("study", ("study", "hefting-table", "--short", "--seeds", "1", "--jobs", "1"), ("--resume",))
+RUN = Subject("run", ("run", "hefting", "--experiments", "1", "--world", "model"), ("--resume",))
+
+
+def prepare(folder: Path) -> None:
+    """Write the files that the commands name."""
+    (folder / "pendulum.urdf").write_text(PENDULUM)
+    (folder / "scenario.yaml").write_text(SCENARIO)
+    for name, seed in (("a", 1), ("b", 2), ("c", 3)):
+        recording = pendulum_recording(name, damping=0.15, seed=seed)
+        recordings.write(recording, folder / f"{name}.parquet")
+        recordings.write(recording, folder / f"{name}.csv")
+
+
+def start(subject: Subject, folder: Path, out: Path, *more: str, first: Callable[[], object] = lambda: None) -> int:
+    """The process of the command, forked; `first` is called in it before, stdout and stderr go to files beside out."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    child = os.fork()
+    if child:
+        return child
+    status = 70
+    try:
+        os.setpgrp()
+        os.chdir(folder)
+        arguments = ["cafim", *subject.arguments, "--out", str(out), *more]
+        with (
+            open(f"{out.parent / out.name}.out", "w") as said,
+            open(f"{out.parent / out.name}.err", "w") as errors,
+            contextlib.redirect_stdout(said),
+            contextlib.redirect_stderr(errors),
+            patch.object(sys, "argv", arguments),
+        ):
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            first()
+            try:
+                run_cli()
+            except SystemExit as end:
+                status = end.code if isinstance(end.code, int) else 0
+            except BaseException:
+                import traceback
+
+                traceback.print_exc(file=errors)
+                status = 1
+    finally:
+        os._exit(status)
+
+
+def finish(child: int) -> int:
+    """The exit status of the process; minus the signal that ended it."""
+    _, status = os.waitpid(child, 0)
+    return os.waitstatus_to_exitcode(status)
+
+
+def kill_after(child: int, seconds: float, number: int) -> int:
+    """Send the signal `number` to the process and its own after some seconds; its exit status."""
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(0.001)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(child, number) if number == signal.SIGKILL else os.kill(child, number)
+    return finish(child)
+
+
+def said(out: Path) -> list[str]:
+    """The lines of stderr that are not progress."""
+    lines = Path(f"{out}.err").read_text(errors="replace").splitlines()
+    return [line for line in lines if not line.endswith(" ...")]
+
+
+def half_files(out: Path) -> list[str]:
+    """The files in the folder that are not whole; hidden temporary files do not count."""
+    found = []
+    for path in sorted(out.rglob("*")) if out.is_dir() else []:
+        if path.is_dir() or path.name.startswith(TEMPORARY):
+            continue
+        try:
+            if path.suffix == ".json":
+                json.loads(path.read_text())
+            elif path.suffix == ".yaml":
+                yaml.safe_load(path.read_text())
+            elif path.suffix == ".parquet":
+                pyarrow.parquet.read_table(path)
+            elif path.suffix in (".html", ".svg") and not path.read_text().rstrip().endswith(f"</{path.suffix[1:]}>"):
+                found.append(path.name)
+        except Exception:
+            found.append(path.name)
+    return found
+
+
+def contents(out: Path) -> dict[str, str]:
+    """A digest of each file that holds results, by its path; measured times aside, as in run.json."""
+    found = {}
+    for path in sorted(out.rglob("*")):
+        if path.suffix not in (".json", ".parquet", ".yaml") or path.name in ("run.json", "study.json"):
+            continue
+        found[str(path.relative_to(out))] = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+    return {name: digest for name, digest in found.items() if not name.startswith("runs")} | {
+        name: "there" for name in found if name.startswith("runs")
+    }
+
+
+def leftovers(out: Path) -> list[str]:
+    """Temporary files in the folder."""
+    return [path.name for path in out.rglob(f"{TEMPORARY}*")]
