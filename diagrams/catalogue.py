@@ -24,7 +24,7 @@ from drake_cafim.tasks.contouring import contouring as contouring_task
 from drake_cafim.tasks.hefting import hefting as hefting_task
 from drake_cafim.tasks.pinching import pinching as pinching_task
 from drake_cafim.tasks.rubbing import rubbing as rubbing_task
-from drake_cafim.tasks.task import Task
+from drake_cafim.tasks.task import Candidate, Task
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,7 @@ class _Packaged:
     build: Callable[..., Diagram]
     view: Callable[[Any], View]
     task: Callable[[], Task]
+    other_laws: Callable[[Any, Task], tuple[Candidate, ...]] = lambda config, task: ()
 
 
 def _soft_hefting() -> Task:
@@ -42,10 +43,17 @@ def _soft_hefting() -> Task:
 
 _WORLDS: Mapping[str, _Packaged] = {
     "hefting": _Packaged(hefting.HeftingConfig, hefting.build_world, hefting.view, _soft_hefting),
-    "rubbing": _Packaged(rubbing.RubbingConfig, rubbing.build_world, rubbing.view, rubbing_task),
-    "pinching": _Packaged(pinching.PinchingConfig, pinching.build_world, pinching.view, pinching_task),
-    "contouring": _Packaged(contouring.ContouringConfig, contouring.build_world, contouring.view, contouring_task),
+    "rubbing": _Packaged(rubbing.RubbingConfig, rubbing.build_world, rubbing.view, rubbing_task, rubbing.other_laws),
+    "pinching": _Packaged(
+        pinching.PinchingConfig, pinching.build_world, pinching.view, pinching_task, pinching.other_laws
+    ),
+    "contouring": _Packaged(
+        contouring.ContouringConfig, contouring.build_world, contouring.view, contouring_task, contouring.other_laws
+    ),
 }
+
+
+_UNDECIDED = {"hefting": "what a ball weighs that lies in a hand depends on no contact law"}
 
 
 @dataclass(frozen=True)
@@ -60,6 +68,21 @@ class Stage:
     """Effects under `effects:` of the scenario, which are part of its world."""
     contacts: tuple[SphereContact, ...] = ()
     """Contacts under `contact:` of the scenario."""
+
+    def with_laws(self, task: Task, law: str | None) -> Task:
+        """This scenario's task with the candidate contact laws that `law` names: `all`, one of them, None for its own.
+
+        Raises `InputError` for a law that the scenario does not have.
+        """
+        if law is None:
+            return task
+        several = replace(task, others=_WORLDS[self.name].other_laws(self.config, task))
+        return several if law == "all" else several.with_law(law)
+
+    @property
+    def undecided(self) -> str:
+        """Why no other contact law is a candidate in this scenario."""
+        return _UNDECIDED.get(self.name, "its unknowns are those of the law itself, or its sensor does not see the law")
 
     def diagram(
         self,

@@ -1,7 +1,7 @@
 """Contouring: an arm touches a box on a table, whose size is unknown (paper, "Shape Estimation")."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pydrake.geometry import Box, Meshcat
@@ -9,6 +9,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import Diagram
 
+from drake_cafim.contact.normal import NormalLaw
 from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.diagrams.concealing import Concealed
 from drake_cafim.diagrams.configured import load_section
@@ -18,11 +19,15 @@ from drake_cafim.diagrams.showing import View
 from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import WorldKind, check_kind, check_truth
+from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.report.replay_data import Camera
 from drake_cafim.tasks.contouring import TRUE_LENGTH, TRUE_WIDTH, Contouring
+from drake_cafim.tasks.laws import QuasiStatic
+from drake_cafim.tasks.task import Candidate, Task
 
 BOX_HEIGHT = 0.10  # m, above the tip's height of 0.08 m
 TABLE_SIZE = (0.7, 0.6, 0.04)  # m
+DISSIPATION = 0.5  # s/m, believed, of a law that has one
 
 
 @dataclass
@@ -56,6 +61,37 @@ class ContouringConfig:
 def load_config(path: Path | None = None) -> ContouringConfig:
     """The configuration in the section `diagram:` of `contouring.yaml`, or of the scenario file at `path`."""
     return load_section(Path(__file__).with_name("contouring.yaml") if path is None else path, ContouringConfig())
+
+
+def other_laws(config: ContouringConfig, task: Task) -> tuple[Candidate, ...]:
+    """The contact laws that the box may have beside the task's own; length and width have the same priors under each.
+
+    Beside them, as nuisance: Hunt and Crossley's dissipation; and the modulus of `hydroelastic`, whose prior is the
+    task's stiffness at rest under half its force limit. (Without damping the paper's law is Kelvin and Voigt's.)
+    """
+    model = task.model
+    assert isinstance(model, Contouring)
+    rest = QuasiStatic(0.5 * model.force_limit, model.tip_radius, 0.5 * min(TRUE_WIDTH, BOX_HEIGHT))
+    stiffness = Parameter("stiffness", model.stiffness, 0.15 * model.stiffness, lower=1.0, nuisance=True)
+    damping = rest.force * DISSIPATION
+    loss = Parameter("damping", damping, damping, lower=0.0, upper=20.0 * damping, nuisance=True)
+    found = []
+    laws: tuple[NormalLaw, ...] = ("kelvin_voigt", "hunt_crossley", "hydroelastic")
+    for law in laws:
+        if law == model.law:
+            continue
+        own = {"kelvin_voigt": (), "hunt_crossley": (1,), "hydroelastic": (0, 1)}[law]
+        priors = rest.priors(law, stiffness, loss)
+        parameters = Parameters.of([*model.parameters, *(priors[index] for index in own)])
+        changed = replace(
+            model,
+            law=law,
+            parameters=parameters,
+            resolution=config.robot.tip.resolution if law == "hydroelastic" else 0.0,
+            height=BOX_HEIGHT,
+        )
+        found.append(Candidate(law, changed, task.truth))
+    return tuple(found)
 
 
 def build_world(

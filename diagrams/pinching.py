@@ -1,8 +1,9 @@
 """Pinching: a gripper squeezes a ball of unknown stiffness and damping (paper, "Material Property ...")."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from pydrake.geometry import Cylinder, Meshcat, MeshcatVisualizer, Sphere
@@ -11,6 +12,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, Multibody
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
+from drake_cafim.contact.normal import NORMAL_LAWS, NormalLaw
 from drake_cafim.diagrams.arm import add_model
 from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.diagrams.concealing import Concealed, conceal, connect_concealed, total_force
@@ -31,9 +33,12 @@ from drake_cafim.diagrams.world import (
     export_joints,
     export_tool_state,
 )
+from drake_cafim.parameters import Parameters
 from drake_cafim.report.replay_data import Camera
+from drake_cafim.tasks.laws import QuasiStatic, stiffness_and_damping
 from drake_cafim.tasks.pinching import WORKING_FORCE, Pinching, hunt_crossley_pinching
 from drake_cafim.tasks.pinching import pinching as pinching_task
+from drake_cafim.tasks.task import Candidate, Task
 from drake_cafim.typing import Array
 
 OUTWARDS = as_array([[1.0, 0.0, 0.0]])  # of the left jaw
@@ -81,6 +86,33 @@ def ball_surface(
         friction=0.5,
         resolution=config.resolution,
     )
+
+
+def other_laws(config: PinchingConfig, task: Task) -> tuple[Candidate, ...]:
+    """The contact laws that the ball may have beside the task's own.
+
+    Their priors are those of the task at rest under the working force; of `hydroelastic` the true values are Drake's.
+    """
+    model = task.model
+    assert isinstance(model, Pinching)
+    rest = QuasiStatic(config.working_force, model.ball_radius)
+    stiffness, damping = stiffness_and_damping(model.parameters, rest)
+    truth = dict(task.truth)
+    true_damping = truth.get("damping", config.working_force * truth.get("dissipation", 0.0))
+    surface = ball_surface(config, truth["stiffness"], true_damping)
+    found = []
+    for law in NORMAL_LAWS:
+        if law == model.law:
+            continue
+        values = rest.values(law, truth["stiffness"], true_damping)
+        if law == "hydroelastic":
+            values = {"modulus": surface.modulus, "dissipation": surface.dissipation}
+        others = [parameter for parameter in model.parameters if parameter.nuisance]
+        parameters = Parameters.of([*rest.priors(law, stiffness, damping), *others])
+        resolution = config.resolution if law == "hydroelastic" else 0.0
+        changed = replace(model, law=cast(NormalLaw, law), parameters=parameters, resolution=resolution)
+        found.append(Candidate(law, changed, values))
+    return tuple(found)
 
 
 def build_world(

@@ -3,12 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import cast
 
 from pydrake.geometry import Box, Meshcat
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import Diagram
 
+from drake_cafim.contact.normal import NORMAL_LAWS, NormalLaw
 from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.diagrams.concealing import Concealed
 from drake_cafim.diagrams.configured import load_section
@@ -18,11 +20,15 @@ from drake_cafim.diagrams.showing import View
 from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import WorldKind, check_kind, check_truth
+from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.report.replay_data import Camera
+from drake_cafim.tasks.laws import QuasiStatic
 from drake_cafim.tasks.rubbing import Rubbing
+from drake_cafim.tasks.task import Candidate, Task
 
 WALL_AT = 0.8  # m, along y of W (paper)
 WALL_SIZE = (0.9, 0.05, 1.3)  # m
+SLIP_VELOCITY = 0.005  # m/s, width of the friction that comes with Drake's pressure field
 
 
 @dataclass
@@ -61,6 +67,36 @@ class RubbingConfig:
 def load_config(path: Path | None = None) -> RubbingConfig:
     """The configuration in the section `diagram:` of `rubbing.yaml`, or of the scenario file at `path`."""
     return load_section(Path(__file__).with_name("rubbing.yaml") if path is None else path, RubbingConfig())
+
+
+def other_laws(config: RubbingConfig, task: Task) -> tuple[Candidate, ...]:
+    """The contact laws that tip and wall may have beside the task's own; the friction has the same prior under each.
+
+    Beside it, as nuisance, the law's own two parameters, whose priors are the task's stiffness and damping at rest
+    under the force at `deepest`. Drake's field comes with Drake's friction, without the paper's resistance. None for a
+    task that seeks the stiffness, too, or does not measure the normal force.
+    """
+    model = task.model
+    assert isinstance(model, Rubbing)
+    if model.parameters.names != ("friction",) or not model.measures_normal:
+        return ()
+    depth = model.tip_radius - config.robot.workspace.lower[0]
+    rest = QuasiStatic(model.stiffness * depth, model.tip_radius)
+    stiffness = Parameter("stiffness", model.stiffness, 0.15 * model.stiffness, lower=1.0, nuisance=True)
+    damping = Parameter("damping", model.damping, model.damping, lower=0.0, upper=20.0 * model.damping, nuisance=True)
+    found = []
+    for law in NORMAL_LAWS:
+        if law == model.law:
+            continue
+        changed = replace(
+            model,
+            law=cast(NormalLaw, law),
+            parameters=Parameters.of([*model.parameters, *rest.priors(law, stiffness, damping)]),
+            resolution=config.robot.tip.resolution if law == "hydroelastic" else 0.0,
+            slip_velocity=SLIP_VELOCITY if law == "hydroelastic" else 0.0,
+        )
+        found.append(Candidate(law, changed, task.truth))
+    return tuple(found)
 
 
 def build_world(

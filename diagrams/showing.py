@@ -8,9 +8,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
+from drake_cafim.belief import Belief, LawBelief
 from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.experiment.closed_loop import ExperimentResult, RunResult
-from drake_cafim.report.replay_data import BeliefHistory, Camera, Candidates, Forces, Motion, Replay
+from drake_cafim.report.replay_data import BeliefHistory, Camera, Candidates, Captions, Forces, Motion, Replay
 from drake_cafim.typing import Array
 
 PAUSE = 0.5  # s, between two experiments
@@ -124,6 +125,7 @@ def make_replay(
             np.concatenate([plan.chosen for plan in plans]),
         ),
         beliefs=_beliefs(result, list(chosen), offsets),
+        captions=_odds(result, list(chosen), offsets),
         camera=view.camera,
         panel=view.panel,
         panel_width=view.panel_width,
@@ -160,13 +162,19 @@ def _candidates(experiment: ExperimentResult, view: View, period: float) -> Cand
 
 
 def _beliefs(result: RunResult, numbers: Sequence[int], offsets: Sequence[float]) -> tuple[BeliefHistory, ...]:
-    """The belief over each parameter before, during and after each shown experiment."""
-    states = [result.prior, *(experiment.belief for experiment in result.experiments)]
+    """The belief over each parameter before, during and after each shown experiment.
+
+    Of several contact laws, the belief under the one that is the most probable at the end.
+    """
+    candidate, best = result.candidate, result.best
+    prior = Belief.prior(candidate.model.parameters)
+    states = [prior, *(experiment.over_laws.beliefs[best] for experiment in result.experiments)]
     rows: list[tuple[float, Array, Array]] = []
     for number, offset in zip(numbers, offsets, strict=True):
         experiment = result.experiments[number]
         rows.append((offset, states[number].mean, states[number].std))
-        rows += [(offset + time, mean, std) for time, mean, std in experiment.history]
+        then = [(offset + time, over_laws.beliefs[best]) for time, over_laws in experiment.history]
+        rows += [(time, belief.mean, belief.std) for time, belief in then]
         after = states[number + 1]
         rows.append((offset + float(experiment.time[-1]), after.mean, after.std))
     times = np.array([row[0] for row in rows])
@@ -178,10 +186,31 @@ def _beliefs(result: RunResult, numbers: Sequence[int], offsets: Sequence[float]
             times,
             means[:, index],
             stds[:, index],
-            result.task.truth[parameter.name],
+            candidate.truth[parameter.name],
         )
-        for index, parameter in enumerate(result.task.model.parameters.free)
+        for index, parameter in enumerate(candidate.model.parameters.free)
+        if not parameter.nuisance
     )
+
+
+def _odds(result: RunResult, numbers: Sequence[int], offsets: Sequence[float]) -> Captions | None:
+    """The probabilities of the contact laws before, during and after each shown experiment; None for a single law."""
+    if not result.task.others:
+        return None
+    first = LawBelief.prior({each.law: each.model.parameters for each in result.task.candidates})
+    states = [first, *(experiment.over_laws for experiment in result.experiments)]
+    rows: list[tuple[float, LawBelief]] = []
+    for number, offset in zip(numbers, offsets, strict=True):
+        experiment = result.experiments[number]
+        rows += [(offset, states[number])]
+        rows += [(offset + time, over_laws) for time, over_laws in experiment.history]
+        rows += [(offset + float(experiment.time[-1]), states[number + 1])]
+    return Captions(np.array([time for time, _ in rows]), tuple(_law_words(over_laws) for _, over_laws in rows))
+
+
+def _law_words(over_laws: LawBelief) -> str:
+    shares = sorted(zip(over_laws.probability.tolist(), over_laws.laws, strict=True), reverse=True)
+    return "law: " + ", ".join(f"{law} {100.0 * share:.0f} %" for share, law in shares[:2] if share >= 0.005)
 
 
 def _unit(unit: str) -> str:

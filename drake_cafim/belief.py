@@ -1,5 +1,6 @@
-"""The class `Belief`: a Gaussian distribution of the unknown parameters."""
+"""The class `Belief`, a Gaussian distribution of the unknown parameters, and `LawBelief`, one for each contact law."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,6 +72,53 @@ class Belief:
         """The inverse of `vector`."""
         size = len(names)
         return cls(names, np.array(vector[:size]), np.array(vector[size:]).reshape(size, size))
+
+
+@dataclass(frozen=True)
+class LawBelief:
+    """Which of several contact laws holds: a belief over each law's own parameters, and the laws' probabilities.
+
+    `log_weight` (m,) are their logarithms up to a constant: log prior probability plus log evidence.
+    """
+
+    laws: tuple[str, ...]
+    beliefs: tuple[Belief, ...]
+    log_weight: Array
+
+    @classmethod
+    def prior(cls, parameters: Mapping[str, Parameters]) -> "LawBelief":
+        """Equally probable laws, each with the priors of its parameters."""
+        beliefs = tuple(Belief.prior(each) for each in parameters.values())
+        return cls(tuple(parameters), beliefs, np.zeros(len(beliefs)))
+
+    @property
+    def probability(self) -> Array:
+        """The laws' probabilities (m,)."""
+        likely = np.exp(self.log_weight - self.log_weight.max())
+        return np.asarray(likely / likely.sum())
+
+    @property
+    def best(self) -> int:
+        """The index of the most probable law, the first of equals."""
+        return int(np.argmax(self.log_weight))
+
+    @property
+    def names(self) -> tuple[tuple[str, ...], ...]:
+        """The parameters of each law, by which `from_vector` reads."""
+        return tuple(belief.names for belief in self.beliefs)
+
+    def vector(self) -> Array:
+        """The laws' beliefs one after the other, then the log weights; of a single law its belief alone."""
+        weights = self.log_weight if len(self.laws) > 1 else np.zeros(0)
+        return np.concatenate([*(belief.vector() for belief in self.beliefs), weights])
+
+    @classmethod
+    def from_vector(cls, laws: tuple[str, ...], names: Sequence[tuple[str, ...]], vector: Array) -> "LawBelief":
+        """The inverse of `vector`, for laws with parameters `names`."""
+        ends = np.cumsum([len(own) + len(own) ** 2 for own in names])
+        *parts, weights = np.split(np.asarray(vector), ends)
+        beliefs = tuple(Belief.from_vector(own, part) for own, part in zip(names, parts, strict=True))
+        return cls(laws, beliefs, weights if len(laws) > 1 else np.zeros(1))
 
 
 def _inverse(matrix: Array) -> Array:

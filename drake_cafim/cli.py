@@ -181,6 +181,22 @@ def common(function: Command) -> Command:
 )
 @click.option("--fisher", default="tangent", show_default=True, help="Or autodiff, finite-difference.")
 @click.option(
+    "--estimator", default="shooting", show_default=True, help="Or joint: parameters and forces in one program."
+)
+@click.option("--as-printed", is_flag=True, help="The paper's own choices, where they can be made.")
+@click.option(
+    "--place-std",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="How far the contact may be from where it is planned, m, learned beside the unknowns.",
+)
+@click.option(
+    "--law",
+    help="Contact law of the planner: kelvin_voigt, hunt_crossley, hydroelastic, paper, or all, between which the "
+    "measurements decide.  [default: all in world drake, else the scenario's]",
+)
+@click.option(
     "--prior-scale", type=float, default=1.3, show_default=True, help="The prior's mean as a multiple of the truth."
 )
 @click.option(
@@ -193,6 +209,9 @@ def run(
     scenario: str,
     world: Any,
     prior_scale: float,
+    law: str | None,
+    place_std: float,
+    as_printed: bool,
     conceal: tuple[str, ...],
     out: Path | None,
     as_json: bool,
@@ -205,7 +224,7 @@ def run(
     from drake_cafim.experiment.closed_loop import Options
 
     options = Options(**{name: value for name, value in chosen.items() if name not in ("jobs", "scheduler")})
-    request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal))
+    request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal), as_printed, place_std, law)
     check_request(request)
     folder = _folder(out, "run", resume=resume, overwrite=overwrite)
     with progress_line() as progress:

@@ -49,6 +49,25 @@ def criterion(name: Criterion, fisher: Array, prior: Array) -> Array:
     return np.asarray(eigenvalues.min(axis=-1))
 
 
+def without_nuisance(fisher: Array, prior: Array, sought: Array) -> tuple[Array, Array]:
+    """F (..., k, k) and P (k, k) of the `sought` parameters (n,) bool alone, the others projected out.
+
+    From F (..., n, n) and P (n, n). The information about some parameters where the others are unknown is the Schur
+    complement S(P) = P_aa − P_ab P_bb⁻¹ P_ba; what the data add to it is S(P + F) − S(P).
+    """
+    if sought.all():
+        return fisher, prior
+    before = _schur_complement(prior, sought)
+    return _schur_complement(prior + fisher, sought) - before, before
+
+
+def _schur_complement(matrix: Array, kept: Array) -> Array:
+    a, b = np.flatnonzero(kept), np.flatnonzero(np.logical_not(kept))
+    across = matrix[..., a[:, np.newaxis], b]
+    inner = np.linalg.solve(matrix[..., b[:, np.newaxis], b], np.swapaxes(across, -1, -2))
+    return np.asarray(matrix[..., a[:, np.newaxis], a] - across @ inner)
+
+
 @dataclass(frozen=True)
 class Combination:
     """A product of powers Π θ_i^a_i of the parameters, a = `exponents` (n,), normalized to a largest exponent of 1.

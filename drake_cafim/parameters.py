@@ -23,6 +23,7 @@ class Parameter:
     upper: float = np.inf
     unit: str = "1"
     frozen: bool = False
+    nuisance: bool = False  # learned since the measurements depend on it, but not what an experiment is for
 
     def __post_init__(self) -> None:
         if not self.std > 0:
@@ -75,6 +76,11 @@ class Parameters:
     def std(self) -> Array:
         """Prior standard deviations of the free parameters, shape (n,)."""
         return np.array([parameter.std for parameter in self.free], dtype=float)
+
+    @property
+    def sought(self) -> Array:
+        """Which of the free parameters are no nuisance, (n,) bool."""
+        return np.array([not parameter.nuisance for parameter in self.free], dtype=bool)
 
     @property
     def bounds(self) -> tuple[Array, Array]:

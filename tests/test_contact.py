@@ -17,7 +17,16 @@ from drake_cafim.dynamics.touching import sphere_wrenches
 from drake_cafim.errors import InputError
 
 FORMS = {"slip_velocity": 0.05, "resistance": 2.0}
-NUMBERS = {"stiffness": 300.0, "damping": 4.0, "dissipation": 0.7, "friction": 0.4}
+NUMBERS = {
+    "stiffness": 300.0,
+    "damping": 4.0,
+    "dissipation": 0.7,
+    "friction": 0.4,
+    "modulus": 3e4,
+    "radius": 0.02,
+    "resolution": 0.006,
+}
+"""Of all laws."""
 
 
 def _samples(size, seed=0):
@@ -65,7 +74,7 @@ def test_derivatives_match_central_differences(normal, form, size):
     forces = _forces(law, sample, numbers)
     np.testing.assert_array_equal(exact.normal_force, forces[0])
     np.testing.assert_allclose(exact.tangential_force, forces[1], rtol=1e-13)
-    for name in ("penetration", "rate", *numbers):
+    for name in ("penetration", "rate", *(name for name in numbers if name not in ("radius", "resolution"))):
         (of_normal, of_tangential), smooth, scale = _central(law, sample, numbers, name)
         assert smooth.mean() > 0.97
         if name in exact.normal:
@@ -79,11 +88,12 @@ def test_derivatives_match_central_differences(normal, form, size):
 
 def test_laws_as_written():
     penetration, rate = np.array([0.01, 0.01, -0.01, 0.01]), np.array([0.1, -0.1, 3.0, -2.0])
-    parameters = ContactParameters(stiffness=100.0, damping=2.0, dissipation=1.5)
+    parameters = ContactParameters(stiffness=100.0, damping=2.0, dissipation=1.5, modulus=3e3 / np.pi, radius=0.02)
     force = {name: ContactLaw(name).normal_force(penetration, rate, parameters) for name in NORMAL_LAWS}
     np.testing.assert_allclose(force["paper"], [0.8, 0.8, 0.0, 0.0])
     np.testing.assert_allclose(force["kelvin_voigt"], [1.2, 0.8, 0.0, 0.0])
     np.testing.assert_allclose(force["hunt_crossley"], [1.15, 0.85, 0.0, 0.0])
+    np.testing.assert_allclose(force["hydroelastic"], [0.23, 0.17, 0.0, 0.0])  # 3000 (1e-4 − 2e-6/0.06) (1 + 1.5 ḋ)
 
 
 def test_friction_is_invisible_where_the_resistance_is_smaller():
@@ -214,7 +224,7 @@ def test_plant_in_autodiff_gives_the_derivative_of_its_motion_with_respect_to_st
 @pytest.mark.parametrize("law", NORMAL_LAWS)
 def test_arms_and_throws_are_pressed_by_the_same_law(law):
     """Compiled loops over a tree's links and over a thrown body's points, and NumPy: the same bits."""
-    parameters = ContactParameters(stiffness=300.0, damping=4.0, dissipation=0.7)
+    parameters = ContactParameters(stiffness=300.0, damping=4.0, dissipation=0.7, modulus=3e4, radius=0.02)
     up, origin = np.array([0.0, 0.0, 1.0]), np.zeros(3)
     contact = on_tree.SphereContact(("ball", "ground"), 0, origin, 0.0, origin, up, ContactLaw(law), parameters)
     penetration, rate, _ = _samples(3)

@@ -68,9 +68,9 @@ def test_a_run_ends_when_it_is_sure():
 def test_online_estimation_has_a_history():
     result = run(replace(contouring(), periods=24), Options(seed=1))
     (experiment,) = result.experiments
-    times = [time for time, _, _ in experiment.history]
+    times = [time for time, _ in experiment.history]
     np.testing.assert_allclose(times, 0.05 * np.arange(4, 25, 4))
-    np.testing.assert_array_equal(experiment.history[-1][1], experiment.belief.mean)
+    np.testing.assert_array_equal(experiment.history[-1][1].beliefs[0].mean, experiment.belief.mean)
 
 
 @pytest.mark.parametrize(

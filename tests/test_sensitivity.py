@@ -32,6 +32,52 @@ MODELS = {
     "rubbing, tangential force alone": (Rubbing(measures_normal=False), [0.05, 0.8, 0.0, 0.0]),
     "pinching": (Pinching(), [0.024, 0.0]),
     "contouring": (Contouring(), [0.43, -0.04, 0.0, 0.0]),
+    "contouring in Drake's field": (
+        Contouring(
+            law="hydroelastic",
+            resolution=0.004,
+            parameters=Parameters(
+                (
+                    *Contouring().parameters,
+                    Parameter("modulus", 5e4, std=1e4),
+                    Parameter("dissipation", 0.5, std=0.5),
+                    Parameter("offset_x", 1e-3, std=3e-3),
+                    Parameter("offset_y", -1e-3, std=3e-3),
+                )
+            ),
+        ),
+        [0.43, -0.04, 0.0, 0.0],
+    ),
+    "rubbing in Drake's field": (
+        Rubbing(
+            law="hydroelastic",
+            resolution=0.02,
+            slip_velocity=0.005,
+            parameters=Parameters(
+                (
+                    *Rubbing().parameters,
+                    Parameter("modulus", 2300.0, std=700.0),
+                    Parameter("dissipation", 0.5, std=0.5),
+                    Parameter("offset", 1e-3, std=3e-3),
+                )
+            ),
+        ),
+        [0.05, 0.8, 0.0, 0.0],
+    ),
+    "pinching in Drake's field": (
+        Pinching(
+            law="hydroelastic",
+            resolution=0.006,
+            parameters=Parameters(
+                (
+                    Parameter("modulus", 5e4, std=1e4),
+                    Parameter("dissipation", 2.5, std=2.5),
+                    Parameter("offset", 1e-3, std=3e-3),
+                )
+            ),
+        ),
+        [0.024, 0.0],
+    ),
 }
 
 

@@ -25,7 +25,8 @@ def press(tmp_path_factory: pytest.TempPathFactory) -> Physics:
 
 def _variant(physics: Physics, law: str, rubbing: dict[str, float], smoothing: float) -> Physics:
     [contact] = physics.contacts
-    numbers = replace(contact.parameters, slip_velocity=None, resistance=None, dissipation=0.7)
+    soft = replace(contact.parameters, dissipation=0.7, modulus=1e6, radius=0.02)
+    numbers = replace(soft, slip_velocity=None, resistance=None)
     changed = replace(contact, law=ContactLaw(law, smoothing), parameters=replace(numbers, **rubbing))
     return replace(physics, contacts=(changed,))
 

@@ -35,6 +35,10 @@ DIAGNOSIS = {
 }
 
 
+ODDS = {"drake": {"kelvin_voigt": -9.0, "hydroelastic": 0.0}, "model": {"kelvin_voigt": 0.0, "hydroelastic": -9.0}}
+FOUND = {"pinching": ["modulus", "dissipation"], "contouring": ["length", "width"]}
+
+
 def made_up(cell: Cell, error: float = 1.0) -> dict[str, Any]:
     """What `measure` keeps, of a run that went as required."""
     names = NAMES[cell.scenario]
@@ -49,6 +53,9 @@ def made_up(cell: Cell, error: float = 1.0) -> dict[str, Any]:
         "max_force": 3.0,
     }
     experiment = {
+        "law": "hydroelastic" if cell.world == "drake" else "kelvin_voigt",
+        "log_odds": ODDS["drake" if cell.world == "drake" else "model"] if cell.law == "all" else None,
+        "errors": dict.fromkeys(FOUND.get(cell.scenario, names) if cell.law == "all" else names, error),
         "error": [error] * len(names),
         "inside": [True] * len(names),
         "std": [1.0] * len(names),
@@ -151,6 +158,18 @@ def test_robustness_fails_where_one_prior_leads_astray(name: str, where: str) ->
             kept["experiments"][-1]["error"] = [1.0, 30.0]
     failed = [item.claim for item in study.conclude(results).claims if item.standing != "holds"]
     assert failed == ["pinching: damping, largest of seven medians, %: at most 9"]
+
+
+def test_laws_that_are_not_found_fail_the_study() -> None:
+    study = STUDIES["laws"]
+    results = {cell: made_up(cell) for cell in study.cells(True)}
+    assert {item.standing for item in study.conclude(results).claims} == {"holds"}
+    for kept in results.values():
+        last = kept["experiments"][-1]
+        last |= {"law": "hunt_crossley", "log_odds": last["log_odds"] and {"hunt_crossley": 0.0, "hydroelastic": -9.0}}
+    failed = [item.claim for item in study.conclude(results).claims if item.standing == "does not hold"]
+    # of two priors: not found, and a wrong one in three scenarios; and three scenarios of the own law
+    assert len(failed) == 2 * (1 + 3) + 3
 
 
 def test_identifiability_fails_where_it_should() -> None:

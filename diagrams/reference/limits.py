@@ -74,11 +74,6 @@ LIMITS = (
         urdf(link("a"), link("b", CYLINDER), joint("j", "a", "b")),
         f"{HELD}\ncontact: [{{bodies: [b, ground], {GROUND}}}]",
     ),
-    Limit(
-        "Hydroelastic contact in a diagnosis",
-        urdf(link("a"), link("b", BALL), joint("j", "a", "b")),
-        f"{HELD}\ncontact: [{{bodies: [b, ground], law: hydroelastic, {GROUND}}}]",
-    ),
 )
 
 

@@ -139,6 +139,9 @@ def _laws() -> str:
         "kelvin_voigt": "λ = max(0, K d + C ḋ) where d > 0",
         "paper": "λ = max(0, K d − C abs(ḋ)), as the paper prints it",
         "hunt_crossley": "λ = K d max(0, 1 + c ḋ) where d > 0",
+        "hydroelastic": "Drake's pressure field, of a soft sphere of radius R on a rigid plane "
+        "λ = π E d² (1 − 2 d/(3 R)) max(0, 1 + c ḋ) where d > 0; of a rigid sphere on a soft box with half_extent H, "
+        "λ = π E R/H d² (1 − d/(3 R)) max(0, 1 + c ḋ)",
     }
     rows = [[code(law), laws[ContactLaw(law).normal]] for law in schema.LAWS]  # type: ignore[arg-type]
     head = "### The laws of contact\n\nThe normal force λ at the penetration d, which grows at ḋ."

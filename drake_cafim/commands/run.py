@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -16,6 +16,7 @@ from drake_cafim.diagrams.concealing import Concealed
 from drake_cafim.diagrams.showing import make_replay
 from drake_cafim.diagrams.world import WorldKind, check_kind, start_context
 from drake_cafim.errors import InputError
+from drake_cafim.estimation.system import ESTIMATORS
 from drake_cafim.experiment import closed_loop as experiment
 from drake_cafim.experiment.closed_loop import ExperimentResult, Options, RunResult
 from drake_cafim.experiment.joint_recording import recordings_of
@@ -30,6 +31,8 @@ from drake_cafim.scenario.model_file import MODEL_SUFFIXES
 from drake_cafim.scenario.schema import load
 from drake_cafim.scene.scene import Scene, resolve
 from drake_cafim.sensitivity.evaluator import Fisher
+from drake_cafim.tasks.as_printed import as_printed
+from drake_cafim.tasks.task import Task
 
 FILES = {"replay": "replay.html", "figures": ["error.svg", "information.svg"]}
 Progress = Callable[[str], None]
@@ -44,6 +47,23 @@ class RunRequest:
     options: Options = field(default_factory=Options)
     prior_scale: float = 1.3  # the prior's mean as a multiple of the truth
     concealed: tuple[Concealed, ...] = ()
+    as_printed: bool = False  # with the paper's own choices, see `tasks/as_printed.py`
+    place_std: float = 0.0  # m, of the contact's place about the planned one; 0: it is where it is planned
+    law: str | None = None  # `all`, one of the laws, or None: all in world `drake`, the scenario's own in `model`
+
+    @property
+    def candidates(self) -> str | None:
+        """The contact laws that the run takes into account: `all`, one of them, or None for the scenario's own."""
+        if self.as_printed:
+            return None
+        return "all" if self.law is None and self.world == "drake" else self.law
+
+    @property
+    def chosen(self) -> Options:
+        """The options of the run; as printed, with the trace and without a force guard."""
+        if not self.as_printed:
+            return self.options
+        return replace(self.options, criterion="trace", force_guard=False)
 
 
 def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: bool = False) -> dict[str, Any]:
@@ -63,13 +83,13 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     check_request(request)
     _clear(out)
     stage = load_stage(request.scenario)
-    task = stage.task.with_prior_mean(request.prior_scale)
+    task = planned_task(stage, request)
     progress("building the world")
     world = stage.world(request.world, request.options.seed, request.concealed)
     total = task.experiments if request.options.experiments is None else request.options.experiments
     progress(f"experiment 1 of {total}")
     result = experiment.run(
-        task, request.options, world, lambda number, done: _show_progress(progress, number, total, done)
+        task, request.chosen, world, lambda number, done: _show_progress(progress, number, total, done)
     )
     recordings = _write_recordings(request, result, world, out)
     progress("drawing")
@@ -78,11 +98,21 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     progress("writing the replay")
     _write_replay(request, stage, result, out / "replay.html")
     record = run_record(result, recordings, FILES)
+    if request.candidates == "all" and not task.others:
+        record["laws_note"] = f"no other contact law is a candidate: {stage.undecided}"
+    record["as_printed"] = request.as_printed
     record["concealed"] = [
         {"effect": effect.effect, "at": effect.at, **effect.parameters} for effect in request.concealed
     ]
     write_text(finished, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
     return record
+
+
+def planned_task(stage: Stage, request: RunRequest) -> Task:
+    """The task with the prior, the candidate laws and the doubt about its place that the request asks for."""
+    task = stage.with_laws(stage.task.with_prior_mean(request.prior_scale), request.candidates)
+    task = as_printed(task) if request.as_printed else task
+    return task.with_unknown_place(request.place_std) if request.place_std > 0.0 else task
 
 
 def load_stage(address: str) -> Stage:
@@ -121,13 +151,29 @@ def table(record: dict[str, Any]) -> str:
         known = ", ".join(
             f"{name} {value:.4g} ± {row['std'][name]:.2g} ({row['error_percent'][name]:+.1f} %)"
             for name, value in row["estimate"].items()
+            if name in row["error_percent"]
         )
         lines.append(
-            f"{number:2d}  {known};  contact {100 * row['contact_fraction']:.0f} %, reversals {row['reversals']}, "
-            f"largest force {row['max_force']:.1f} N, planning {row['planning_ms']['median']:.1f} ms"
+            f"{number:2d}  {_law_words(row)}{known};  contact {100 * row['contact_fraction']:.0f} %, "
+            f"reversals {row['reversals']}, largest force {row['max_force']:.1f} N, "
+            f"planning {row['planning_ms']['median']:.1f} ms"
         )
         lines += _solver_remarks(row.get("solver", {}))
-    return "\n".join([*lines, *_unidentified(record["experiments"][-1])])
+    note = record.get("laws_note")
+    return "\n".join([*lines, *_unidentified(record["experiments"][-1]), *([f"    {note}"] if note else [])])
+
+
+def _law_words(row: dict[str, Any]) -> str:
+    """The most probable contact law with its odds, for the table; nothing where there is only one."""
+    if "laws" not in row:
+        return ""
+    odds = row["laws"][row["law"]]
+    return f"{row['law']} {_odds(odds)}, "
+
+
+def _odds(odds: float) -> str:
+    """Odds as `20 : 1`; above 10 000, as more than that."""
+    return "> 10000 : 1" if odds > 1e4 else f"{odds:.3g} : 1"
 
 
 def _solver_remarks(solver: dict[str, Any]) -> list[str]:
@@ -160,12 +206,21 @@ def check_request(request: RunRequest) -> None:
     """Raises `InputError` for a scenario that cannot be run and for options that are not valid."""
     load_stage(request.scenario)
     options = request.options
+    if request.as_printed and request.law is not None:
+        raise InputError(f"--as-printed --law {request.law}: the paper's law comes with --as-printed, expected one")
     check_kind(request.world)
+    stage = load_stage(request.scenario)
+    if not 0.0 <= request.place_std < 0.1:
+        raise InputError(f"--place-std {request.place_std}: expected a number of metres from 0 to 0.1")
+    if not request.prior_scale > 0:
+        raise InputError(f"--prior-scale {request.prior_scale}: expected a positive number")
+    planned_task(stage, request)
     choices: tuple[tuple[str, str, Sequence[str]], ...] = (
         ("policy", options.policy, POLICIES),
         ("planner", options.planner, PLANNERS),
         ("criterion", options.criterion, _names(Criterion)),
         ("fisher", options.fisher, _names(Fisher)),
+        ("estimator", options.estimator, ESTIMATORS),
     )
     for option, value, valid in choices:
         if value not in valid:
@@ -175,8 +230,6 @@ def check_request(request: RunRequest) -> None:
         make_policy(options.policy, model, belief_samples=options.belief_samples)
     if options.force_guard:
         experiment.force_limit(load_stage(request.scenario).task)
-    if not request.prior_scale > 0:
-        raise InputError(f"--prior-scale {request.prior_scale}: expected a positive number")
     if options.experiments is not None and options.experiments < 1:
         raise InputError(f"--experiments {options.experiments}: expected at least 1")
     if options.until_std is not None and not options.until_std > 0:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from drake_cafim.contact.normal import (
     normal_force,
     normal_force_derivatives,
 )
+from drake_cafim.contact.pressure import field_numbers
 from drake_cafim.contact.tangential import (
     TangentialForce,
     resistance_force,
@@ -31,9 +33,13 @@ class ContactParameters:
     At most one of `slip_velocity` and `resistance` is given; with neither, or friction 0, there is no friction.
     """
 
-    stiffness: Scalars  # N/m
+    stiffness: Scalars = 0.0  # N/m, of all but hydroelastic
     damping: Scalars = 0.0  # N s/m, of paper and kelvin_voigt
-    dissipation: Scalars = 0.0  # s/m, of hunt_crossley
+    dissipation: Scalars = 0.0  # s/m, of hunt_crossley and hydroelastic
+    modulus: Scalars = 0.0  # Pa, of hydroelastic, as all that follows up to friction
+    radius: Scalars = 0.0  # m, of the sphere or tip
+    half_extent: Scalars = 0.0  # m, half the smallest extent of a compliant box under a rigid tip; 0: the tip is soft
+    resolution: float = 0.0  # m, Drake's resolution hint for the sphere's mesh; 0: the exact sphere
     friction: Scalars = 0.0  # 1
     slip_velocity: Scalars | None = None  # m/s
     resistance: Scalars | None = None  # N s/m
@@ -42,6 +48,13 @@ class ContactParameters:
         if self.slip_velocity is not None and self.resistance is not None:
             raise InputError("contact: slip_velocity and resistance are both given, expected one of them")
 
+    def of_normal(self, law: NormalLaw) -> dict[str, Any]:
+        """The arguments of `normal_force` for `law`."""
+        if law != "hydroelastic":
+            return {"stiffness": self.stiffness, "damping": self.damping, "dissipation": self.dissipation}
+        P, narrowing, deficit = field_numbers(self.modulus, self.radius, self.half_extent, self.resolution)
+        return {"stiffness": P, "dissipation": self.dissipation, "narrowing": narrowing, "deficit": deficit}
+
 
 @dataclass(frozen=True)
 class ContactDerivatives:
@@ -49,7 +62,7 @@ class ContactDerivatives:
 
     `normal[name]` is (...,) but for "tangential_velocity", which the normal force does not depend on;
     `tangential[name]` is (..., m), and (..., m, m) for "tangential_velocity". Names: penetration, rate,
-    tangential_velocity, stiffness, damping, dissipation, friction, slip_velocity or resistance.
+    tangential_velocity, stiffness, damping, dissipation, modulus, friction, slip_velocity or resistance.
     """
 
     normal_force: Array
@@ -60,7 +73,7 @@ class ContactDerivatives:
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """A law by name (`paper`, `kelvin_voigt`, `hunt_crossley`); its parameters are arguments of the methods.
+    """A law by name (one of `NORMAL_LAWS`); its parameters are arguments of the methods.
 
     Samples are the leading axes: penetration (...,) m, rate (...,) m/s, tangential velocity (..., m) m/s with m = 1,
     2 or 3. Forces act on the body that moves with that velocity; the normal force points away from the other body.
@@ -82,9 +95,7 @@ class ContactLaw:
             self.normal,
             penetration,
             rate,
-            stiffness=parameters.stiffness,
-            damping=parameters.damping,
-            dissipation=parameters.dissipation,
+            **parameters.of_normal(self.normal),
             smoothing=self.smoothing,
             added=added,
         )
@@ -108,16 +119,12 @@ class ContactLaw:
         self, penetration: Array, rate: Array, tangential_velocity: Array, parameters: ContactParameters
     ) -> ContactDerivatives:
         """Both forces with their analytic derivatives in the samples and in the parameters."""
-        normal = normal_force_derivatives(
-            self.normal,
-            penetration,
-            rate,
-            stiffness=parameters.stiffness,
-            damping=parameters.damping,
-            dissipation=parameters.dissipation,
-            smoothing=self.smoothing,
-        )
+        numbers = parameters.of_normal(self.normal)
+        normal = normal_force_derivatives(self.normal, penetration, rate, **numbers, smoothing=self.smoothing)
         by_name = _normal_by_name(normal)
+        if self.normal == "hydroelastic":
+            by_pressure, nothing = by_name["stiffness"], np.zeros_like(normal.force)
+            by_name |= {"modulus": by_pressure * _per_modulus(parameters), "stiffness": nothing}
         tangential, width = self._tangential(normal.force, tangential_velocity, parameters)
         through_normal = {name: tangential.wrt_normal * slope[..., np.newaxis] for name, slope in by_name.items()}
         direct = {"tangential_velocity": tangential.wrt_velocity, "friction": tangential.wrt_friction}
@@ -148,6 +155,11 @@ class ContactLaw:
         return TangentialForce(zero, zero, square, zero, zero), None
 
 
+def _per_modulus(parameters: ContactParameters) -> Scalars:
+    """∂P/∂E of the law `hydroelastic`, P its coefficient of d²."""
+    return field_numbers(1.0, parameters.radius, parameters.half_extent, parameters.resolution)[0]
+
+
 def _normal_by_name(normal: NormalForce) -> dict[str, Array]:
     return {
         "penetration": normal.wrt_penetration,
@@ -155,4 +167,5 @@ def _normal_by_name(normal: NormalForce) -> dict[str, Array]:
         "stiffness": normal.wrt_stiffness,
         "damping": normal.wrt_damping,
         "dissipation": normal.wrt_dissipation,
+        "modulus": np.zeros_like(normal.force),
     }

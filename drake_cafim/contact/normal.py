@@ -1,10 +1,12 @@
-"""The normal force of the three contact laws, and its derivatives.
+"""The normal force of the contact laws, and its derivatives.
 
 With penetration d = −φ (m, positive in contact) and its rate ḋ (m/s, positive on approach):
 
     paper          λ = max(0, K d − C |ḋ|)                 as printed (paper, "Contact Model"); damps in both directions
     kelvin_voigt   λ = max(0, K d + C ḋ)   for d > 0        no adhesion, and no force before touch-down
     hunt_crossley  λ = K d max(0, 1 + c ḋ) for d > 0        Drake's compliant point contact
+    hydroelastic   λ = P h² (1 − k h) max(0, 1 + c ḋ)       Drake's pressure field, see `pressure`; h = d − s for d > s,
+                                                           at most 2/(3 k), where the force has its maximum
 """
 
 from dataclasses import dataclass
@@ -16,7 +18,7 @@ from drake_cafim.errors import InputError
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array
 
-NormalLaw: TypeAlias = Literal["paper", "kelvin_voigt", "hunt_crossley"]
+NormalLaw: TypeAlias = Literal["paper", "kelvin_voigt", "hunt_crossley", "hydroelastic"]
 NORMAL_LAWS: tuple[str, ...] = get_args(NormalLaw)
 
 Scalars: TypeAlias = float | Array
@@ -43,18 +45,23 @@ def normal_force(
     stiffness: Scalars,
     damping: Scalars = 0.0,
     dissipation: Scalars = 0.0,
+    narrowing: Scalars = 1.0,
+    deficit: Scalars = 0.0,
     smoothing: float = 0.0,
     added: Scalars = 0.0,
 ) -> Array:
     """λ (...,) in N of `law` for penetration (...,) m and penetration rate (...,) m/s.
 
-    `stiffness` in N/m, `damping` in N s/m (paper, kelvin_voigt), `dissipation` in s/m (hunt_crossley).
+    `stiffness` in N/m, `damping` in N s/m (paper, kelvin_voigt), `dissipation` in s/m (the others). Of `hydroelastic`
+    `stiffness` is P in N/m², `narrowing` k in 1/m and `deficit` s in m; the other laws have neither.
     With `smoothing` s > 0 (N), max(0, f) becomes (f + √(f² + s²))/2, also for d < 0: a law without kinks, for
     programs that need derivatives everywhere. `added` (...,) N is added to the force before it is clipped at zero.
 
     Works on floats and on object arrays of AutoDiffXd. Raises `InputError` on an unknown law.
     """
-    unclipped = _force_before_clipping(_index(law), penetration, rate, stiffness, damping, dissipation)
+    unclipped = _force_before_clipping(
+        _index(law), penetration, rate, stiffness, damping, dissipation, narrowing, deficit
+    )
     force = unclipped + added
     if smoothing > 0:
         return np.asarray(0.5 * (force + np.sqrt(force * force + smoothing**2)))
@@ -62,14 +69,26 @@ def normal_force(
 
 
 def _force_before_clipping(
-    law: int, penetration: Any, rate: Any, stiffness: Any, damping: Any, dissipation: Any
+    law: int,
+    penetration: Any,
+    rate: Any,
+    stiffness: Any,
+    damping: Any,
+    dissipation: Any,
+    narrowing: Any,
+    deficit: Any,
 ) -> Any:
     """The force (...,) N of floats or arrays before it is clipped at zero; `law` is its index in `NORMAL_LAWS`."""
     if law == 0:
         return stiffness * penetration - damping * abs(rate)
     if law == 1:
         return stiffness * penetration + damping * rate
-    return stiffness * penetration * (1.0 + dissipation * rate)
+    if law == 2:
+        return stiffness * penetration * (1.0 + dissipation * rate)
+    # odd in h: out of contact it is negative, and clipped
+    most = 2.0 / (3.0 * narrowing)
+    h = np.minimum(np.maximum(penetration - deficit, -most), most)
+    return stiffness * h * abs(h) * (1.0 - narrowing * abs(h)) * (1.0 + dissipation * rate)
 
 
 force_before_clipping_at = compiled(_force_before_clipping)
@@ -90,11 +109,13 @@ def normal_force_derivatives(
     stiffness: Scalars,
     damping: Scalars = 0.0,
     dissipation: Scalars = 0.0,
+    narrowing: Scalars = 1.0,
+    deficit: Scalars = 0.0,
     smoothing: float = 0.0,
 ) -> NormalForce:
     """`normal_force` with its analytic derivatives; arguments, shapes and errors are the same."""
     index = _index(law)
-    arguments = np.broadcast_arrays(penetration, rate, stiffness, damping, dissipation)
+    arguments = np.broadcast_arrays(penetration, rate, stiffness, damping, dissipation, narrowing, deficit)
     flat = [np.asarray(argument, dtype=float).ravel() for argument in arguments]
     values = _each(index, *flat, smoothing)
     return NormalForce(*values.reshape(6, *arguments[0].shape))
@@ -102,7 +123,15 @@ def normal_force_derivatives(
 
 @compiled
 def normal_force_at(
-    law: int, penetration: float, rate: float, stiffness: float, damping: float, dissipation: float, smoothing: float
+    law: int,
+    penetration: float,
+    rate: float,
+    stiffness: float,
+    damping: float,
+    dissipation: float,
+    narrowing: float,
+    deficit: float,
+    smoothing: float,
 ) -> tuple[float, float, float, float, float, float]:
     """The six numbers of `NormalForce` from floats; `law` is the law's index in `NORMAL_LAWS`.
 
@@ -112,7 +141,7 @@ def normal_force_at(
     if law == 0:
         speed, slope = -abs(rate), -np.sign(rate)
     through = 1.0 + dissipation * rate
-    unclipped = force_before_clipping_at(law, penetration, rate, stiffness, damping, dissipation)
+    unclipped = force_before_clipping_at(law, penetration, rate, stiffness, damping, dissipation, narrowing, deficit)
     if smoothing > 0:
         root = np.sqrt(unclipped * unclipped + smoothing**2)
         force, active = 0.5 * (unclipped + root), 0.5 * (1.0 + unclipped / root)
@@ -123,6 +152,19 @@ def normal_force_at(
         factor, product = active * through, active * penetration
         rates = stiffness * dissipation * product
         return force, stiffness * factor, rates, penetration * factor, 0.0, stiffness * product * rate
+    if law == 3:
+        most = 2.0 / (3.0 * narrowing)
+        h = min(max(penetration - deficit, -most), most)
+        size = h * abs(h) * (1.0 - narrowing * abs(h)) * active
+        slope = abs(h) * (2.0 - 3.0 * narrowing * abs(h)) * active
+        return (
+            force,
+            stiffness * slope * through,
+            stiffness * size * dissipation,
+            size * through,
+            0.0,
+            stiffness * size * rate,
+        )
     return force, stiffness * active, damping * slope * active, penetration * active, speed * active, 0.0
 
 
@@ -134,12 +176,24 @@ def _each(
     stiffness: Array,
     damping: Array,
     dissipation: Array,
+    narrowing: Array,
+    deficit: Array,
     smoothing: float,
 ) -> Array:
     """`normal_force_at` for each of the samples (N,), as (6, N)."""
     values = np.empty((6, len(rate)))
     for i in range(len(rate)):
-        at = normal_force_at(law, penetration[i], rate[i], stiffness[i], damping[i], dissipation[i], smoothing)
+        at = normal_force_at(
+            law,
+            penetration[i],
+            rate[i],
+            stiffness[i],
+            damping[i],
+            dissipation[i],
+            narrowing[i],
+            deficit[i],
+            smoothing,
+        )
         for j in range(6):
             values[j, i] = at[j]
     return values

@@ -1,5 +1,6 @@
 """Contact laws as Drake systems, for float and AutoDiffXd: a law without geometry, and a force on a plant's bodies."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,23 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.contact.normal import NormalLaw
 
-PARAMETER_NAMES = ("stiffness", "damping", "dissipation", "friction", "width")
+PARAMETER_NAMES = ("stiffness", "damping", "dissipation", "friction", "width", "modulus")
 """Elements of numeric parameter 0 of both systems; `width` is the slip velocity or the resistance."""
 
 
-def _parameters(values: Any, width: str | None) -> ContactParameters:
-    stiffness, damping, dissipation, friction, breadth = values
+def _parameters(values: Any, width: str | None, given: ContactParameters) -> ContactParameters:
+    """`given` with the numbers of numeric parameter 0."""
+    stiffness, damping, dissipation, friction, breadth, modulus = values
     known: dict[str, Any] = {} if width is None else {width: breadth}
-    return ContactParameters(stiffness=stiffness, damping=damping, dissipation=dissipation, friction=friction, **known)
+    return replace(
+        given,
+        stiffness=stiffness,
+        damping=damping,
+        dissipation=dissipation,
+        friction=friction,
+        modulus=modulus,
+        **known,
+    )
 
 
 def _defaults(parameters: ContactParameters) -> tuple[Any, str | None]:
@@ -31,7 +41,8 @@ def _defaults(parameters: ContactParameters) -> tuple[Any, str | None]:
         width, breadth = "slip_velocity", parameters.slip_velocity
     elif parameters.resistance is not None:
         width, breadth = "resistance", parameters.resistance
-    values = [parameters.stiffness, parameters.damping, parameters.dissipation, parameters.friction, breadth]
+    given = parameters
+    values = [given.stiffness, given.damping, given.dissipation, given.friction, breadth, given.modulus]
     return np.array(values, dtype=float), width
 
 
@@ -59,6 +70,7 @@ def ContactLawSystem_(T: Any) -> Any:
         ) -> None:
             LeafSystem_[T].__init__(self, converter)
             self.law = ContactLaw(normal)
+            self.given = parameters
             self.defaults, self.width = _defaults(parameters)
             self.tangential_size = tangential_size
             self.DeclareNumericParameter(BasicVector_[T](self.defaults))
@@ -66,12 +78,11 @@ def ContactLawSystem_(T: Any) -> Any:
             self.DeclareVectorOutputPort("contact_force", 1 + tangential_size, self._calc_force)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            values = _parameters(other.defaults, other.width)
-            self._construct(other.law.normal, values, other.tangential_size, converter=converter)
+            self._construct(other.law.normal, other.given, other.tangential_size, converter=converter)
 
         def _calc_force(self, context: Any, output: Any) -> None:
             kinematics = np.asarray(self.get_input_port(0).Eval(context))
-            parameters = _parameters(context.get_numeric_parameter(0).CopyToVector(), self.width)
+            parameters = _parameters(context.get_numeric_parameter(0).CopyToVector(), self.width, self.given)
             normal = self.law.normal_force(kinematics[0], kinematics[1], parameters)
             tangential = self.law.tangential_force(normal, kinematics[2:], parameters)
             output.SetFromVector(np.concatenate([normal.reshape(1), tangential]))
@@ -110,6 +121,7 @@ def SphereContact_(T: Any) -> Any:
         ) -> None:
             LeafSystem_[T].__init__(self, converter)
             self.law = ContactLaw(normal)
+            self.given = parameters
             self.defaults, self.width = _defaults(parameters)
             self.places: dict[str, Any] = {
                 "sphere_body": sphere_body,
@@ -127,8 +139,7 @@ def SphereContact_(T: Any) -> Any:
             self.DeclareVectorOutputPort("contact_force", 3, self._calc_force)
 
         def _construct_copy(self, other: Any, converter: Any = None) -> None:
-            values = _parameters(other.defaults, other.width)
-            self._construct(other.law.normal, values, **other.places, converter=converter)
+            self._construct(other.law.normal, other.given, **other.places, converter=converter)
 
         def _evaluate(self, context: Any) -> tuple[Any, Any]:
             """Force on B (3,) in W and the contact point (3,) in W."""
@@ -149,7 +160,7 @@ def SphereContact_(T: Any) -> Any:
             v_AB = v_WBc - v_WAc
             approach = -(v_AB @ normal_W)
             slide = v_AB + approach * normal_W
-            parameters = _parameters(context.get_numeric_parameter(0).CopyToVector(), self.width)
+            parameters = _parameters(context.get_numeric_parameter(0).CopyToVector(), self.width, self.given)
             penetration = np.asarray(place["radius"] - height)
             force = self.law.normal_force(penetration, np.asarray(approach), parameters)
             friction = self.law.tangential_force(force, slide, parameters)

@@ -1,6 +1,6 @@
 """Policies with a common interface, from a situation to a command: planning ones and the baselines."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol, TypeAlias, get_args
 
@@ -10,6 +10,7 @@ from drake_cafim.design.attainable import attainable
 from drake_cafim.design.averaging import BeliefAveragedScore
 from drake_cafim.design.guarded_score import GuardedScore
 from drake_cafim.design.iterative import CrossEntropy, GradientAscent, PathIntegral
+from drake_cafim.design.law_scores import LawAveragedScore
 from drake_cafim.design.planner import (
     PLANNERS,
     Planner,
@@ -158,17 +159,26 @@ def make_policy(
     config: PlannerConfig | None = None,
     belief_samples: int = 1,
     force_limit: float | None = None,
+    laws: Mapping[str, PlanningModel] | None = None,
 ) -> Policy:
     """The policy called `name`; the `InputError` for an unknown name lists the valid names.
 
     `fisher` is the evaluator of contact-aware; finite-difference always differences whole trajectories. The
     planning policies' scores are averaged over `belief_samples` points of the belief; 1 is its mean alone. With a
-    `force_limit` N they account for the force guard between the controller and the robot.
+    `force_limit` N they account for the force guard between the controller and the robot. With several `laws`,
+    planning models by name, `model` the first of them, contact-aware and finite-difference plan for all of them.
     """
     config = PlannerConfig() if config is None else config
     if name in ("contact-aware", "finite-difference"):
-        evaluator = make_evaluator(fisher if name == "contact-aware" else "finite-difference", model)
-        score = _scoring(InformationScore(model, evaluator, criterion), model, belief_samples, force_limit)
+        which: Fisher = fisher if name == "contact-aware" else "finite-difference"
+
+        def informed(of: PlanningModel) -> InformationScore:
+            return InformationScore(of, make_evaluator(which, of), criterion)
+
+        plain: Scoring = informed(model)
+        if laws is not None and len(laws) > 1:
+            plain = LawAveragedScore({law: informed(of) for law, of in laws.items()})
+        score = _scoring(plain, model, belief_samples, force_limit)
         return PlanningPolicy(model, make_planner(planner, config), score)
     if name == "asid":
         score = _scoring(OneStepScore(model), model, belief_samples, force_limit)

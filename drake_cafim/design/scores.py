@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.design.planner import Scored
-from drake_cafim.design.situation import Situation
-from drake_cafim.information import Criterion, criterion, fisher_information
+from drake_cafim.design.situation import Hypothesis, Situation
+from drake_cafim.information import Criterion, criterion, fisher_information, without_nuisance
 from drake_cafim.sensitivity.evaluator import Evaluator
 from drake_cafim.sensitivity.finite_difference import predict
-from drake_cafim.sensitivity.model import PlanningModel
+from drake_cafim.sensitivity.model import PlanningModel, Rollout
 from drake_cafim.typing import Array
 
 
@@ -24,9 +24,13 @@ class InformationScore:
     def __call__(self, situation: Situation, commands: Array) -> Scored:
         """Scores of commands (N, H, nu)."""
         motion = self.model.motion(situation.robot_state, commands)
-        rollout = self.evaluator(motion, situation.theta, situation.touched)
+        return self.of_rollout(self.evaluator(motion, situation.theta, situation.touched), situation)
+
+    def of_rollout(self, rollout: Rollout, situation: Situation | Hypothesis) -> Scored:
+        """Scores of the rollout's candidates; what is learned of nuisance parameters does not count."""
         fisher = fisher_information(rollout.sensitivities, self.model.noise_std)
-        gain = criterion(self.criterion, fisher, situation.information)
+        counted = without_nuisance(fisher, situation.information, self.model.parameters.sought)
+        gain = criterion(self.criterion, *counted)
         return Scored(gain - self.model.cost(rollout, situation.theta), fisher)
 
 

@@ -8,13 +8,29 @@ from drake_cafim.typing import Array
 
 
 @dataclass(frozen=True)
+class Hypothesis:
+    """One of several contact laws that the touched object may have, by name, its `probability` and its own numbers.
+
+    `theta`, `covariance`, `information` and `touched` are as in `Situation`, for the parameters of this law's model.
+    """
+
+    law: str
+    probability: float
+    theta: Array
+    covariance: Array
+    information: Array
+    touched: Start
+
+
+@dataclass(frozen=True)
 class Situation:
     """The state of an experiment at the beginning of a period.
 
     `robot_state` (2 nu,) as measured; `theta` (n,) the present estimate and `covariance` (n, n) of its belief;
     `information` P (n, n), of the prior and all data so far, including those after the estimate; `touched`, the
     predicted state of the touched object; `knots` (K, nu), the last plan shifted to the present (zero at the start);
-    `forces`, the force guard's belief, if there is a guard.
+    `forces`, the force guard's belief, if there is a guard; `hypotheses`, where several contact laws are candidates:
+    `theta` and the like are then those of the law that the scenario names.
     """
 
     step: int
@@ -26,6 +42,7 @@ class Situation:
     touched: Start
     knots: Array
     forces: ForceBelief | None = None
+    hypotheses: tuple[Hypothesis, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """The CA-OED controller: a LeafSystem that plans, once per period, the motion most informative about θ."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -7,10 +8,10 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteStateIndex, DiscreteValues, LeafSystem
 
-from drake_cafim.belief import Belief
+from drake_cafim.belief import LawBelief
 from drake_cafim.design.force_belief import ForceBelief
 from drake_cafim.design.policies import Policy
-from drake_cafim.design.situation import Situation
+from drake_cafim.design.situation import Hypothesis, Situation
 from drake_cafim.design.splines import shift
 from drake_cafim.information import fisher_information
 from drake_cafim.sensitivity.evaluator import Evaluator
@@ -26,9 +27,11 @@ class _Slots:
     counters: int  # experiment, step
     robot: int  # measured robot state of the last step
     belief: int  # belief of the last step
+    # of each law, one after the other
     gained: int  # information since that belief
     touched: int  # predicted state of the touched object
     tangent: int  # its sensitivity
+    # of the decision
     knots: int
     command: int
     plan: int
@@ -52,6 +55,9 @@ class CaOed(LeafSystem):
     Fisher information, `planning_ms` (1,) the planning time. With a `ForceGuard`, set `force_hypotheses` to its number
     of hypotheses: then there is an input port for its `force_belief`, and plans account for its reductions.
 
+    With several `laws`, planning models by name with `model` the first, `belief` is `LawBelief.vector`; `policy`
+    was made for the same laws.
+
     `model` is the planning model, for your own plant a `DiagramModel`; `policy` comes from `make_policy`; `seed` is
     that of the random numbers; `evaluator` computes the sensitivities, by default the fastest one.
 
@@ -67,16 +73,22 @@ class CaOed(LeafSystem):
         seed: int = 0,
         evaluator: Evaluator | None = None,
         force_hypotheses: int = 0,
+        laws: Mapping[str, PlanningModel] | None = None,
     ) -> None:
         super().__init__()
         self._model, self._policy, self._seed = model, policy, seed
-        self._evaluator = TangentEvaluator(model) if evaluator is None else evaluator
-        self._names = model.parameters.names
-        size, axes = len(self._names), len(model.velocity_bounds[0])
+        self._laws = {"": model} if laws is None else dict(laws)
+        own = TangentEvaluator(model) if evaluator is None else evaluator
+        models = list(self._laws.values())
+        self._evaluators = [own if each is model else TangentEvaluator(each) for each in models]
+        self._names = [each.parameters.names for each in models]
+        sizes_of_laws = [len(names) for names in self._names]
+        size, axes = sizes_of_laws[0], len(model.velocity_bounds[0])
+        belief_size = len(LawBelief.prior({law: each.parameters for law, each in self._laws.items()}).vector())
         config = policy.config
         self._axes = axes
         self.DeclareVectorInputPort("measured_state", 2 * axes)
-        self.DeclareVectorInputPort("belief", size + size**2)
+        self.DeclareVectorInputPort("belief", belief_size)
         self._hypotheses = force_hypotheses
         if force_hypotheses > 0:
             self.DeclareVectorInputPort("force_belief", ForceBelief.vector_size(force_hypotheses, size))
@@ -85,10 +97,10 @@ class CaOed(LeafSystem):
         sizes = _Slots(
             counters=2,
             robot=2 * axes,
-            belief=size + size**2,
-            gained=size**2,
-            touched=model.state_size,
-            tangent=model.state_size * size,
+            belief=belief_size,
+            gained=sum(n**2 for n in sizes_of_laws),
+            touched=sum(each.state_size for each in models),
+            tangent=sum(each.state_size * n for each, n in zip(models, sizes_of_laws, strict=True)),
             knots=config.knots * axes,
             command=axes,
             plan=config.horizon * axes,
@@ -115,9 +127,11 @@ class CaOed(LeafSystem):
         read = self._reader(context)
         robot = np.array(self._input(context, 0))
         vector = np.array(self._input(context, 1))
-        belief = Belief.from_vector(self._names, vector)
+        over_laws = LawBelief.from_vector(tuple(self._laws), self._names, vector)
+        belief = over_laws.beliefs[0]
         experiment, step = (int(value) for value in read(self._slots.counters))
-        touched, gained = self._advance(read, step, robot, belief)
+        passed = self._advance(read, step, robot, over_laws)
+        touched, gained = passed[0]
         knots = read(self._slots.knots).reshape(self._policy.config.knots, self._axes)
         situation = Situation(
             step=step,
@@ -129,6 +143,7 @@ class CaOed(LeafSystem):
             touched=touched,
             knots=knots,
             forces=self._forces(context),
+            hypotheses=_hypotheses(over_laws, passed) if len(self._laws) > 1 else (),
         )
         decision = self._policy(situation, np.random.default_rng([self._seed, experiment, step]))
         carried = decision.knots
@@ -138,9 +153,9 @@ class CaOed(LeafSystem):
             "counters": np.array([experiment, step + 1.0]),
             "robot": robot,
             "belief": vector,
-            "gained": gained,
-            "touched": touched.state,
-            "tangent": touched.sensitivity,
+            "gained": np.concatenate([each.ravel() for _, each in passed]),
+            "touched": np.concatenate([each.state.ravel() for each, _ in passed]),
+            "tangent": np.concatenate([each.sensitivity.ravel() for each, _ in passed]),
             "knots": carried,
             "command": decision.command,
             "plan": decision.plan,
@@ -156,23 +171,30 @@ class CaOed(LeafSystem):
             return None
         return ForceBelief.from_vector(np.array(self._input(context, 2)), self._hypotheses)
 
-    def _advance(self, read: Any, step: int, robot: Array, belief: Belief) -> tuple[Start, Array]:
-        """The touched object's present state, and the information gained since the belief last changed.
+    def _advance(self, read: Any, step: int, robot: Array, over_laws: LawBelief) -> list[tuple[Start, Array]]:
+        """By law the touched object's present state, and the information gained since the belief last changed.
 
         A changed belief includes the information gained before, so that the sum restarts at zero.
         """
-        size = len(self._names)
-        if step == 0:
-            motion = self._model.measured_motion(np.stack([robot, robot])[np.newaxis])
-            return self._model.start(motion[0, 0], belief.mean), np.zeros((size, size))
-        states = np.stack([read(self._slots.robot), robot])[np.newaxis]
-        before = Start(read(self._slots.touched), read(self._slots.tangent).reshape(self._model.state_size, size))
-        passed = self._evaluator(self._model.measured_motion(states), belief.mean, before)
-        touched = Start(passed.states[0, -1], passed.state_sensitivities[0, -1])
-        if not np.array_equal(read(self._slots.belief), belief.vector()):
-            return touched, np.zeros((size, size))
-        gained = read(self._slots.gained).reshape(size, size)
-        return touched, gained + fisher_information(passed.sensitivities, self._model.noise_std)[0]
+        last, unchanged = read(self._slots.robot), np.array_equal(read(self._slots.belief), over_laws.vector())
+        touched, tangent, gained = (read(getattr(self._slots, name)) for name in ("touched", "tangent", "gained"))
+        result = []
+        models = self._laws.values()
+        for model, evaluator, belief in zip(models, self._evaluators, over_laws.beliefs, strict=True):
+            size, nx = len(belief.mean), model.state_size
+            own, touched = touched[:nx], touched[nx:]
+            slopes, tangent = tangent[: nx * size].reshape(nx, size), tangent[nx * size :]
+            so_far, gained = gained[: size**2].reshape(size, size), gained[size**2 :]
+            if step == 0:
+                motion = model.measured_motion(np.stack([robot, robot])[np.newaxis])
+                result.append((model.start(motion[0, 0], belief.mean), np.zeros((size, size))))
+                continue
+            states = np.stack([last, robot])[np.newaxis]
+            passed = evaluator(model.measured_motion(states), belief.mean, Start(own, slopes))
+            added = fisher_information(passed.sensitivities, model.noise_std)[0]
+            present = Start(passed.states[0, -1], passed.state_sensitivities[0, -1])
+            result.append((present, so_far + added if unchanged else np.zeros((size, size))))
+        return result
 
     def _padded(self, candidates: Array) -> Array:
         """The candidates as an array of the port's size: truncated, or padded with copies of the last."""
@@ -187,3 +209,12 @@ class CaOed(LeafSystem):
 
     def _input(self, context: Context, index: int) -> Any:
         return self.get_input_port(index).Eval(context)
+
+
+def _hypotheses(over_laws: LawBelief, passed: list[tuple[Start, Array]]) -> tuple[Hypothesis, ...]:
+    """The candidate laws, with the information gained since the belief and the touched object's state under each."""
+    columns = zip(over_laws.laws, over_laws.probability.tolist(), over_laws.beliefs, passed, strict=True)
+    return tuple(
+        Hypothesis(law, probability, belief.mean, belief.covariance, belief.information + gained, touched)
+        for law, probability, belief, (touched, gained) in columns
+    )

@@ -190,8 +190,8 @@ def parameters_of(
     """The scenario's unknowns with their fitted values, and with `std` (n,) or else the fit's standard deviations.
 
     Of a link's inertials these are the physical parameters, with standard deviations to first order. `bound` (n + k,)
-    are the least standard deviations that the recordings allow, if they are known; that of a link's inertials is of their
-    log-Cholesky parameters, so that their efficiency is not stated.
+    are the least standard deviations that the recordings allow, if they are known; a link's is of its
+    log-Cholesky parameters, so that the efficiency of its inertials is not stated.
     """
     values, priors, n = best.model.unknown, scene.priors, len(best.model.unknown)
     deviations = np.asarray(best.std if std is None else std)[:n]

@@ -41,7 +41,7 @@ class SphereContact:
     def with_parameter(self, name: str, value: float) -> "SphereContact":
         """The contact with one of its parameters replaced."""
         if name == "radius":
-            return replace(self, radius=value)
+            return replace(self, radius=value, parameters=replace(self.parameters, radius=value))
         return replace(self, parameters=replace(self.parameters, **{name: value}))
 
     @property
@@ -66,17 +66,20 @@ class SphereContact:
 
     @cached_property
     def numbers(self) -> tuple[Array, Array] | None:
-        """Geometry (10,) and law (7,) as arguments of `sphere_wrenches`; None for other than a sphere without changes.
+        """Geometry (10,) and law (9,) as arguments of `sphere_wrenches`; None for other than a sphere without changes.
 
-        The law is its kind, stiffness, damping or dissipation, smoothing, friction, and kind and width of the friction.
+        The law is its kind, stiffness, damping or dissipation, smoothing, friction, kind and width of the friction, and
+        narrowing and deficit of the pressure field.
         """
         if type(self) is not SphereContact or self.changes:
             return None
         values, kind = self.parameters, NORMAL_LAWS.index(self.law.normal)
-        loss = values.dissipation if self.law.normal == "hunt_crossley" else values.damping
+        numbers = values.of_normal(self.law.normal)
+        loss = values.dissipation if self.law.normal in ("hunt_crossley", "hydroelastic") else values.damping
         form, width = (1, values.slip_velocity) if values.slip_velocity is not None else (2, values.resistance)
         tangential = (0, 0.0) if width is None else (form, width)
-        law = (kind, values.stiffness, loss, self.law.smoothing, values.friction, *tangential)
+        field = (numbers.get("narrowing", 1.0), numbers.get("deficit", 0.0))
+        law = (kind, numbers["stiffness"], loss, self.law.smoothing, values.friction, *tangential, *field)
         if any(np.ndim(number) for number in law):
             return None
         center, radius, point, normal = self._placed

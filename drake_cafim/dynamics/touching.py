@@ -55,7 +55,7 @@ def sphere_wrenches(R: Array, p: Array, V: Array, joints: Indices, placed: Array
     """Wrenches (N, n, 6) on the links about the world's origin, moment first, by the contacts of C spheres with planes.
 
     `R`, `p` and `V` as for `touch_kinematics`. `joints` (C,) are the spheres' joints, `placed` (C, 10) centre, radius,
-    point and normal of each, `laws` (C, 7) the numbers of its law, as in `SphereContact.numbers`.
+    point and normal of each, `laws` (C, 9) the numbers of its law, as in `SphereContact.numbers`.
     """
     wrench, f = np.zeros((*p.shape[:2], 6)), np.empty(3)
     for k in range(len(joints)):
@@ -63,7 +63,7 @@ def sphere_wrenches(R: Array, p: Array, V: Array, joints: Indices, placed: Array
         depth, rate, slip, place, _ = touch_kinematics(R, p, V, j, at[:3], at[3], at[4:7], at[7:])
         for i in range(len(p)):
             # a law has damping or dissipation, never both: `law` holds the one that it has
-            normal = normal_force_at(int(law[0]), depth[i], rate[i], law[1], law[2], law[2], law[3])[0]
+            normal = normal_force_at(int(law[0]), depth[i], rate[i], law[1], law[2], law[2], law[7], law[8], law[3])[0]
             if normal == 0.0:
                 continue
             speed = np.sqrt(slip[i, 0] * slip[i, 0] + slip[i, 1] * slip[i, 1] + slip[i, 2] * slip[i, 2])

@@ -8,7 +8,7 @@ with a smooth law, and start from the shooting solution.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,14 @@ from pydrake.solvers import IpoptSolver, MathematicalProgram, SnoptSolver
 
 from drake_cafim.errors import InputError
 from drake_cafim.estimation.problem import MapProblem
+from drake_cafim.estimation.shooting import MapEstimate, SolverReport, on_bound
 from drake_cafim.sensitivity.model import Jacobians
 from drake_cafim.typing import Array
+
+MET = 1e-5
+"""N and m, the largest violation of the constraints at which a joint solution counts as one."""
+RAISED = 1e-3
+"""By how much a joint solution may be worse than the shooting solution in ℓ: solvers end within their tolerances."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,7 @@ class JointEstimate:
     forces: tuple[Array, ...]
     cost: float
     solved: bool
+    status: int
     violation: float
     message: str
 
@@ -201,6 +208,7 @@ def solve_joint(problem: MapProblem, theta: Array, solver: str = "snopt") -> Joi
         forces=tuple(result.GetSolution(force) for force in joint.forces),
         cost=float(result.get_optimal_cost()),
         solved=bool(result.is_success()),
+        status=int(result.get_solution_result().value),
         violation=violation,
         message=f"{solver} ended with {status}, constraints met to {violation:.1e}",
     )
@@ -223,3 +231,25 @@ def _guess(joint: JointProgram, problem: MapProblem, theta: Array) -> Array:
             if k + 1 < len(motion):
                 state = model.step(state, motion[k], motion[k + 1], value, theta)
     return np.asarray(guess)
+
+
+def refine_jointly(problem: MapProblem, found: MapEstimate) -> MapEstimate:
+    """The estimate by the joint program, started from the shooting estimate `found`.
+
+    The joint solution is taken where the solver succeeded, met the constraints to `MET` and did not raise ℓ(θ), which
+    a program with kinks may; else `found` stands, and `solver` says that the joint program failed.
+    """
+    joint = solve_joint(problem, found.belief.mean)
+    theta = problem.model.parameters.clip(joint.theta)
+    held = joint.solved and joint.violation <= MET and problem.cost(theta) <= found.cost + RAISED
+    report = SolverReport(held, joint.status, joint=True)
+    if not held:
+        return replace(found, solver=report)
+    fisher = problem.fisher(theta)
+    return MapEstimate(
+        problem.prior.update(fisher.sum(axis=0), theta),
+        fisher,
+        problem.cost(theta),
+        report,
+        on_bound(problem, theta),
+    )

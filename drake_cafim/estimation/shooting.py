@@ -41,10 +41,16 @@ class SolverReport:
 
     solved: bool
     status: int
+    joint: bool = False  # of the program over parameters and forces together
 
     @property
     def message(self) -> str:
         """The status as a sentence, with what to try if there is no optimum."""
+        if self.joint:
+            name = SolutionResult(self.status).name
+            if self.solved:
+                return "SNOPT found an optimum of parameters and forces together"
+            return f"SNOPT, of parameters and forces together, ended elsewhere ({name}): the shooting estimate stands"
         if self.solved:
             return "SNOPT found an optimum"
         name = SolutionResult(self.status).name
@@ -127,7 +133,7 @@ def solve(problem: MapProblem, config: ShootingConfig | None = None) -> MapEstim
         fisher=fisher,
         cost=float(best.get_optimal_cost()),
         solver=SolverReport(bool(best.is_success()), int(best.get_solution_result().value)),
-        on_bound=_on_bound(problem, theta),
+        on_bound=on_bound(problem, theta),
     )
 
 
@@ -159,7 +165,7 @@ def _gauss_newton(problem: MapProblem, theta: Array, steps: int) -> Array:
     return theta
 
 
-def _on_bound(problem: MapProblem, theta: Array) -> tuple[str, ...]:
+def on_bound(problem: MapProblem, theta: Array) -> tuple[str, ...]:
     """The names of the parameters that are at a bound."""
     lower, upper = problem.model.parameters.bounds
     return tuple(

@@ -1,17 +1,24 @@
 """The CA-MAP estimator as a LeafSystem that stores measurements and updates the belief."""
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteStateIndex, DiscreteValues, LeafSystem
 
-from drake_cafim.belief import Belief
+from drake_cafim.belief import Belief, LawBelief
 from drake_cafim.errors import InputError
+from drake_cafim.estimation.evidence import log_evidence
+from drake_cafim.estimation.joint import refine_jointly
 from drake_cafim.estimation.problem import Data, make_problem
-from drake_cafim.estimation.shooting import ShootingConfig, SolverReport, solve
+from drake_cafim.estimation.shooting import MapEstimate, ShootingConfig, SolverReport, solve
 from drake_cafim.sensitivity.evaluator import Evaluator
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.sensitivity.tangent import TangentEvaluator
+from drake_cafim.typing import Array
+
+EstimatorName: TypeAlias = Literal["shooting", "joint"]
+ESTIMATORS: tuple[str, ...] = get_args(EstimatorName)
 
 
 class CaMap(LeafSystem):
@@ -27,6 +34,12 @@ class CaMap(LeafSystem):
     `measured_force` (ny,), the model's measurement. The belief (n + n²,), mean then covariance, is updated after every
     `estimate_every` periods, or only at the end of an experiment of `periods` (0).
 
+    With several `laws`, planning models by name that predict the same measurements, it keeps a belief over each law's
+    parameters and the laws' probabilities, from the evidence of each; `belief` is then `LawBelief.vector`.
+
+    `method` is `shooting`, over the parameters alone, or `joint`, which then solves for parameters and contact forces
+    together (paper, Def. 4).
+
     `model` predicts the measurements, for your own plant a `DiagramModel`; `config` holds the settings of the search;
     `evaluator` computes the sensitivities, by default the `TangentEvaluator`. All samples and the belief are in the
     Context, with room for `experiments` experiments; a further one raises `InputError`.
@@ -41,23 +54,32 @@ class CaMap(LeafSystem):
         estimate_every: int = 0,
         config: ShootingConfig | None = None,
         evaluator: Evaluator | None = None,
+        laws: Mapping[str, PlanningModel] | None = None,
+        method: EstimatorName = "shooting",
     ) -> None:
         super().__init__()
         self._model, self._config = model, config
         self._evaluator = TangentEvaluator(model) if evaluator is None else evaluator
+        self._laws = {"": model} if laws is None else dict(laws)
+        self._method = method
         self._every = estimate_every
         self._axes, self._readings = len(model.velocity_bounds[0]), len(model.noise_std)
         self._shape = (experiments, periods + 1, 2 * self._axes + self._readings)
-        self._prior = Belief.prior(model.parameters)
+        self._prior = LawBelief.prior({law: each.parameters for law, each in self._laws.items()})
         self.DeclareVectorInputPort("measured_state", 2 * self._axes)
         self.DeclareVectorInputPort("measured_force", self._readings)
         self._counters = int(self.DeclareDiscreteState(2))  # experiment, samples of it
         self._samples = int(self.DeclareDiscreteState(int(np.prod(self._shape))))
         belief: Any = self._prior.vector()
         self._belief = int(self.DeclareDiscreteState(belief))
-        self._solver = int(self.DeclareDiscreteState(2 + len(self._prior.names)))  # solved, status, on a bound
+        self._solver = int(self.DeclareDiscreteState(self._solver_size * len(self._laws)))
         self.DeclareStateOutputPort("belief", DiscreteStateIndex(self._belief))
         self.DeclarePeriodicDiscreteUpdateEvent(model.period, 0.0, self._sample)
+
+    @property
+    def _solver_size(self) -> int:
+        """Numbers kept of each law's solver: solved, status, and which parameters are on a bound."""
+        return 2 + max(len(names) for names in self._prior.names)
 
     def begin_experiment(self, context: Context, experiment: int) -> None:
         """Begin experiment number `experiment`, from 0, in `context` (this system's own); all samples are kept."""
@@ -76,16 +98,27 @@ class CaMap(LeafSystem):
         return [self._unpack(samples[i, :length]) for i, length in enumerate(lengths) if length > 1]
 
     def belief(self, context: Context) -> Belief:
-        """The belief that `context` (this system's own) holds."""
+        """The belief over the most probable law's parameters in `context` (this system's own)."""
+        over_laws = self.law_belief(context)
+        return over_laws.beliefs[over_laws.best]
+
+    def law_belief(self, context: Context) -> LawBelief:
+        """The belief over the laws and their parameters in `context` (this system's own)."""
         state: Any = context.get_discrete_state()
-        return Belief.from_vector(self._prior.names, np.array(state.get_vector(self._belief).get_value()))
+        vector = np.array(state.get_vector(self._belief).get_value())
+        return LawBelief.from_vector(self._prior.laws, self._prior.names, vector)
 
     def solver(self, context: Context) -> tuple[SolverReport, tuple[str, ...]]:
-        """The solver's status for the last belief in `context` (this system's own), and the parameters at a bound."""
+        """The solver's status for the last belief in `context` (this system's own), and the parameters at a bound.
+
+        Of several laws, those of the most probable one.
+        """
         state: Any = context.get_discrete_state()
-        solved, status, *bound = np.array(state.get_vector(self._solver).get_value()).tolist()
-        on_bound = tuple(name for name, there in zip(self._prior.names, bound, strict=True) if there)
-        return SolverReport(bool(solved), int(status)), on_bound
+        best = self.law_belief(context).best
+        rows = np.array(state.get_vector(self._solver).get_value()).reshape(len(self._laws), -1)
+        solved, status, *bound = rows[best].tolist()
+        on_bound = tuple(name for name, there in zip(self._prior.names[best], bound, strict=False) if there)
+        return SolverReport(bool(solved), int(status), self._method == "joint"), on_bound
 
     def _unpack(self, rows: Any) -> Data:
         return Data(rows[:, : 2 * self._axes], rows[1:, 2 * self._axes :])
@@ -104,14 +137,34 @@ class CaMap(LeafSystem):
         if self._due(count):
             lengths = [self._shape[1]] * experiment + [count + 1]
             data = [self._unpack(samples[i, :length]) for i, length in enumerate(lengths)]
-            estimate = solve(make_problem(self._model, self._evaluator, data, self._prior), self._config)
-            written.get_mutable_vector(self._belief).SetFromVector(estimate.belief.vector())
-            on_bound = [float(name in estimate.on_bound) for name in self._prior.names]
-            status: Any = np.array([float(estimate.solved), float(estimate.solver.status), *on_bound])
+            belief, status = self._estimate(data)
+            written.get_mutable_vector(self._belief).SetFromVector(belief.vector())
             written.get_mutable_vector(self._solver).SetFromVector(status)
+
+    def _estimate(self, data: list[Data]) -> tuple[LawBelief, Array]:
+        """The belief over the laws after all `data`, and the numbers of each law's solver, one law after the other."""
+        beliefs, weights = [], []
+        status = np.zeros((len(self._laws), self._solver_size))
+        for row, (model, prior) in zip(status, zip(self._laws.values(), self._prior.beliefs, strict=True), strict=True):
+            evaluator = self._evaluator if model is self._model else TangentEvaluator(model)
+            problem = make_problem(model, evaluator, data, prior)
+            estimate = solve(problem, self._config)
+            if self._method == "joint":
+                estimate = refine_jointly(problem, estimate)
+            beliefs.append(estimate.belief)
+            weights.append(log_evidence(problem, estimate) if len(self._laws) > 1 else 0.0)
+            _fill_status(row, estimate)
+        return LawBelief(self._prior.laws, tuple(beliefs), np.array(weights)), status.ravel()
 
     def _due(self, count: int) -> bool:
         """Whether an estimate is due at sample number `count`, from 0."""
         if count == self._shape[1] - 1:
             return True
         return self._every > 0 and count > 0 and count % self._every == 0
+
+
+def _fill_status(row: Array, estimate: MapEstimate) -> None:
+    """Fills `row` with whether the solver succeeded, its status, and which parameters are on a bound."""
+    names = estimate.belief.names
+    row[:2] = float(estimate.solved), float(estimate.solver.status)
+    row[2 : 2 + len(names)] = [float(name in estimate.on_bound) for name in names]

@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import LogVectorOutput
 
-from drake_cafim.belief import Belief
+from drake_cafim.belief import Belief, LawBelief
 from drake_cafim.design.guard_system import ForceGuard
 from drake_cafim.design.planner import PlannerConfig, PlannerName
 from drake_cafim.design.policies import PolicyName, make_policy
@@ -17,7 +17,7 @@ from drake_cafim.design.system import CaOed
 from drake_cafim.errors import InputError
 from drake_cafim.estimation.problem import make_problem
 from drake_cafim.estimation.shooting import SolverReport
-from drake_cafim.estimation.system import CaMap
+from drake_cafim.estimation.system import CaMap, EstimatorName
 from drake_cafim.experiment.kinematic_world import kinematic_world
 from drake_cafim.experiment.world import World
 from drake_cafim.information import Criterion
@@ -25,7 +25,7 @@ from drake_cafim.sensitivity.evaluator import Fisher, make_evaluator
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.sensitivity.tangent import TangentEvaluator
 from drake_cafim.tasks.point import PointModel
-from drake_cafim.tasks.task import Task
+from drake_cafim.tasks.task import Candidate, Task
 from drake_cafim.typing import Array
 
 
@@ -37,6 +37,7 @@ class Options:
     planner: PlannerName = "predictive-sampling"
     criterion: Criterion = "logdet"
     fisher: Fisher = "tangent"
+    estimator: EstimatorName = "shooting"
     planner_config: PlannerConfig = field(default_factory=PlannerConfig)
     belief_samples: int = 1  # points of the belief over which a plan's score is averaged; 1: its mode
     # limit the commands so that the true force stays within the task's limit; None: only those of contact-aware that a
@@ -53,9 +54,10 @@ class ExperimentResult:
 
     time (T+1,), commands (T, nu), robot states (T+1, 2 nu), measured and true forces (T, ny) after each command.
     `fisher` (n, n) is this experiment's information alone, at the estimate after it. `history` is the belief after
-    each estimate within the experiment: (time, mean, std). `solver` is the solver's status, and `on_bound` names the
-    parameters whose estimate is at a bound. `recorded` holds the world's recorded outputs, (N, size) each, and their
-    `time` (N,), from 0 on.
+    each estimate within the experiment, with its time. Where several contact laws are candidates, `over_laws` holds the
+    belief over each, and all other fields are those of the most probable one. `solver` is the solver's status, and
+    `on_bound` names the parameters whose estimate is at a bound. `recorded` holds the world's recorded outputs, (N,
+    size) each, and their `time` (N,), from 0 on.
     """
 
     belief: Belief
@@ -72,7 +74,8 @@ class ExperimentResult:
     true_force: Array
     plans: Array
     candidates: Array
-    history: tuple[tuple[float, Array, Array], ...]
+    history: tuple[tuple[float, LawBelief], ...]
+    over_laws: LawBelief
     solver: SolverReport = field(default_factory=lambda: SolverReport(True, 0))
     on_bound: tuple[str, ...] = ()
     recorded: Mapping[str, Array] = field(default_factory=dict)
@@ -87,6 +90,16 @@ class RunResult:
     world: str
     prior: Belief
     experiments: tuple[ExperimentResult, ...]
+
+    @property
+    def best(self) -> int:
+        """The index among the task's candidates of the law that was the most probable one after the last experiment."""
+        return self.experiments[-1].over_laws.best if self.experiments else 0
+
+    @property
+    def candidate(self) -> Candidate:
+        """The most probable law after the last experiment."""
+        return self.task.candidates[self.best]
 
     @property
     def belief(self) -> Belief:
@@ -133,11 +146,11 @@ def force_limit(task: Task) -> float:
     return float(limit)
 
 
-def guarded_model(task: Task) -> PlanningModel:
-    """The task's model for planning with a force guard: not above its careful speed, since the guard would limit it."""
-    model: Any = task.model
+def guarded_model(given: PlanningModel) -> PlanningModel:
+    """The model for planning with a force guard: not above its careful speed, since the guard would limit it."""
+    model: Any = given
     if not isinstance(model, PointModel):
-        return task.model
+        return given
     return cast(PlanningModel, replace(model, speed_limit=min(model.speed_limit, model.careful_speed)))
 
 
@@ -152,7 +165,7 @@ def _uses_guard(task: Task, options: Options, world: World) -> bool:
 def _add_guard(builder: DiagramBuilder, task: Task, options: Options) -> ForceGuard | None:
     if not options.force_guard:
         return None
-    guard = ForceGuard(guarded_model(task), force_limit(task))
+    guard = ForceGuard(guarded_model(task.model), force_limit(task))
     builder.AddNamedSystem("guard", guard)
     return guard
 
@@ -163,17 +176,20 @@ class _Loop:
     def __init__(self, task: Task, options: Options, world: World) -> None:
         self.task, self.world = task, world
         model = task.model
-        self.evaluator = TangentEvaluator(model)  # for estimates; the policy has one of its own
-        planned = guarded_model(task) if options.force_guard else model
+        # behind a guard, plans are made at its careful speed under every law
+        careful = [guarded_model(each.model) if options.force_guard else each.model for each in task.candidates]
+        laws = {each.law: each.model for each in task.candidates}
+        planned = dict(zip(laws, careful, strict=True))
         policy = make_policy(
             options.policy,
-            planned,
+            careful[0],
             planner=options.planner,
             criterion=options.criterion,
             fisher=options.fisher,
             config=options.planner_config,
             belief_samples=options.belief_samples,
             force_limit=force_limit(task) if options.force_guard else None,
+            laws=planned,
         )
         builder = DiagramBuilder()
         self.plant: System = builder.AddNamedSystem("world", world.system)
@@ -184,6 +200,7 @@ class _Loop:
             seed=options.seed,
             evaluator=make_evaluator(options.fisher, model),
             force_hypotheses=0 if self.guard is None else self.guard.hypotheses,
+            laws=laws,
         )
         builder.AddNamedSystem("design", self.design)
         total = task.experiments if options.experiments is None else options.experiments
@@ -192,6 +209,8 @@ class _Loop:
             periods=task.periods,
             experiments=total,
             estimate_every=task.estimate_every,
+            laws=laws,
+            method=options.estimator,
         )
         builder.AddNamedSystem("estimator", self.estimator)
         state, force = (self.plant.GetOutputPort(name) for name in ("measured_state", "measured_force"))
@@ -233,7 +252,7 @@ class _Loop:
         estimating = self.estimator.GetMyMutableContextFromRoot(root)
         self.estimator.begin_experiment(estimating, number)
         if self.guard is not None and number == 0:  # its force belief carries over to the following experiments
-            belief = self.estimator.belief(estimating)
+            belief = self.estimator.law_belief(estimating).beliefs[0]  # the guard has the scenario's own law
             self.guard.begin(self.guard.GetMyMutableContextFromRoot(root), belief)
         logs: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.sinks.items()}
         recorders: dict[str, Any] = {name: sink.FindMutableLog(root) for name, sink in self.recorders.items()}
@@ -259,21 +278,22 @@ class _Loop:
         return data
 
     def _result(self, root: Context, rows: Mapping[str, Array], recorded: Mapping[str, Array]) -> ExperimentResult:
-        task, model = self.task, self.task.model
+        task = self.task
         context = self.estimator.GetMyContextFromRoot(root)
-        belief = self.estimator.belief(context)
+        over_laws = self.estimator.law_belief(context)
+        candidate, belief = task.candidates[over_laws.best], over_laws.beliefs[over_laws.best]
+        model = candidate.model
         solver, on_bound = self.estimator.solver(context)
-        problem = make_problem(model, self.evaluator, self.estimator.data(context)[-1:])
+        problem = make_problem(model, TangentEvaluator(model), self.estimator.data(context)[-1:])
         fisher = problem.fisher(belief.mean)[0]
         states, commands = rows["state"], rows["command"][1:]
         motion = model.measured_motion(states[np.newaxis])[0, :: model.substeps]
         axes = commands.shape[1]
-        truth = task.theta
         return ExperimentResult(
             belief=belief,
             fisher=fisher,
             scaled_trace=float(np.trace(np.diag(model.parameters.std**2) @ fisher)),
-            error_percent=dict(zip(belief.names, (100.0 * (belief.mean - truth) / truth).tolist(), strict=True)),
+            error_percent=errors(belief, candidate),
             behaviour={**model.behaviour(motion, rows["true"][1:]), **_largest_force(recorded)},
             tracking_error=float(np.abs(states[1:, axes : 2 * axes] - commands).max()),
             planning_ms=rows["planning_ms"][1:, 0],
@@ -284,23 +304,33 @@ class _Loop:
             true_force=rows["true"][1:],
             plans=rows["plan"][1:],
             candidates=rows["candidates"][1:],
-            history=self._history(np.concatenate([rows["belief"][1:], [belief.vector()]])),
+            history=self._history(np.concatenate([rows["belief"][1:], [over_laws.vector()]])),
+            over_laws=over_laws,
             solver=solver,
             on_bound=on_bound,
             recorded=recorded,
         )
 
-    def _history(self, beliefs: Array) -> tuple[tuple[float, Array, Array], ...]:
-        """Time, mean and std after each estimate within the experiment; row k of `beliefs` is that after step k."""
+    def _history(self, beliefs: Array) -> tuple[tuple[float, LawBelief], ...]:
+        """Time and belief after each estimate within the experiment; row k of `beliefs` is that after step k."""
         task = self.task
         if task.estimate_every == 0:
             return ()
-        names, result = task.model.parameters.names, []
+        laws = tuple(each.law for each in task.candidates)
+        names, result = [each.model.parameters.names for each in task.candidates], []
         for step in range(1, len(beliefs)):
             if step % task.estimate_every == 0 or step == task.periods:
-                belief = Belief.from_vector(names, beliefs[step])
-                result.append((step * task.model.period, belief.mean, belief.std))
+                result.append((step * task.model.period, LawBelief.from_vector(laws, names, beliefs[step])))
         return tuple(result)
+
+
+def errors(belief: Belief, candidate: Candidate) -> dict[str, float]:
+    """By name 100 (estimate − truth) / truth of the parameters that are no nuisance."""
+    found = {}
+    for name, mean in zip(belief.names, belief.mean.tolist(), strict=True):
+        if name in candidate.truth:
+            found[name] = 100.0 * (mean - candidate.truth[name]) / candidate.truth[name]
+    return found
 
 
 def _largest_force(recorded: Mapping[str, Array]) -> dict[str, float]:

@@ -4,11 +4,15 @@ from typing import Any
 
 import numpy as np
 
-from drake_cafim.belief import Belief
+from drake_cafim.belief import Belief, LawBelief
 from drake_cafim.experiment.closed_loop import ExperimentResult, RunResult
 from drake_cafim.information import identifiable_combinations
+from drake_cafim.parameters import Parameters
+from drake_cafim.tasks.task import Candidate, Task
 
 SCHEMA = "drake_cafim.run/1"
+MOST_ODDS = 1e12
+"""Odds are given up to this."""
 
 
 def run_record(result: RunResult, recordings: list[str], files: dict[str, Any]) -> dict[str, Any]:
@@ -22,27 +26,38 @@ def run_record(result: RunResult, recordings: list[str], files: dict[str, Any]) 
         "planner": result.options.planner,
         "criterion": result.options.criterion,
         "fisher": result.options.fisher,
+        "estimator": result.options.estimator,
         "force_guard": result.options.force_guard,
         "belief_samples": result.options.belief_samples,
         "seed": result.options.seed,
         "truth": {name: float(value) for name, value in task.truth.items()},
-        "prior": {
-            name: {"mean": float(mean), "std": float(std)}
-            for name, mean, std in zip(result.prior.names, result.prior.mean, result.prior.std, strict=True)
-        },
+        "prior": _prior(task.model.parameters),
+        **_other_laws(task),
         "experiments": [
-            _experiment(experiment, result.prior, recording)
+            _experiment(experiment, task.candidates[experiment.over_laws.best], recording)
             for experiment, recording in zip(result.experiments, recordings, strict=True)
         ],
         "files": files,
     }
 
 
-def _experiment(experiment: ExperimentResult, prior: Belief, recording: str) -> dict[str, Any]:
-    belief = experiment.belief
+def _prior(parameters: Parameters) -> dict[str, Any]:
+    return {parameter.name: {"mean": parameter.mean, "std": parameter.std} for parameter in parameters.free}
+
+
+def _other_laws(task: Task) -> dict[str, Any]:
+    """The contact laws that are candidates beside the task's own, with their priors and their true values."""
+    if not task.others:
+        return {}
+    others = {each.law: {"truth": dict(each.truth), "prior": _prior(each.model.parameters)} for each in task.candidates}
+    return {"candidates": others}
+
+
+def _experiment(experiment: ExperimentResult, candidate: Candidate, recording: str) -> dict[str, Any]:
+    belief, prior = experiment.belief, Belief.prior(candidate.model.parameters)
     return {
-        "estimate": _by_name(belief, belief.mean),
-        "std": _by_name(belief, belief.std),
+        **_laws(experiment.over_laws),
+        **_estimate(experiment.over_laws),
         "error_percent": dict(experiment.error_percent),
         "fisher": experiment.fisher.tolist(),
         "scaled_trace": experiment.scaled_trace,
@@ -55,8 +70,7 @@ def _experiment(experiment: ExperimentResult, prior: Belief, recording: str) -> 
         },
         "tracking_error": experiment.tracking_error,
         "history": [
-            {"time": time, "estimate": _by_name(belief, mean), "std": _by_name(belief, std)}
-            for time, mean, std in experiment.history
+            {"time": time, **_estimate(over_laws), **_laws(over_laws)} for time, over_laws in experiment.history
         ],
         "planning_ms": {
             "median": float(np.median(experiment.planning_ms)),
@@ -64,6 +78,21 @@ def _experiment(experiment: ExperimentResult, prior: Belief, recording: str) -> 
         },
         "recording": recording,
     }
+
+
+def _estimate(over_laws: LawBelief) -> dict[str, Any]:
+    belief = over_laws.beliefs[over_laws.best]
+    return {"estimate": _by_name(belief, belief.mean), "std": _by_name(belief, belief.std)}
+
+
+def _laws(over_laws: LawBelief) -> dict[str, Any]:
+    """The most probable law and the odds of each against all others together; empty for a single law."""
+    if len(over_laws.laws) < 2:
+        return {}
+    probability = over_laws.probability
+    rest = np.array([np.delete(probability, k).sum() for k in range(len(probability))])
+    odds = np.minimum(probability / np.maximum(rest, 1e-300), MOST_ODDS)
+    return {"law": over_laws.laws[over_laws.best], "laws": dict(zip(over_laws.laws, odds.tolist(), strict=True))}
 
 
 def describe_combinations(prior: Belief, belief: Belief) -> dict[str, Any]:

@@ -120,3 +120,11 @@ def _draw_beliefs(meshcat: Meshcat, replay: Replay) -> None:
         meshcat.SetTransform(f"{ROOT}/title", X_WB.multiply(shifted(0.0, 1.06 * height, 0.0)))
         path = f"{ROOT}/title/words"
         draw_text(meshcat, path, replay.title, at=(0.0, 0.0), height=0.1 * height, width=width, bold=True)
+    if replay.captions is not None:
+        meshcat.SetTransform(f"{ROOT}/captions", X_WB.multiply(shifted(0.0, 1.22 * height, 0.0)))
+        current = np.maximum(np.searchsorted(replay.captions.time, frames + 1e-9, side="right") - 1, 0)
+        for index, text in enumerate(replay.captions.texts):
+            page = f"{ROOT}/captions/page{index}"
+            draw_text(meshcat, f"{page}/words", text, at=(0.0, 0.0), height=0.09 * height, width=width)
+            for moment, visible in changes(frames, current == index):
+                meshcat.SetProperty(page, "visible", visible, moment)

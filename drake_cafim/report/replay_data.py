@@ -45,6 +45,14 @@ class BeliefHistory:
 
 
 @dataclass(frozen=True)
+class Captions:
+    """Lines of text above the title, each from its time (C,) s on until the next one's."""
+
+    time: Array
+    texts: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Camera:
     """Where the eye stands and what it looks at, (3,) m in W."""
 
@@ -62,6 +70,7 @@ class Replay:
     forces: Forces | None = None
     candidates: Candidates | None = None
     beliefs: tuple[BeliefHistory, ...] = field(default=())
+    captions: Captions | None = None
     camera: Camera = field(default_factory=Camera)
     panel: tuple[float, float, float] = (0.0, 0.6, 0.6)
     panel_width: float = 0.5  # m

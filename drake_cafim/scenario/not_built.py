@@ -4,12 +4,9 @@ from collections.abc import Collection, Mapping
 
 from drake_cafim.errors import InputError
 
-KEYS: Mapping[tuple[str, str], str] = {
-    ("ContactPair", "modulus"): "the hydroelastic law",
-}
+KEYS: Mapping[tuple[str, str], str] = {}
 """(dataclass of the schema, key) to the feature's name in messages."""
-LAWS: Mapping[str, str] = {"hydroelastic": "the hydroelastic law"}
-UNKNOWNS = ("modulus",)
+UNKNOWNS = ()
 EFFECTS = (
     "contact_law",
     "learned_force",

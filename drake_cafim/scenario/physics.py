@@ -66,7 +66,7 @@ class Physics:
         numbers = [found for contact in self.contacts if (found := contact.numbers) is not None]
         if len(numbers) < len(self.contacts):
             return None
-        places, laws = (np.array([found[k] for found in numbers]).reshape(-1, size) for k, size in ((0, 10), (1, 7)))
+        places, laws = (np.array([found[k] for found in numbers]).reshape(-1, size) for k, size in ((0, 10), (1, 9)))
         return np.array([contact.joint for contact in self.contacts], dtype=np.int64), places, laws
 
     @property

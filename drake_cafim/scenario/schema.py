@@ -85,10 +85,18 @@ class ContactPair:
     """The nominal contact model of two bodies; the moving or tracked one first."""
 
     bodies: list[str] = dc.field(default_factory=list, metadata={"length": 2})  # their names
-    law: str = "kelvin_voigt"  # of the normal force: kelvin_voigt, paper or hunt_crossley
-    stiffness: float = number(0.0, "N/m", least=0.0, above=True)  # K; of a box on a plane, per corner
+    law: str = "kelvin_voigt"  # of the normal force: kelvin_voigt, paper, hunt_crossley or hydroelastic
+    # K, of all laws but hydroelastic; of a box on a plane, per corner
+    stiffness: float = number(0.0, "N/m", least=0.0, above=True)
     damping: float = number(0.0, "N s/m", least=0.0, most=1e9)  # C, of kelvin_voigt and paper
-    dissipation: float = number(0.0, "s/m", least=0.0, most=1e6)  # c, of hunt_crossley
+    dissipation: float = number(0.0, "s/m", least=0.0, most=1e6)  # c, of hunt_crossley and hydroelastic
+    modulus: float = number(0.0, "Pa", least=0.0, above=True)  # E, of hydroelastic
+    # of hydroelastic: the radius of the sphere; left out: that of the model's
+    radius: float | None = number(None, "m", least=0.0, above=True)
+    # of hydroelastic: half the smallest extent of the flat body where that is the soft one; left out: the sphere is
+    half_extent: float | None = number(None, "m", least=0.0, above=True)
+    # of hydroelastic: Drake's resolution hint for the sphere's mesh; left out: an exact sphere
+    resolution: float = number(0.0, "m", least=0.0)
     friction: float = number(0.0, least=0.0, most=100.0)  # μ
     # −μ λ tanh(|v_t|/slip_velocity) along the sliding velocity v_t; friction needs this or resistance
     slip_velocity: float | None = number(None, "m/s", least=0.0, most=100.0, above=True)
@@ -169,7 +177,9 @@ class Scenario:
 
 MOST_ORDER = 20
 """Highest order of a `lowpass`."""
-LAWS = ("kelvin_voigt", "paper", "hunt_crossley")
+LAWS = ("kelvin_voigt", "paper", "hunt_crossley", "hydroelastic")
+FIELD = ("modulus", "radius", "half_extent", "resolution")
+"""The keys of a contact that only the law hydroelastic has."""
 OF_HARDWARE_SIM = (
     "random_seed", "simulation_duration", "simulator_config", "plant_config", "scene_graph_config", "lcm_buses",
     "model_drivers", "cameras", "visualization", "initial_position",
@@ -303,16 +313,19 @@ def _check_servo(servo: ServoEntry, key: str) -> None:
 def _check_contact(pair: ContactPair, key: str) -> None:
     if len(pair.bodies) != 2 or pair.bodies[0] == pair.bodies[1]:
         raise InputError(f"{key}.bodies is {pair.bodies}, expected the names of two bodies")
-    not_built.refuse_value(pair.law, not_built.LAWS, f"{key}.law")
     if pair.law not in LAWS:
         raise InputError(f"{key}.law is {pair.law!r}; valid: {', '.join(LAWS)}")
-    if not pair.stiffness > 0.0:
-        raise InputError(f"{key} has no stiffness, expected a number in N/m")
+    field = pair.law == "hydroelastic"
+    needed, unit = ("modulus", "Pa") if field else ("stiffness", "N/m")
+    if not getattr(pair, needed) > 0.0:
+        raise InputError(f"{key} has no {needed}, expected a number in {unit}")
     if pair.friction and (pair.slip_velocity is None) == (pair.resistance is None):
         raise InputError(f"{key} needs exactly one of slip_velocity and resistance")
-    other = "damping" if pair.law == "hunt_crossley" else "dissipation"
-    if getattr(pair, other):
-        raise InputError(f"{key}.{other} is {getattr(pair, other):g}, but the law {pair.law} has no {other}")
+    dissipates = pair.law in ("hunt_crossley", "hydroelastic")
+    lacking = ["damping" if dissipates else "dissipation", *(("stiffness",) if field else FIELD)]
+    for other in lacking:
+        if getattr(pair, other):
+            raise InputError(f"{key}.{other} is {getattr(pair, other):g}, but the law {pair.law} has no {other}")
     if pair.ground is not None and not any(pair.ground.normal):
         raise InputError(f"{key}.ground.normal is {pair.ground.normal}, expected a direction")
 

@@ -40,21 +40,28 @@ def contact_of(
         plane = _plane(pair, still, plant, scene_graph, tree, p_WC)
         if plane is None:
             continue
+        if pair.law == "hydroelastic" and sphere is None:
+            raise InputError(f"{source}: contact {'/'.join(names)}: the law hydroelastic is of a sphere, found a box")
+        radius = sphere[2] if sphere is not None and pair.radius is None else pair.radius
         parameters = ContactParameters(
             stiffness=pair.stiffness,
             damping=pair.damping,
             dissipation=pair.dissipation,
+            modulus=pair.modulus,
+            radius=radius or 0.0,
+            half_extent=pair.half_extent or 0.0,
+            resolution=pair.resolution,
             friction=pair.friction,
             slip_velocity=pair.slip_velocity,
             resistance=pair.resistance,
         )
         law = ContactLaw(pair.law)  # type: ignore[arg-type]
         if sphere is not None:
-            joint, p_JC, radius = sphere
-            return SphereContact((moving, still), joint, p_JC, radius, plane[0], plane[1], law, parameters)
+            joint, p_JC, size = sphere
+            return SphereContact((moving, still), joint, p_JC, size, plane[0], plane[1], law, parameters)
         assert box is not None
-        p_JG, R_JG, size = box
-        return BoxContact((moving, still), FREE, p_JG, 0.0, plane[0], plane[1], law, parameters, (), size, R_JG)
+        p_JG, R_JG, extents = box
+        return BoxContact((moving, still), FREE, p_JG, 0.0, plane[0], plane[1], law, parameters, (), extents, R_JG)
     raise InputError(
         f"{source}: contact {'/'.join(names)}: expected a body with one collision sphere that moves, or a floating one "
         "with one collision box, against a body with one collision box or half-space that does not move, or ground:"

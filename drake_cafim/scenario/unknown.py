@@ -21,8 +21,14 @@ from drake_cafim.typing import Array
 BODY_PARAMETERS = {"mass": "kg", "com_x": "m", "com_y": "m", "com_z": "m", "inertia": "1"}
 JOINT_PARAMETERS = {"damping": "N m s/rad", "rotor_inertia": "kg m^2"}
 SIZES = {"length": "m", "width": "m", "height": "m", "radius": "m"}
-CONTACT_PARAMETERS = {"stiffness": "N/m", "damping": "N s/m", "dissipation": "s/m", "friction": "1"}
-_ABOVE_ZERO = (*SIZES, "mass", "inertia", "stiffness", "servo_stiffness", "servo_limit")
+CONTACT_PARAMETERS = {
+    "stiffness": "N/m",
+    "damping": "N s/m",
+    "dissipation": "s/m",
+    "modulus": "Pa",
+    "friction": "1",
+}
+_ABOVE_ZERO = (*SIZES, "mass", "inertia", "stiffness", "modulus", "servo_stiffness", "servo_limit")
 _POSITIVE = (*_ABOVE_ZERO, "damping", "rotor_inertia", "dissipation", "friction", "servo_damping")
 
 
@@ -179,7 +185,8 @@ def _place(entry: Unknown, physics: Physics, key: str) -> tuple[str, str, dict[s
         if set(contact.bodies) == set(entry.contact):
             values, law = contact.parameters, contact.law.normal
             present = float(getattr(values, entry.parameter, None) or 0.0)
-            absent = {"damping" if law == "hunt_crossley" else "dissipation"}
+            absent = {"damping" if law in ("hunt_crossley", "hydroelastic") else "dissipation"}
+            absent.add("stiffness" if law == "hydroelastic" else "modulus")
             if values.slip_velocity is None and values.resistance is None:
                 absent.add("friction")
             valid = {name: unit for name, unit in CONTACT_PARAMETERS.items() if name not in absent}

@@ -22,9 +22,11 @@ from drake_cafim.studies.findings import Findings
 from drake_cafim.studies.guarding import guarding, guarding_cells
 from drake_cafim.studies.identifiability import identifiability, identifiability_cells
 from drake_cafim.studies.landscapes import landscape_cells, landscapes
+from drake_cafim.studies.laws import law_cells, laws
 from drake_cafim.studies.noise import noise, noise_cells
 from drake_cafim.studies.one_rub import one_rub, one_rub_cells
 from drake_cafim.studies.point_contact import point_contact, point_contact_cells
+from drake_cafim.studies.printed import printed, printed_cells
 from drake_cafim.studies.priors import calibration, calibration_cells, robustness, robustness_cells
 from drake_cafim.studies.reaching import reaching, reaching_cells
 from drake_cafim.studies.requirements import requirement_cells, requirements
@@ -62,5 +64,7 @@ STUDIES: Mapping[str, Study] = {
     "point-contact": Study(point_contact_cells, point_contact),
     "reaching": Study(reaching_cells, reaching),
     "worlds": Study(world_cells, worlds),
+    "laws": Study(law_cells, laws),
+    "as-printed": Study(printed_cells, printed),
     "hefting-table": Study(hefting_table_cells, hefting_table),
 }

@@ -6,19 +6,21 @@ from typing import Any, cast
 
 import numpy as np
 
+from drake_cafim.belief import Belief
 from drake_cafim.design.planner import PlannerName
 from drake_cafim.design.policies import PolicyName
 from drake_cafim.diagrams.catalogue import stage_of
 from drake_cafim.diagrams.world import WorldKind
-from drake_cafim.experiment.closed_loop import ExperimentResult, Options, RunResult, run
+from drake_cafim.experiment.closed_loop import ExperimentResult, Options, RunResult, errors, run
 from drake_cafim.experiment.kinematic_world import kinematic_world
 from drake_cafim.experiment.run_record import describe_combinations
 from drake_cafim.experiment.world import World
-from drake_cafim.information import Criterion
+from drake_cafim.information import Criterion, without_nuisance
 from drake_cafim.scenario.schema import load
 from drake_cafim.scene.scene import resolve
 from drake_cafim.studies.diagnosed import diagnose_run
 from drake_cafim.studies.other_laws import other_laws
+from drake_cafim.tasks.as_printed import as_printed
 from drake_cafim.tasks.contouring import contouring
 from drake_cafim.tasks.hefting import hefting
 from drake_cafim.tasks.pinching import pinching
@@ -54,6 +56,9 @@ class Cell:
     belief_samples: int = 1  # points of the belief over which plans are scored
     force_guard: bool | None = None  # None: as `experiment.Options` has it
     believed: tuple[tuple[str, float], ...] = ()  # numbers of the planner's model that are not the world's
+    law: str | None = None  # candidate contact laws: all, one of them, or None for the scenario's own
+    place_std: float = 0.0  # m, of the prior of the contact's place, learned as nuisance; 0: known
+    as_printed: bool = False  # with the paper's own choices
     diagnosed: bool = False  # the joints are recorded as well, and a diagnosis looks for what its scenario lacks
 
     @property
@@ -69,6 +74,9 @@ class Cell:
         parts += [f"{name}{value:g}" for name, value in self.believed]
         parts += [f"process{self.process_noise:g}"] if self.process_noise else []
         parts += [f"outside{self.outside:g}"] if self.outside else []
+        parts += [f"law-{self.law}"] if self.law else []
+        parts += [f"place{self.place_std:g}"] if self.place_std else []
+        parts += ["as-printed"] if self.as_printed else []
         parts += ["diagnosed"] if self.diagnosed else []
         return "_".join(parts)
 
@@ -88,11 +96,11 @@ def measure(cell: Cell) -> dict[str, Any]:
     options = Options(
         policy=cell.policy,
         planner=cell.planner,
-        criterion=cell.criterion,
+        criterion="trace" if cell.as_printed else cell.criterion,
         seed=cell.seed,
         experiments=cell.experiments,
         belief_samples=cell.belief_samples,
-        force_guard=cell.force_guard,
+        force_guard=False if cell.as_printed else cell.force_guard,
     )
     result = run(task, options, world)
     kept = {} if cell.scenario != POINT else {"laws": other_laws(result)}
@@ -101,7 +109,7 @@ def measure(cell: Cell) -> dict[str, Any]:
     return {
         **kept,
         "parameters": list(task.model.parameters.names),
-        "prior_error": (100.0 * (result.prior.mean - task.theta) / task.theta).tolist(),
+        "prior_error": list(errors(result.prior, task.candidates[0]).values()),
         "period": task.model.period,
         "experiments": [_stored_numbers(result, experiment) for experiment in result.experiments],
     }
@@ -112,12 +120,18 @@ def _task_and_world(cell: Cell) -> tuple[Task, World]:
     stage = None if kinematic else stage_of(load(resolve(cell.scenario)), cell.scenario)
     task = TASKS[cell.scenario]() if stage is None else stage.task
     task = task.with_prior_mean(cell.prior_scale)
+    if stage is not None:
+        task = stage.with_laws(task, cell.law)
+    elif cell.law is not None:
+        task = stage_of(load(resolve(cell.scenario)), cell.scenario).with_laws(task, cell.law)
     if cell.noise != 1.0:
         # every packaged model has a field force_std
         noisy: Any = task.model
         task = replace(task, model=replace(noisy, force_std=cell.noise * noisy.force_std))
     true, model = task, cast(Any, task.model)
     task = replace(task, model=replace(model, **dict(cell.believed)))
+    task = as_printed(task) if cell.as_printed else task
+    task = task.with_unknown_place(cell.place_std) if cell.place_std else task
     if stage is None or cell.world is None:
         return task, kinematic_world(
             _with_contact_outside(true, cell.outside), seed=cell.seed, process_std=cell.process_noise
@@ -139,14 +153,23 @@ def _with_contact_outside(task: Task, outside: float) -> Task:
 
 
 def _stored_numbers(result: RunResult, experiment: ExperimentResult) -> dict[str, Any]:
-    theta = result.task.theta
-    eigenvalues = np.linalg.eigvalsh(experiment.fisher / np.outer(1.0 / theta, 1.0 / theta))
+    candidate = result.task.candidates[experiment.over_laws.best]
+    sought, theta, belief = candidate.model.parameters.sought, candidate.theta, experiment.belief
+    prior = Belief.prior(candidate.model.parameters)
+    counted, _ = without_nuisance(experiment.fisher, prior.information, sought)
+    eigenvalues = np.linalg.eigvalsh(counted / np.outer(1.0 / theta, 1.0 / theta))
+    laws = {}
+    if len(experiment.over_laws.laws) > 1:
+        weight = experiment.over_laws.log_weight - experiment.over_laws.log_weight.max()
+        laws = {"law": candidate.law, "log_odds": dict(zip(experiment.over_laws.laws, weight.tolist(), strict=True))}
     return {
+        **laws,
+        "errors": dict(experiment.error_percent),
         "error": list(experiment.error_percent.values()),
-        "inside": (np.abs(experiment.belief.mean - theta) <= 1.96 * experiment.belief.std).tolist(),
-        "std": (100.0 * experiment.belief.std / theta).tolist(),
+        "inside": (np.abs(belief.mean[sought] - theta) <= 1.96 * belief.std[sought]).tolist(),
+        "std": (100.0 * belief.std[sought] / theta).tolist(),
         "information": experiment.scaled_trace,
-        **describe_combinations(result.prior, experiment.belief),
+        **describe_combinations(prior, belief),
         "condition": float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 0 else None,
         "behaviour": dict(experiment.behaviour),
         "tracking_error": experiment.tracking_error,

@@ -69,7 +69,9 @@ def one_rub_claims(result: RunResult) -> list[Claim]:
 def history(result: RunResult) -> tuple[Array, Array, Array]:
     """Times (N,) s, and mean and std (N,) of the friction after each update."""
     rows = result.experiments[0].history
-    return tuple(np.array([np.ravel(row[column])[0] for row in rows]) for column in range(3))  # type: ignore[return-value]
+    beliefs = [over_laws.beliefs[0] for _, over_laws in rows]
+    time = np.array([time for time, _ in rows])
+    return time, np.array([belief.mean[0] for belief in beliefs]), np.array([belief.std[0] for belief in beliefs])
 
 
 def information(std: Array) -> Array:

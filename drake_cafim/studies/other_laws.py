@@ -6,18 +6,21 @@ from typing import Any
 
 import numpy as np
 
-from drake_cafim.contact.normal import NORMAL_LAWS, NormalLaw
+from drake_cafim.contact.normal import NormalLaw
 from drake_cafim.estimation.problem import Data, make_problem
 from drake_cafim.estimation.shooting import solve
 from drake_cafim.experiment.closed_loop import RunResult
 from drake_cafim.sensitivity.tangent import TangentEvaluator
 from drake_cafim.tasks.pinching import Pinching, hunt_crossley_pinching
 
+LAWS: tuple[NormalLaw, ...] = ("paper", "kelvin_voigt", "hunt_crossley")
+"""The laws of a stiffness."""
+
 
 def other_laws(result: RunResult) -> Mapping[str, dict[str, Any]]:
     """By law: the estimate from all experiments of a pinching run but the last, and χ² per sample of the last."""
     data = [Data(experiment.robot_states, experiment.measured_force) for experiment in result.experiments]
-    return {law: _estimated(_model(law, result), data) for law in NORMAL_LAWS}  # type: ignore[arg-type]
+    return {law: _estimated(_model(law, result), data) for law in LAWS}
 
 
 def _model(law: NormalLaw, result: RunResult) -> Pinching:

@@ -53,9 +53,7 @@ class CompliantHefting(Hefting):
             self.law,
             penetration,
             rate,
-            stiffness=self.stiffness,
-            damping=self.damping,
-            dissipation=self.dissipation,
+            **self._parameters.of_normal(self.law),
             smoothing=self.smoothing,
         )
         slope = np.empty((*rate.shape, 1, 2))
@@ -77,7 +75,10 @@ class CompliantHefting(Hefting):
     def rollout(self, motion: Array, theta: Array, start: Start) -> Rollout:
         """The same as `contact`, `step` and their Jacobians step by step, in one compiled loop (`FastRollout`)."""
         batch = motion.shape[0]
-        law = (NORMAL_LAWS.index(self.law), self.stiffness, self.damping, self.dissipation, self.smoothing)
+        numbers = self._parameters.of_normal(self.law)
+        field = (float(numbers.get("narrowing", 1.0)), float(numbers.get("deficit", 0.0)))
+        loss = (float(numbers.get("damping", 0.0)), float(numbers["dissipation"]))
+        law = (NORMAL_LAWS.index(self.law), float(numbers["stiffness"]), *loss, *field, self.smoothing)
         states, tangents, forces, slopes = _integrate(
             np.ascontiguousarray(motion),
             np.broadcast_to(start.state, (batch, 2)),
@@ -97,7 +98,7 @@ def _integrate(
     state: Array,
     tangent: Array,
     mass: float,
-    law: tuple[int, float, float, float, float],
+    law: tuple[int, float, float, float, float, float, float],
     gravity: float,
     h: float,
     substeps: int,
@@ -107,7 +108,7 @@ def _integrate(
     States (B, T+1, 2), tangents (B, T+1, 2, 1), forces (B, T, 1), slopes (B, T, 1, 1), from states (B, 2) and tangents
     (B, 2, 1), along motion (B, T·substeps + 1, 3).
     """
-    which, stiffness, damping, dissipation, smoothing = law
+    which, stiffness, damping, dissipation, narrowing, deficit, smoothing = law
     batch, length = motion.shape[:2]
     periods = (length - 1) // substeps
     states, tangents = np.empty((batch, periods + 1, 2)), np.empty((batch, periods + 1, 2, 1))
@@ -124,7 +125,15 @@ def _integrate(
                 v += h * (force / mass - gravity)
                 z += h * v
             at = normal_force_at(
-                which, motion[b, i, 0] - z, motion[b, i, 1] - v, stiffness, damping, dissipation, smoothing
+                which,
+                motion[b, i, 0] - z,
+                motion[b, i, 1] - v,
+                stiffness,
+                damping,
+                dissipation,
+                narrowing,
+                deficit,
+                smoothing,
             )
             force, slope = at[0], -at[1] * dz - at[2] * dv
             if i > 0 and i % substeps == 0:

@@ -2,9 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from drake_cafim.contact.edge import wedge_volume
+from drake_cafim.contact.law import ContactLaw, ContactParameters
+from drake_cafim.contact.normal import NormalLaw
+from drake_cafim.contact.pressure import surface_deficit
 from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.sensitivity.model import Jacobians, Rollout
 from drake_cafim.tasks.point import PointModel, force_excess
@@ -13,16 +18,21 @@ from drake_cafim.typing import Array
 
 TRUE_LENGTH, TRUE_WIDTH = 0.126, 0.05  # m, paper
 FACES = ("+x", "-x", "+y", "-y")
+LAW_PARAMETERS = ("stiffness", "dissipation")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Contouring(PointModel):
     """Planner coordinates (x, y) in the plane of the table; a round tip against a fixed box, no friction.
 
-    λ is (2,), the force on the tip, K (r − distance) along the box's outward normal at the nearest point. As the
+    λ is (2,), the force on the tip, K (r − distance) along the box's outward normal at the nearest point, or that of
+    Drake's pressure field (`contact/edge.py`). Of the first: as the
     tip's centre approaches a corner, the derivative of that normal, and with it the information, grows without
     bound; hence within `corner_radius` of a corner the direction is b / corner_radius, shorter than one, with b the
     vector from the corner.
+
+    θ holds length and width, and by their names in `parameters` any of stiffness, dissipation and modulus, and
+    `offset_x` and `offset_y` (m), the place of the box's centre relative to `centre`.
     """
 
     parameters: Parameters = field(
@@ -38,7 +48,12 @@ class Contouring(PointModel):
     workspace_upper: tuple[float, ...] = (0.8, 0.15)  # m, paper
     speed_limit: float = 0.5  # m/s, paper
     careful_speed: float = 0.17  # m/s
+    law: NormalLaw = "kelvin_voigt"  # of the force at the tip's deepest point, without damping but for a dissipation
     stiffness: float = 500.0  # N/m, paper
+    dissipation: float = 0.0  # s/m, of hunt_crossley and hydroelastic
+    modulus: float = 0.0  # Pa, of hydroelastic
+    height: float = 0.1  # m, of the box; the pressure of hydroelastic grows over half its smallest extent
+    resolution: float = 0.0  # m, Drake's resolution hint for the tip's mesh, of hydroelastic
     centre: tuple[float, float] = (0.5, 0.0)  # m
     tip_radius: float = 0.01  # m
     corner_radius: float = 0.002  # m, within which a corner's force decreases linearly to zero
@@ -48,47 +63,132 @@ class Contouring(PointModel):
     seeking: float = 0.01  # 1/m
 
     @property
+    def offsets(self) -> tuple[str, ...]:
+        """The parameters that say where the contact is relative to the plan."""
+        return ("offset_x", "offset_y")
+
+    @property
     def noise_std(self) -> Array:
         return np.full(2, self.force_std)
 
-    def _beyond(self, motion: Array, theta: Array) -> Array:
+    def _named(self, theta: Array) -> dict[str, Array]:
+        """The parameters by name, from θ (..., n)."""
+        return dict(zip(self.parameters.names, np.moveaxis(np.asarray(theta), -1, 0), strict=True))
+
+    def _size(self, named: Mapping[str, Array]) -> Array:
+        return np.stack([named["length"], named["width"]], axis=-1)
+
+    def _centre(self, named: Mapping[str, Array]) -> Array:
+        """The box's centre (..., 2) m."""
+        centre = np.asarray(self.centre)
+        if "offset_x" not in named:
+            return centre
+        return np.asarray(centre + np.stack([named["offset_x"], named["offset_y"]], axis=-1))
+
+    def _contact_parameters(self, named: Mapping[str, Array]) -> ContactParameters:
+        numbers: dict[str, Any] = {name: named.get(name, getattr(self, name)) for name in ("stiffness", "dissipation")}
+        return ContactParameters(**numbers)
+
+    def _beyond(self, motion: Array, named: Mapping[str, Array]) -> Array:
         """How far the tip's centre is beyond each pair of sides, (..., 2) m; negative between them."""
-        offset = np.abs(motion[..., :2] - np.asarray(self.centre))
-        return np.asarray(offset - 0.5 * np.asarray(theta))
+        return np.asarray(np.abs(motion[..., :2] - self._centre(named)) - 0.5 * self._size(named))
 
     def distance(self, motion: Array, theta: Array) -> Array:
         """Signed distance (...,) m from the tip's surface to the box."""
-        return _signed_distance(self._beyond(motion, theta)) - self.tip_radius
+        return _signed_distance(self._beyond(motion, self._named(theta))) - self.tip_radius
 
-    def _sides(self, motion: Array) -> Array:
-        return np.where(motion[..., :2] >= np.asarray(self.centre), 1.0, -1.0)
+    def _sides(self, motion: Array, named: Mapping[str, Array]) -> Array:
+        return np.where(motion[..., :2] >= self._centre(named), 1.0, -1.0)
+
+    def _field(self, named: Mapping[str, Any]) -> tuple[Any, Any, Any]:
+        """Gradient (Pa/m) and dissipation (s/m) of the box's pressure field, and the radius (m) of the tip's mesh."""
+        least = np.minimum(np.minimum(named["length"], named["width"]), self.height)
+        modulus, loss = (named.get(name, getattr(self, name)) for name in ("modulus", "dissipation"))
+        return modulus / (0.5 * least), loss, self.tip_radius - surface_deficit(self.tip_radius, self.resolution)
+
+    def _field_force(self, motion: Array, named: Mapping[str, Any]) -> Array:
+        """λ of the law `hydroelastic`: of each pair of faces the volume nearest to it times the field's gradient."""
+        (gradient, loss, radius), sides = self._field(named), self._sides(motion, named)
+        beyond = self._beyond(motion, named) / radius
+        volumes = [wedge_volume(beyond[..., axis], beyond[..., 1 - axis])[0] for axis in range(2)]
+        through = 1.0 - np.asarray(loss)[..., np.newaxis] * sides * motion[..., 2:4]
+        scale = np.asarray(gradient * radius**3)[..., np.newaxis]
+        return np.asarray(scale * np.stack(volumes, axis=-1) * np.maximum(through, 0.0) * sides)
+
+    def _field_jacobians(self, motion: Array, theta: Array) -> Jacobians:
+        """`_field_force` with its derivatives: those of a volume are areas, see `wedge_volume`."""
+        named = self._named(theta)
+        (gradient, loss, radius), sides = self._field(named), self._sides(motion, named)
+        beyond = self._beyond(motion, named) / radius
+        volume, by_beyond = np.empty(beyond.shape), np.empty((*beyond.shape, 2))
+        for axis in range(2):
+            found = wedge_volume(beyond[..., axis], beyond[..., 1 - axis])
+            volume[..., axis], by_beyond[..., axis, axis], by_beyond[..., axis, 1 - axis] = found
+        rate = -sides * motion[..., 2:4]
+        through = np.maximum(1.0 + loss * rate, 0.0)
+        force = gradient * radius**3 * volume * through * sides
+        by_size = -0.5 * gradient * radius**2 * by_beyond * (through * sides)[..., np.newaxis]
+        by_name = {"length": by_size[..., 0], "width": by_size[..., 1]}
+        by_name |= {"offset_x": 2.0 * sides[..., :1] * by_size[..., 0]}
+        by_name |= {"offset_y": 2.0 * sides[..., 1:] * by_size[..., 1]}
+        by_name |= {"dissipation": gradient * radius**3 * volume * np.where(through > 0.0, rate, 0.0) * sides}
+        if "modulus" in named:
+            by_name |= {"modulus": force / named["modulus"]}
+        smallest = min(("length", "width"), key=lambda name: float(named[name]))
+        if float(named[smallest]) < self.height:  # the field's gradient is the modulus over half the smallest extent
+            by_name[smallest] = by_name[smallest] - force / named[smallest]
+        slope = np.stack([by_name[name] for name in self.parameters.names], axis=-1)
+        return Jacobians(force, np.zeros((2, 0)), np.zeros((2, 2)), slope)
 
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
-        beyond = self._beyond(motion, theta)
+        named = self._named(theta)
+        if self.law == "hydroelastic":
+            return self._field_force(motion, named)
+        beyond, sides = self._beyond(motion, named), self._sides(motion, named)
         depth = self.tip_radius - _signed_distance(beyond)
-        size = np.where(depth > 0, self.stiffness * depth, 0.0)
-        return np.asarray(np.asarray(size)[..., np.newaxis] * self._direction(beyond) * self._sides(motion))
+        rate = -(_gradient(beyond) * sides * motion[..., 2:4]).sum(axis=-1)
+        size = ContactLaw(self.law).normal_force(depth, rate, self._contact_parameters(named))
+        return np.asarray(size[..., np.newaxis] * self._direction(beyond) * sides)
 
     def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
-        """With b = |p − c| − θ/2, distance s(b) and direction n(b): λ = K (r − s) σ∘n, and ∂b/∂θ = −½.
+        """With b = |p − c| − θ/2, distance s(b) and direction n(b): λ = N(r − s, ḋ) σ∘n, and ∂b/∂θ = −½.
 
-        Hence ∂λ/∂θ = ½ K σ∘(n ∇sᵀ − (r − s) ∂n/∂b); ∂n/∂b is zero but at corners.
+        Hence ∂λ/∂θ = ½ σ∘(N_d n ∇sᵀ − N ∂n/∂b − N_ḋ n (∂ḋ/∂b)ᵀ); ∂n/∂b and ∂ḋ/∂b are zero but at corners.
         """
-        beyond = self._beyond(motion, theta)
+        if self.law == "hydroelastic":
+            return self._field_jacobians(motion, theta)
+        named = self._named(theta)
+        beyond, sides = self._beyond(motion, named), self._sides(motion, named)
         distance = _signed_distance(beyond)
         direction, gradient = self._direction(beyond), _gradient(beyond)
-        depth = np.maximum(self.tip_radius - distance, 0.0)
-        active = np.where(depth > 0, 1.0, 0.0)[..., np.newaxis, np.newaxis]
+        along = sides * motion[..., 2:4]
+        parameters = self._contact_parameters(named)
+        exact = ContactLaw(self.law).derivatives(
+            self.tip_radius - distance, -(gradient * along).sum(axis=-1), np.zeros((*distance.shape, 1)), parameters
+        )
+        normal, by_depth, by_rate = (
+            values[..., np.newaxis, np.newaxis]
+            for values in (exact.normal_force, exact.normal["penetration"], exact.normal["rate"])
+        )
         corner = (beyond > 0).all(axis=-1)
         radius = np.maximum(np.where(corner, distance, 1.0), self.corner_radius)
         turning = np.where(corner & (distance > self.corner_radius), 1.0, 0.0)[..., np.newaxis, np.newaxis]
         bend = np.where(corner, 1.0 / radius, 0.0)[..., np.newaxis, np.newaxis]
         curvature = bend * (np.eye(2) - turning * _outer(direction, direction))
-        slope = _outer(direction, gradient) - depth[..., np.newaxis, np.newaxis] * curvature
-        sides = self._sides(motion)
-        force = self.stiffness * depth[..., np.newaxis] * direction * sides
-        by_size = 0.5 * self.stiffness * active * sides[..., np.newaxis] * slope
-        return Jacobians(force, np.zeros((2, 0)), np.zeros((2, 2)), by_size)
+        curl = np.where(corner, 1.0 / np.where(corner, distance, 1.0), 0.0)[..., np.newaxis, np.newaxis]
+        bending = curl * (np.eye(2) - _outer(gradient, gradient))  # ∂²s/∂b²
+        turned = -np.einsum("...ij,...j->...i", bending, along)  # ∂ḋ/∂b
+        slope = by_depth * _outer(direction, gradient) - normal * curvature - by_rate * _outer(direction, turned)
+        across = (direction * sides)[..., np.newaxis]
+        by_size = 0.5 * sides[..., np.newaxis] * slope
+        by_name = {name: across[..., 0] * exact.normal[name][..., np.newaxis] for name in LAW_PARAMETERS}
+        by_name |= {"offset_x": 2.0 * sides[..., :1] * by_size[..., 0]}
+        by_name |= {"offset_y": 2.0 * sides[..., 1:] * by_size[..., 1]}
+        by_name |= {"length": by_size[..., 0], "width": by_size[..., 1]}
+        columns = [np.broadcast_to(by_name[name], across.shape[:-1]) for name in self.parameters.names]
+        return Jacobians(
+            normal[..., 0] * direction * sides, np.zeros((2, 0)), np.zeros((2, 2)), np.stack(columns, axis=-1)
+        )
 
     def _direction(self, beyond: Array) -> Array:
         """n(b), (..., 2): the gradient of the distance, but within `corner_radius` of a corner b / corner_radius."""
@@ -162,4 +262,5 @@ def contouring(model: Contouring | None = None) -> Task:
         periods=80,
         experiments=1,
         estimate_every=4,
+        law="kelvin_voigt",
     )

@@ -20,8 +20,9 @@ TRUE_STIFFNESS, TRUE_DAMPING = 800.0, 10.0  # N/m and N s/m, paper
 class Pinching(PointModel):
     """Planner coordinate: a jaw's distance m from the ball's centre; both jaws mirror each other. λ (1,) is normal.
 
-    θ holds stiffness and damping, or, with the law `hunt_crossley`, stiffness and dissipation (s/m), by the names in
-    `parameters`.
+    θ holds the law's parameters by the names in `parameters`: stiffness and damping, or, of `hunt_crossley`, stiffness
+    and dissipation (s/m), or, of `hydroelastic`, modulus (Pa) and dissipation. `offset` (m), where it is among them, is
+    how much nearer than planned the surface is.
     """
 
     parameters: Parameters = field(
@@ -38,30 +39,45 @@ class Pinching(PointModel):
     speed_limit: float = 0.3  # m/s
     law: NormalLaw = "kelvin_voigt"
     ball_radius: float = 0.020  # m
+    resolution: float = 0.0  # m, Drake's resolution hint for the ball's mesh, of hydroelastic; 0: an exact sphere
     force_std: float = 2.0  # N
     force_limit: float = 10.0  # N
     force_weight: float = 0.2  # 1/N²
+
+    @property
+    def offsets(self) -> tuple[str, ...]:
+        """The parameters that say where the contact is relative to the plan."""
+        return ("offset",)
 
     @property
     def noise_std(self) -> Array:
         return np.array([self.force_std])
 
     def _contact_parameters(self, theta: Array) -> ContactParameters:
-        return ContactParameters(**dict(zip(self.parameters.names, np.moveaxis(theta, -1, 0), strict=True)))
+        numbers = dict(zip(self.parameters.names, np.moveaxis(theta, -1, 0), strict=True))
+        numbers.pop("offset", None)
+        return ContactParameters(**numbers, radius=self.ball_radius, resolution=self.resolution)
+
+    def _penetration(self, motion: Array, theta: Array) -> Array:
+        penetration = self.ball_radius - motion[..., 0]
+        if "offset" in self.parameters.names:
+            penetration = penetration + theta[..., self.parameters.names.index("offset")]
+        return np.asarray(penetration)
 
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
-        penetration = self.ball_radius - motion[..., 0]
+        penetration = self._penetration(motion, theta)
         force = ContactLaw(self.law).normal_force(penetration, -motion[..., 1], self._contact_parameters(theta))
         return force[..., np.newaxis]
 
     def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
         exact = ContactLaw(self.law).derivatives(
-            self.ball_radius - motion[..., 0],
+            self._penetration(motion, theta),
             -motion[..., 1],
             np.zeros((*motion.shape[:-1], 1)),
             self._contact_parameters(theta),
         )
-        slope = np.stack([exact.normal[name] for name in self.parameters.names], axis=-1)[..., np.newaxis, :]
+        by_name = {**exact.normal, "offset": exact.normal["penetration"]}
+        slope = np.stack([by_name[name] for name in self.parameters.names], axis=-1)[..., np.newaxis, :]
         return Jacobians(exact.normal_force[..., np.newaxis], np.zeros((1, 0)), np.zeros((1, 1)), slope)
 
     def cost(self, rollout: Rollout, theta: Array) -> Array:
@@ -97,8 +113,9 @@ def pinching(model: Pinching | None = None) -> Task:
     return Task(
         name="pinching",
         model=model,
-        truth={name: truth[name] for name in model.parameters.names},
+        truth={name: truth[name] for name in model.parameters.names if name in truth},
         robot_start=np.array([0.024, 0.0]),
         periods=50,
         experiments=5,
+        law=model.law,
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +22,9 @@ TRUE_FRICTION = 0.4  # 1, paper
 class Rubbing(PointModel):
     """Planner coordinates (x, y) in the wall frame: x away from the wall, which is at x = 0, and y along it.
 
-    Forces λ are (2,): normal, and tangential along y. θ may hold any of friction, stiffness, damping and
-    resistance, by the names in `parameters`.
+    Forces λ are (2,): normal, and tangential along y. θ may hold any of friction, stiffness, damping, dissipation,
+    modulus and resistance, by the names in `parameters`, and `offset` (m), how much nearer than planned the wall is.
+    With a `slip_velocity` above 0 the friction has that width, as Drake's, and no resistance.
     """
 
     parameters: Parameters = field(
@@ -37,36 +39,58 @@ class Rubbing(PointModel):
     damping: float = 1.0  # N s/m, paper
     friction: float = TRUE_FRICTION
     resistance: float = 2.0  # N s/m, paper
+    dissipation: float = 0.0  # s/m, of hunt_crossley and hydroelastic
+    modulus: float = 0.0  # Pa, of hydroelastic
+    resolution: float = 0.0  # m, Drake's resolution hint for the tip's mesh, of hydroelastic; 0: an exact sphere
+    slip_velocity: float = 0.0  # m/s
     tip_radius: float = 0.04  # m
     force_std: float = 1.0  # N, of each component
     measures_normal: bool = True  # else the tangential force alone
     seeking: float = 0.01  # 1/m
 
     @property
+    def offsets(self) -> tuple[str, ...]:
+        """The parameters that say where the contact is relative to the plan."""
+        return ("offset",)
+
+    @property
     def noise_std(self) -> Array:
         return np.full(2 if self.measures_normal else 1, self.force_std)
 
+    @property
+    def _numbers(self) -> tuple[str, ...]:
+        """The names of the law's parameters."""
+        width = "slip_velocity" if self.slip_velocity > 0.0 else "resistance"
+        return ("stiffness", "damping", "dissipation", "modulus", "friction", width)
+
     def _contact_parameters(self, theta: Array) -> ContactParameters:
-        numbers = {name: getattr(self, name) for name in ("stiffness", "damping", "friction", "resistance")}
+        numbers: dict[str, Any] = {name: getattr(self, name) for name in self._numbers}
         numbers.update(zip(self.parameters.names, theta, strict=True))
-        return ContactParameters(**numbers)
+        numbers.pop("offset", None)
+        return ContactParameters(**numbers, radius=self.tip_radius, resolution=self.resolution)
+
+    def _penetration(self, motion: Array, theta: Array) -> Array:
+        penetration = self.tip_radius - motion[..., 0]
+        if "offset" in self.parameters.names:
+            penetration = penetration + theta[self.parameters.names.index("offset")]
+        return np.asarray(penetration)
 
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
         parameters, law = self._contact_parameters(theta), ContactLaw(self.law)
-        normal = law.normal_force(self.tip_radius - motion[..., 0], -motion[..., 2], parameters)
+        normal = law.normal_force(self._penetration(motion, theta), -motion[..., 2], parameters)
         tangential = law.tangential_force(normal, motion[..., 3:4], parameters)
         return np.concatenate([normal[..., np.newaxis], tangential], axis=-1)
 
     def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
         exact = ContactLaw(self.law).derivatives(
-            self.tip_radius - motion[..., 0],
+            self._penetration(motion, theta),
             -motion[..., 2],
             motion[..., 3:4],
             self._contact_parameters(theta),
         )
         shape = motion.shape[:-1]
         slope = np.zeros((*shape, 2, len(theta)))
-        for column, name in enumerate(self.parameters.names):
+        for column, name in enumerate("penetration" if name == "offset" else name for name in self.parameters.names):
             slope[..., 0, column] = exact.normal.get(name, 0.0)
             slope[..., 1, column] = exact.tangential[name][..., 0]
         force = np.concatenate([exact.normal_force[..., np.newaxis], exact.tangential_force], axis=-1)
@@ -99,6 +123,8 @@ class Rubbing(PointModel):
         If `forces` hold the tangential component alone, it is sliding where |λ_t| < R |v_t|.
         """
         viscous = self.resistance * np.abs(motion[1:, 3])
+        if self.slip_velocity > 0.0:  # full friction from three times the width on
+            viscous = np.where(np.abs(motion[1:, 3]) > 3.0 * self.slip_velocity, np.inf, 0.0)
         if self.measures_normal:
             rubbed = self.friction * forces[:, 0]
         else:
@@ -122,4 +148,5 @@ def rubbing(model: Rubbing | None = None) -> Task:
         robot_start=np.array([0.5, 0.8, 0.0, 0.0]),
         periods=250,
         experiments=5,
+        law=model.law,
     )

@@ -27,6 +27,7 @@ from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array
 
 PAPER = NORMAL_LAWS.index("paper")
+HYDROELASTIC = NORMAL_LAWS.index("hydroelastic")
 FRICTIONLESS, SLIPPING, RESISTING = range(3)
 CUBIC, DISSIPATION, RELAXING, TIME, ROLLING, STATIC, VELOCITY, DISTANCE = range(8)
 """Indices of the effects' parameters in `Law[3]`."""
@@ -53,12 +54,14 @@ Law = tuple[int, int, Array, Array, Array, int, int, int]
 def law_of(contact: SphereContact | None) -> Law | None:
     """A contact's law as plain numbers for compiled code; None where an effect on it is not known here.
 
-    The entries: normal law; kind of friction; their parameters (5,), stiffness, damping, dissipation, μ, and w or R;
+    The entries: normal law; kind of friction; their parameters (7,), stiffness (of the pressure
+    field P), damping, dissipation, μ, w or R, narrowing and deficit;
     the effects' parameters (8,); the friction tensor (3, 3); which tangential law acts; the first index of the bristle
     and of the relaxed depth in a point's memory.
     """
     if contact is None:
-        return PAPER, FRICTIONLESS, np.zeros(5), np.zeros(8), np.zeros((3, 3)), OF_LAW, 0, 0
+        nothing = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+        return PAPER, FRICTIONLESS, nothing, np.zeros(8), np.zeros((3, 3)), OF_LAW, 0, 0
     if not _are_known([type(change) for change in contact.changes]):
         return None
     # a class derived from a known effect is not known, since it may have another law
@@ -89,7 +92,9 @@ def _unchanged_law(contact: SphereContact) -> tuple[int, int, Array]:
         surface = SLIPPING
     elif p.resistance is not None:
         surface, width = RESISTING, p.resistance
-    numbers = np.array([p.stiffness, p.damping, p.dissipation, p.friction, width or 0.0], dtype=float)
+    normal = p.of_normal(contact.law.normal)
+    field = (normal.get("narrowing", 1.0), normal.get("deficit", 0.0))
+    numbers = np.array([normal["stiffness"], p.damping, p.dissipation, p.friction, width or 0.0, *field], dtype=float)
     return NORMAL_LAWS.index(contact.law.normal), surface, numbers
 
 
@@ -142,8 +147,10 @@ def _project(vector: Array, normal: Array, into: Array) -> None:
 def _normal_force(held: float, rate: float, memory: Array, law: Any) -> float:
     """The normal force, N, at penetration `held` m that grows by `rate` m/s."""
     stiffness, beyond = law[2][0], law[3]
-    push = force_before_clipping_at(law[0], held, rate, stiffness, law[2][1], law[2][2])
-    push += beyond[CUBIC] * held**3 + stiffness * held * beyond[DISSIPATION] * rate
+    push = force_before_clipping_at(law[0], held, rate, stiffness, law[2][1], law[2][2], law[2][5], law[2][6])
+    # of the pressure field `stiffness` is no N/m, and the effect has nothing to multiply
+    linear = 0.0 if law[0] == HYDROELASTIC else stiffness
+    push += beyond[CUBIC] * held**3 + linear * held * beyond[DISSIPATION] * rate
     if beyond[RELAXING] != 0.0:
         push += beyond[RELAXING] * (held - memory[law[7]])
     return float(max(push, 0.0))
