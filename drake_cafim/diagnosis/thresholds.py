@@ -80,7 +80,7 @@ chosen."""
 
 # A recording as equations
 
-WINDOW_WIDTH = 0.06
+WINDOW_WIDTH = 0.12
 """Width of a test function: short enough to resolve reversals, long enough to average the noise. Unit: s. Not
 calibrated: chosen."""
 END_MARGIN = 0.02

@@ -34,7 +34,7 @@ class _WithoutEcho(ByKind[float]):
         return self.gain
 
     def coupling(self, effect: JointCoupling) -> float:
-        if self.gain <= ECHO_GAIN_WORTH_ASKING:
+        if self.problem.runs[0].measured is not None or self.gain <= ECHO_GAIN_WORTH_ASKING:
             return self.gain
         return _of_coupling(self.problem, self.at, effect, self.gain, self.basis)
 

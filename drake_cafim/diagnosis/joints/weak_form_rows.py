@@ -12,6 +12,7 @@ from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.joints.differences import Differences
 from drake_cafim.diagnosis.joints.more_noise import draws, has_feedback, noisy_parameters, with_more_noise
 from drake_cafim.diagnosis.joints.noise_of_reading import Smoothing, has_equal_lags
+from drake_cafim.diagnosis.rows.adjustment import adjust
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
@@ -53,8 +54,15 @@ class WeakFormRows(Problem):
         physics = model.physics(scene)
         runs = []
         for form in weak:
-            whiten, jacobian, labels = whitening(form, physics, unknown_force)
-            runs.append(Run(form, whiten, jacobian, tuple(labels)))
+            import os
+            if os.environ.get('RAW'):
+                whiten, jacobian, labels = whitening(form, physics, unknown_force)
+                runs.append(Run(form, whiten, jacobian, tuple(labels)))
+                continue
+            estimated = adjust(form, physics)
+            whiten, jacobian, labels = whitening(estimated, physics, unknown_force)
+            noise = whiten(jacobian @ _noise(form, estimated, labels))
+            runs.append(Run(estimated, whiten, jacobian, tuple(labels), form, noise))
         return cls(scene, tuple(runs), model, unknown_force)
 
     def rewhitened(self, model: Model) -> Self:
@@ -97,6 +105,8 @@ class WeakFormRows(Problem):
         Efforts that a controller makes of noise really act, and so does the motion they excite: the derivatives by it
         are correlated with the residual, but they are no error and add information.
         """
+        if not any(run.weak.samples.std[name] > 0.0 for run in self.runs for name, _ in run.labels if name.startswith("u.")):
+            return super().shared_noise(model, residual, jacobian)
         change = self.noisier.residual(model) - residual
         noisy = noisy_parameters(model)
         error = (self.noisier.jacobian(model) - jacobian) * noisy
@@ -127,7 +137,7 @@ class WeakFormRows(Problem):
 
         Inverting a lag amplifies a channel's noise: explanations with and without one compare each under its own noise.
         """
-        if has_equal_lags(model, self.under):
+        if self.runs[0].measured is not None or has_equal_lags(model, self.under):
             return self._smoothing.decrease(model)
         rows, own = (problem.rows_of(model) for problem in (self, self.rewhitened(model)))
         return float(own @ own - rows @ rows)
@@ -142,7 +152,8 @@ class WeakFormRows(Problem):
 
     @property
     def forms(self) -> list[WeakForm]:
-        return [run.weak for run in self.runs]
+        """The recordings as measured."""
+        return [run.weak if run.measured is None else run.measured for run in self.runs]
 
     def jacobian(self, model: Model) -> Array:
         columns = [self._differences.by_unknown(model, i)[:, None] for i in range(len(model.unknown))]
@@ -165,12 +176,12 @@ class WeakFormRows(Problem):
         return np.concatenate([found, np.zeros((len(model.unknown), found.shape[1]))])
 
     def joint_columns(self, joint: int, columns: Sequence[Array]) -> Array:
-        """Whitened rows (R, k) of forces at a joint, given as one (N, k) array per recording."""
+        """Whitened rows (R, k) of forces at a joint at the points of `law_samples`, one (P, k) array a recording."""
         result = []
         for run, column in zip(self.runs, columns, strict=True):
             weak = run.weak
             rows = np.zeros((len(weak.samples.windows), weak.rows_per_window, column.shape[1]))
-            rows[:, weak.dynamic.start + joint] = -(weak.samples.windows.value @ column)
+            rows[:, weak.dynamic.start + joint] = -(weak.samples.law_value @ column)
             result.append(run.whitened(rows))
         return np.concatenate(result)
 
@@ -199,6 +210,13 @@ class WeakFormRows(Problem):
             efforts = np.einsum("nja,nak->njk", moving.force_at(body.joint, body.p_JB), force)
             result.append(run.whitened(run.pushed(efforts, physics.effort_gains)))
         return np.concatenate(result)
+
+
+def _noise(measured: WeakForm, estimated: WeakForm, labels: Sequence[tuple[str, slice]]) -> Array:
+    """y − ŷ, the samples' noise by column, in the order of a noise Jacobian's `labels`."""
+    columns = (measured.samples.recording, estimated.samples.recording)
+    # what was not recorded is filled alike in both
+    return np.concatenate([np.nan_to_num(columns[0][name] - columns[1][name]) for name, _ in labels])
 
 
 @dataclass(frozen=True)
@@ -241,7 +259,7 @@ class _KnownColumns(ByKind[Array | None]):
 
     def joint_force(self, effect: JointForce) -> Array:
         joint = self.problem.scene.tree.joint_index(effect.at)
-        laws = [effect.force(form.joint_samples(self.physics)[joint]) for form in self.problem.forms]
+        laws = [effect.force(run.weak.law_samples(self.physics)[joint]) for run in self.problem.runs]
         return self.problem.joint_columns(joint, [law.d_strengths for law in laws])
 
     def sensor(self, effect: SensorEffect) -> Array:

@@ -51,7 +51,8 @@ class KinematicRows:
                 channels[name][:, j] = ahead @ channels[name][:, j]
                 as_noisy += self._variance(f"{name}.{joint}", slopes[name])
                 noisy += self._variance(f"{name}.{joint}", sp.csr_matrix(slopes[name] @ read))
-            factor[:, j] *= np.sqrt(as_noisy / noisy)
+            if self.samples.estimated is None:
+                factor[:, j] *= np.sqrt(as_noisy / noisy)
         return channels["q"], channels["v"], factor
 
     def _variance(self, column: str, rows: sp.csr_matrix) -> Array:

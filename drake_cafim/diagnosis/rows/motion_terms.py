@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.effort_rows import EffortRows
 from drake_cafim.diagnosis.rows.force_rows import ForceRows
@@ -89,8 +90,22 @@ class MotionTermsCache:
         regressor = self._links.regressor(moving, measured.v)
         rows = MeasuredRows(windows, measured.v, measured.u, measured.v_hat, measured.wrenches, samples.ramped)
         driven = EffortRows(rows, inverse_mass)
-        acting = ForceRows(windows, samples.recording.name, at_joints, moving)
+        at_points, value = _law_samples(samples, measured, at_joints)
+        acting = ForceRows(windows, samples.recording.name, at_points, value, moving)
         return MotionTerms(measured, rows, at_joints, moving, regressor, kinematic, driven, acting, louder)
+
+
+def _law_samples(
+    samples: Samples, measured: Measurement, at_samples: tuple[JointSamples, ...]
+) -> tuple[tuple[JointSamples, ...], sp.csr_matrix]:
+    """Each joint's motion where its laws are integrated, and the matrix (M, P) of ∫ w f dt from values there."""
+    if samples.estimated is None:
+        return at_samples, samples.windows.value
+    points, std = samples.estimated.points, samples.estimated.v_std
+    columns = (measured.q, measured.v, measured.u, std)
+    return tuple(
+        points.samples(samples.time, *(c[:, j] for c in columns), ramp) for j, ramp in enumerate(samples.ramped)
+    ), points.value
 
 
 def _correction_of_efforts(samples: Samples, inverse_mass: Array, u: Array) -> Array:

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from drake_cafim.diagnosis.noise.coloured import CorrelatedNoise, drawn
 from drake_cafim.diagnosis.noise.feedback import Feedback
 from drake_cafim.diagnosis.noise.slow_channels import Bridges
+from drake_cafim.diagnosis.rows.law_points import LawPoints
 from drake_cafim.diagnosis.rows.position_smoothing import Track, track_of
 from drake_cafim.diagnosis.rows.test_functions import Windows, lay_windows
 from drake_cafim.diagnosis.rows.velocity_smoothing import Noise, Velocity, VelocityNoise, resting
@@ -28,6 +29,20 @@ from drake_cafim.typing import Array, Flags
 
 RAMPED = "first_order"
 """The `hold` of a channel whose values are linear from sample to sample."""
+
+
+@dataclass(frozen=True)
+class EstimatedMotion:
+    """Standard deviations `q_std`, `v_std` (N, n) of estimated positions and velocities, SI units.
+
+    Joint laws are integrated over `points`. `beyond` (N, n) is what the velocity has beyond the derivative of the positions between samples, where velocities
+    are not measured.
+    """
+
+    q_std: Array
+    v_std: Array
+    beyond: Array | None
+    points: LawPoints
 
 
 @dataclass(frozen=True)
@@ -59,6 +74,8 @@ class Samples:
     """Correlation models by column; a column that is not in it has white noise."""
     bridges: Bridges = field(default_factory=dict)
     """Interpolation matrices (N, N) of the columns that are sampled more slowly than the others."""
+    estimated: EstimatedMotion | None = None
+    """How well q and v are known where they are estimated by `adjust`, rather than measured."""
 
     @cached_property
     def tracks(self) -> tuple[Track, ...]:
@@ -76,7 +93,14 @@ class Samples:
     @cached_property
     def v_std(self) -> Array:
         """(N, n) standard deviation of the velocities at which force laws are evaluated."""
+        if self.estimated is not None:
+            return self.estimated.v_std
         return np.stack([smoother.std for smoother in self.kinked_v], axis=1)
+
+    @property
+    def law_value(self) -> sp.csr_matrix:
+        """(M, P) matrix of ∫ w f dt from the values f (P,) of a joint law at the points of its integration."""
+        return self.windows.value if self.estimated is None else self.estimated.points.value
 
     @property
     def velocity_measured(self) -> bool:

@@ -1,9 +1,13 @@
 """Smooth test functions over a recording: the weak form's integrals as sparse matrices.
 
-A measurement is never differentiated: with w(t) = sin⁴(π (t − t₀)/T) on [t₀, t₀ + T], zero outside, integration by
-parts moves the derivative of a momentum p onto w, ∫ w ṗ dt = −∫ ẇ p dt. Between samples, evenly spaced or not, the
-integrand's other factor is interpolated by cubics and w is exact; the error of the cubics where a held effort steps,
-or a ramped one changes its slope, is corrected.
+A measurement is never differentiated: with a smooth w(t) on [t₀, t₀ + T], zero outside, integration by parts moves the
+derivative of a momentum p onto w, ∫ w ṗ dt = −∫ ẇ p dt. The test functions are cubic B-splines with equidistant knots,
+four of which overlap everywhere (de Boor, A Practical Guide to Splines, 1978, ch. IX). They sum to one exactly, so that
+sums over many rows telescope: p appears there only at the ends. What acts slowly is seen in such sums; test functions
+with a rippled sum let the noise of p back into them.
+
+Between samples, evenly spaced or not, the integrand's other factor is interpolated by cubics and w is exact; the error
+of the cubics where a held effort steps, or a ramped one changes its slope, is corrected.
 """
 
 from collections.abc import Callable
@@ -20,11 +24,16 @@ from drake_cafim.numerics.cache import make_room
 from drake_cafim.typing import Array, Indices
 
 
+OVERLAPPING = 4
+"""Number of B-splines that are not zero at any time; of cubic ones."""
+
+
 @dataclass(frozen=True)
 class Windows:
-    """M half-overlapping test functions w over samples at `time` (N,) s.
+    """M cubic B-splines w over samples at `time` (N,) s, a fourth of their width T apart where samples have no gap.
 
-    `starts` t₀ (M,) s and `width` T s; each covers the samples from `first` (M,) up to `stop` (M,), exclusive.
+    `starts` t₀ (M,) s and `width` T s; each covers the samples from `first` (M,) up to `stop` (M,), exclusive, and lies
+    in a run of usable samples from `run_first` (M,) up to `run_stop` (M,), exclusive.
     """
 
     time: Array
@@ -32,12 +41,19 @@ class Windows:
     width: float
     first: Indices
     stop: Indices
+    run_first: Indices
+    run_stop: Indices
     _held: dict[tuple[bytes, bool], sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
     _steps: dict[tuple[bytes, bool], sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
     _kinks: dict[tuple[bytes, int], Array] = field(default_factory=dict, repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.starts)
+
+    @property
+    def spacing(self) -> float:
+        """h = T/4, s, the distance of the knots of a B-spline, and of the B-splines themselves."""
+        return self.width / OVERLAPPING
 
     @property
     def centers(self) -> Array:
@@ -132,12 +148,20 @@ class Windows:
             integral = integral - self._matrix(share, rows, columns, len(times))
         return sp.csr_matrix(integral + self._matrix(at_step, rows, columns, len(times)) @ _jump(times, ramped))
 
+    def at(self, times: Array, measure: Array) -> sp.csr_matrix:
+        """(M, P) matrix: `at(times, measure) @ f` is Σ w f `measure` for values f (P,) at increasing `times` (P,) s."""
+        first = np.searchsorted(times, self.starts, side="left")
+        counts = np.searchsorted(times, self.starts + self.width, side="right") - first
+        rows = np.repeat(np.arange(len(self)), counts)
+        columns = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(first, counts)
+        return self._matrix(measure[columns] * self._weight(times[columns] - self.starts[rows]), rows, columns, len(times))
+
     def rows(self, per_window: Array) -> Array:
         """`per_window` (M, r, ...) flattened to (M r, ...), window after window."""
         return per_window.reshape(-1, *per_window.shape[2:])
 
     def _product(self, weight: Callable[[Array], Array]) -> sp.csr_matrix:
-        """(M, N) matrix of ∫ weight(t − t₀) f dt, with f cubic between samples; a window uses its own samples alone."""
+        """(M, N) matrix of ∫ weight(t − t₀) f dt, with f cubic between samples, of the window's run alone."""
         counts = self.stop - self.first
         rows = np.repeat(np.arange(len(self)), counts + 1)
         place = np.arange(len(rows)) - np.repeat(np.cumsum(counts + 1) - counts - 1, counts + 1)
@@ -146,46 +170,57 @@ class Windows:
         lower = np.where(place == 0, self.starts[rows], self.time[np.maximum(right - 1, 0)])
         last = np.minimum(right, len(self.time) - 1)
         upper = np.where(place == counts[rows], self.starts[rows] + self.width, self.time[last])
-        nodes = np.clip(right - 2, self.first[rows], self.stop[rows] - NODES)[:, None] + np.arange(NODES)
-        t, measure = gauss(lower, upper)
-        weighed = measure * weight(t - self.starts[rows, None])
-        values = np.einsum("pg,pgn->pn", weighed, lagrange(self.time[nodes], t))
+        nodes = np.clip(right - 2, self.run_first[rows], self.run_stop[rows] - NODES)[:, None] + np.arange(NODES)
+        # a piece ends at a knot, where the third derivative of w jumps; there is at most one between two samples
+        knot = self.starts[rows] + self.spacing * (np.floor((lower - self.starts[rows]) / self.spacing + 1e-9) + 1.0)
+        split = np.clip(knot, lower, upper)
+        values = np.zeros((len(rows), NODES))
+        for begin, end in ((lower, split), (split, upper)):
+            t, measure = gauss(begin, end)
+            weighed = measure * weight(t - self.starts[rows, None])
+            values += np.einsum("pg,pgn->pn", weighed, lagrange(self.time[nodes], t))
         return self._matrix(values.ravel(), np.repeat(rows, NODES), nodes.ravel())
 
     def _matrix(self, values: Array, rows: Indices, columns: Indices, width: int | None = None) -> sp.csr_matrix:
         return sp.csr_matrix((values, (rows, columns)), shape=(len(self), width or len(self.time)))
 
     def _weight(self, since: Array) -> Array:
-        phase = np.pi * np.clip(since, 0.0, self.width) / self.width
-        return np.asarray(np.sin(phase) ** 4, dtype=float)
+        x = self._from_center(since)
+        inner, outer = 4.0 - 6.0 * x**2 + 3.0 * np.abs(x) ** 3, (2.0 - np.abs(x)) ** 3
+        return np.asarray(np.where(np.abs(x) < 1.0, inner, outer) / 6.0, dtype=float)
 
     def _slope(self, since: Array) -> Array:
-        phase = np.pi * np.clip(since, 0.0, self.width) / self.width
-        return np.asarray(4.0 * np.pi / self.width * np.sin(phase) ** 3 * np.cos(phase), dtype=float)
+        x = self._from_center(since)
+        inner, outer = x * (1.5 * np.abs(x) - 2.0), -0.5 * np.sign(x) * (2.0 - np.abs(x)) ** 2
+        return np.asarray(np.where(np.abs(x) < 1.0, inner, outer) / self.spacing, dtype=float)
 
     def _curvature(self, since: Array) -> Array:
-        phase = np.pi * np.clip(since, 0.0, self.width) / self.width
-        sine, cosine = np.sin(phase), np.cos(phase)
-        return np.asarray(4.0 * (np.pi / self.width) ** 2 * sine**2 * (3.0 * cosine**2 - sine**2), dtype=float)
+        x = np.abs(self._from_center(since))
+        return np.asarray(np.where(x < 1.0, 3.0 * x - 2.0, 2.0 - x) / self.spacing**2, dtype=float)
 
     def _jerk(self, since: Array) -> Array:
-        phase = np.pi * np.clip(since, 0.0, self.width) / self.width
-        sine, cosine = np.sin(phase), np.cos(phase)
-        third = 4.0 * (np.pi / self.width) ** 3 * sine * cosine * (6.0 * cosine**2 - 10.0 * sine**2)
-        return np.asarray(third, dtype=float)
+        x = self._from_center(since)
+        within = np.abs(x) < 2.0
+        third = np.where(np.abs(x) < 1.0, 3.0, -1.0) * np.sign(x) * within
+        return np.asarray(third / self.spacing**3, dtype=float)
+
+    def _from_center(self, since: Array) -> Array:
+        """`since` the windows' starts, clipped to their width, from their middles and in units of the spacing."""
+        return np.clip(since, 0.0, self.width) / self.spacing - 2.0
 
     def _antiderivative(self, since: Array) -> Array:
-        """∫₀ˢ sin⁴(π t/T) dt = T/π (3x/8 − sin 2x/4 + sin 4x/32), x = π s/T."""
-        x = np.pi * np.clip(since, 0.0, self.width) / self.width
-        antiderivative = self.width / np.pi * (0.375 * x - 0.25 * np.sin(2.0 * x) + np.sin(4.0 * x) / 32.0)
-        return np.asarray(antiderivative, dtype=float)
+        """∫₀ˢ w dt = h Σ_k (−1)ᵏ C(4, k) (s/h − k)₊⁴/24."""
+        return self.spacing * self._powers(np.clip(since, 0.0, self.width), 4) / 24.0
 
     def _second_antiderivative(self, since: Array) -> Array:
-        """∫₀ˢ of `_antiderivative`: (T/π)² (3x²/16 + cos 2x/8 − cos 4x/128 − 15/128), continued linearly after T."""
-        x = np.pi * np.clip(since, 0.0, self.width) / self.width
-        waves = 0.125 * np.cos(2.0 * x) - np.cos(4.0 * x) / 128.0 - 15.0 / 128.0
-        after = 0.375 * self.width * np.maximum(since - self.width, 0.0)
-        return np.asarray((self.width / np.pi) ** 2 * (0.1875 * x**2 + waves) + after, dtype=float)
+        """∫₀ˢ of `_antiderivative`: h² Σ_k (−1)ᵏ C(4, k) (s/h − k)₊⁵/120, continued linearly after T."""
+        after = self.spacing * np.maximum(since - self.width, 0.0)
+        return self.spacing**2 * self._powers(np.clip(since, 0.0, self.width), 5) / 120.0 + after
+
+    def _powers(self, since: Array, degree: int) -> Array:
+        s = since / self.spacing
+        terms = (c * np.maximum(s - k, 0.0) ** degree for k, c in enumerate((1.0, -4.0, 6.0, -4.0, 1.0)))
+        return np.asarray(sum(terms), dtype=float)
 
 
 def _jump(times: Array, ramped: bool) -> sp.csr_matrix:
@@ -201,21 +236,25 @@ def _jump(times: Array, ramped: bool) -> sp.csr_matrix:
 
 
 def lay_windows(time: Array, usable: np.ndarray[Any, np.dtype[np.bool_]], width: float) -> Windows:
-    """Half-overlapping windows of `width` s that lie within runs of usable samples.
+    """Windows of `width` s, a fourth of it apart, that lie within runs of usable samples.
 
     `usable` (N,) is True for samples at which all needed channels were measured. A run also ends where the next sample
     is more than `LONGEST_PAUSE_OF_WINDOW` median sampling times away.
     """
-    steps = np.diff(time)
+    steps, spacing = np.diff(time), width / OVERLAPPING
     breaks = ~usable[1:] | ~usable[:-1] | (steps > LONGEST_PAUSE_OF_WINDOW * np.median(steps))
     edges = np.flatnonzero(breaks)
     begins, ends = np.append(0, edges + 1), np.append(edges, len(time) - 1)
     starts: list[float] = []
+    run_first: list[int] = []
+    run_stop: list[int] = []
     for begin, end in zip(begins, ends, strict=True):
-        count = int((time[end] - time[begin] - width) / (0.5 * width) + 1e-9) + 1
-        starts.extend(time[begin] + 0.5 * width * np.arange(max(count, 0)))
+        count = int((time[end] - time[begin] - width) / spacing + 1e-9) + 1
+        starts.extend(time[begin] + spacing * np.arange(max(count, 0)))
+        run_first.extend([begin] * max(count, 0))
+        run_stop.extend([end + 1] * max(count, 0))
     origin = np.array(starts, dtype=float)
     # a sample that lies exactly on a window's edge is included in spite of rounding; its weight is zero there
     first = np.searchsorted(time, origin - 1e-12, side="left")
     stop = np.searchsorted(time, origin + width + 1e-12, side="right")
-    return Windows(time, origin, width, first, stop)
+    return Windows(time, origin, width, first, stop, np.array(run_first, dtype=int), np.array(run_stop, dtype=int))

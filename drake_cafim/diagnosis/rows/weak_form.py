@@ -89,6 +89,10 @@ class WeakForm:
         """The samples at which the force laws of joint effects are evaluated, for each joint."""
         return self.terms(physics).joints
 
+    def law_samples(self, physics: Physics) -> tuple[JointSamples, ...]:
+        """Each joint's motion at the points over which its laws are integrated."""
+        return self.terms(physics).acting.joints
+
     def mean_effort(self, physics: Physics) -> Array:
         """(N, n) mean effort that acts at each joint from one sample to the next, rotor inertia not subtracted."""
         return self.terms(physics).driven.mean_effort(physics)

@@ -6,6 +6,7 @@ from typing import TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
+from drake_cafim.diagnosis.rows.measurement import joint_samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.momentum_derivatives import balance_slopes
 from drake_cafim.dynamics.contact import WrenchSensor
@@ -28,7 +29,8 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
     s, n = weak.samples, weak.joints
     measured = weak.measurement(physics)
     q, v = measured.q_hat, measured.v_hat
-    joints = weak.joint_samples(physics)
+    # the mean slope of a kinked law over the noise of samples, also where the motion is estimated more accurately
+    joints = joint_samples_of(s, measured, np.stack([smoother.std for smoother in s.kinked_v], axis=1))
     memory = weak.contact_memory(physics)
     _, d_q_law, d_v_law = physics.applied_at_joints(joints)
     rigid = balance_slopes(replace(weak.motion(physics), tree=physics.tree), physics)

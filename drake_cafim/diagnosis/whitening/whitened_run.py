@@ -27,6 +27,10 @@ class Run:
     whiten: Whitening
     jacobian: sp.csr_matrix
     labels: tuple[tuple[str, slice], ...]
+    measured: WeakForm | None = None
+    """The recording as measured, where `weak` has its motion as estimated."""
+    noise: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    """J (y − ŷ) (R,), whitened: the part of the rows by the noise of the samples; empty where `weak` contains it."""
     _start_rows: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -63,13 +67,16 @@ class Run:
         Rows are infinite where the simulation of a coupling diverges.
         """
         if not has_unknown_start(physics):
-            return StartMarginal(self.whitened(self.weak.residual(physics)))
+            return StartMarginal(self._with_noise(self.whitened(self.weak.residual(physics))))
         # the simulated twist diverges where a link is lighter than its rotor
         with np.errstate(over="ignore", invalid="ignore"):
-            rows, U = self.whitened(self.weak.residual(physics)), self._doubted(start_rows(self.weak, physics))
+            rows, U = self._with_noise(self.whitened(self.weak.residual(physics))), self._doubted(start_rows(self.weak, physics))
             if not np.all(np.abs(rows) < IMPOSSIBLE) or not np.all(np.abs(U) < IMPOSSIBLE):
                 return StartMarginal(np.full(len(rows), np.inf))
         return StartMarginal.of(rows, U, widths)
+
+    def _with_noise(self, rows: Array) -> Array:
+        return rows + self.noise if len(self.noise) else rows
 
     def _doubted(self, rows: Array) -> Array:
         """`whitened` rows of initial values; cached, since most parameter values leave them unchanged."""

@@ -1,0 +1,112 @@
+"""The samples of a recording replaced by the motion that is estimated from all of them under a model.
+
+Laws, inertias and contacts are evaluated on the estimated motion ŷ, and the noise y − ŷ of the samples enters the rows
+to first order only (Gauss–Helmert model; Förstner, Wrobel, Photogrammetric Computer Vision, 2016, §4.8):
+
+    rows(y; θ) ≈ rows(ŷ; θ) + J (y − ŷ),    J the rows' derivative by the samples at ŷ.
+
+Products of noise, which would bias what is fitted, do not occur, and regressors do not contain the rows' own noise.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from drake_cafim.diagnosis.noise.coloured import covariance
+from drake_cafim.diagnosis.rows.law_points import lay_points
+from drake_cafim.diagnosis.rows.samples import EstimatedMotion, Samples
+from drake_cafim.diagnosis.rows.trajectory import PASSES, Rise, Trajectory, smooth
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.dynamics.motion import motion
+from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array
+
+
+def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
+    """The recording of `weak` with its positions and velocities as estimated under `physics`; efforts as recorded."""
+    samples, names = weak.samples, physics.tree.joint_names
+    as_read = weak.measurement(physics)
+    variance_q = np.stack([_variance(samples, f"q.{name}") for name in names], axis=1)
+    variance_v = np.full_like(variance_q, np.inf)
+    if samples.velocity_measured:
+        variance_v = np.stack([_variance(samples, f"v.{name}") for name in names], axis=1)
+    found = smooth(
+        samples.time, as_read.q, as_read.v, variance_q, variance_v, Rise.unknown(samples.time, len(names))
+    )
+    current = _with_trajectory(weak, physics, found)
+    for _ in range(PASSES):
+        rise = _rise(current, physics)
+        if not (np.all(np.isfinite(rise.v)) and np.all(np.isfinite(rise.q))):
+            break
+        found = smooth(samples.time, as_read.q, as_read.v, variance_q, variance_v, rise)
+        current = _with_trajectory(weak, physics, found)
+    return current
+
+
+def _variance(samples: Samples, column: str) -> Array:
+    """(N,) variance of white noise that averages as slowly as that of `column` does; infinite where not recorded."""
+    memory, bridge = samples.memories.get(column), samples.bridges.get(column)
+    ones = np.ones(len(samples.time))
+    total = ones
+    if bridge is not None:
+        alike = bridge @ (bridge.T if memory is None else covariance(samples.time, memory) @ bridge.T)
+        total = alike @ ones
+    elif memory is not None:
+        total = covariance(samples.time, memory) @ ones
+    recorded = np.isfinite(samples.recording[column])
+    # exact samples would leave the filter without a scale
+    std = max(samples.std[column], 1e-12)
+    return np.where(recorded, std**2 * np.maximum(total, 1e-6), np.inf)
+
+
+def _rise(weak: WeakForm, physics: Physics) -> Rise:
+    """The changes between samples by the acceleration of `physics` along the motion of `weak`."""
+    samples, terms = weak.samples, weak.terms(physics)
+    time, moving = samples.time, replace(terms.moving, tree=physics.tree)
+    response = physics.free_response(moving)
+    force = physics.applied_at_joints(terms.joints)[0] - response.bias
+    if physics.contacts:
+        force = force + moving.project(physics.contact_wrenches(moving, weak.contact_memory(physics)))
+    if physics.body_forces:
+        force = force + moving.project(physics.body_wrenches(moving, time, samples.recording.name))
+    effort = weak.mean_effort(physics) + _rotor_efforts(weak, physics)
+    following = np.concatenate([effort[:1], effort[:-1]])
+    after, before = (
+        np.einsum("nij,nj->ni", response.mobility, force + acting) for acting in (effort, following)
+    )
+    return Rise.of(time, after, before)
+
+
+def _rotor_efforts(weak: WeakForm, physics: Physics) -> Array:
+    """−J ψ̈ (N, n), the mean from each sample to the next, of rotors that twist against their links from rest."""
+    taken = np.zeros((len(weak.samples.time), weak.joints))
+    for coupling in physics.couplings:
+        joint = physics.tree.joint_index(coupling.at)
+        drive = weak.couplings.rotor_drives(physics)[joint]
+        taken[:-1, joint] -= drive.inertia * np.diff(coupling.twist_rate(drive)) / np.diff(weak.samples.time)
+    return taken
+
+
+def _with_trajectory(weak: WeakForm, physics: Physics, found: Trajectory) -> WeakForm:
+    """`weak` with the estimated motion `found` in place of its positions and velocities, as its sensors record it."""
+    samples, names = weak.samples, physics.tree.joint_names
+    columns = {f"q.{name}": found.q[:, j] for j, name in enumerate(names)}
+    columns |= {f"v.{name}": found.v[:, j] for j, name in enumerate(names)}
+    for effect in reversed(physics.sensors):
+        columns |= _as_recorded(effect, samples.time, columns)
+    q = np.stack([columns[f"q.{name}"] for name in names], axis=1)
+    v = np.stack([columns[f"v.{name}"] for name in names], axis=1)
+    beyond = None if samples.differentiate is None else found.v - samples.differentiate @ found.q
+    recorded = {name: value for name, value in columns.items() if name in samples.recording.columns}
+    recording = replace(samples.recording, columns={**samples.recording.columns, **recorded})
+    estimated = EstimatedMotion(found.q_std, found.v_std, beyond, lay_points(samples.windows, found.v))
+    return WeakForm(replace(samples, recording=recording, q=q, v=v, estimated=estimated), weak.sensors)
+
+
+def _as_recorded(effect: SensorEffect, time: Array, columns: dict[str, Array]) -> dict[str, Array]:
+    on = effect.channels(tuple(columns))
+    if not on:
+        return {}
+    recorded = effect.measured(time, np.stack([columns[name] for name in on], axis=1))
+    return {name: recorded[:, k] for k, name in enumerate(on)}

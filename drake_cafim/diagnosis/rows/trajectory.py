@@ -1,0 +1,190 @@
+"""The motion of a recording, estimated from its samples and a model: a Kalman smoother of each joint.
+
+Each joint is a double integrator that is driven by the model's acceleration a and by a white acceleration that no model
+knows, of spectral density S:
+
+    q̇ = v,    v̇ = a(t) + w,    E w(t) w(t′) = S δ(t − t′).
+
+S is the likeliest (the innovations' likelihood is maximised): nearly zero where the model is right, so that the whole
+recording tells where the joint is, and large where something is missing, so that the samples nearby do. The smoother is
+that of Rauch, Tung and Striebel (AIAA Journal 3(8), 1965).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_cafim.numerics.compiled import compiled
+from drake_cafim.typing import Array
+
+DENSITIES = 10.0 ** np.arange(-12.0, 7.0, 1.0)
+"""Densities S that are tried, times the square of 1 rad/s (or m/s) over 1 s; those around the likeliest are refined."""
+REFINEMENTS = 2
+"""Times that the grid about the likeliest density is halved."""
+DIFFUSE = 1e8
+"""Variance of the initial state, over that of one sample."""
+PASSES = 2
+"""Times that the acceleration is computed along the motion estimated before."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Estimated positions and velocities `q`, `v` and the standard deviations of both, (N, n) each, SI units.
+
+    `density` (n,) are the spectral densities S of the accelerations that the model does not explain.
+    """
+
+    q: Array
+    v: Array
+    q_std: Array
+    v_std: Array
+    density: Array
+
+
+@dataclass(frozen=True)
+class Rise:
+    """The changes of velocity and of position that a model's acceleration makes between samples, (N − 1, n) each.
+
+    Of position it is the part beyond that at constant velocity: ∫∫ a dt dt.
+    """
+
+    v: Array
+    q: Array
+
+    @staticmethod
+    def unknown(time: Array, joints: int) -> "Rise":
+        """No acceleration is known."""
+        nothing = np.zeros((len(time) - 1, joints))
+        return Rise(nothing, nothing)
+
+    @staticmethod
+    def of(time: Array, after: Array, before: Array) -> "Rise":
+        """For accelerations that are linear in time between samples: `after` and `before` (N, n) each sample's step."""
+        h = np.diff(time)[:, None]
+        return Rise(0.5 * h * (after[:-1] + before[1:]), h**2 / 6.0 * (2.0 * after[:-1] + before[1:]))
+
+
+def smooth(time: Array, q: Array, v: Array, variance_q: Array, variance_v: Array, rise: Rise) -> Trajectory:
+    """The trajectory of all joints from samples `q`, `v` (N, n) with these variances (N, n); infinite where missing."""
+    columns = []
+    h = np.ascontiguousarray(np.diff(time))
+    for j in range(q.shape[1]):
+        parts = (q[:, j], v[:, j], variance_q[:, j], variance_v[:, j], rise.q[:, j], rise.v[:, j])
+        samples = tuple(np.ascontiguousarray(part, dtype=float) for part in parts)
+        density = _likeliest_density(h, samples)
+        columns.append((*_smoothed(h, *samples, density), density))
+    q_hat, v_hat, q_std, v_std = (np.stack([column[k] for column in columns], axis=1) for k in range(4))
+    return Trajectory(q_hat, v_hat, q_std, v_std, np.array([column[4] for column in columns]))
+
+
+def _likeliest_density(h: Array, samples: tuple[Array, ...]) -> float:
+    exponents = np.log10(DENSITIES)
+    costs = [_cost(h, *samples, 10.0**exponent) for exponent in exponents]
+    best, step = int(np.argmin(costs)), 1.0
+    exponent, cost = float(exponents[best]), costs[best]
+    for _ in range(REFINEMENTS):
+        step *= 0.5
+        for near in (exponent - step, exponent + step):
+            found = _cost(h, *samples, 10.0**near)
+            if found < cost:
+                exponent, cost = near, found
+    return float(10.0**exponent)
+
+
+@compiled
+def _filtered(
+    h: Array,
+    q: Array,
+    v: Array,
+    variance_q: Array,
+    variance_v: Array,
+    rise_q: Array,
+    rise_v: Array,
+    density: float,
+    means: Array,
+    covariances: Array,
+) -> float:
+    """Twice the negative log likelihood of the innovations; fills the filtered `means` (N, 2), `covariances` (N, 3)."""
+    N, cost = len(q), 0.0
+    scale_q, scale_v = np.inf, np.inf
+    for k in range(N):
+        scale_q, scale_v = min(scale_q, variance_q[k]), min(scale_v, variance_v[k])
+    if not np.isfinite(scale_q):
+        scale_q = 1.0
+    if not np.isfinite(scale_v):
+        scale_v = 1e4 * scale_q
+    x, y, a, b, c = q[0], v[0] if np.isfinite(variance_v[0]) else 0.0, DIFFUSE * scale_q, 0.0, DIFFUSE * scale_v
+    for k in range(N):
+        if k > 0:
+            dt = h[k - 1]
+            x += dt * y + rise_q[k - 1]
+            y += rise_v[k - 1]
+            a += dt * (2.0 * b + dt * c) + density * dt**3 / 3.0
+            b += dt * c + density * dt**2 / 2.0
+            c += density * dt
+        if np.isfinite(variance_q[k]):
+            s, e = a + variance_q[k], q[k] - x
+            if k > 1:
+                cost += e * e / s + np.log(s)
+            g, f = a / s, b / s
+            x, y = x + g * e, y + f * e
+            c -= f * b
+            a, b = a * variance_q[k] / s, b * variance_q[k] / s
+        if np.isfinite(variance_v[k]):
+            s, e = c + variance_v[k], v[k] - y
+            if k > 1:
+                cost += e * e / s + np.log(s)
+            g, f = b / s, c / s
+            x, y = x + g * e, y + f * e
+            a -= g * b
+            b, c = b * variance_v[k] / s, c * variance_v[k] / s
+        means[k, 0], means[k, 1] = x, y
+        covariances[k, 0], covariances[k, 1], covariances[k, 2] = a, b, c
+    return cost
+
+
+@compiled
+def _cost(
+    h: Array, q: Array, v: Array, variance_q: Array, variance_v: Array, rise_q: Array, rise_v: Array, density: float
+) -> float:
+    means, covariances = np.empty((len(q), 2)), np.empty((len(q), 3))
+    return _filtered(h, q, v, variance_q, variance_v, rise_q, rise_v, density, means, covariances)
+
+
+@compiled
+def _smoothed(
+    h: Array, q: Array, v: Array, variance_q: Array, variance_v: Array, rise_q: Array, rise_v: Array, density: float
+) -> tuple[Array, Array, Array, Array]:
+    """Smoothed q, v and their standard deviations, (N,) each."""
+    N = len(q)
+    means, covariances = np.empty((N, 2)), np.empty((N, 3))
+    _filtered(h, q, v, variance_q, variance_v, rise_q, rise_v, density, means, covariances)
+    q_std, v_std = np.empty(N), np.empty(N)
+    q_std[N - 1], v_std[N - 1] = np.sqrt(max(covariances[N - 1, 0], 0.0)), np.sqrt(max(covariances[N - 1, 2], 0.0))
+    x, y = means[N - 1, 0], means[N - 1, 1]
+    A, B, C = covariances[N - 1, 0], covariances[N - 1, 1], covariances[N - 1, 2]
+    for k in range(N - 2, -1, -1):
+        dt = h[k]
+        a, b, c = covariances[k, 0], covariances[k, 1], covariances[k, 2]
+        # what the filter predicts at k + 1
+        px, py = means[k, 0] + dt * means[k, 1] + rise_q[k], means[k, 1] + rise_v[k]
+        pa = a + dt * (2.0 * b + dt * c) + density * dt**3 / 3.0
+        pb = b + dt * c + density * dt**2 / 2.0
+        pc = c + density * dt
+        det = pa * pc - pb * pb
+        if det <= 0.0:
+            det = 1e-300
+        # G = P Fᵀ P₊⁻¹
+        u11, u12, u21, u22 = a + dt * b, b, b + dt * c, c
+        g11, g12 = (u11 * pc - u12 * pb) / det, (u12 * pa - u11 * pb) / det
+        g21, g22 = (u21 * pc - u22 * pb) / det, (u22 * pa - u21 * pb) / det
+        dx, dy = x - px, y - py
+        x, y = means[k, 0] + g11 * dx + g12 * dy, means[k, 1] + g21 * dx + g22 * dy
+        dA, dB, dC = A - pa, B - pb, C - pc
+        nA = a + g11 * (g11 * dA + g12 * dB) + g12 * (g11 * dB + g12 * dC)
+        nB = b + g11 * (g21 * dA + g22 * dB) + g12 * (g21 * dB + g22 * dC)
+        nC = c + g21 * (g21 * dA + g22 * dB) + g22 * (g21 * dB + g22 * dC)
+        A, B, C = nA, nB, nC
+        means[k, 0], means[k, 1] = x, y
+        q_std[k], v_std[k] = np.sqrt(max(A, 0.0)), np.sqrt(max(C, 0.0))
+    return means[:, 0].copy(), means[:, 1].copy(), q_std, v_std
