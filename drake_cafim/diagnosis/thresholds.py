@@ -125,6 +125,10 @@ MISFIT_REDUCED_CHI_SQUARE = 1.5
 share of it. Unit: 1. Not calibrated: chosen."""
 MISFIT_SHARE_TO_EXPLAIN = 0.05
 """Share of such a misfit's χ² that an effect must remove. Unit: 1. Not calibrated: chosen."""
+LAW_ACCURACY = 1e-3
+"""Relative accuracy to which any law is taken to describe a machine or a simulation, its integration included: a misfit
+below this share of what the named effects explain, as amplitudes of the whitened rows, is no evidence of more physics.
+Unit: 1. Not calibrated: chosen."""
 RECORDINGS_SHARE_IMPROVED = 0.75
 """Share of the recordings in which an effect must do so. Unit: 1. Not calibrated: chosen."""
 UNKNOWN_FAR_IN_PRIOR_STDS = 3.0

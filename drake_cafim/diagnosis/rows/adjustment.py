@@ -15,7 +15,7 @@ import numpy as np
 from drake_cafim.diagnosis.noise.coloured import covariance
 from drake_cafim.diagnosis.rows.law_points import lay_points
 from drake_cafim.diagnosis.rows.samples import EstimatedMotion, Samples
-from drake_cafim.diagnosis.rows.trajectory import PASSES, Rise, Trajectory, smooth
+from drake_cafim.diagnosis.rows.trajectory import PASSES, SETTLED, Trajectory, Transition, smooth
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.effects.sensor import SensorEffect
@@ -31,16 +31,17 @@ def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
     variance_v = np.full_like(variance_q, np.inf)
     if samples.velocity_measured:
         variance_v = np.stack([_variance(samples, f"v.{name}") for name in names], axis=1)
-    found = smooth(
-        samples.time, as_read.q, as_read.v, variance_q, variance_v, Rise.unknown(samples.time, len(names))
-    )
+    read = (samples.time, as_read.q, as_read.v, variance_q, variance_v)
+    found = smooth(*read, Transition.unknown(samples.time, len(names)))
     current = _with_trajectory(weak, physics, found)
     for _ in range(PASSES):
-        rise = _rise(current, physics)
-        if not (np.all(np.isfinite(rise.v)) and np.all(np.isfinite(rise.q))):
+        transition = _transition(current, physics, found)
+        if not (np.all(np.isfinite(transition.rise_v)) and np.all(np.isfinite(transition.rise_q))):
             break
-        found = smooth(samples.time, as_read.q, as_read.v, variance_q, variance_v, rise)
+        before, found = found, smooth(*read, transition)
         current = _with_trajectory(weak, physics, found)
+        if np.sqrt(np.mean(((found.v - before.v) / np.maximum(found.v_std, 1e-300)) ** 2)) < SETTLED:
+            break
     return current
 
 
@@ -60,22 +61,22 @@ def _variance(samples: Samples, column: str) -> Array:
     return np.where(recorded, std**2 * np.maximum(total, 1e-6), np.inf)
 
 
-def _rise(weak: WeakForm, physics: Physics) -> Rise:
-    """The changes between samples by the acceleration of `physics` along the motion of `weak`."""
+def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> Transition:
+    """How `physics` changes each joint's state from sample to sample, about the motion `found` of `weak`."""
     samples, terms = weak.samples, weak.terms(physics)
     time, moving = samples.time, replace(terms.moving, tree=physics.tree)
     response = physics.free_response(moving)
-    force = physics.applied_at_joints(terms.joints)[0] - response.bias
+    law, by_q, by_v = physics.applied_at_joints(terms.joints)
+    force = law - response.bias
     if physics.contacts:
         force = force + moving.project(physics.contact_wrenches(moving, weak.contact_memory(physics)))
     if physics.body_forces:
         force = force + moving.project(physics.body_wrenches(moving, time, samples.recording.name))
     effort = weak.mean_effort(physics) + _rotor_efforts(weak, physics)
     following = np.concatenate([effort[:1], effort[:-1]])
-    after, before = (
-        np.einsum("nij,nj->ni", response.mobility, force + acting) for acting in (effort, following)
-    )
-    return Rise.of(time, after, before)
+    after, before = (np.einsum("nij,nj->ni", response.mobility, force + acting) for acting in (effort, following))
+    own = np.diagonal(response.mobility, axis1=1, axis2=2)
+    return Transition.of(time, found.q, found.v, after, before, own * by_q, own * by_v)
 
 
 def _rotor_efforts(weak: WeakForm, physics: Physics) -> Array:

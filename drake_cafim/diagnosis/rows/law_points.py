@@ -35,6 +35,16 @@ class LawPoints:
     share: Array
     value: sp.csr_matrix
 
+    def lasting(self, time: Array) -> Array:
+        """(P,) s, the time that each point represents."""
+        count = np.bincount(self.interval, minlength=len(time) - 1)
+        return np.asarray((np.diff(time) / np.maximum(count, 1))[self.interval])
+
+    def between(self, values: Array) -> Array:
+        """`values` (N, ...) of the samples at the points (P, ...), linear between samples."""
+        share = self.share.reshape(-1, *([1] * (values.ndim - 1)))
+        return np.asarray(values[self.interval] + share * (values[self.interval + 1] - values[self.interval]))
+
     def samples(self, time: Array, q: Array, v: Array, u: Array, v_std: Array, ramped: bool) -> JointSamples:
         """One joint's motion and effort (N,) at the points, its position by cubic Hermite interpolation."""
         k, s = self.interval, self.share

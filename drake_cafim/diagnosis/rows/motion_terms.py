@@ -39,8 +39,18 @@ class MotionTerms:
     acting: ForceRows
     louder: Array
     """(M, n), the factor that scales `kinematic` to the noise that it has without a sensor's lag."""
+    samples: Samples
     in_doubt: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False, compare=False)
     """Cached rows of the unknown initial state of sensors' lags, by the sensor and its time constant."""
+
+    @cached_property
+    def moving_at_points(self) -> Motion:
+        """The motion at the points over which laws are integrated."""
+        estimated = self.samples.estimated
+        if estimated is None:
+            return self.moving
+        q, v = (np.stack([getattr(joint, name) for joint in self.acting.joints], axis=1) for name in ("q", "v"))
+        return replace(motion(self.moving.tree, q, v), lasting=estimated.points.lasting(self.samples.time))
 
 
 @dataclass(frozen=True)
@@ -92,7 +102,7 @@ class MotionTermsCache:
         driven = EffortRows(rows, inverse_mass)
         at_points, value = _law_samples(samples, measured, at_joints)
         acting = ForceRows(windows, samples.recording.name, at_points, value, moving)
-        return MotionTerms(measured, rows, at_joints, moving, regressor, kinematic, driven, acting, louder)
+        return MotionTerms(measured, rows, at_joints, moving, regressor, kinematic, driven, acting, louder, samples)
 
 
 def _law_samples(

@@ -1,9 +1,9 @@
-"""The motion of a recording, estimated from its samples and a model: a Kalman smoother of each joint.
+"""The motion of a recording, estimated from its samples and a model: an iterated Kalman smoother of each joint.
 
-Each joint is a double integrator that is driven by the model's acceleration a and by a white acceleration that no model
-knows, of spectral density S:
+About a motion (q̄, v̄) that was estimated before, each joint obeys the model's acceleration a and a white acceleration w
+that no model knows, of spectral density S:
 
-    q̇ = v,    v̇ = a(t) + w,    E w(t) w(t′) = S δ(t − t′).
+    q̇ = v,    v̇ = a(q̄, v̄) + a_q (q − q̄) + a_v (v − v̄) + w,    E w(t) w(t′) = S δ(t − t′).
 
 S is the likeliest (the innovations' likelihood is maximised): nearly zero where the model is right, so that the whole
 recording tells where the joint is, and large where something is missing, so that the samples nearby do. The smoother is
@@ -23,8 +23,10 @@ REFINEMENTS = 2
 """Times that the grid about the likeliest density is halved."""
 DIFFUSE = 1e8
 """Variance of the initial state, over that of one sample."""
-PASSES = 2
-"""Times that the acceleration is computed along the motion estimated before."""
+PASSES = 4
+"""Most times that the acceleration is computed along the motion estimated before."""
+SETTLED = 0.3
+"""Root mean square change of the velocities, in their standard deviations, at which the iteration ends."""
 
 
 @dataclass(frozen=True)
@@ -42,38 +44,59 @@ class Trajectory:
 
 
 @dataclass(frozen=True)
-class Rise:
-    """The changes of velocity and of position that a model's acceleration makes between samples, (N − 1, n) each.
+class Transition:
+    """How each joint's state changes from sample to sample, (N − 1, n) each, in units of rad, s (m, s).
 
-    Of position it is the part beyond that at constant velocity: ∫∫ a dt dt.
+    q₊ = q + `q_by_v` v + `rise_q`,    v₊ = `v_by_q` q + `v_by_v` v + `rise_v`,
+
+    for deviations from the motion `about`, (2, N, n), or for the state itself where that is zero.
     """
 
-    v: Array
-    q: Array
+    q_by_v: Array
+    v_by_q: Array
+    v_by_v: Array
+    rise_q: Array
+    rise_v: Array
+    about: Array
 
     @staticmethod
-    def unknown(time: Array, joints: int) -> "Rise":
-        """No acceleration is known."""
+    def unknown(time: Array, joints: int) -> "Transition":
+        """That of a joint of which no acceleration is known."""
         nothing = np.zeros((len(time) - 1, joints))
-        return Rise(nothing, nothing)
+        h = np.diff(time)[:, None] + nothing
+        return Transition(h, nothing, 1.0 + nothing, nothing, nothing, np.zeros((2, len(time), joints)))
 
     @staticmethod
-    def of(time: Array, after: Array, before: Array) -> "Rise":
-        """For accelerations that are linear in time between samples: `after` and `before` (N, n) each sample's step."""
+    def of(time: Array, q: Array, v: Array, after: Array, before: Array, by_q: Array, by_v: Array) -> "Transition":
+        """That of a model about the motion `q`, `v` (N, n).
+
+        Its accelerations are linear in time between samples: `after` and `before` (N, n) each sample's step. `by_q` and
+        `by_v` (N, n) are their derivatives by the joint's own position and velocity.
+        """
         h = np.diff(time)[:, None]
-        return Rise(0.5 * h * (after[:-1] + before[1:]), h**2 / 6.0 * (2.0 * after[:-1] + before[1:]))
+        rate, pull = (0.5 * (slope[:-1] + slope[1:]) for slope in (by_v, by_q))
+        decay = np.minimum(rate * h, 0.0)
+        # exact for a constant rate: a stiff friction takes a deviation away within an interval
+        lasting = h * np.where(decay < -1e-6, np.expm1(decay) / np.where(decay < -1e-6, decay, 1.0), 1.0 + 0.5 * decay)
+        missed_q = q[:-1] + h * v[:-1] + h**2 / 6.0 * (2.0 * after[:-1] + before[1:]) - q[1:]
+        missed_v = v[:-1] + 0.5 * h * (after[:-1] + before[1:]) - v[1:]
+        return Transition(lasting, pull * lasting, np.exp(decay), missed_q, missed_v, np.stack([q, v]))
 
 
-def smooth(time: Array, q: Array, v: Array, variance_q: Array, variance_v: Array, rise: Rise) -> Trajectory:
+def smooth(
+    time: Array, q: Array, v: Array, variance_q: Array, variance_v: Array, transition: Transition
+) -> Trajectory:
     """The trajectory of all joints from samples `q`, `v` (N, n) with these variances (N, n); infinite where missing."""
     columns = []
     h = np.ascontiguousarray(np.diff(time))
+    away = (q - transition.about[0], v - transition.about[1], variance_q, variance_v)
+    steps = (transition.q_by_v, transition.v_by_q, transition.v_by_v, transition.rise_q, transition.rise_v)
     for j in range(q.shape[1]):
-        parts = (q[:, j], v[:, j], variance_q[:, j], variance_v[:, j], rise.q[:, j], rise.v[:, j])
-        samples = tuple(np.ascontiguousarray(part, dtype=float) for part in parts)
-        density = _likeliest_density(h, samples)
-        columns.append((*_smoothed(h, *samples, density), density))
+        numbers = tuple(np.ascontiguousarray(part[:, j], dtype=float) for part in (*away, *steps))
+        density = _likeliest_density(h, numbers)
+        columns.append((*_smoothed(h, *numbers, density), density))
     q_hat, v_hat, q_std, v_std = (np.stack([column[k] for column in columns], axis=1) for k in range(4))
+    q_hat, v_hat = q_hat + transition.about[0], v_hat + transition.about[1]
     return Trajectory(q_hat, v_hat, q_std, v_std, np.array([column[4] for column in columns]))
 
 
@@ -98,6 +121,9 @@ def _filtered(
     v: Array,
     variance_q: Array,
     variance_v: Array,
+    q_by_v: Array,
+    v_by_q: Array,
+    v_by_v: Array,
     rise_q: Array,
     rise_v: Array,
     density: float,
@@ -116,12 +142,13 @@ def _filtered(
     x, y, a, b, c = q[0], v[0] if np.isfinite(variance_v[0]) else 0.0, DIFFUSE * scale_q, 0.0, DIFFUSE * scale_v
     for k in range(N):
         if k > 0:
-            dt = h[k - 1]
-            x += dt * y + rise_q[k - 1]
-            y += rise_v[k - 1]
-            a += dt * (2.0 * b + dt * c) + density * dt**3 / 3.0
-            b += dt * c + density * dt**2 / 2.0
-            c += density * dt
+            dt, f, g, r = h[k - 1], q_by_v[k - 1], v_by_q[k - 1], v_by_v[k - 1]
+            x, y = x + f * y + rise_q[k - 1], g * x + r * y + rise_v[k - 1]
+            a, b, c = (
+                a + f * (2.0 * b + f * c) + density * dt**3 / 3.0,
+                g * a + (r + f * g) * b + f * r * c + density * dt**2 / 2.0,
+                g * g * a + 2.0 * g * r * b + r * r * c + density * dt,
+            )
         if np.isfinite(variance_q[k]):
             s, e = a + variance_q[k], q[k] - x
             if k > 1:
@@ -145,37 +172,60 @@ def _filtered(
 
 @compiled
 def _cost(
-    h: Array, q: Array, v: Array, variance_q: Array, variance_v: Array, rise_q: Array, rise_v: Array, density: float
+    h: Array,
+    q: Array,
+    v: Array,
+    variance_q: Array,
+    variance_v: Array,
+    q_by_v: Array,
+    v_by_q: Array,
+    v_by_v: Array,
+    rise_q: Array,
+    rise_v: Array,
+    density: float,
 ) -> float:
     means, covariances = np.empty((len(q), 2)), np.empty((len(q), 3))
-    return _filtered(h, q, v, variance_q, variance_v, rise_q, rise_v, density, means, covariances)
+    steps = (q_by_v, v_by_q, v_by_v, rise_q, rise_v)
+    return _filtered(h, q, v, variance_q, variance_v, *steps, density, means, covariances)
 
 
 @compiled
 def _smoothed(
-    h: Array, q: Array, v: Array, variance_q: Array, variance_v: Array, rise_q: Array, rise_v: Array, density: float
+    h: Array,
+    q: Array,
+    v: Array,
+    variance_q: Array,
+    variance_v: Array,
+    q_by_v: Array,
+    v_by_q: Array,
+    v_by_v: Array,
+    rise_q: Array,
+    rise_v: Array,
+    density: float,
 ) -> tuple[Array, Array, Array, Array]:
     """Smoothed q, v and their standard deviations, (N,) each."""
     N = len(q)
     means, covariances = np.empty((N, 2)), np.empty((N, 3))
-    _filtered(h, q, v, variance_q, variance_v, rise_q, rise_v, density, means, covariances)
+    steps = (q_by_v, v_by_q, v_by_v, rise_q, rise_v)
+    _filtered(h, q, v, variance_q, variance_v, *steps, density, means, covariances)
     q_std, v_std = np.empty(N), np.empty(N)
     q_std[N - 1], v_std[N - 1] = np.sqrt(max(covariances[N - 1, 0], 0.0)), np.sqrt(max(covariances[N - 1, 2], 0.0))
     x, y = means[N - 1, 0], means[N - 1, 1]
     A, B, C = covariances[N - 1, 0], covariances[N - 1, 1], covariances[N - 1, 2]
     for k in range(N - 2, -1, -1):
-        dt = h[k]
+        dt, f, g, r = h[k], q_by_v[k], v_by_q[k], v_by_v[k]
         a, b, c = covariances[k, 0], covariances[k, 1], covariances[k, 2]
         # what the filter predicts at k + 1
-        px, py = means[k, 0] + dt * means[k, 1] + rise_q[k], means[k, 1] + rise_v[k]
-        pa = a + dt * (2.0 * b + dt * c) + density * dt**3 / 3.0
-        pb = b + dt * c + density * dt**2 / 2.0
-        pc = c + density * dt
+        px = means[k, 0] + f * means[k, 1] + rise_q[k]
+        py = g * means[k, 0] + r * means[k, 1] + rise_v[k]
+        pa = a + f * (2.0 * b + f * c) + density * dt**3 / 3.0
+        pb = g * a + (r + f * g) * b + f * r * c + density * dt**2 / 2.0
+        pc = g * g * a + 2.0 * g * r * b + r * r * c + density * dt
         det = pa * pc - pb * pb
         if det <= 0.0:
             det = 1e-300
         # G = P Fᵀ P₊⁻¹
-        u11, u12, u21, u22 = a + dt * b, b, b + dt * c, c
+        u11, u12, u21, u22 = a + f * b, g * a + r * b, b + f * c, g * b + r * c
         g11, g12 = (u11 * pc - u12 * pb) / det, (u12 * pa - u11 * pb) / det
         g21, g22 = (u21 * pc - u22 * pb) / det, (u22 * pa - u21 * pb) / det
         dx, dy = x - px, y - py

@@ -124,11 +124,21 @@ class WeakForm:
         rows = np.zeros((len(windows), self.rows_per_window))
         wrench = None
         if physics.contacts:
-            wrench = physics.contact_wrenches(moving, self.contact_memory(physics))
-            rows[:, self.dynamic] = -(windows.value @ moving.project(wrench)) / physics.effort_gains
+            memory = self.contact_memory(physics)
+            rows[:, self.dynamic] = -(self.samples.law_value @ self._contact_forces(physics, memory))
+            rows[:, self.dynamic] /= physics.effort_gains
+            wrench = physics.contact_wrenches(moving, memory) if self.sensors else None
         if self.sensors:
             rows[:, self.dynamic.stop :] = -(windows.value @ self.contacts.readings(physics, moving, wrench))
         return rows
+
+
+    def _contact_forces(self, physics: Physics, memory: Array) -> Array:
+        """(P, n) generalised forces of contacts at the points over which laws are integrated."""
+        moving, estimated = self.terms(physics).moving_at_points, self.samples.estimated
+        if estimated is not None:
+            memory = estimated.points.between(memory)
+        return moving.project(physics.contact_wrenches(moving, memory))
 
 
 def _integrate_joint_forces(physics: Physics, terms: MotionTerms) -> Array:
