@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_cafim.diagnosis.thresholds import LONGEST_PAUSE_OF_WINDOW
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array
 
@@ -21,6 +22,8 @@ DENSITIES = 10.0 ** np.arange(-12.0, 7.0, 1.0)
 """Densities S that are tried, times the square of 1 rad/s (or m/s) over 1 s; those around the likeliest are refined."""
 REFINEMENTS = 2
 """Times that the grid about the likeliest density is halved."""
+LONGEST_PAUSE = LONGEST_PAUSE_OF_WINDOW
+"""Pause between samples, in median sampling intervals, after which a joint starts anew."""
 DIFFUSE = 1e8
 """Variance of the initial state, over that of one sample."""
 PASSES = 4
@@ -131,7 +134,8 @@ def _filtered(
     covariances: Array,
 ) -> float:
     """Twice the negative log likelihood of the innovations; fills the filtered `means` (N, 2), `covariances` (N, 3)."""
-    N, cost = len(q), 0.0
+    N, cost, started = len(q), 0.0, 0
+    longest = LONGEST_PAUSE * np.median(h)
     scale_q, scale_v = np.inf, np.inf
     for k in range(N):
         scale_q, scale_v = min(scale_q, variance_q[k]), min(scale_v, variance_v[k])
@@ -144,14 +148,19 @@ def _filtered(
         if k > 0:
             dt, f, g, r = h[k - 1], q_by_v[k - 1], v_by_q[k - 1], v_by_v[k - 1]
             x, y = x + f * y + rise_q[k - 1], g * x + r * y + rise_v[k - 1]
-            a, b, c = (
-                a + f * (2.0 * b + f * c) + density * dt**3 / 3.0,
-                g * a + (r + f * g) * b + f * r * c + density * dt**2 / 2.0,
-                g * g * a + 2.0 * g * r * b + r * r * c + density * dt,
-            )
+            if h[k - 1] > longest:
+                # nobody knows what happened in between: the joint starts anew
+                x, y = q[k], v[k] if np.isfinite(variance_v[k]) else 0.0
+                a, b, c, started = DIFFUSE * scale_q, 0.0, DIFFUSE * scale_v, k
+            else:
+                a, b, c = (
+                    a + f * (2.0 * b + f * c) + density * dt**3 / 3.0,
+                    g * a + (r + f * g) * b + f * r * c + density * dt**2 / 2.0,
+                    g * g * a + 2.0 * g * r * b + r * r * c + density * dt,
+                )
         if np.isfinite(variance_q[k]):
             s, e = a + variance_q[k], q[k] - x
-            if k > 1:
+            if k > started + 1:
                 cost += e * e / s + np.log(s)
             g, f = a / s, b / s
             x, y = x + g * e, y + f * e
@@ -159,7 +168,7 @@ def _filtered(
             a, b = a * variance_q[k] / s, b * variance_q[k] / s
         if np.isfinite(variance_v[k]):
             s, e = c + variance_v[k], v[k] - y
-            if k > 1:
+            if k > started + 1:
                 cost += e * e / s + np.log(s)
             g, f = b / s, c / s
             x, y = x + g * e, y + f * e
@@ -205,6 +214,7 @@ def _smoothed(
 ) -> tuple[Array, Array, Array, Array]:
     """Smoothed q, v and their standard deviations, (N,) each."""
     N = len(q)
+    longest = LONGEST_PAUSE * np.median(h)
     means, covariances = np.empty((N, 2)), np.empty((N, 3))
     steps = (q_by_v, v_by_q, v_by_v, rise_q, rise_v)
     _filtered(h, q, v, variance_q, variance_v, *steps, density, means, covariances)
@@ -215,6 +225,10 @@ def _smoothed(
     for k in range(N - 2, -1, -1):
         dt, f, g, r = h[k], q_by_v[k], v_by_q[k], v_by_v[k]
         a, b, c = covariances[k, 0], covariances[k, 1], covariances[k, 2]
+        if h[k] > longest:
+            x, y, A, B, C = means[k, 0], means[k, 1], a, b, c
+            q_std[k], v_std[k] = np.sqrt(max(A, 0.0)), np.sqrt(max(C, 0.0))
+            continue
         # what the filter predicts at k + 1
         px = means[k, 0] + f * means[k, 1] + rise_q[k]
         py = g * means[k, 0] + r * means[k, 1] + rise_v[k]
