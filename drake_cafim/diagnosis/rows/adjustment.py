@@ -33,13 +33,14 @@ def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
         variance_v = np.stack([_variance(samples, f"v.{name}") for name in names], axis=1)
     read = (samples.time, as_read.q, as_read.v, variance_q, variance_v)
     found = smooth(*read, Transition.unknown(samples.time, len(names)))
-    current = _with_trajectory(weak, physics, found)
+    nothing = np.zeros((len(samples.time) - 1, len(names)))
+    current = _with_trajectory(weak, physics, found, nothing)
     for _ in range(PASSES):
-        transition = _transition(current, physics, found)
+        transition, bend = _transition(current, physics, found)
         if not (np.all(np.isfinite(transition.rise_v)) and np.all(np.isfinite(transition.rise_q))):
             break
         before, found = found, smooth(*read, transition)
-        current = _with_trajectory(weak, physics, found)
+        current = _with_trajectory(weak, physics, found, bend)
         if np.sqrt(np.mean(((found.v - before.v) / np.maximum(found.v_std, 1e-300)) ** 2)) < SETTLED:
             break
     return current
@@ -61,8 +62,11 @@ def _variance(samples: Samples, column: str) -> Array:
     return np.where(recorded, std**2 * np.maximum(total, 1e-6), np.inf)
 
 
-def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> Transition:
-    """How `physics` changes each joint's state from sample to sample, about the motion `found` of `weak`."""
+def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Transition, Array]:
+    """How `physics` changes each joint's state from sample to sample, about the motion `found` of `weak`.
+
+    And what its acceleration M⁻¹ (f + u) changes over each interval but for steps and slopes of u, (N − 1, n).
+    """
     samples, terms = weak.samples, weak.terms(physics)
     time, moving = samples.time, replace(terms.moving, tree=physics.tree)
     response = physics.free_response(moving)
@@ -76,7 +80,11 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> Transiti
     following = np.concatenate([effort[:1], effort[:-1]])
     after, before = (np.einsum("nij,nj->ni", response.mobility, force + acting) for acting in (effort, following))
     own = np.diagonal(response.mobility, axis1=1, axis2=2)
-    return Transition.of(time, found.q, found.v, after, before, own * by_q, own * by_v)
+    transition = Transition.of(time, found.q, found.v, after, before, own * by_q, own * by_v)
+    smooth_part = np.einsum("nij,nj->ni", response.mobility, force)
+    inertia_changes = np.einsum("nij,nj->ni", np.diff(response.mobility, axis=0), effort[:-1])
+    # efforts are exact at the mobility of each sample, so that only its change under them is left
+    return transition, np.diff(smooth_part, axis=0) + inertia_changes
 
 
 def _rotor_efforts(weak: WeakForm, physics: Physics) -> Array:
@@ -89,7 +97,7 @@ def _rotor_efforts(weak: WeakForm, physics: Physics) -> Array:
     return taken
 
 
-def _with_trajectory(weak: WeakForm, physics: Physics, found: Trajectory) -> WeakForm:
+def _with_trajectory(weak: WeakForm, physics: Physics, found: Trajectory, bend: Array) -> WeakForm:
     """`weak` with the estimated motion `found` in place of its positions and velocities, as its sensors record it."""
     samples, names = weak.samples, physics.tree.joint_names
     columns = {f"q.{name}": found.q[:, j] for j, name in enumerate(names)}
@@ -101,7 +109,7 @@ def _with_trajectory(weak: WeakForm, physics: Physics, found: Trajectory) -> Wea
     beyond = None if samples.differentiate is None else found.v - samples.differentiate @ found.q
     recorded = {name: value for name, value in columns.items() if name in samples.recording.columns}
     recording = replace(samples.recording, columns={**samples.recording.columns, **recorded})
-    estimated = EstimatedMotion(found.q_std, found.v_std, beyond, lay_points(samples.windows, found.v))
+    estimated = EstimatedMotion(found.q_std, found.v_std, beyond, lay_points(samples.windows, found.v), bend)
     return WeakForm(replace(samples, recording=recording, q=q, v=v, estimated=estimated), weak.sensors)
 
 

@@ -40,7 +40,7 @@ class KinematicRows:
         windows, time = self.samples.windows, self.samples.time
         factor = np.ones((len(windows), q.shape[1]))
         channels = {"q": q.copy(), "v": v.copy()} if lags else {"q": q, "v": v}
-        slopes = {"q": windows.rate, "v": windows.value}
+        slopes = {"q": windows.rate, "v": windows.velocity}
         for lag in lags:
             kind, joint = lag.at.split(".", 1)
             partner, j = "v" if kind == "q" else "q", joints.index(joint)

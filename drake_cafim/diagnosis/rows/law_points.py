@@ -69,7 +69,7 @@ def lay_points(windows: Windows, v: Array) -> LawPoints:
     share = np.stack([(begin + GAUSS) * length, (begin + 1.0 - GAUSS) * length], axis=1).ravel()
     interval, length = np.repeat(interval, 2), np.repeat(length, 2)
     h = np.diff(windows.time)[interval]
-    return LawPoints(interval, share, windows.at(windows.time[interval] + share * h, 0.5 * length * h))
+    return LawPoints(interval, share, windows.at(interval, 0.5 * length * h))
 
 
 def _pieces(v: Array) -> Indices:

@@ -95,7 +95,7 @@ class MotionTermsCache:
             if lags:
                 as_written = corrected_measurement(samples, self.sensors, replace(physics, sensors=others))
             q, v, louder = self._kinematic.compared(lags, physics.tree.joint_names, as_written.q, as_written.v)
-            kinematic = (windows.rate @ q + windows.value @ v - correction) * louder
+            kinematic = (windows.rate @ q + windows.velocity @ v - correction) * louder
         at_joints = joint_samples_of(samples, measured, samples.v_std)
         regressor = self._links.regressor(moving, measured.v)
         rows = MeasuredRows(windows, measured.v, measured.u, measured.v_hat, measured.wrenches, samples.ramped)
@@ -119,9 +119,12 @@ def _law_samples(
 
 
 def _correction_of_efforts(samples: Samples, inverse_mass: Array, u: Array) -> Array:
-    """(M, n) correction of the kinematic rows for the steps of v̇ that efforts `u` (N, n) cause, M⁻¹ u."""
+    """(M, n) correction of the kinematic rows for how v̇ changes between samples: by efforts `u` (N, n), M⁻¹ u."""
     time, ramped = samples.time, np.array(samples.ramped)
     total = np.zeros((len(samples.windows), samples.q.shape[1]))
+    if samples.estimated is not None:
+        # ∫ (t − t̄) a dt of an acceleration that is linear over an interval
+        total += samples.windows.interval @ (np.diff(time)[:, None] ** 2 / 12.0 * samples.estimated.bend)
     for ramp in set(samples.ramped):
         acceleration = (inverse_mass @ np.where(ramped == ramp, u, 0.0)[..., None])[..., 0]
         total += samples.windows.steps(time, ramp) @ acceleration

@@ -43,6 +43,8 @@ class EstimatedMotion:
     v_std: Array
     beyond: Array | None
     points: LawPoints
+    bend: Array
+    """(N − 1, n): what the model's acceleration, its efforts' left out, changes over each sample interval."""
 
 
 @dataclass(frozen=True)

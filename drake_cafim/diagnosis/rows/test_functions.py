@@ -6,8 +6,8 @@ four of which overlap everywhere (de Boor, A Practical Guide to Splines, 1978, c
 sums over many rows telescope: p appears there only at the ends. What acts slowly is seen in such sums; test functions
 with a rippled sum let the noise of p back into them.
 
-Between samples, evenly spaced or not, the integrand's other factor is interpolated by cubics and w is exact; the error
-of the cubics where a held effort steps, or a ramped one changes its slope, is corrected.
+Between samples, evenly spaced or not, the integrand's other factor is interpolated by cubics and w is exact. Forces that
+step or bend between samples are integrated over each sample interval first, see `Windows.interval`.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from drake_cafim.diagnosis.rows.quadrature import NODES, gauss, lagrange, missed_kink
+from drake_cafim.diagnosis.rows.quadrature import NODES, gauss, lagrange
 from drake_cafim.diagnosis.thresholds import LONGEST_PAUSE_OF_WINDOW
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.typing import Array, Indices
@@ -44,8 +44,7 @@ class Windows:
     run_first: Indices
     run_stop: Indices
     _held: dict[tuple[bytes, bool], sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
-    _steps: dict[tuple[bytes, bool], sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
-    _kinks: dict[tuple[bytes, int], Array] = field(default_factory=dict, repr=False, compare=False)
+    _overlaps: dict[tuple[bytes, bool], "_Pieces"] = field(default_factory=dict, repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -70,91 +69,68 @@ class Windows:
         """(M, N) matrix: `rate @ f` is ∫ ẇ f dt for samples f (N,)."""
         return self._product(self._slope)
 
-    def steps(self, times: Array, ramped: bool = False) -> sp.csr_matrix:
-        """(M, K) correction of `rate @ q + value @ v` for accelerations (K,) held from each of `times` (K,) s on.
+    @cached_property
+    def interval(self) -> sp.csr_matrix:
+        """(M, N − 1) matrix W̄: `rate @ p` is −W̄ Δp for the differences Δp (N − 1,) between samples.
 
-        The cubics between samples have an error where the acceleration steps, as the slope of v and the curvature of q
-        jump. If `ramped`, accelerations are linear between `times`, and the next higher derivatives jump. Cached.
+        If ṗ is f, −`rate @ p` − W̄ ∫f is zero whatever f does between samples, where ∫f (N − 1,) are its integrals over
+        the sample intervals: p − ∫f dt is constant, and the cubics through it are exact.
         """
-        return self._cached(self._steps, times, ramped, self._correction_of_steps)
+        rate = self.rate
+        counts = np.diff(rate.indptr)
+        rows = np.repeat(np.arange(len(self)), counts)
+        total = np.cumsum(rate.data)
+        before = np.concatenate([[0.0], total])[rate.indptr[:-1]]
+        # a row of `rate` sums to zero: minus the sum of what comes after a sample is the sum up to it
+        values = total - np.repeat(before, counts)
+        inside = rate.indices < len(self.time) - 1
+        shape = (len(self), len(self.time) - 1)
+        return sp.csr_matrix((values[inside], (rows[inside], rate.indices[inside])), shape=shape)
 
-    def _correction_of_steps(self, times: Array, ramped: bool) -> sp.csr_matrix:
-        clipped, rows, columns = self._overlaps(times)
-        since = clipped[columns] - self.starts[rows]
-        order = 2 if ramped else 1
-        lower, upper = self._kink(clipped, order), missed_kink(self.time, clipped, order + 1)
-        area, moment = lower[0, columns], lower[1, columns] + upper[0, columns]
-        jumps = self._weight(since) * area + self._slope(since) * moment
-        return sp.csr_matrix(-self._matrix(jumps, rows, columns, len(times)) @ _jump(times, ramped))
+    @cached_property
+    def velocity(self) -> sp.csr_matrix:
+        """(M, N) matrix: `velocity @ v` is ∫ w v dt for velocities v (N,) that are linear between samples."""
+        half = 0.5 * np.diff(self.time)
+        count = len(half)
+        ends = sp.diags_array([half, half], offsets=[0, 1], shape=(count, count + 1))
+        return sp.csr_matrix(self.interval @ ends)
+
+    def steps(self, times: Array, ramped: bool = False) -> sp.csr_matrix:
+        """(M, K) correction of `rate @ q + velocity @ v` for accelerations (K,) held from each of `times` (K,) s on.
+
+        With t̄ the middle of a sample interval, ∫ v dt = ½ h (v₁ + v₂) − ∫ (t − t̄) a dt. If `ramped`, accelerations are
+        linear between `times`. Cached.
+        """
+        return sp.csr_matrix(self.interval @ self._pieces(times, ramped).moment)
 
     def held(self, times: Array, ramped: bool = False) -> sp.csr_matrix:
         """(M, K) matrix: `held @ u` is ∫ w u dt for values u (K,) held from each of `times` (K,) s to the next. Cached.
 
-        If `ramped`, u is linear between `times` and constant after the last. Includes the correction of `rate` for the
-        cubics' error where the momentum's slope jumps by Δu because u steps (its curvature, where u is ramped).
+        If `ramped`, u is linear between `times` and constant after the last. It is exact beside `rate`, see `interval`.
         """
-        return self._cached(self._held, times, ramped, self._integral_of_held)
-
-    def _kink(self, times: Array, order: int) -> Array:
-        """`missed_kink` (3, K) of `order` at `times` (K,) s; the last one is cached, as two integrals need it."""
-        key = times.tobytes(), order
-        if key not in self._kinks:
-            make_room(self._kinks, 1)
-            self._kinks[key] = missed_kink(self.time, times, order)
-        return self._kinks[key]
-
-    def _cached(
-        self,
-        known: dict[tuple[bytes, bool], sp.csr_matrix],
-        times: Array,
-        ramped: bool,
-        compute: Callable[[Array, bool], sp.csr_matrix],
-    ) -> sp.csr_matrix:
         key = times.tobytes(), ramped
-        if key not in known:
-            make_room(known, 12)
-            known[key] = compute(times, ramped)
-        return known[key]
+        if key not in self._held:
+            make_room(self._held, 12)
+            self._held[key] = sp.csr_matrix(self.interval @ self._pieces(times, ramped).integral)
+        return self._held[key]
 
-    def _overlaps(self, times: Array) -> tuple[Array, Indices, Indices]:
-        """`times` (K,) s clipped to the recording, and the indices of window and time for every pair that overlaps."""
-        clipped = np.clip(times, self.time[0], self.time[-1])
-        first = np.searchsorted(times, self.starts, side="right") - 1
-        stop = np.searchsorted(times, self.starts + self.width, side="left")
-        first = np.clip(first, 0, None)
-        counts = np.maximum(stop - first, 0)
-        rows = np.repeat(np.arange(len(self)), counts)
-        columns = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(first, counts)
-        return clipped, rows, columns
+    def _pieces(self, times: Array, ramped: bool) -> "_Pieces":
+        """The integrals and moments over sample intervals of values at `times`; the last ones are cached."""
+        key = times.tobytes(), ramped
+        if key not in self._overlaps:
+            make_room(self._overlaps, 4)
+            self._overlaps[key] = _Pieces.of(self.time, times, ramped)
+        return self._overlaps[key]
 
-    def _integral_of_held(self, times: Array, ramped: bool) -> sp.csr_matrix:
-        clipped, rows, columns = self._overlaps(times)
-        origin = self.starts[rows]
-        missed = self._kink(clipped, 2 if ramped else 1)[:, columns]
-        since = clipped[columns] - origin
-        weights_there = (self._slope(since), self._curvature(since), self._jerk(since))
-        at_step = sum(weight * moment for weight, moment in zip(weights_there, missed, strict=True))
-        begin, end = since, np.append(clipped[1:], self.time[-1])[columns] - origin
-        weights = self._antiderivative(end) - self._antiderivative(begin)
-        integral = self._matrix(weights, rows, columns, len(times))
-        if ramped:
-            # u = u_k + (t − t_k)/(t_k+1 − t_k) Δu: by parts, ∫ w (t − t_k) dt = [(t − t_k) ∫w − ∬w]
-            lasting = end - begin
-            moment = lasting * self._antiderivative(end)
-            moment -= self._second_antiderivative(end) - self._second_antiderivative(begin)
-            share = np.divide(moment, lasting, where=lasting > 0.0, out=0.0 * moment)
-            following = np.minimum(columns + 1, len(times) - 1)
-            integral = integral + self._matrix(share, rows, following, len(times))
-            integral = integral - self._matrix(share, rows, columns, len(times))
-        return sp.csr_matrix(integral + self._matrix(at_step, rows, columns, len(times)) @ _jump(times, ramped))
+    def at(self, interval: Indices, measure: Array) -> sp.csr_matrix:
+        """(M, P) matrix: `at(...) @ f` is ∫ w f dt for values f (P,) at points that lie in the sample intervals `interval`.
 
-    def at(self, times: Array, measure: Array) -> sp.csr_matrix:
-        """(M, P) matrix: `at(times, measure) @ f` is Σ w f `measure` for values f (P,) at increasing `times` (P,) s."""
-        first = np.searchsorted(times, self.starts, side="left")
-        counts = np.searchsorted(times, self.starts + self.width, side="right") - first
-        rows = np.repeat(np.arange(len(self)), counts)
-        columns = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(first, counts)
-        return self._matrix(measure[columns] * self._weight(times[columns] - self.starts[rows]), rows, columns, len(times))
+        Their weights `measure` (P,) s add up to each interval's length.
+        """
+        sums = sp.csr_matrix(
+            (measure, (interval, np.arange(len(interval)))), shape=(len(self.time) - 1, len(interval))
+        )
+        return sp.csr_matrix(self.interval @ sums)
 
     def rows(self, per_window: Array) -> Array:
         """`per_window` (M, r, ...) flattened to (M r, ...), window after window."""
@@ -194,45 +170,42 @@ class Windows:
         inner, outer = x * (1.5 * np.abs(x) - 2.0), -0.5 * np.sign(x) * (2.0 - np.abs(x)) ** 2
         return np.asarray(np.where(np.abs(x) < 1.0, inner, outer) / self.spacing, dtype=float)
 
-    def _curvature(self, since: Array) -> Array:
-        x = np.abs(self._from_center(since))
-        return np.asarray(np.where(x < 1.0, 3.0 * x - 2.0, 2.0 - x) / self.spacing**2, dtype=float)
-
-    def _jerk(self, since: Array) -> Array:
-        x = self._from_center(since)
-        within = np.abs(x) < 2.0
-        third = np.where(np.abs(x) < 1.0, 3.0, -1.0) * np.sign(x) * within
-        return np.asarray(third / self.spacing**3, dtype=float)
-
     def _from_center(self, since: Array) -> Array:
         """`since` the windows' starts, clipped to their width, from their middles and in units of the spacing."""
         return np.clip(since, 0.0, self.width) / self.spacing - 2.0
 
-    def _antiderivative(self, since: Array) -> Array:
-        """∫₀ˢ w dt = h Σ_k (−1)ᵏ C(4, k) (s/h − k)₊⁴/24."""
-        return self.spacing * self._powers(np.clip(since, 0.0, self.width), 4) / 24.0
 
-    def _second_antiderivative(self, since: Array) -> Array:
-        """∫₀ˢ of `_antiderivative`: h² Σ_k (−1)ᵏ C(4, k) (s/h − k)₊⁵/120, continued linearly after T."""
-        after = self.spacing * np.maximum(since - self.width, 0.0)
-        return self.spacing**2 * self._powers(np.clip(since, 0.0, self.width), 5) / 120.0 + after
+@dataclass(frozen=True)
+class _Pieces:
+    """Integrals over N − 1 sample intervals of K values that are held, or ramped, from time to time.
 
-    def _powers(self, since: Array, degree: int) -> Array:
-        s = since / self.spacing
-        terms = (c * np.maximum(s - k, 0.0) ** degree for k, c in enumerate((1.0, -4.0, 6.0, -4.0, 1.0)))
-        return np.asarray(sum(terms), dtype=float)
+    `integral` (N − 1, K): ∫ u dt; `moment` (N − 1, K): ∫ (t − t̄) u dt about the interval's middle t̄.
+    """
 
+    integral: sp.csr_matrix
+    moment: sp.csr_matrix
 
-def _jump(times: Array, ramped: bool) -> sp.csr_matrix:
-    """(K, K) matrix of the differences of successive values, the first from zero; if `ramped`, of successive slopes."""
-    ones = np.ones(len(times))
-    jump = sp.diags_array([ones, -ones[1:]], offsets=[0, -1])
-    if not ramped:
-        return sp.csr_matrix(jump)
-    apart = np.diff(times)
-    rate = np.append(np.divide(1.0, apart, where=apart > 0.0, out=0.0 * apart), 0.0)
-    slope = sp.diags_array([-rate, rate[:-1]], offsets=[0, 1])
-    return sp.csr_matrix(jump @ slope)
+    @classmethod
+    def of(cls, time: Array, times: Array, ramped: bool) -> "_Pieces":
+        """For samples at `time` (N,) s and values from each of `times` (K,) s on; before the first it holds too."""
+        grid = np.unique(np.concatenate([time, np.clip(times, time[0], time[-1])]))
+        length, middle = np.diff(grid), 0.5 * (grid[1:] + grid[:-1])
+        k = np.searchsorted(time, middle, side="right") - 1
+        i = np.clip(np.searchsorted(times, middle, side="right") - 1, 0, None)
+        arm = middle - 0.5 * (time[k] + time[k + 1])
+        shape = (len(time) - 1, len(times))
+        if not ramped:
+            return cls(*(sp.csr_matrix((values, (k, i)), shape=shape) for values in (length, length * arm)))
+        following = np.minimum(i + 1, len(times) - 1)
+        apart = times[following] - times[i]
+        steepness = np.divide(1.0, apart, where=apart > 0.0, out=np.zeros_like(apart))
+        share = np.clip((middle - times[i]) * steepness, 0.0, 1.0)
+        # ∫ (t − t̄) (t − tᵢ) dt over a piece has a part by its own length
+        own = length**3 / 12.0 * steepness * (middle > times[i])
+        rows, columns = np.concatenate([k, k]), np.concatenate([i, following])
+        integral = np.concatenate([length * (1.0 - share), length * share])
+        moment = np.concatenate([length * arm * (1.0 - share) - own, length * arm * share + own])
+        return cls(*(sp.csr_matrix((values, (rows, columns)), shape=shape) for values in (integral, moment)))
 
 
 def lay_windows(time: Array, usable: np.ndarray[Any, np.dtype[np.bool_]], width: float) -> Windows:

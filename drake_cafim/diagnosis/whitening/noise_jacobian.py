@@ -122,7 +122,7 @@ def _block(weak: WeakForm, momentum: Array, force: Array, kinematic: int, rate: 
     rates: Parts = {first + k: (windows.rate, -momentum[:, k]) for k in range(weak.joints)}
     values: Parts = {first + k: (windows.value, -force[:, k]) for k in range(weak.joints)}
     if weak.kinematic_rows:
-        (rates if rate else values)[kinematic] = windows.rate if rate else windows.value, np.ones(len(momentum))
+        (rates if rate else values)[kinematic] = windows.rate if rate else windows.velocity, np.ones(len(momentum))
     return sp.csr_matrix(_interleave(weak, rates) + _interleave(weak, values))
 
 
