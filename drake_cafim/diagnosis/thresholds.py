@@ -205,9 +205,6 @@ Unit: 1. Not calibrated: chosen."""
 
 # Recordings of joints
 
-ECHO_GAIN_WORTH_ASKING = 8.0
-"""Decrease of χ² by a coupling from which on it is tested whether the coupling is an artefact of noise. Unit: 1. Not
-calibrated: chosen."""
 MEASURED_FORCE_EXCESS_SHARE_LEFT = 0.05
 """Largest share of the joints' excess over noise that remains when the sensor's force replaces the contact's, for the
 contact law and not the sensor to be wrong. Unit: 1. Not calibrated: chosen."""
@@ -262,9 +259,6 @@ chosen."""
 PLANE_TOUCHED_TIME_SHARES = (0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.22, 0.3, 0.4, 0.55)
 """Shares of the time for which a trial plane is touched, which set its trial offsets. Unit: 1. Not calibrated:
 chosen."""
-EQUAL_LAG_DIFFERENCE = 0.2
-"""Relative difference of two time constants within which their lags amplify a channel's noise alike. Unit: 1. Not
-calibrated: chosen."""
 PUSH_DURATIONS = (0.07, 0.12, 0.2, 0.35, 0.6)
 """Durations of the pushes that are tried. Unit: s. Not calibrated: chosen."""
 PUSH_SPACING = 0.3
@@ -322,7 +316,6 @@ REPLACED_LATER = frozenset(
         "CHANNEL_SMOOTHING_REACH",
         "COMPETING_CRITERION_REACH",
         "CORRECTION_COST_ALLOWANCE",
-        "ECHO_GAIN_WORTH_ASKING",
         "INITIAL_DOUBT_ROW_CHANGE",
         "MISFIT_REDUCED_CHI_SQUARE",
         "MISFIT_SHARE_TO_EXPLAIN",

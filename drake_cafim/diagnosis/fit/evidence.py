@@ -59,7 +59,7 @@ def refit_under_noise_of(problem: Problem, before: Fit, after: Fit) -> tuple[Fit
     An effect that changes the inertia also changes the noise covariance of the rows; under the whitening of `before`
     it may gain by that alone.
     """
-    if not problem.regressors_noisy:
+    if not problem.whitened_by_model:
         return before, after
     own = problem.rewhitened(after.model)
     return unbiased_fit(own, before.model), unbiased_fit(own, after.model)

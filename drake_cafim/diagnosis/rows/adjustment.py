@@ -17,7 +17,6 @@ from drake_cafim.diagnosis.rows.law_points import lay_points
 from drake_cafim.diagnosis.rows.samples import EstimatedMotion, Samples
 from drake_cafim.diagnosis.rows.trajectory import PASSES, SETTLED, Trajectory, Transition, smooth
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
-from drake_cafim.dynamics.motion import motion
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array

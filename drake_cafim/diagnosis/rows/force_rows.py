@@ -23,7 +23,7 @@ CACHED_TERMS = 64
 class ForceRows:
     """Integrals over the `windows` of forces evaluated along one motion `moving` of the recording named `recording`.
 
-    `joints` are each joint's motion at the P points at which its laws are evaluated, and `value` (M, P) integrates them.
+    `joints` are each joint's motion at the P points at which its laws are evaluated; `value` (M, P) integrates them.
     """
 
     windows: Windows

@@ -6,8 +6,8 @@ four of which overlap everywhere (de Boor, A Practical Guide to Splines, 1978, c
 sums over many rows telescope: p appears there only at the ends. What acts slowly is seen in such sums; test functions
 with a rippled sum let the noise of p back into them.
 
-Between samples, evenly spaced or not, the integrand's other factor is interpolated by cubics and w is exact. Forces that
-step or bend between samples are integrated over each sample interval first, see `Windows.interval`.
+Between samples, evenly spaced or not, the integrand's other factor is interpolated by cubics and w is exact. Forces
+that step or bend between samples are integrated over each sample interval first, see `Windows.interval`.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,6 @@ from drake_cafim.diagnosis.rows.quadrature import NODES, gauss, lagrange
 from drake_cafim.diagnosis.thresholds import LONGEST_PAUSE_OF_WINDOW
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.typing import Array, Indices
-
 
 OVERLAPPING = 4
 """Number of B-splines that are not zero at any time; of cubic ones."""
@@ -123,13 +122,11 @@ class Windows:
         return self._overlaps[key]
 
     def at(self, interval: Indices, measure: Array) -> sp.csr_matrix:
-        """(M, P) matrix: `at(...) @ f` is ∫ w f dt for values f (P,) at points that lie in the sample intervals `interval`.
+        """(M, P) matrix: `at(...) @ f` is ∫ w f dt for values f (P,) at points, each in its sample `interval` (P,).
 
         Their weights `measure` (P,) s add up to each interval's length.
         """
-        sums = sp.csr_matrix(
-            (measure, (interval, np.arange(len(interval)))), shape=(len(self.time) - 1, len(interval))
-        )
+        sums = sp.csr_matrix((measure, (interval, np.arange(len(interval)))), shape=(len(self.time) - 1, len(interval)))
         return sp.csr_matrix(self.interval @ sums)
 
     def rows(self, per_window: Array) -> Array:

@@ -86,9 +86,7 @@ class Transition:
         return Transition(lasting, pull * lasting, np.exp(decay), missed_q, missed_v, np.stack([q, v]))
 
 
-def smooth(
-    time: Array, q: Array, v: Array, variance_q: Array, variance_v: Array, transition: Transition
-) -> Trajectory:
+def smooth(time: Array, q: Array, v: Array, variance_q: Array, variance_v: Array, transition: Transition) -> Trajectory:
     """The trajectory of all joints from samples `q`, `v` (N, n) with these variances (N, n); infinite where missing."""
     columns = []
     h = np.ascontiguousarray(np.diff(time))

@@ -132,7 +132,6 @@ class WeakForm:
             rows[:, self.dynamic.stop :] = -(windows.value @ self.contacts.readings(physics, moving, wrench))
         return rows
 
-
     def _contact_forces(self, physics: Physics, memory: Array) -> Array:
         """(P, n) generalised forces of contacts at the points over which laws are integrated."""
         moving, estimated = self.terms(physics).moving_at_points, self.samples.estimated

@@ -6,14 +6,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import Misfit, adequacy, misfits
-from drake_cafim.diagnosis.fit.evidence import Check, law_inaccuracy, leaves_inaccuracy, least_gain, scale_of
+from drake_cafim.diagnosis.fit.evidence import Check, law_inaccuracy, least_gain, leaves_inaccuracy, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search.far_unknowns import distances
 from drake_cafim.diagnosis.search.screening import Candidate
-from drake_cafim.diagnosis.thresholds import LAW_ACCURACY, NOISE_STD_TOLERANCE, UNKNOWN_FAR_IN_PRIOR_STDS, WINDOWS_PER_BLOCK
+from drake_cafim.diagnosis.thresholds import (
+    LAW_ACCURACY,
+    NOISE_STD_TOLERANCE,
+    UNKNOWN_FAR_IN_PRIOR_STDS,
+    WINDOWS_PER_BLOCK,
+)
 from drake_cafim.diagnosis.trace import NOMINAL, OTHERS, Record, name_of, names_of, spoken
 from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.rounding import short
@@ -29,7 +34,8 @@ TESTS = {
     "share of misfit": "removes a share of {s} of χ²; because far more than noise remains, at least {t} is required",
     "share of recordings": "improves the fit in a share of {s} of the recordings; at least {t} is required",
     "gain": "lowers χ² by {s}; on noise alone, the best of all candidates would lower it by less than {t}",
-    "gain over inaccuracy": "lowers χ² by {s}; as much as {t} may come from laws that are right to one part in a thousand",
+    "gain over inaccuracy": "lowers χ² by {s}; as much as {t} may come from laws that are right to one part in a "
+    "thousand",
     "gain for its parameters": "lowers χ² by {s}; the Bayesian information criterion requires {t} for its parameters",
     "Wald statistic": "has a Wald statistic of {s} (χ² of its difference from no effect); on noise alone, the best of "
     "all candidates would have less than {t}",

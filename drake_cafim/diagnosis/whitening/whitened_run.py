@@ -70,7 +70,10 @@ class Run:
             return StartMarginal(self._with_noise(self.whitened(self.weak.residual(physics))))
         # the simulated twist diverges where a link is lighter than its rotor
         with np.errstate(over="ignore", invalid="ignore"):
-            rows, U = self._with_noise(self.whitened(self.weak.residual(physics))), self._doubted(start_rows(self.weak, physics))
+            rows, U = (
+                self._with_noise(self.whitened(self.weak.residual(physics))),
+                self._doubted(start_rows(self.weak, physics)),
+            )
             if not np.all(np.abs(rows) < IMPOSSIBLE) or not np.all(np.abs(U) < IMPOSSIBLE):
                 return StartMarginal(np.full(len(rows), np.inf))
         return StartMarginal.of(rows, U, widths)
