@@ -97,5 +97,5 @@ class Problem(ABC):
         return np.asarray(self.scene.priors.std * model.prior_std_ratios(self.scene), dtype=float)
 
     def penalty(self, model: Model) -> float:
-        """Addition to a model's χ²: ln det of the covariance of unknown initial states, which the rows do not contain."""
+        """Addition to a model's χ²: ln det of the covariance of unknown initial states."""
         return 0.0

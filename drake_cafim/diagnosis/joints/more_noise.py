@@ -1,4 +1,4 @@
-"""Recordings with further noise of measured efforts, by which the noise shared by Jacobian and residual is estimated."""
+"""Recordings with more noise of measured efforts, by which the noise that Jacobian and residual share is estimated."""
 
 from collections.abc import Sequence
 from dataclasses import replace

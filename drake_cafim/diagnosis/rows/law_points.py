@@ -77,4 +77,4 @@ def _pieces(v: Array) -> Indices:
     change = np.abs(np.diff(v, axis=0))
     slow: Flags = np.minimum(np.abs(v[1:]), np.abs(v[:-1])) < NEAR_ZERO + change
     needed = np.where(slow, np.ceil(change / LARGEST_CHANGE), 1.0)
-    return np.clip(np.max(needed, axis=1, initial=1.0), 1, MOST_PIECES).astype(int)
+    return np.asarray(np.clip(np.max(needed, axis=1, initial=1.0), 1, MOST_PIECES), dtype=np.int64)

@@ -112,10 +112,11 @@ def _law_samples(
     if samples.estimated is None:
         return at_samples, samples.windows.value
     points, std = samples.estimated.points, samples.estimated.v_std
-    columns = (measured.q, measured.v, measured.u, std)
-    return tuple(
-        points.samples(samples.time, *(c[:, j] for c in columns), ramp) for j, ramp in enumerate(samples.ramped)
-    ), points.value
+    at_points = [
+        points.samples(samples.time, measured.q[:, j], measured.v[:, j], measured.u[:, j], std[:, j], ramp)
+        for j, ramp in enumerate(samples.ramped)
+    ]
+    return tuple(at_points), points.value
 
 
 def _correction_of_efforts(samples: Samples, inverse_mass: Array, u: Array) -> Array:

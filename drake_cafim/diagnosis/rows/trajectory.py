@@ -193,7 +193,8 @@ def _cost(
 ) -> float:
     means, covariances = np.empty((len(q), 2)), np.empty((len(q), 3))
     steps = (q_by_v, v_by_q, v_by_v, rise_q, rise_v)
-    return _filtered(h, q, v, variance_q, variance_v, *steps, density, means, covariances)
+    cost: float = _filtered(h, q, v, variance_q, variance_v, *steps, density, means, covariances)
+    return cost
 
 
 @compiled
