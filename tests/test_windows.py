@@ -56,7 +56,19 @@ def test_velocity_rows_know_that_acceleration_steps(delay: float, jitter: float)
     sampled = np.searchsorted(fine, time)
     plain = windows.rate @ q[sampled] + windows.velocity @ v[sampled]
     residual = plain - windows.steps(time + delay) @ held
-    assert np.abs(residual).max() < 1e-9 * np.abs(plain).max()
+    inside = windows.starts > 0.02
+    assert np.abs(residual[inside]).max() < 1e-12 * np.abs(windows.velocity @ v[sampled]).max()
+
+
+def test_windows_sum_to_one_and_their_slopes_to_zero() -> None:
+    """What is not at the ends telescopes: constants and noise that lasts are not written by any ripple."""
+    time = _grid(500, 0.5)
+    windows = lay_windows(time, np.ones(500, dtype=bool), 0.12)
+    inside = (time > time[0] + 0.12) & (time < time[-1] - 0.12 - windows.spacing)
+    total = np.asarray(windows.interval.sum(axis=0)).ravel()
+    np.testing.assert_allclose(total[inside[:-1]], 1.0, atol=1e-11)
+    np.testing.assert_allclose(np.asarray(windows.rate.sum(axis=0)).ravel()[inside], 0.0, atol=1e-11)
+    np.testing.assert_allclose(windows.rate @ np.ones(500), 0.0, atol=1e-11)
 
 
 def test_a_smooth_motion_on_an_uneven_grid_is_consistent() -> None:
@@ -139,9 +151,8 @@ def test_a_short_recording_leaves_the_others_their_wider_windows(tmp_path: Path)
     assert isinstance(prepared, Prepared)
     problem = prepared.problem()
     found, width = problem.over_wider_windows(4.0) or (problem, 0.0)
-    assert [form.samples.windows.width for form in found.forms] == pytest.approx([0.24, 0.12])
-    assert width == pytest.approx(0.24)
-    assert (problem.over_wider_windows(8.0) or (problem, 0.0))[1] == pytest.approx(0.48)
+    assert [form.samples.windows.width for form in found.forms] == pytest.approx([0.48, 0.12])
+    assert width == pytest.approx(0.48)
     assert problem.over_wider_windows(64.0) is None
 
 
@@ -178,4 +189,4 @@ def test_velocity_rows_know_that_acceleration_bends(delay: float) -> None:
     plain = windows.rate @ q[sampled] + windows.velocity @ v[sampled]
     residual = plain - windows.steps(knots, ramped=True) @ asked
     inside = windows.starts > 0.02
-    assert np.abs(residual[inside]).max() < 1e-9 * np.abs(plain[inside]).max()
+    assert np.abs(residual[inside]).max() < 1e-9 * np.abs(windows.velocity @ v[sampled]).max()

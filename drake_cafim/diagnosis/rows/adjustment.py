@@ -17,9 +17,15 @@ from drake_cafim.diagnosis.rows.law_points import lay_points
 from drake_cafim.diagnosis.rows.samples import EstimatedMotion, Samples
 from drake_cafim.diagnosis.rows.trajectory import PASSES, SETTLED, Trajectory, Transition, smooth
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.dynamics.motion import motion
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
+
+POSITION_STEP, VELOCITY_STEP = 1e-6, 1e-5
+"""Steps of central differences, rad and rad/s (m and m/s)."""
+LEAST_STD = 1e-12
+"""rad or rad/s (m or m/s): exact samples would leave the filter without a scale."""
 
 
 def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
@@ -40,7 +46,7 @@ def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
             break
         before, found = found, smooth(*read, transition)
         current = _with_trajectory(weak, physics, found, bend)
-        if np.sqrt(np.mean(((found.v - before.v) / np.maximum(found.v_std, 1e-300)) ** 2)) < SETTLED:
+        if np.sqrt(np.mean(((found.v - before.v) / np.maximum(found.v_std, LEAST_STD)) ** 2)) < SETTLED:
             break
     return current
 
@@ -56,8 +62,7 @@ def _variance(samples: Samples, column: str) -> Array:
     elif memory is not None:
         total = covariance(samples.time, memory) @ ones
     recorded = np.isfinite(samples.recording[column])
-    # exact samples would leave the filter without a scale
-    std = max(samples.std[column], 1e-12)
+    std = max(samples.std[column], LEAST_STD)
     return np.where(recorded, std**2 * np.maximum(total, 1e-6), np.inf)
 
 
@@ -79,11 +84,33 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
     following = np.concatenate([effort[:1], effort[:-1]])
     after, before = (np.einsum("nij,nj->ni", response.mobility, force + acting) for acting in (effort, following))
     own = np.diagonal(response.mobility, axis1=1, axis2=2)
-    transition = Transition.of(time, found.q, found.v, after, before, own * by_q, own * by_v)
+    by_contact = _contact_slopes(weak, physics, found)
+    slopes = (own * (by_q + by_contact[0]), own * (by_v + by_contact[1]))
+    transition = Transition.of(time, found.q, found.v, after, before, *slopes)
     smooth_part = np.einsum("nij,nj->ni", response.mobility, force)
     inertia_changes = np.einsum("nij,nj->ni", np.diff(response.mobility, axis=0), effort[:-1])
     # efforts are exact at the mobility of each sample, so that only its change under them is left
     return transition, np.diff(smooth_part, axis=0) + inertia_changes
+
+
+def _contact_slopes(weak: WeakForm, physics: Physics, found: Trajectory) -> Array:
+    """(2, N, n) derivatives of contacts' and body forces at each joint by its own position and by its own velocity."""
+    slopes = np.zeros((2, *found.q.shape))
+    if not physics.contacts and not physics.body_forces:
+        return slopes
+    memory = weak.contact_memory(physics)
+    for j in range(weak.joints):
+        for kind, size in enumerate((POSITION_STEP, VELOCITY_STEP)):
+            step = np.zeros_like(found.q)
+            step[:, j] = size
+            ahead, behind = (
+                motion(physics.tree, found.q + sign * step * (kind == 0), found.v + sign * step * (kind == 1))
+                for sign in (1.0, -1.0)
+            )
+            change = weak.contacts.forces_and_readings(physics, ahead, memory)
+            change = change - weak.contacts.forces_and_readings(physics, behind, memory)
+            slopes[kind, :, j] = change[:, j] / (2.0 * size)
+    return slopes
 
 
 def _rotor_efforts(weak: WeakForm, physics: Physics) -> Array:

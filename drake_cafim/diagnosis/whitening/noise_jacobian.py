@@ -6,6 +6,7 @@ from typing import TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
+from drake_cafim.diagnosis.rows.adjustment import POSITION_STEP, VELOCITY_STEP
 from drake_cafim.diagnosis.rows.measurement import joint_samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.momentum_derivatives import balance_slopes
@@ -17,8 +18,6 @@ from drake_cafim.typing import Array
 
 Parts: TypeAlias = dict[int, tuple[sp.csr_matrix, Array]]
 """By row of a window: a matrix (M, N) over the windows, and factors (N,) of its columns."""
-POSITION_STEP, VELOCITY_STEP = 1e-6, 1e-5
-"""Steps of central differences, rad and rad/s (m and m/s)."""
 
 
 def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, list[tuple[str, slice]]]:
