@@ -187,7 +187,7 @@ class _Pieces:
         """For samples at `time` (N,) s and values from each of `times` (K,) s on; before the first it holds too."""
         grid = np.unique(np.concatenate([time, np.clip(times, time[0], time[-1])]))
         length, middle = np.diff(grid), 0.5 * (grid[1:] + grid[:-1])
-        k = np.searchsorted(time, middle, side="right") - 1
+        k = np.clip(np.searchsorted(time, middle, side="right") - 1, 0, len(time) - 2)
         i = np.clip(np.searchsorted(times, middle, side="right") - 1, 0, None)
         arm = middle - 0.5 * (time[k] + time[k + 1])
         shape = (len(time) - 1, len(times))
