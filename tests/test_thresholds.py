@@ -29,6 +29,7 @@ ITERATIONS = {
     "joints/plane_candidates.py": "IMPROVEMENTS",
     "joints/unknown_force.py": "MOST_STEPS TOLERANCE",
     "rows/initial_uncertainty.py": "MOST_SWEEPS TOLERANCE",
+    "rows/trajectory.py": "DENSITIES REFINEMENTS PASSES SETTLED",
     "search/law_shapes.py": "FINER",
     "search/state.py": "ROUNDS",
     "search/search_under_unknown_force.py": "ROUNDS",
@@ -41,6 +42,8 @@ ROUNDING = {
     "fit/model.py": "FREE_PRIOR_STD_RATIO",
     "fit/robust_covariance.py": "LARGEST_VARIANCE ROUNDING LEAST_SHARE",
     "noise/stated.py": "LEAST_STD",
+    "rows/adjustment.py": "LEAST_STD",
+    "rows/trajectory.py": "DIFFUSE",
     "search/screening.py": "DIVERGED LEAST_INFORMATION",
     "tosses/innovation.py": "VAGUE",
     "tosses/poses.py": "OFF_CENTRE UNEVEN",
@@ -50,7 +53,6 @@ ROUNDING = {
 APPROXIMATION = {
     # steps of differences, nodes, coefficients, and where a series, a memory or a mean of draws is cut off
     "joints/pulses.py": "TAIL",
-    "joints/more_noise.py": "MOST_DRAWS CHANCE_SHARE",
     "noise/coloured.py": "MEMORY",
     "noise/quantised.py": "DECAY ROTATION",
     "noise/differences.py": "DIFFERENCES",
@@ -58,15 +60,15 @@ APPROXIMATION = {
     "predict/stepper.py": "LONGEST_STEP LONGEST_CONTACT_STEP",
     "predict/wrench_innovations.py": "DIFFERENCE",
     "rows/initial_uncertainty.py": "MOST_WINDOWS DECAYED_SHARE",
+    "rows/adjustment.py": "POSITION_STEP VELOCITY_STEP",
+    "rows/law_points.py": "LARGEST_CHANGE NEAR_ZERO MOST_PIECES GAUSS",
     "rows/quadrature.py": "NODES _POINTS _WEIGHTS",
     "tosses/contact_memory_derivatives.py": "SIZES FINE_SIZES SOONER PART",
     "tosses/linearised_effects.py": "GRAIN",
     "tosses/tangent.py": "INSIDE",
     "whitening/impact_noise.py": "JUST_INSIDE RARE_SIDE",
-    "whitening/interpolation_noise.py": "WIDE_WINDOW",
     "whitening/kinked_law_noise.py": "NODES SHARES LEAST_SHARE",
     "whitening/momentum_derivatives.py": "STEP",
-    "whitening/noise_jacobian.py": "POSITION_STEP VELOCITY_STEP",
 }
 MEMORY = {
     # how much is kept from one call to the next, or reckoned at once
@@ -78,7 +80,6 @@ MEMORY = {
     "rows/inertial_regressor.py": "CACHED_REGRESSORS",
     "rows/initial_uncertainty.py": "CACHED_LAGS",
     "tosses/pulses.py": "TOGETHER",
-    "whitening/interpolation_noise.py": "CACHED_VALUES",
     "whitening/whitened_run.py": "CACHED_STARTS",
 }
 DERIVED = {
@@ -101,6 +102,7 @@ STRUCTURE = {
     # sizes of things, how many there are, and numbers that stand for names
     "fit/adequacy.py": "KINDS",
     "rows/inertial_regressor.py": "INERTIAL",
+    "rows/test_functions.py": "OVERLAPPING",
     "tosses/arc_rows.py": "FIRST",
     "tosses/poses.py": "QUATERNION",
     "tosses/compiled_contact.py": "FRICTIONLESS SLIPPING RESISTING CUBIC DISSIPATION RELAXING TIME ROLLING STATIC "

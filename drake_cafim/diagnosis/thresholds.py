@@ -36,9 +36,6 @@ chosen."""
 LONGEST_CORRELATION_TIME = 0.05
 """Correlation time beyond which the quiet frequencies show only the slope of the spectrum, not its corner. Unit: s.
 Not calibrated: chosen."""
-FEEDBACK_ROUGHNESS_SHARE = 0.02
-"""Share of an effort's roughness that the noise of measurements must explain for the effort to count as noise fed
-back by a controller. Unit: 1. Not calibrated: chosen."""
 LATTICE_DEVIATION = 0.01
 """Largest distance of a value from the lattice of a quantised channel, as a share of its step. Unit: 1. Not
 calibrated: chosen."""
@@ -81,8 +78,8 @@ chosen."""
 # A recording as equations
 
 WINDOW_WIDTH = 0.12
-"""Width of a test function: short enough to resolve reversals, long enough to average the noise. Unit: s. Not
-calibrated: chosen."""
+"""Width of a test function, a cubic B-spline: four overlap, 30 ms apart. Unit: s. Source: on one mass, 0.3 to 3 Hz, rows
+of 60 ms keep .954 to .999 of the information of a full likelihood and rows of 120 ms .942 to .998."""
 END_MARGIN = 0.02
 """Time at both ends of a recording that no window covers, so that a channel can be shifted in time by that much.
 Unit: s. Not calibrated: chosen."""

@@ -32,7 +32,7 @@ class MotionTerms:
     """The samples at which the force laws of joint effects are evaluated, for each joint."""
     moving: Motion
     """The smoothed motion."""
-    regressor: InertialRegressor
+    links: LinkRegressors
     kinematic: Array
     """(M, n or 0) ∫ ẇ q dt + ∫ w v dt, corrected for the steps of v̇."""
     driven: EffortRows
@@ -42,6 +42,11 @@ class MotionTerms:
     samples: Samples
     in_doubt: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False, compare=False)
     """Cached rows of the unknown initial state of sensors' lags, by the sensor and its time constant."""
+
+    @cached_property
+    def regressor(self) -> InertialRegressor:
+        """The regressor of inertial and gravity terms."""
+        return self.links.regressor(self.moving, self.measured.v, self.moving_at_points, self.samples.law_value)
 
     @cached_property
     def moving_at_points(self) -> Motion:
@@ -97,12 +102,11 @@ class MotionTermsCache:
             q, v, louder = self._kinematic.compared(lags, physics.tree.joint_names, as_written.q, as_written.v)
             kinematic = (windows.rate @ q + windows.velocity @ v - correction) * louder
         at_joints = joint_samples_of(samples, measured, samples.v_std)
-        regressor = self._links.regressor(moving, measured.v)
         rows = MeasuredRows(windows, measured.v, measured.u, measured.v_hat, measured.wrenches, samples.ramped)
         driven = EffortRows(rows, inverse_mass)
         at_points, value = _law_samples(samples, measured, at_joints)
         acting = ForceRows(windows, samples.recording.name, at_points, value, moving)
-        return MotionTerms(measured, rows, at_joints, moving, regressor, kinematic, driven, acting, louder, samples)
+        return MotionTerms(measured, rows, at_joints, moving, self._links, kinematic, driven, acting, louder, samples)
 
 
 def _law_samples(
