@@ -52,7 +52,7 @@ ROUNDING = {
 }
 APPROXIMATION = {
     # steps of differences, nodes, coefficients, and where a series, a memory or a mean of draws is cut off
-    "joints/pulses.py": "TAIL",
+    "joints/pulses.py": "TAIL DECAYED_SHARE",
     "noise/coloured.py": "MEMORY",
     "noise/quantised.py": "DECAY ROTATION",
     "noise/differences.py": "DIFFERENCES",
@@ -73,7 +73,7 @@ APPROXIMATION = {
 MEMORY = {
     # how much is kept from one call to the next, or reckoned at once
     "joints/linearised_effects.py": "CACHED_ROWS",
-    "joints/pulses.py": "CACHED_WINDOWS",
+    "joints/pulses.py": "CACHED_ROWS",
     "noise/coloured.py": "CACHED_ENTRIES",
     "rows/effort_rows.py": "CACHED_TERMS",
     "rows/force_rows.py": "CACHED_TERMS",

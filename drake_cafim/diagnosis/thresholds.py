@@ -78,8 +78,8 @@ chosen."""
 # A recording as equations
 
 WINDOW_WIDTH = 0.12
-"""Width of a test function, a cubic B-spline: four overlap, 30 ms apart. Unit: s. Source: on one mass, 0.3 to 3 Hz, rows
-of 60 ms keep .954 to .999 of the information of a full likelihood and rows of 120 ms .942 to .998."""
+"""Width of a test function, a cubic B-spline: four overlap, 30 ms apart. Unit: s. Source: on one mass, 0.3 to 3 Hz,
+rows of 60 ms keep .954 to .999 of the information of a full likelihood and rows of 120 ms .942 to .998."""
 END_MARGIN = 0.02
 """Time at both ends of a recording that no window covers, so that a channel can be shifted in time by that much.
 Unit: s. Not calibrated: chosen."""

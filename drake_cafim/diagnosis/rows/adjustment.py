@@ -82,14 +82,18 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
         force = force + moving.project(physics.body_wrenches(moving, time, samples.recording.name))
     effort = weak.mean_effort(physics) + _rotor_efforts(weak, physics)
     following = np.concatenate([effort[:1], effort[:-1]])
-    after, before = (np.einsum("nij,nj->ni", response.mobility, force + acting) for acting in (effort, following))
+    # a held effort has two values at a sample, a ramped one has one
+    at_samples = weak.effort_at_samples(physics)
+    sides = (np.where(samples.ramped, at_samples, side) for side in (effort, following))
+    after, before = (np.einsum("nij,nj->ni", response.mobility, force + acting) for acting in sides)
     own = np.diagonal(response.mobility, axis1=1, axis2=2)
     by_contact = _contact_slopes(weak, physics, found)
     slopes = (own * (by_q + by_contact[0]), own * (by_v + by_contact[1]))
     transition = Transition.of(time, found.q, found.v, after, before, *slopes)
     smooth_part = np.einsum("nij,nj->ni", response.mobility, force)
-    inertia_changes = np.einsum("nij,nj->ni", np.diff(response.mobility, axis=0), effort[:-1])
-    # efforts are exact at the mobility of each sample, so that only its change under them is left
+    # of held efforts the rows know the steps; what the mobility changes under them comes on top
+    held = np.where(samples.ramped, 0.0, effort[:-1])
+    inertia_changes = np.einsum("nij,nj->ni", np.diff(response.mobility, axis=0), held)
     return transition, np.diff(smooth_part, axis=0) + inertia_changes
 
 

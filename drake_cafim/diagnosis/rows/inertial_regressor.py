@@ -89,8 +89,8 @@ class LinkRegressors:
     ) -> tuple[Array, Array]:
         """The parts (M, k, 10) and (M, k, 4, 3) of link `j` in the rows of its k `carriers`."""
         k = len(carriers)
-        places = (smooth.R_WJ, smooth.p_WJ, smooth.axes, v)
-        momenta = momenta_of(j, carriers, *(np.ascontiguousarray(values) for values in places))
+        at_samples = (smooth.R_WJ, smooth.p_WJ, smooth.axes, v)
+        momenta = momenta_of(j, carriers, *(np.ascontiguousarray(values) for values in at_samples))
         places = (at_points.R_WJ, at_points.p_WJ, at_points.axes, at_points.axes_rate, at_points.velocities)
         forces, weights = forces_of(j, carriers, *(np.ascontiguousarray(values) for values in places))
         inertial = self.windows.rate @ momenta.reshape(len(v), -1) + value @ forces.reshape(len(forces), -1)

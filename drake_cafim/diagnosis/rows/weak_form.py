@@ -97,6 +97,10 @@ class WeakForm:
         """(N, n) mean effort that acts at each joint from one sample to the next, rotor inertia not subtracted."""
         return self.terms(physics).driven.mean_effort(physics)
 
+    def effort_at_samples(self, physics: Physics) -> Array:
+        """(N, n) effort that acts at each joint at the samples; of a held one, what acts from there on."""
+        return self.terms(physics).driven.at_samples(physics)
+
     def contact_memory(self, physics: Physics) -> Array:
         """(N, m) states of the contacts at each sample."""
         return self.contacts.memory(physics, self.terms(physics))
