@@ -19,7 +19,7 @@ from drake_cafim.diagnosis.rows.trajectory import PASSES, SETTLED, Trajectory, T
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.effects.sensor import SensorEffect
-from drake_cafim.scenario.physics import Physics
+from drake_cafim.scenario.physics import FreeResponse, Physics
 from drake_cafim.typing import Array
 
 POSITION_STEP, VELOCITY_STEP = 1e-6, 1e-5
@@ -69,32 +69,45 @@ def _variance(samples: Samples, column: str) -> Array:
 def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Transition, Array]:
     """How `physics` changes each joint's state from sample to sample, about the motion `found` of `weak`.
 
-    And what its acceleration M⁻¹ (f + u) changes over each interval but for steps and slopes of u, (N − 1, n).
+    And what its acceleration changes over each interval, but by the slopes of ramped efforts, (N − 1, n).
     """
     samples, terms = weak.samples, weak.terms(physics)
     time, moving = samples.time, replace(terms.moving, tree=physics.tree)
+    h = np.diff(time)[:, None]
     response = physics.free_response(moving)
     law, by_q, by_v = physics.applied_at_joints(terms.joints)
-    force = law - response.bias
     if physics.contacts:
-        force = force + moving.project(physics.contact_wrenches(moving, weak.contact_memory(physics)))
+        law = law + moving.project(physics.contact_wrenches(moving, weak.contact_memory(physics)))
     if physics.body_forces:
-        force = force + moving.project(physics.body_wrenches(moving, time, samples.recording.name))
+        law = law + moving.project(physics.body_wrenches(moving, time, samples.recording.name))
     effort = weak.mean_effort(physics) + _rotor_efforts(weak, physics)
     following = np.concatenate([effort[:1], effort[:-1]])
     # a held effort has two values at a sample, a ramped one has one
     at_samples = weak.effort_at_samples(physics)
     sides = (np.where(samples.ramped, at_samples, side) for side in (effort, following))
-    after, before = (np.einsum("nij,nj->ni", response.mobility, force + acting) for acting in sides)
+    after, before = (_accelerate(response, acting - response.bias) for acting in sides)
+    by_law = _accelerate(response, law)
+    # Simpson's rule for what is smooth within an interval; laws may jump there, and their values are means
+    change = before[1:] - after[:-1]
+    q_middle = 0.5 * (found.q[:-1] + found.q[1:]) - 0.125 * h * np.diff(found.v, axis=0)
+    v_middle = 0.5 * (found.v[:-1] + found.v[1:]) - 0.125 * h * change
+    halfway = physics.free_response(motion(physics.tree, q_middle, v_middle))
+    middle = _accelerate(halfway, effort[:-1] - halfway.bias)
+    gain = h / 6.0 * (after[:-1] + 4.0 * middle + before[1:]) + 0.5 * h * (by_law[:-1] + by_law[1:])
+    way = h**2 / 6.0 * (after[:-1] + 2.0 * middle + 2.0 * by_law[:-1] + by_law[1:])
     own = np.diagonal(response.mobility, axis1=1, axis2=2)
     by_contact = _contact_slopes(weak, physics, found)
     slopes = (own * (by_q + by_contact[0]), own * (by_v + by_contact[1]))
-    transition = Transition.of(time, found.q, found.v, after, before, *slopes)
-    smooth_part = np.einsum("nij,nj->ni", response.mobility, force)
-    # of held efforts the rows know the steps; what the mobility changes under them comes on top
-    held = np.where(samples.ramped, 0.0, effort[:-1])
-    inertia_changes = np.einsum("nij,nj->ni", np.diff(response.mobility, axis=0), held)
-    return transition, np.diff(smooth_part, axis=0) + inertia_changes
+    transition = Transition.of(time, found.q, found.v, gain, way, *slopes)
+    # of ramped efforts the rows know the slopes
+    ramps = np.where(samples.ramped, at_samples, 0.0)
+    change = change + np.diff(by_law, axis=0) - np.diff(_accelerate(response, ramps), axis=0)
+    return transition, change
+
+
+def _accelerate(response: FreeResponse, force: Array) -> Array:
+    """M⁻¹ `force` (N, n)."""
+    return np.asarray(np.einsum("nij,nj->ni", response.mobility, force), dtype=float)
 
 
 def _contact_slopes(weak: WeakForm, physics: Physics, found: Trajectory) -> Array:

@@ -70,19 +70,18 @@ class Transition:
         return Transition(h, nothing, 1.0 + nothing, nothing, nothing, np.zeros((2, len(time), joints)))
 
     @staticmethod
-    def of(time: Array, q: Array, v: Array, after: Array, before: Array, by_q: Array, by_v: Array) -> "Transition":
+    def of(time: Array, q: Array, v: Array, gain: Array, way: Array, by_q: Array, by_v: Array) -> "Transition":
         """That of a model about the motion `q`, `v` (N, n).
 
-        Its accelerations are linear in time between samples: `after` and `before` (N, n) each sample's step. `by_q` and
-        `by_v` (N, n) are their derivatives by the joint's own position and velocity.
+        `gain` and `way` (N − 1, n) are the integral and the double integral of its acceleration over each sample
+        interval; `by_q` and `by_v` (N, n) its derivatives by the joint's own position and velocity.
         """
         h = np.diff(time)[:, None]
         rate, pull = (0.5 * (slope[:-1] + slope[1:]) for slope in (by_v, by_q))
         decay = np.minimum(rate * h, 0.0)
         # exact for a constant rate: a stiff friction takes a deviation away within an interval
         lasting = h * np.where(decay < -1e-6, np.expm1(decay) / np.where(decay < -1e-6, decay, 1.0), 1.0 + 0.5 * decay)
-        missed_q = q[:-1] + h * v[:-1] + h**2 / 6.0 * (2.0 * after[:-1] + before[1:]) - q[1:]
-        missed_v = v[:-1] + 0.5 * h * (after[:-1] + before[1:]) - v[1:]
+        missed_q, missed_v = q[:-1] + h * v[:-1] + way - q[1:], v[:-1] + gain - v[1:]
         return Transition(lasting, pull * lasting, np.exp(decay), missed_q, missed_v, np.stack([q, v]))
 
 
