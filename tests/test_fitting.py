@@ -269,7 +269,7 @@ def test_a_start_in_balance_costs_nothing(tmp_path: Path, stiffness: float, ring
     physics = Model(problem.scene.priors.mean, (coupling,)).physics(problem.scene)
     run = problem.runs[0]
     begun = run.marginalise_start(physics)
-    balanced = run.whitened(run.weak.residual(physics)) + run.noise
+    balanced = run.whitened(run.noisy_rows(physics))
     assert (begun.paid > 0.1) == rings
     if rings:
         assert begun.rows @ begun.rows + begun.paid < balanced @ balanced

@@ -54,7 +54,7 @@ class WeakFormRows(Problem):
         for form in weak:
             estimated = adjust(form, physics)
             whiten, jacobian, labels = whitening(estimated, physics, unknown_force)
-            noise = whiten(jacobian @ _noise(form, estimated, labels))
+            noise = np.asarray(jacobian @ _noise(form, estimated, labels))
             runs.append(Run(estimated, whiten, jacobian, tuple(labels), form, noise))
         return cls(scene, tuple(runs), model, unknown_force)
 

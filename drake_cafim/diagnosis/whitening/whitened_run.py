@@ -30,7 +30,7 @@ class Run:
     measured: WeakForm | None = None
     """The recording as measured, where `weak` has its motion as estimated."""
     noise: Array = field(default_factory=lambda: np.zeros(0), repr=False)
-    """J (y − ŷ) (R,), whitened: the part of the rows by the noise of the samples; empty where `weak` contains it."""
+    """J (y − ŷ) (R,): the part of the rows by the noise of the samples; empty where `weak` contains it."""
     _start_rows: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -57,6 +57,11 @@ class Run:
         """`rows` (M, r) or (M, r, k), flattened window after window and whitened: (R,) or (R, k)."""
         return self.whiten(rows.reshape(self.rows, *rows.shape[2:]))
 
+    def noisy_rows(self, physics: Physics) -> Array:
+        """Rows (M, r) under `physics`, with the noise of the samples, before whitening."""
+        rows = self.weak.residual(physics)
+        return rows + self.noise.reshape(rows.shape) if len(self.noise) else rows
+
     def residual(self, physics: Physics) -> Array:
         """Whitened residual (R,), with the unknown initial state marginalised."""
         return self.marginalise_start(physics).rows
@@ -67,19 +72,16 @@ class Run:
         Rows are infinite where the simulation of a coupling diverges.
         """
         if not has_unknown_start(physics):
-            return StartMarginal(self._with_noise(self.whitened(self.weak.residual(physics))))
+            return StartMarginal(self.whitened(self.noisy_rows(physics)))
         # the simulated twist diverges where a link is lighter than its rotor
         with np.errstate(over="ignore", invalid="ignore"):
             rows, U = (
-                self._with_noise(self.whitened(self.weak.residual(physics))),
+                self.whitened(self.noisy_rows(physics)),
                 self._doubted(start_rows(self.weak, physics)),
             )
             if not np.all(np.abs(rows) < IMPOSSIBLE) or not np.all(np.abs(U) < IMPOSSIBLE):
                 return StartMarginal(np.full(len(rows), np.inf))
         return StartMarginal.of(rows, U, widths)
-
-    def _with_noise(self, rows: Array) -> Array:
-        return rows + self.noise if len(self.noise) else rows
 
     def _doubted(self, rows: Array) -> Array:
         """`whitened` rows of initial values; cached, since most parameter values leave them unchanged."""
