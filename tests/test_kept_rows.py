@@ -36,7 +36,7 @@ def _problem(folder: Path) -> WeakProblem:
 
 def _fresh(problem: WeakProblem) -> WeakProblem:
     """The same problem, which nothing was asked of but its nominal rows."""
-    forms = [WeakForm(run.weak.samples, run.weak.sensors) for run in problem.runs]
+    forms = [WeakForm(form.samples, form.sensors) for form in problem.forms]
     fresh = WeakProblem.of(problem.scene, forms, problem.under)
     fresh.residual(problem.nominal())
     return fresh

@@ -30,6 +30,7 @@ ITERATIONS = {
     "joints/plane_candidates.py": "IMPROVEMENTS",
     "joints/unknown_force.py": "MOST_STEPS TOLERANCE",
     "rows/initial_uncertainty.py": "MOST_SWEEPS TOLERANCE",
+    "rows/trajectory.py": "DENSITIES REFINEMENTS PASSES SETTLED",
     "search/law_shapes.py": "FINER",
     "search/state.py": "ROUNDS",
     "search/search_under_unknown_force.py": "ROUNDS",
@@ -42,6 +43,8 @@ ROUNDING = {
     "fit/model.py": "FREE_PRIOR_STD_RATIO",
     "fit/robust_covariance.py": "LARGEST_VARIANCE ROUNDING LEAST_SHARE",
     "noise/stated.py": "LEAST_STD",
+    "rows/adjustment.py": "LEAST_STD",
+    "rows/trajectory.py": "DIFFUSE",
     "search/screening.py": "DIVERGED LEAST_INFORMATION",
     "tosses/innovation.py": "VAGUE",
     "tosses/poses.py": "OFF_CENTRE UNEVEN",
@@ -51,8 +54,7 @@ ROUNDING = {
 APPROXIMATION = {
     # steps of differences, nodes, coefficients, and where a series, a memory or a mean of draws is cut off
     "joints/other_inertia.py": "INSTANTS",
-    "joints/pulses.py": "TAIL",
-    "joints/more_noise.py": "MOST_DRAWS CHANCE_SHARE",
+    "joints/pulses.py": "TAIL DECAYED_SHARE",
     "noise/coloured.py": "MEMORY",
     "noise/quantised.py": "DECAY ROTATION",
     "noise/differences.py": "DIFFERENCES",
@@ -61,21 +63,21 @@ APPROXIMATION = {
     "predict/wrench_innovations.py": "DIFFERENCE",
     "rows/initial_uncertainty.py": "MOST_WINDOWS DECAYED_SHARE",
     "rows/filtered_windows.py": "RESPONSE_SHARE FADING_SHARE",
+    "rows/adjustment.py": "POSITION_STEP VELOCITY_STEP",
+    "rows/law_points.py": "LARGEST_CHANGE NEAR_ZERO MOST_PIECES GAUSS",
     "rows/quadrature.py": "NODES _POINTS _WEIGHTS",
     "tosses/contact_memory_derivatives.py": "SIZES FINE_SIZES SOONER PART",
     "tosses/linearised_effects.py": "GRAIN",
     "tosses/tangent.py": "INSIDE",
     "whitening/impact_noise.py": "JUST_INSIDE RARE_SIDE",
-    "whitening/interpolation_noise.py": "WIDE_WINDOW",
     "whitening/kinked_law_noise.py": "NODES SHARES LEAST_SHARE",
     "whitening/momentum_derivatives.py": "STEP",
-    "whitening/noise_jacobian.py": "POSITION_STEP VELOCITY_STEP",
 }
 MEMORY = {
     # how much is kept from one call to the next, or reckoned at once
     "joints/inertial_columns.py": "CACHED",
     "joints/linearised_effects.py": "CACHED_ROWS",
-    "joints/pulses.py": "CACHED_WINDOWS",
+    "joints/pulses.py": "CACHED_ROWS",
     "noise/coloured.py": "CACHED_ENTRIES",
     "rows/effort_rows.py": "CACHED_TERMS",
     "rows/filtered_windows.py": "ROWS_TOGETHER",
@@ -84,7 +86,6 @@ MEMORY = {
     "rows/initial_uncertainty.py": "CACHED_LAGS",
     "rows/mobility.py": "CACHED",
     "tosses/pulses.py": "TOGETHER",
-    "whitening/interpolation_noise.py": "CACHED_VALUES",
     "whitening/whitened_run.py": "CACHED_STARTS",
 }
 DERIVED = {
@@ -109,6 +110,7 @@ STRUCTURE = {
     "search/cuts.py": "BLOCKS _HALVES",
     "fit/adequacy.py": "KINDS",
     "rows/inertial_regressor.py": "INERTIAL",
+    "rows/test_functions.py": "OVERLAPPING",
     "tosses/arc_rows.py": "FIRST",
     "tosses/poses.py": "QUATERNION",
     "tosses/compiled_contact.py": "FRICTIONLESS SLIPPING RESISTING CUBIC DISSIPATION RELAXING TIME ROLLING STATIC "

@@ -37,7 +37,7 @@ def test_held_effort_balances_momentum(delay: float, jitter: float) -> None:
     residual = -windows.rate @ p - windows.held(time + delay) @ u
     plain = -windows.rate @ p - windows.value @ np.interp(time - delay, time, u)
     inside = windows.starts > 0.02
-    assert np.abs(residual[inside]).max() < 1e-3 * np.abs(plain[inside]).max()
+    assert np.abs(residual[inside]).max() < 1e-11 * np.abs(plain[inside]).max()
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.5])
@@ -54,9 +54,21 @@ def test_velocity_rows_know_that_acceleration_steps(delay: float, jitter: float)
     q = np.append(0.0, np.cumsum(h * v[:-1] + 0.5 * h**2 * a))
     windows = lay_windows(time, np.ones(400, dtype=bool), 0.06)
     sampled = np.searchsorted(fine, time)
-    plain = windows.rate @ q[sampled] + windows.value @ v[sampled]
+    plain = windows.rate @ q[sampled] + windows.velocity @ v[sampled]
     residual = plain - windows.steps(time + delay) @ held
-    assert np.abs(residual).max() < 5e-2 * np.abs(plain).max()
+    inside = windows.starts > 0.02
+    assert np.abs(residual[inside]).max() < 1e-12 * np.abs(windows.velocity @ v[sampled]).max()
+
+
+def test_windows_sum_to_one_and_their_slopes_to_zero() -> None:
+    """What is not at the ends telescopes: constants and noise that lasts are not written by any ripple."""
+    time = _grid(500, 0.5)
+    windows = lay_windows(time, np.ones(500, dtype=bool), 0.12)
+    inside = (time > time[0] + 0.12) & (time < time[-1] - 0.12 - windows.spacing)
+    total = np.asarray(windows.interval.sum(axis=0)).ravel()
+    np.testing.assert_allclose(total[inside[:-1]], 1.0, atol=1e-11)
+    np.testing.assert_allclose(np.asarray(windows.rate.sum(axis=0)).ravel()[inside], 0.0, atol=1e-11)
+    np.testing.assert_allclose(windows.rate @ np.ones(500), 0.0, atol=1e-11)
 
 
 def test_a_smooth_motion_on_an_uneven_grid_is_consistent() -> None:
@@ -139,9 +151,8 @@ def test_a_short_recording_leaves_the_others_their_wider_windows(tmp_path: Path)
     assert isinstance(prepared, Prepared)
     problem = prepared.problem()
     found, width = problem.over_wider_windows(4.0) or (problem, 0.0)
-    assert [form.samples.windows.width for form in found.forms] == pytest.approx([0.24, 0.12])
-    assert width == pytest.approx(0.24)
-    assert (problem.over_wider_windows(8.0) or (problem, 0.0))[1] == pytest.approx(0.48)
+    assert [form.samples.windows.width for form in found.forms] == pytest.approx([0.48, 0.12])
+    assert width == pytest.approx(0.48)
     assert problem.over_wider_windows(64.0) is None
 
 
@@ -161,7 +172,7 @@ def test_ramped_effort_balances_momentum(delay: float, jitter: float) -> None:
     ramped = -windows.rate @ p - windows.held(knots, ramped=True) @ u
     held = -windows.rate @ p - windows.held(knots) @ u
     inside = windows.starts > 0.02
-    assert np.abs(ramped[inside]).max() < 1e-3 * np.abs(held[inside]).max()
+    assert np.abs(ramped[inside]).max() < 1e-11 * np.abs(held[inside]).max()
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.0007])
@@ -175,7 +186,7 @@ def test_velocity_rows_know_that_acceleration_bends(delay: float) -> None:
     q = np.append(0.0, np.cumsum(h * v[:-1] + h**2 * (a[:-1] / 3.0 + a[1:] / 6.0)))
     windows = lay_windows(time, np.ones(400, dtype=bool), 0.06)
     sampled = np.searchsorted(fine, time)
-    plain = windows.rate @ q[sampled] + windows.value @ v[sampled]
+    plain = windows.rate @ q[sampled] + windows.velocity @ v[sampled]
     residual = plain - windows.steps(knots, ramped=True) @ asked
     inside = windows.starts > 0.02
-    assert np.abs(residual[inside]).max() < 5e-2 * np.abs(plain[inside]).max()
+    assert np.abs(residual[inside]).max() < 1e-9 * np.abs(windows.velocity @ v[sampled]).max()

@@ -1,7 +1,7 @@
 """Evidence for an effect: the information criterion, and the tests of a larger explanation against a smaller one."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2, norm
@@ -11,6 +11,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.robust_covariance import wald_statistic
 from drake_cafim.diagnosis.thresholds import (
+    LAW_ACCURACY,
     MISFIT_REDUCED_CHI_SQUARE,
     MISFIT_SHARE_TO_EXPLAIN,
     NOISE_STD_TOLERANCE,
@@ -58,7 +59,7 @@ def refit_under_noise_of(problem: Problem, before: Fit, after: Fit) -> tuple[Fit
     An effect that changes the inertia also changes the noise covariance of the rows; under the whitening of `before`
     it may gain by that alone.
     """
-    if not problem.regressors_noisy:
+    if not problem.whitened_by_model:
         return before, after
     own = problem.rewhitened(after.model)
     return unbiased_fit(own, before.model), unbiased_fit(own, after.model)
@@ -117,6 +118,10 @@ def _checks(problem: Problem, before: Fit, after: Fit, trials: int, rate: float)
         better = share_improved(problem, before, after)
         # what exists acts in every recording; what compensates for something else helps in some
         yield Check("share of recordings", better, RECORDINGS_SHARE_IMPROVED, better >= RECORDINGS_SHARE_IMPROVED)
+    inaccuracy = law_inaccuracy(problem, before)
+    if inaccuracy > 0.0:
+        lowered = before.chi_square - after.chi_square
+        yield Check("gain over inaccuracy", lowered, inaccuracy, not lowered < inaccuracy)
     known = {effect.key for effect in before.model.effects}
     new = [effect for effect in after.model.effects if effect.key not in known]
     strengths = len(after.model.vector) - len(before.model.vector)
@@ -132,6 +137,22 @@ def _checks(problem: Problem, before: Fit, after: Fit, trials: int, rate: float)
     # last, since it whitens and fits both again
     gain = gain_over_residual(problem, *refit_under_noise_of(problem, before, after))
     yield Check("gain under its own noise", gain, lucky, luck_p_value(gain, strengths) * trials <= rate)
+
+
+def law_inaccuracy(problem: Problem, found: Fit) -> float:
+    """Largest misfit, as χ², that inaccuracy of the laws in `found` may leave: ε² Σ (z₀ − z)², ε `LAW_ACCURACY`.
+
+    z are the whitened rows with the effects of `found`, z₀ those without them.
+    """
+    if not found.model.effects:
+        return 0.0
+    change = problem.residual(replace(found.model, effects=())) - found.residual
+    return LAW_ACCURACY**2 * float(change @ change)
+
+
+def leaves_inaccuracy(problem: Problem, found: Fit) -> bool:
+    """Whether the excess of χ² over noise is within `law_inaccuracy`."""
+    return found.chi_square - max(found.degrees_of_freedom, 0) <= law_inaccuracy(problem, found)
 
 
 def least_gain(strengths: int, trials: int, rate: float) -> float:

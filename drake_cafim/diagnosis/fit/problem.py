@@ -40,14 +40,19 @@ class Problem(ABC):
 
     scene: Scene
     runs: Sequence[Rows]
-    regressors_noisy: ClassVar[bool] = True
-    """Whether the Jacobian contains measurement noise."""
+    whitened_by_model: ClassVar[bool] = True
+    """Whether the noise covariance of the rows, and their first order, depend on the model."""
     least_gain: ClassVar[float] = 5e-4
     """Smallest predicted decrease of ½ χ² for which a fit takes another step."""
     slack: ClassVar[float] = 0.0
     """Share of the excess χ² − R that is added to `least_gain`: where much remains, a fit need not be exact."""
     least_damping: ClassVar[float] = 1e-6
     """Least damping of a step after one that failed."""
+
+    @property
+    def regressors_noisy(self) -> bool:
+        """Whether the Jacobian contains measurement noise."""
+        return False
 
     @abstractmethod
     def rewhitened(self, model: Model) -> Self:
@@ -96,8 +101,5 @@ class Problem(ABC):
         return np.asarray(self.scene.priors.std * model.prior_std_ratios(self.scene), dtype=float)
 
     def penalty(self, model: Model) -> float:
-        """Addition to a model's χ²: terms of −2 ln likelihood that the whitened rows do not contain.
-
-        These are ln det of the covariance of unknown initial states, and the change of χ² by another amount of noise.
-        """
+        """Addition to a model's χ²: ln det of the covariance of unknown initial states."""
         return 0.0

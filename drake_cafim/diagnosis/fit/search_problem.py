@@ -46,13 +46,6 @@ class SearchProblem(Problem):
     def pictures(self) -> Pictures:
         """The data of a report's pictures."""
 
-    def gain_without_echo(self, at: Fit, effect: Effect, gain: float, basis: Array) -> float:
-        """The `gain` in χ² of a look at `effect` without the part by noise that its columns share with the residual.
-
-        `basis` (R, n) is orthonormal and spans the nuisance.
-        """
-        return gain
-
     def shape_columns(self, model: Model, position: int) -> Array | None:
         """(R + n, k) columns of the effect at `position`, where another shape's χ² follows from them; else None."""
         return None

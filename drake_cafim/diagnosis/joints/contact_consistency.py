@@ -29,7 +29,7 @@ def _excess(run: Run, physics: Physics) -> tuple[float, float, float, int]:
     Then that of the sensor's own rows, and their number.
     """
     weak = run.weak
-    rows, covariance = weak.residual(physics), run.covariance
+    rows, covariance = run.noisy_rows(physics), run.covariance
     sensed = slice(weak.dynamic.stop, weak.dynamic.stop + 6)
     # sensor rows are reading less prediction, and forces enter the dynamic rows with a minus sign
     across = -_at_joints(run, physics)

@@ -132,7 +132,7 @@ def _moves(problem: WeakFormRows, column: str) -> bool:
 def _force_looks(problem: WeakFormRows, physics: Physics, effect: JointForce) -> Iterator[Look]:
     """The looks at a joint law, from all recordings at once so that its grid is the same in each."""
     joint = problem.scene.tree.joint_index(effect.at)
-    samples = tuple(run.weak.joint_samples(physics)[joint] for run in problem.runs)
+    samples = tuple(run.weak.law_samples(physics)[joint] for run in problem.runs)
     known = problem.force_looks.get(effect.key)
     if known is None or any(sample is not other for sample, other in zip(known[0], samples, strict=True)):
         known = samples, _force_rows(problem, joint, effect, samples)

@@ -32,7 +32,7 @@ def locate(problem: WeakFormRows, model: Model) -> tuple[Location, ...]:
     standard: dict[Place, list[list[Array]]] = {place: [] for place in places}
     blocks = sum(count_blocks(len(run.weak.samples.windows)) for run in problem.runs) * len(places)
     for run in problem.runs:
-        z = standardised(run, run.weak.residual(physics))
+        z = standardised(run, run.noisy_rows(physics))
         for place in standard:
             standard[place].append([z[:, row] for row, other in enumerate(places) if other == place])
         for row, place in enumerate(places):

@@ -48,8 +48,8 @@ class JointPictures(Pictures):
                 run.name,
                 run.weak.samples.windows.centers,
                 run.weak.samples.windows.width,
-                standardised(run, run.weak.residual(without)),
-                standardised(run, run.weak.residual(with_it)),
+                standardised(run, run.noisy_rows(without)),
+                standardised(run, run.noisy_rows(with_it)),
             )
             for run in self.problem.runs
         ]

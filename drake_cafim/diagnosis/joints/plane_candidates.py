@@ -60,7 +60,7 @@ def _direction(problem: WeakFormRows, physics: Physics, at: str) -> Array | None
     spread, mean = np.zeros((3, 3)), np.zeros(3)
     for run in problem.runs:
         weak = run.weak
-        rows = weak.residual(physics)[:, weak.dynamic]
+        rows = run.noisy_rows(physics)[:, weak.dynamic]
         _, _, along = _path(run, physics, at)
         unit = -run.pushed(along, physics.effort_gains)[:, weak.dynamic]
         weight = np.linalg.inv(run.covariance[:, weak.dynamic, weak.dynamic])

@@ -8,7 +8,6 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.pictures import Pictures
 from drake_cafim.diagnosis.fit.search_problem import Looks, SearchProblem
-from drake_cafim.diagnosis.joints.echo import gain_without_echo
 from drake_cafim.diagnosis.joints.linearised_effects import hypotheses, looks
 from drake_cafim.diagnosis.joints.location import locate
 from drake_cafim.diagnosis.joints.pictures import JointPictures
@@ -38,9 +37,6 @@ class WeakProblem(WeakFormRows, SearchProblem):
     @cached_property
     def pictures(self) -> Pictures:
         return JointPictures(self)
-
-    def gain_without_echo(self, at: Fit, effect: Effect, gain: float, basis: Array) -> float:
-        return gain_without_echo(self, at, effect, gain, basis)
 
     def shape_columns(self, model: Model, position: int) -> Array | None:
         return self.effect_columns(model, position) if model.effects[position].all_but_linear else None

@@ -15,10 +15,12 @@ from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.effects.body import pulse
 from drake_cafim.typing import Array
 
+CACHED_ROWS = 3000
+"""Largest number of rows of a recording whose pulses are cached, to limit memory."""
+DECAYED_SHARE = 0.02
+"""Norm of the last rows of a pulse over that of all, below which the rows after them are left out."""
 TAIL = 8
-"""Number of windows after a pulse for which its whitened rows are computed; then they have decayed."""
-CACHED_WINDOWS = 2000
-"""Largest number of windows of a recording whose pulses are cached, to limit memory."""
+"""Number of windows by which the rows of a pulse are extended until they have decayed."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ def strongest_pushes(problem: WeakFormRows, residual: Array) -> tuple[list[Push]
 def pulses_of(problem: WeakFormRows, index: int) -> Iterable[Pulse]:
     """The pulses that are tested in a recording; cached for short ones, since they do not depend on the residual."""
     run = problem.runs[index]
-    if len(run.weak.samples.windows) > CACHED_WINDOWS:
+    if run.rows > CACHED_ROWS:
         return _pulses(run)
     if index not in problem.tried_pulses:
         problem.tried_pulses[index] = list(_pulses(run))
@@ -79,12 +81,21 @@ def _pulse(run: Run, start: float, stop: float) -> Pulse | None:
     touched = np.flatnonzero((windows.starts + windows.width > start) & (windows.starts < stop))
     if len(touched) < 2:
         return None
-    first, last = int(touched[0]), min(int(touched[-1]) + 1 + TAIL, len(windows))
+    first, last = int(touched[0]), int(touched[-1]) + 1
     pushing = slice(*np.searchsorted(time, (start, stop)))
     weights = windows.value[first:last, pushing] @ pulse(time[pushing], start, stop)
-    columns = np.zeros((last - first, r, weak.joints))
-    for j in range(weak.joints):
-        columns[:, weak.dynamic.start + j, j] = -weights
-    rows = slice(first * r, last * r)
-    solved, info = lapack.dtbtrs(run.whiten.factor[:, rows], columns.reshape(-1, weak.joints), uplo="L")
-    return None if info != 0 else Pulse(start, stop, rows, np.linalg.qr(solved)[0])
+    tail = TAIL
+    while True:
+        end = min(last + tail, len(windows))
+        columns = np.zeros((end - first, r, weak.joints))
+        for j in range(weak.joints):
+            columns[: last - first, weak.dynamic.start + j, j] = -weights
+        rows = slice(first * r, end * r)
+        solved, info = lapack.dtbtrs(run.whiten.factor[:, rows], columns.reshape(-1, weak.joints), uplo="L")
+        if info != 0:
+            return None
+        # a change of momentum is seen until the noise of later samples has averaged it away
+        left = np.linalg.norm(solved[-TAIL * r :], axis=0) <= DECAYED_SHARE * np.linalg.norm(solved, axis=0)
+        if end == len(windows) or np.all(left):
+            return Pulse(start, stop, rows, np.linalg.qr(solved)[0])
+        tail *= 2

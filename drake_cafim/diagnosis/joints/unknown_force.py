@@ -29,7 +29,7 @@ def force_density(problem: WeakFormRows, model: Model) -> Array:
     for run in problem.runs:
         noise = whitening(run.weak, physics)[0].covariance
         factors = unknown_force_factors(run.weak, physics)
-        recordings.append(_Recording(run.weak.residual(physics).ravel(), noise, factors))
+        recordings.append(_Recording(run.noisy_rows(physics).ravel(), noise, factors))
     # start from an upper bound: as if the rows held no noise of the channels
     density = np.sum([recording.power for recording in recordings], axis=0) / np.sum(
         [recording.size for recording in recordings], axis=0

@@ -10,10 +10,10 @@ import numpy as np
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.joints.differences import Differences
-from drake_cafim.diagnosis.joints.more_noise import draws, has_feedback, noisy_parameters, with_more_noise
-from drake_cafim.diagnosis.joints.noise_of_reading import Smoothing, has_equal_lags
+from drake_cafim.diagnosis.joints.more_noise import noisy_parameters, with_more_effort_noise
 from drake_cafim.diagnosis.joints.other_inertia import is_other_inertia, noise_cost
 from drake_cafim.diagnosis.joints.unknown_columns import UnknownColumns
+from drake_cafim.diagnosis.rows.adjustment import adjust
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
@@ -47,7 +47,6 @@ class WeakFormRows(Problem):
     force_looks: dict[tuple[str, str], Any] = field(default_factory=dict, repr=False, compare=False)
     """Cache: the last looks at each joint law, with the samples that they are of."""
     _sensor_columns: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
-    _more_draws: dict[int, tuple[Self, Self]] = field(default_factory=dict, repr=False, compare=False)
     _last_rewhitened: list[tuple[Model, Self]] = field(default_factory=list, repr=False, compare=False)
 
     @classmethod
@@ -56,8 +55,10 @@ class WeakFormRows(Problem):
         physics = model.physics(scene)
         runs = []
         for form in weak:
-            whiten, jacobian, labels = whitening(form, physics, unknown_force)
-            runs.append(Run(form, whiten, jacobian, tuple(labels)))
+            estimated = adjust(form, physics)
+            whiten, jacobian, labels = whitening(estimated, physics, unknown_force)
+            noise = np.asarray(jacobian @ _noise(form, estimated, labels))
+            runs.append(Run(estimated, whiten, jacobian, tuple(labels), form, noise))
         return cls(scene, tuple(runs), model, unknown_force)
 
     def rewhitened(self, model: Model) -> Self:
@@ -66,21 +67,16 @@ class WeakFormRows(Problem):
             self._last_rewhitened[:] = [(model, self.of(self.scene, self.forms, model, self.unknown_force))]
         return self._last_rewhitened[0][1]
 
+    @property
+    def regressors_noisy(self) -> bool:
+        """Whether efforts are measured: their noise is the only one that is left in the Jacobian."""
+        labels = ((run, name) for run in self.runs for name, _ in run.labels if name.startswith("u."))
+        return any(run.weak.samples.std[name] > 0.0 for run, name in labels)
+
     @cached_property
     def noisier(self) -> Self:
-        """The same recordings with noise added once more, under the same whitening."""
-        return self._with_more_noise(fed_back=False)
-
-    @cached_property
-    def noisier_in_loop(self) -> Self:
-        """`noisier` with the efforts by which the controller answers the added noise.
-
-        The motion by these efforts obeys the equations, so they change the Jacobian but not the residual.
-        """
-        return self._with_more_noise(fed_back=True) if has_feedback(self.runs) else self.noisier
-
-    def _with_more_noise(self, fed_back: bool, draw: int = 0) -> Self:
-        return type(self)(self.scene, with_more_noise(self.runs, fed_back, draw), self.under, self.unknown_force)
+        """The same recordings with the noise of measured efforts added once more, under the same whitening."""
+        return type(self)(self.scene, with_more_effort_noise(self.runs), self.under, self.unknown_force)
 
     def plausible(self, model: Model) -> bool:
         """Whether every effect of `model` acts as its name says, by its values and over all recordings."""
@@ -95,48 +91,22 @@ class WeakFormRows(Problem):
         return np.concatenate([run.residual(physics) for run in self.runs])
 
     def shared_noise(self, model: Model, residual: Array, jacobian: Array) -> tuple[Array, Array]:
-        """ΔJᵀΔz (n,) with the efforts by which a controller answers the noise, and ΔJᵀΔJ (n, n) without them.
-
-        Efforts that a controller makes of noise really act, and so does the motion they excite: the derivatives by it
-        are correlated with the residual, but they are no error and add information.
-        """
+        """ΔJᵀΔz (n,) and ΔJᵀΔJ (n, n) by the noise of measured efforts; motion is estimated, with hardly any noise."""
+        if not self.regressors_noisy:
+            return super().shared_noise(model, residual, jacobian)
         change = self.noisier.residual(model) - residual
-        noisy = noisy_parameters(model)
-        error = (self.noisier.jacobian(model) - jacobian) * noisy
-        if self.noisier_in_loop is self.noisier:
-            return error.T @ change, error.T @ error
-        shared = (self.noisier_in_loop.jacobian(model) - jacobian) * noisy
-        offsets = [shared.T @ change]
-        for draw in range(1, draws(shared, jacobian)):
-            open_loop, closed_loop = self._draw(draw)
-            offsets.append(
-                ((closed_loop.jacobian(model) - jacobian) * noisy).T @ (open_loop.residual(model) - residual)
-            )
-        return np.asarray(np.mean(offsets, axis=0)), error.T @ error
-
-    def _draw(self, draw: int) -> tuple[Self, Self]:
-        """`noisier` and `noisier_in_loop` with another draw of noise."""
-        if draw not in self._more_draws:
-            self._more_draws[draw] = (self._with_more_noise(False, draw), self._with_more_noise(True, draw))
-        return self._more_draws[draw]
+        error = (self.noisier.jacobian(model) - jacobian) * noisy_parameters(model)
+        return error.T @ change, error.T @ error
 
     def penalty(self, model: Model) -> float:
         physics = model.physics(self.scene)
         start = sum(run.marginalise_start(physics).paid for run in self.runs) if has_unknown_start(physics) else 0.0
         if self.has_other_noise(model):
             return start + noise_cost(self, self.rewhitened(model), model)
-        # inverting a lag amplifies a channel's noise: explanations with and without one compare each under its own
-        if has_equal_lags(model, self.under):
-            return start + self._smoothing.decrease(model)
-        rows, own = (problem.rows_of(model) for problem in (self, self.rewhitened(model)))
-        return start + float(own @ own - rows @ rows)
+        return start
 
     def has_other_noise(self, model: Model) -> bool:
         return is_other_inertia(self.scene, self.runs[0].weak, model, self.under)
-
-    @cached_property
-    def _smoothing(self) -> Smoothing:
-        return Smoothing(self.scene, self.runs, self.under)
 
     @cached_property
     def _by_unknowns(self) -> UnknownColumns:
@@ -144,7 +114,8 @@ class WeakFormRows(Problem):
 
     @property
     def forms(self) -> list[WeakForm]:
-        return [run.weak for run in self.runs]
+        """The recordings as measured."""
+        return [run.weak if run.measured is None else run.measured for run in self.runs]
 
     def jacobian(self, model: Model) -> Array:
         columns = self._by_unknowns.of(model)
@@ -166,12 +137,12 @@ class WeakFormRows(Problem):
         return np.concatenate([found, np.zeros((len(model.unknown), found.shape[1]))])
 
     def joint_columns(self, joint: int, columns: Sequence[Array]) -> Array:
-        """Whitened rows (R, k) of forces at a joint, given as one (N, k) array per recording."""
+        """Whitened rows (R, k) of forces at a joint at the points of `law_samples`, one (P, k) array a recording."""
         result = []
         for run, column in zip(self.runs, columns, strict=True):
             weak = run.weak
             rows = np.zeros((len(weak.samples.windows), weak.rows_per_window, column.shape[1]))
-            rows[:, weak.dynamic.start + joint] = -(weak.samples.windows.value @ column)
+            rows[:, weak.dynamic.start + joint] = -(weak.samples.law_value @ column)
             result.append(run.whitened(rows))
         return np.concatenate(result)
 
@@ -203,6 +174,13 @@ class WeakFormRows(Problem):
             efforts = np.einsum("nja,nak->njk", moving.force_at(body.joint, body.p_JB), force)
             result.append(run.whitened(run.pushed(efforts, physics.effort_gains)))
         return np.concatenate(result)
+
+
+def _noise(measured: WeakForm, estimated: WeakForm, labels: Sequence[tuple[str, slice]]) -> Array:
+    """y − ŷ, the samples' noise by column, in the order of a noise Jacobian's `labels`."""
+    columns = (measured.samples.recording, estimated.samples.recording)
+    # what was not recorded is filled alike in both
+    return np.concatenate([np.nan_to_num(columns[0][name] - columns[1][name]) for name, _ in labels])
 
 
 @dataclass(frozen=True)
@@ -248,7 +226,7 @@ class _KnownColumns(ByKind[Array | None]):
 
     def joint_force(self, effect: JointForce) -> Array:
         joint = self.problem.scene.tree.joint_index(effect.at)
-        laws = [effect.force(form.joint_samples(self.physics)[joint]) for form in self.problem.forms]
+        laws = [effect.force(run.weak.law_samples(self.physics)[joint]) for run in self.problem.runs]
         return self.problem.joint_columns(joint, [law.d_strengths for law in laws])
 
     def sensor(self, effect: SensorEffect) -> Array:

@@ -29,6 +29,8 @@ class ContactTerms:
 
     def _smooth_motion(self, terms: MotionTerms) -> Motion:
         """The motion for contact states, from positions and velocities together; cached for the last measurement."""
+        if self.samples.estimated is not None:
+            return terms.moving
         if not self._smooth or self._smooth[0][0] is not terms:
             measured = terms.measured
             columns = [track.of(measured.q[:, j], measured.v[:, j]) for j, track in enumerate(self.samples.tracks)]

@@ -84,6 +84,14 @@ class EffortRows:
             acting[:, j] = self.effort(physics, j).means(self.rows.windows.time)
         return acting
 
+    def at_samples(self, physics: Physics) -> Array:
+        """(N, n) effort that acts at each joint at the samples, those of ramped joints between their knots."""
+        acting, time = self.rows.u.copy(), self.rows.windows.time
+        for j in set(np.flatnonzero(self.rows.ramped).tolist()):
+            effort = self.effort(physics, j)
+            acting[:, j] = np.interp(time, effort.times, effort.values)
+        return acting
+
     def std_behind(self, physics: Physics, lag: ActuatorEffect) -> float:
         """Standard deviation over time of the commanded effort less the effort that acts under `lag`, N m or N."""
         key = (lag.at, lag.settling or 0.0)

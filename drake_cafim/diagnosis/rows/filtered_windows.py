@@ -68,7 +68,19 @@ class FilteredWindows(Windows):
     @classmethod
     def of(cls, windows: Windows, lowpass: Lowpass) -> "FilteredWindows":
         """The `windows` for efforts that were filtered by `lowpass`."""
-        return cls(windows.time, windows.starts, windows.width, windows.first, windows.stop, lowpass=lowpass)
+        runs = (windows.run_first, windows.run_stop)
+        return cls(windows.time, windows.starts, windows.width, windows.first, windows.stop, *runs, lowpass=lowpass)
+
+    @cached_property
+    def _plain(self) -> Windows:
+        """The windows before they are filtered."""
+        return Windows(self.time, self.starts, self.width, self.first, self.stop, self.run_first, self.run_stop)
+
+    def held(self, times: Array, ramped: bool = False) -> sp.csr_matrix:
+        return self._plain.held(times, ramped)
+
+    def steps(self, times: Array, ramped: bool = False) -> sp.csr_matrix:
+        return self._plain.steps(times, ramped)
 
     @cached_property
     def value(self) -> sp.csr_matrix:

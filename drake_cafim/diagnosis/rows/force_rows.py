@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.test_functions import Windows
 from drake_cafim.dynamics.motion import Motion
@@ -20,11 +21,15 @@ CACHED_TERMS = 64
 
 @dataclass(frozen=True)
 class ForceRows:
-    """Integrals over the `windows` of forces evaluated along one motion `moving` of the recording named `recording`."""
+    """Integrals over the `windows` of forces evaluated along one motion `moving` of the recording named `recording`.
+
+    `joints` are each joint's motion at the P points at which its laws are evaluated; `value` (M, P) integrates them.
+    """
 
     windows: Windows
     recording: str
     joints: tuple[JointSamples, ...]
+    value: sp.csr_matrix
     moving: Motion
     _known: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False, compare=False)
 
@@ -32,7 +37,7 @@ class ForceRows:
         """∫ w force dt (M,) of the force law `effect` at `joint`."""
         return self._cached(
             (*_numbers(effect), joint),
-            lambda: np.asarray(self.windows.value @ effect.force(self.joints[joint]).value),
+            lambda: np.asarray(self.value @ effect.force(self.joints[joint]).value),
         )
 
     def on_bodies(self, physics: Physics) -> Array:

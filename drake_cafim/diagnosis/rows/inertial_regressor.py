@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from hashlib import blake2b
 
 import numpy as np
+import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.test_functions import Windows
 from drake_cafim.dynamics.motion import Motion, rates
@@ -64,11 +65,12 @@ class LinkRegressors:
         default_factory=dict, repr=False, compare=False
     )
 
-    def regressor(self, smooth: Motion, v: Array) -> InertialRegressor:
+    def regressor(self, smooth: Motion, v: Array, at_points: Motion, value: sp.csr_matrix) -> InertialRegressor:
         """The regressor along a motion.
 
-        `smooth` is the smoothed motion at which nonlinear factors are evaluated; the momentum is linear in the measured
-        velocities `v` (N, n), so that their noise enters the rows linearly.
+        `smooth` is the motion at the samples, at which nonlinear factors are evaluated; the momentum is linear in the
+        measured velocities `v` (N, n), so that their noise enters the rows linearly. Forces are evaluated on the motion
+        `at_points`, P points of time, and integrated by `value` (M, P): between samples they bend where efforts step.
         """
         n, m, M = smooth.q.shape[1], smooth.p_WJ.shape[1], len(self.windows)
         inertia, weight = np.zeros((M, n, m, INERTIAL)), np.zeros((M, n, m, 4, 3))
@@ -78,23 +80,27 @@ class LinkRegressors:
             known, key = self._known.setdefault(j, {}), tuple(columns[k] for k in carriers)
             if key not in known:
                 make_room(known, CACHED_REGRESSORS)
-                known[key] = self._of(smooth, v, j, carriers)
+                known[key] = self._of(smooth, v, at_points, value, j, carriers)
             inertia[:, carriers, j], weight[:, carriers, j] = known[key]
         return InertialRegressor(inertia, weight)
 
-    def _of(self, smooth: Motion, v: Array, j: int, carriers: Indices) -> tuple[Array, Array]:
+    def _of(
+        self, smooth: Motion, v: Array, at_points: Motion, value: sp.csr_matrix, j: int, carriers: Indices
+    ) -> tuple[Array, Array]:
         """The parts (M, k, 10) and (M, k, 4, 3) of link `j` in the rows of the k joints that carry it, `carriers`."""
-        rate, value, N, k = self.windows.rate, self.windows.value, len(v), len(carriers)
-        tree = smooth.tree
-        places = (smooth.R_WJ, smooth.p_WJ, smooth.axes, smooth.axes_rate, rates(tree, v), smooth.velocities)
+        tree, k = smooth.tree, len(carriers)
         frames = np.flatnonzero(tree.carriers()[j])
-        found = products(j, frames, *(np.ascontiguousarray(values) for values in places))
+        at_samples = (smooth.R_WJ, smooth.p_WJ, smooth.axes, rates(tree, v))
+        momenta = momenta_of(j, frames, *(np.ascontiguousarray(values) for values in at_samples))
+        places = (at_points.R_WJ, at_points.p_WJ, at_points.axes, at_points.axes_rate, at_points.velocities)
+        forces, weights = forces_of(j, frames, *(np.ascontiguousarray(values) for values in places))
         if tree.followers:
             share = tree.following[0][np.ix_(frames, carriers)]
-            found = tuple(np.moveaxis(np.tensordot(part, share, (1, 0)), -1, 1) for part in found)
-        momenta, forces, weights = found
-        inertial = rate @ momenta.reshape(N, -1) + value @ forces.reshape(N, -1)
-        weighed = value @ weights.reshape(N, -1)
+            momenta, forces, weights = (
+                np.moveaxis(np.tensordot(part, share, (1, 0)), -1, 1) for part in (momenta, forces, weights)
+            )
+        inertial = self.windows.rate @ momenta.reshape(len(v), -1) + value @ forces.reshape(len(forces), -1)
+        weighed = value @ weights.reshape(len(weights), -1)
         return -inertial.reshape(-1, k, INERTIAL), -weighed.reshape(-1, k, 4, 3)
 
 
@@ -104,39 +110,53 @@ def _digest(*columns: Array) -> bytes:
 
 
 @compiled
-def products(
-    j: int, carriers: Indices, R: Array, p: Array, axes: Array, rates: Array, v: Array, smooth: Array
-) -> tuple[Array, Array, Array]:
-    """Derivatives with respect to link `j`'s inertial parameters of S · I V for the axes S of its k `carriers`.
+def momenta_of(j: int, carriers: Indices, R: Array, p: Array, axes: Array, v: Array) -> Array:
+    """Derivatives (N, k, 10) by link `j`'s inertial parameters of the momenta S · I V for the axes S of its `carriers`.
 
-    Returns the momenta S · I V with the measured spatial velocity V = Σ S v, (N, k, 10); the forces Ṡ · I V with the
-    velocity `smooth`, (N, k, 10); and the projections of the weight on S under unit gravity along each world axis,
-    (N, k, 4, 3). `R` (N, n, 3, 3) and `p` (N, n, 3) m are the poses of the links' frames in the world; the joints'
-    `axes` S, their `rates` Ṡ and the spatial velocities `smooth`, (N, n, 6) each, are expressed in the world about its
-    origin; `v` is (N, n).
+    V = Σ S v is the link's spatial velocity. `R` (N, n, 3, 3) and `p` (N, n, 3) m are the poses of the links' frames in
+    the world; the joints' `axes` S (N, n, 6) are expressed in the world about its origin; `v` is (N, n).
     """
     N, K = axes.shape[0], len(carriers)
-    momenta, forces, weights = np.empty((N, K, INERTIAL)), np.empty((N, K, INERTIAL)), np.empty((N, K, 4, 3))
-    S, V, W, measured = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
+    momenta = np.empty((N, K, INERTIAL))
+    S, V, together = np.empty(6), np.empty(6), np.empty(6)
     for i in range(N):
-        measured[:] = 0.0
+        together[:] = 0.0
         for c in carriers:
             for r in range(6):
-                measured[r] += axes[i, c, r] * v[i, c]
-        _in_frame(R[i, j], p[i, j], measured, V)
-        _in_frame(R[i, j], p[i, j], smooth[i, j], W)
+                together[r] += axes[i, c, r] * v[i, c]
+        _in_frame(R[i, j], p[i, j], together, V)
+        for k in range(K):
+            _in_frame(R[i, j], p[i, j], axes[i, carriers[k]], S)
+            _product(S, V, momenta[i, k])
+    return momenta
+
+
+@compiled
+def forces_of(
+    j: int, carriers: Indices, R: Array, p: Array, axes: Array, rates: Array, velocities: Array
+) -> tuple[Array, Array]:
+    """Derivatives by link `j`'s inertial parameters of forces along the axes S of its k `carriers`.
+
+    Returns Ṡ · I V with the spatial velocity V, (P, k, 10), and the projections of the weight on S under unit gravity
+    along each world axis, (P, k, 4, 3). The axes' `rates` Ṡ and the links' `velocities` V are (P, n, 6); the rest is as
+    for `momenta_of`.
+    """
+    P, K = axes.shape[0], len(carriers)
+    forces, weights = np.empty((P, K, INERTIAL)), np.empty((P, K, 4, 3))
+    S, W = np.empty(6), np.empty(6)
+    for i in range(P):
+        _in_frame(R[i, j], p[i, j], velocities[i, j], W)
         for k in range(K):
             _in_frame(R[i, j], p[i, j], rates[i, carriers[k]], S)
             _product(S, W, forces[i, k])
             _in_frame(R[i, j], p[i, j], axes[i, carriers[k]], S)
-            _product(S, V, momenta[i, k])
             for x in range(3):
                 gx, gy, gz = R[i, j, x, 0], R[i, j, x, 1], R[i, j, x, 2]
                 weights[i, k, 0, x] = S[3] * gx + S[4] * gy + S[5] * gz
                 weights[i, k, 1, x] = gy * S[2] - gz * S[1]
                 weights[i, k, 2, x] = gz * S[0] - gx * S[2]
                 weights[i, k, 3, x] = gx * S[1] - gy * S[0]
-    return momenta, forces, weights
+    return forces, weights
 
 
 @compiled

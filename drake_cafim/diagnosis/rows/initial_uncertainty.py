@@ -206,7 +206,7 @@ def _compute_sensor_lag_rows(weak: WeakForm, physics: Physics, lag: SensorEffect
         rows = np.zeros((len(windows), weak.rows_per_window, 1))
         if weak.kinematic_rows:
             j = physics.tree.joint_index(joint)
-            partner, slopes = (measured.v, windows.value) if kind == "q" else (measured.q, windows.rate)
+            partner, slopes = (measured.v, windows.velocity) if kind == "q" else (measured.q, windows.rate)
             behind = float(np.std(partner[:, j] - lag.measured(time, partner[:, j : j + 1])[:, 0]))
             facing = cast(sp.csr_matrix, lag.kinematic_correction(time))  # an effect with a settling time has one
             rows[:, j, 0] = (slopes @ (facing @ left)) * behind * weak.terms(physics).louder[:, j]

@@ -40,7 +40,7 @@ class KinematicRows:
         windows, time = self.samples.windows, self.samples.time
         factor = np.ones((len(windows), q.shape[1]))
         channels = {"q": q.copy(), "v": v.copy()} if lags else {"q": q, "v": v}
-        slopes = {"q": windows.rate, "v": windows.value}
+        slopes = {"q": windows.rate, "v": windows.velocity}
         for lag in lags:
             kind, joint = lag.at.split(".", 1)
             partner, j = "v" if kind == "q" else "q", joints.index(joint)
@@ -51,7 +51,8 @@ class KinematicRows:
                 channels[name][:, j] = ahead @ channels[name][:, j]
                 as_noisy += self._variance(f"{name}.{joint}", slopes[name])
                 noisy += self._variance(f"{name}.{joint}", sp.csr_matrix(slopes[name] @ read))
-            factor[:, j] *= np.sqrt(as_noisy / noisy)
+            if self.samples.estimated is None:
+                factor[:, j] *= np.sqrt(as_noisy / noisy)
         return channels["q"], channels["v"], factor
 
     def _variance(self, column: str, rows: sp.csr_matrix) -> Array:

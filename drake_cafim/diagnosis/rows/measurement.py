@@ -60,6 +60,9 @@ def corrected_measurement(samples: Samples, sensors: Sequence[WrenchSensor], phy
     wrenches = tuple(
         np.stack([columns[f"wrench.{sensor.name}.{a}"] for a in WRENCH_COMPONENTS], axis=1) for sensor in sensors
     )
+    if s.estimated is not None:
+        v = v if s.estimated.beyond is None else v + s.estimated.beyond
+        return Measurement(q, v, u, q, v, v, wrenches)
     v_hat, v_kinked = (
         np.stack([smoother.of(q[:, j], v[:, j]) for j, smoother in enumerate(smoothers)], axis=1)
         for smoothers in (s.smooth_v, s.kinked_v)

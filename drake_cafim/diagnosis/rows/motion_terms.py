@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.effort_rows import EffortRows
 from drake_cafim.diagnosis.rows.force_rows import ForceRows
@@ -33,17 +34,32 @@ class MotionTerms:
     """The samples at which the force laws of joint effects are evaluated, for each joint."""
     moving: Motion
     """The smoothed motion."""
-    regressor: InertialRegressor
+    links: LinkRegressors
     kinematic: Array
     """(M, n or 0) ∫ ẇ q dt + ∫ w v dt, not corrected for the steps of v̇ yet."""
     driven: EffortRows
     acting: ForceRows
     louder: Array
     """(M, n), the factor that scales `kinematic` to the noise that it has without a sensor's lag."""
+    samples: Samples
     servos: dict[int, ServoDrive] = field(default_factory=dict)
     """The efforts of the servos that drive joints, by the joint's index."""
     in_doubt: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False, compare=False)
     """Cached rows of the unknown initial state of sensors' lags, by the sensor and its time constant."""
+
+    @cached_property
+    def regressor(self) -> InertialRegressor:
+        """The regressor of inertial and gravity terms."""
+        return self.links.regressor(self.moving, self.measured.v, self.moving_at_points, self.samples.law_value)
+
+    @cached_property
+    def moving_at_points(self) -> Motion:
+        """The motion at the points over which laws are integrated."""
+        estimated = self.samples.estimated
+        if estimated is None:
+            return self.moving
+        q, v = (np.stack([getattr(joint, name) for joint in self.acting.joints], axis=1) for name in ("q", "v"))
+        return replace(motion(self.moving.tree, q, v), lasting=estimated.points.lasting(self.samples.time))
 
     def driven_by(self, servos: dict[int, ServoDrive], load: Array, physics: Physics) -> "MotionTerms":
         """The terms with the efforts of `servos` added to the recorded ones, and the `load` (N, n) from outside."""
@@ -54,12 +70,19 @@ class MotionTerms:
         for j, drive in servos.items():
             u[:, j] += drive.mean.value
             ramped[j] = True
+        rows = replace(self.rows, u=u, ramped=tuple(ramped), servos=servos)
+        driven = EffortRows(rows, self.driven.mobility)
         joints = tuple(
             joint.under(u[:, j] if j in servos else joint.u, load[:, j]) for j, joint in enumerate(self.joints)
         )
-        rows = replace(self.rows, u=u, ramped=tuple(ramped), servos=servos)
-        acting = ForceRows(self.acting.windows, self.acting.recording, joints, self.moving)
-        driven = EffortRows(rows, self.driven.mobility)
+        at_points, estimated = joints, self.samples.estimated
+        if estimated is not None:
+            efforts, loads = estimated.points.between(u), estimated.points.between(load)
+            at_points = tuple(
+                joint.under(efforts[:, j] if j in servos else joint.u, loads[:, j])
+                for j, joint in enumerate(self.acting.joints)
+            )
+        acting = ForceRows(self.acting.windows, self.acting.recording, at_points, self.acting.value, self.moving)
         return replace(self, rows=rows, joints=joints, driven=driven, acting=acting, servos=servos)
 
     def _bent(self, joint: int, drive: ServoDrive, servos: Mapping[int, ServoDrive], mobility: Array) -> ServoDrive:
@@ -124,10 +147,29 @@ class MotionTermsCache:
             if lags:
                 as_written = corrected_measurement(samples, self.sensors, replace(physics, sensors=others))
             q, v, louder = self._kinematic.compared(lags, physics.tree.joint_names, as_written.q, as_written.v)
-            kinematic = (windows.rate @ q + windows.value @ v) * louder
+            kinematic = windows.rate @ q + windows.velocity @ v
+            if samples.estimated is not None:
+                # ∫ (t − t̄) a dt of an acceleration that is linear over an interval
+                bend = np.diff(samples.time)[:, None] ** 2 / 12.0 * samples.estimated.bend
+                kinematic = kinematic - windows.interval @ bend
+            kinematic = kinematic * louder
         at_joints = joint_samples_of(samples, measured, samples.v_std)
-        regressor = self._links.regressor(moving, measured.v)
         rows = MeasuredRows(windows, measured.v, measured.u, measured.v_hat, measured.wrenches, samples.ramped)
         driven = EffortRows(rows, Mobility(moving) if samples.velocity_measured else None)
-        acting = ForceRows(windows, samples.recording.name, at_joints, moving)
-        return MotionTerms(measured, rows, at_joints, moving, regressor, kinematic, driven, acting, louder)
+        at_points, value = _law_samples(samples, measured, at_joints)
+        acting = ForceRows(windows, samples.recording.name, at_points, value, moving)
+        return MotionTerms(measured, rows, at_joints, moving, self._links, kinematic, driven, acting, louder, samples)
+
+
+def _law_samples(
+    samples: Samples, measured: Measurement, at_samples: tuple[JointSamples, ...]
+) -> tuple[tuple[JointSamples, ...], sp.csr_matrix]:
+    """Each joint's motion where its laws are integrated, and the matrix (M, P) of ∫ w f dt from values there."""
+    if samples.estimated is None:
+        return at_samples, samples.windows.value
+    points, std = samples.estimated.points, samples.estimated.v_std
+    at_points = [
+        points.samples(samples.time, measured.q[:, j], measured.v[:, j], measured.u[:, j], std[:, j], ramp)
+        for j, ramp in enumerate(samples.ramped)
+    ]
+    return tuple(at_points), points.value

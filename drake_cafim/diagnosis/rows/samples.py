@@ -9,9 +9,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.noise.coloured import CorrelatedNoise, drawn
-from drake_cafim.diagnosis.noise.feedback import Feedback
 from drake_cafim.diagnosis.noise.slow_channels import Bridges
 from drake_cafim.diagnosis.rows.filtered_windows import FilteredWindows, reach_of
+from drake_cafim.diagnosis.rows.law_points import LawPoints
 from drake_cafim.diagnosis.rows.position_smoothing import Track, track_of
 from drake_cafim.diagnosis.rows.test_functions import Windows, lay_windows
 from drake_cafim.diagnosis.rows.velocity_smoothing import Noise, Velocity, VelocityNoise, resting
@@ -28,6 +28,22 @@ from drake_cafim.scenario.schema import Lowpass
 from drake_cafim.scene.driving import RAMPED, Command, commands_of, driven_by_servo, with_idle_efforts
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array, Flags
+
+
+@dataclass(frozen=True)
+class EstimatedMotion:
+    """Standard deviations `q_std`, `v_std` (N, n) of estimated positions and velocities, SI units.
+
+    Joint laws are integrated over `points`. `beyond` (N, n) is what the velocity has beyond the derivative of the
+    positions between samples, where velocities are not measured.
+    """
+
+    q_std: Array
+    v_std: Array
+    beyond: Array | None
+    points: LawPoints
+    bend: Array
+    """(N − 1, n): what the model's acceleration, its efforts' left out, changes over each sample interval."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +77,8 @@ class Samples:
     """Interpolation matrices (N, N) of the columns that are sampled more slowly than the others."""
     commands: Mapping[int, Command] = field(default_factory=dict)
     """The commands of the joints that a servo drives, by the joint's index; `u` is then what acts beside the servo."""
+    estimated: EstimatedMotion | None = None
+    """How well q and v are known where they are estimated by `adjust`, rather than measured."""
 
     @cached_property
     def tracks(self) -> tuple[Track, ...]:
@@ -78,7 +96,14 @@ class Samples:
     @cached_property
     def v_std(self) -> Array:
         """(N, n) standard deviation of the velocities at which force laws are evaluated."""
+        if self.estimated is not None:
+            return self.estimated.v_std
         return np.stack([smoother.std for smoother in self.kinked_v], axis=1)
+
+    @property
+    def law_value(self) -> sp.csr_matrix:
+        """(M, P) matrix of ∫ w f dt from the values f (P,) of a joint law at the points of its integration."""
+        return self.windows.value if self.estimated is None else self.estimated.points.value
 
     @property
     def velocity_measured(self) -> bool:
@@ -98,39 +123,15 @@ def over_wider_windows(samples: Samples, times: float) -> Samples | None:
     return replace(samples, windows=wide) if len(wide) >= 3 else None
 
 
-def add_noise(samples: Samples, rng: np.random.Generator, fed_back: bool = False) -> Samples:
-    """The samples with another realisation of their noise added.
-
-    With `fed_back`, the efforts also change by the linear feedback that is estimated from the samples.
-    """
+def add_effort_noise(samples: Samples, rng: np.random.Generator) -> Samples:
+    """The samples with another realisation of the noise of measured efforts added."""
     names = [name.removeprefix("q.") for name in samples.std if name.startswith("q.")]
-
-    def noise(columns: Sequence[str]) -> Array:
-        unit = [drawn(rng, samples.time, samples.memories.get(column)) for column in columns]
-        unit = [samples.bridges[c] @ e if c in samples.bridges else e for c, e in zip(columns, unit, strict=True)]
-        return np.stack([samples.std[c] * e for c, e in zip(columns, unit, strict=True)], axis=1)
-
-    def again(kind: str, values: Array) -> Array:
-        return values + noise([f"{kind}.{name}" for name in names])
-
-    q = again("q", samples.q)
-    v = again("v", samples.v) if samples.differentiate is None else samples.differentiate @ q
-    sensors = list(dict.fromkeys(name.rsplit(".", 1)[0] for name in samples.std if name.startswith("wrench.")))
-    wrenches = tuple(
-        wrench + noise([f"{sensor}.{axis}" for axis in WRENCH_COMPONENTS])
-        for sensor, wrench in zip(sensors, samples.wrenches, strict=True)
-    )
-    u = again("u", samples.u)
-    if fed_back:
-        u = u + Feedback.of(samples.q, samples.v, samples.u).carry_noise(q - samples.q, v - samples.v)
-    columns = dict(samples.recording.columns)
-    for kind, values in (("q", q), *([("v", v)] if samples.velocity_measured else [])):
-        columns |= {f"{kind}.{name}": values[:, j] for j, name in enumerate(names)}
-    columns |= {f"u.{name}": u[:, j] for j, name in enumerate(names) if j not in samples.commands}
-    for sensor, wrench in zip(sensors, wrenches, strict=True):
-        columns |= {f"{sensor}.{axis}": wrench[:, k] for k, axis in enumerate(WRENCH_COMPONENTS)}
-    recording = replace(samples.recording, columns=columns)
-    return replace(samples, recording=recording, q=q, v=v, u=u, wrenches=wrenches)
+    columns = [f"u.{name}" for name in names]
+    noise = [samples.std[column] * drawn(rng, samples.time, samples.memories.get(column)) for column in columns]
+    u = samples.u + np.stack(noise, axis=1)
+    written = {column: u[:, j] for j, column in enumerate(columns) if j not in samples.commands}
+    recording = replace(samples.recording, columns={**samples.recording.columns, **written})
+    return replace(samples, recording=recording, u=u)
 
 
 def with_recording(samples: Samples, scene: Scene, recording: Recording) -> Samples:

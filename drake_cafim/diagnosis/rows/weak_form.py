@@ -89,9 +89,17 @@ class WeakForm:
         """The samples at which the force laws of joint effects are evaluated, for each joint."""
         return self.terms(physics).joints
 
+    def law_samples(self, physics: Physics) -> tuple[JointSamples, ...]:
+        """Each joint's motion at the points over which its laws are integrated."""
+        return self.terms(physics).acting.joints
+
     def mean_effort(self, physics: Physics) -> Array:
         """(N, n) mean effort that acts at each joint from one sample to the next, rotor inertia not subtracted."""
         return self.terms(physics).driven.mean_effort(physics)
+
+    def effort_at_samples(self, physics: Physics) -> Array:
+        """(N, n) effort that acts at each joint at the samples; of a held one, what acts from there on."""
+        return self.terms(physics).driven.at_samples(physics)
 
     def contact_memory(self, physics: Physics) -> Array:
         """(N, m) states of the contacts at each sample."""
@@ -120,11 +128,20 @@ class WeakForm:
         rows = np.zeros((len(windows), self.rows_per_window))
         wrench = None
         if physics.contacts:
-            wrench = physics.contact_wrenches(moving, self.contact_memory(physics))
-            rows[:, self.dynamic] = -(windows.value @ moving.project(wrench)) / physics.effort_gains
+            memory = self.contact_memory(physics)
+            rows[:, self.dynamic] = -(self.samples.law_value @ self._contact_forces(physics, memory))
+            rows[:, self.dynamic] /= physics.effort_gains
+            wrench = physics.contact_wrenches(moving, memory) if self.sensors else None
         if self.sensors:
             rows[:, self.dynamic.stop :] = -(windows.value @ self.contacts.readings(physics, moving, wrench))
         return rows
+
+    def _contact_forces(self, physics: Physics, memory: Array) -> Array:
+        """(P, n) generalised forces of contacts at the points over which laws are integrated."""
+        moving, estimated = self.terms(physics).moving_at_points, self.samples.estimated
+        if estimated is not None:
+            memory = estimated.points.between(memory)
+        return moving.project(physics.contact_wrenches(moving, memory))
 
 
 def _integrate_joint_forces(physics: Physics, terms: MotionTerms) -> Array:

@@ -6,14 +6,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import Misfit, adequacy, misfits
-from drake_cafim.diagnosis.fit.evidence import Check, least_gain, scale_of
+from drake_cafim.diagnosis.fit.evidence import Check, law_inaccuracy, least_gain, leaves_inaccuracy, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search.far_unknowns import distances
 from drake_cafim.diagnosis.search.screening import Candidate
-from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE, UNKNOWN_FAR_IN_PRIOR_STDS, WINDOWS_PER_BLOCK
+from drake_cafim.diagnosis.thresholds import (
+    LAW_ACCURACY,
+    NOISE_STD_TOLERANCE,
+    UNKNOWN_FAR_IN_PRIOR_STDS,
+    WINDOWS_PER_BLOCK,
+)
 from drake_cafim.diagnosis.trace import NOMINAL, OTHERS, Record, name_of, names_of, spoken
 from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.rounding import short
@@ -30,6 +35,8 @@ TESTS = {
     "share of misfit": "removes a share of {s} of χ²; because far more than noise remains, at least {t} is required",
     "share of recordings": "improves the fit in a share of {s} of the recordings; at least {t} is required",
     "gain": "lowers χ² by {s}; on noise alone, the best of all candidates would lower it by less than {t}",
+    "gain over inaccuracy": "lowers χ² by {s}; as much as {t} may come from laws that are right to one part in a "
+    "thousand",
     "gain for its parameters": "lowers χ² by {s}; the Bayesian information criterion requires {t} for its parameters",
     "Wald statistic": "has a Wald statistic of {s} (χ² of its difference from no effect); on noise alone, the best of "
     "all candidates would have less than {t}",
@@ -274,6 +281,18 @@ def record_residual(problem: SearchProblem, entry: Fit, rate: float) -> list[Rec
     )
     total = Record("adequacy", model_name(entry.model), p_value, rate, passed, words, "p-value")
     return [total, *(_record_worst(problem, part) for part in misfits(problem, entry.residual, entry.strengths, rate))]
+
+
+def record_inaccuracy(problem: SearchProblem, best: Fit) -> list[Record]:
+    """What remains is within the accuracy to which the named laws are taken to be right; nothing where it is not."""
+    excess, most = best.chi_square - best.degrees_of_freedom, law_inaccuracy(problem, best)
+    if not leaves_inaccuracy(problem, best):
+        return []
+    words = (
+        f"χ² exceeds that of noise by {short(excess)}; as much as {short(most)} may come from laws that are right to "
+        f"one part in {round(1.0 / LAW_ACCURACY)}, so what remains is no evidence of more physics"
+    )
+    return [Record("adequacy", model_name(best.model), excess, most, True, words, "excess over noise")]
 
 
 def record_worse_than_none(best: Fit, nominal: Fit) -> Record:

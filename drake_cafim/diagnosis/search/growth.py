@@ -82,8 +82,8 @@ def _is_far_less(state: State, parent: Fit, found: Iterable[Fit], candidate: Can
 
     Such a candidate cannot become a rival, so it need not be fitted.
     """
-    # where regressors are noisy, a first-order gain is no bound
-    if state.problem.regressors_noisy:
+    # where rows bend with the strengths, a first-order gain is no bound
+    if state.problem.whitened_by_model:
         return False
     return any(
         candidate.gain < GAIN_SHARE_FAR_LESS * (parent.chi_square - other.chi_square)

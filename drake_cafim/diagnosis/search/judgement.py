@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
-from drake_cafim.diagnosis.fit.evidence import leaves_noise
+from drake_cafim.diagnosis.fit.evidence import leaves_inaccuracy, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -112,6 +112,9 @@ def _of_search(outcome: Outcome, settings: Settings, trace: Trace) -> Judgement:
     best = outcome.best
     trace.add(*decisions.record_residual(outcome.problem, best, settings.adequacy_level))
     if best.model.named and leaves_noise(outcome.problem, best, settings.adequacy_level):
+        return Judgement(outcome, best, "explained")
+    if best.model.named and leaves_inaccuracy(outcome.problem, best):
+        trace.add(*decisions.record_inaccuracy(outcome.problem, best))
         return Judgement(outcome, best, "explained")
     before, after = _excess(outcome.nominal_problem, outcome.nominal), _excess(outcome.problem, best)
     most = int(np.argmax(before - after))

@@ -1,7 +1,7 @@
 """Score tests: the first-order decrease of χ² by each effect, with the fitted parameters projected out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -36,8 +36,7 @@ def screen(problem: SearchProblem, at: Fit, effects: Sequence[Effect]) -> list[C
     for effect in effects:
         candidate = _best_look(problem, at, effect, basis, residual)
         if candidate is not None:
-            gain = problem.gain_without_echo(at, candidate.effect, candidate.gain, basis)
-            found.append(replace(candidate, gain=gain))
+            found.append(candidate)
     return sorted(found, key=lambda candidate: -candidate.gain)
 
 

@@ -80,7 +80,7 @@ class ArcRows(Problem):
     _shots: dict[Any, FittedArcs] = field(default_factory=dict, repr=False, compare=False)
     _linearisations: dict[Any, Linearisation] = field(default_factory=dict, repr=False, compare=False)
 
-    regressors_noisy: ClassVar[bool] = False
+    whitened_by_model: ClassVar[bool] = False
     least_gain: ClassVar[float] = 0.05
     slack: ClassVar[float] = 1e-3
     least_damping: ClassVar[float] = 1e-2

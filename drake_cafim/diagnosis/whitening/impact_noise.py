@@ -72,6 +72,8 @@ def _depth_std(weak: WeakForm, contact: SphereContact, moving: Motion) -> Array:
     """(N,) standard deviation of the depth by the noise of the smoothed positions, m."""
     s, total = weak.samples, np.zeros(len(weak.samples.time))
     along = moving.force_at(contact.joint, contact.p_JC) @ contact.normal
+    if s.estimated is not None:
+        return np.asarray(np.sqrt(np.sum((s.estimated.q_std * along) ** 2, axis=1)))
     for j, name in enumerate(moving.tree.joint_names):
         memory = s.memories.get(f"q.{name}")
         correlated = s.smooth_q if memory is None else s.smooth_q @ covariance(s.time, memory)

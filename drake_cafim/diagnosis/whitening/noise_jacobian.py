@@ -6,6 +6,8 @@ from typing import TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
+from drake_cafim.diagnosis.rows.adjustment import POSITION_STEP, VELOCITY_STEP
+from drake_cafim.diagnosis.rows.measurement import joint_samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.momentum_derivatives import balance_slopes
 from drake_cafim.dynamics.contact import WrenchSensor
@@ -16,8 +18,6 @@ from drake_cafim.typing import Array
 
 Parts: TypeAlias = dict[int, tuple[sp.csr_matrix, Array]]
 """By row of a window: a matrix (M, N) over the windows, and factors (N,) of its columns."""
-POSITION_STEP, VELOCITY_STEP = 1e-6, 1e-5
-"""Steps of central differences, rad and rad/s (m and m/s)."""
 
 
 def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, list[tuple[str, slice]]]:
@@ -28,7 +28,8 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
     s, n = weak.samples, weak.joints
     measured = weak.measurement(physics)
     q, v = measured.q_hat, measured.v_hat
-    joints = weak.joint_samples(physics)
+    # the mean slope of a kinked law over the noise of samples, also where the motion is estimated more accurately
+    joints = joint_samples_of(s, measured, np.stack([smoother.std for smoother in s.kinked_v], axis=1))
     memory = weak.contact_memory(physics)
     servos = weak.terms(physics).servos
     _, d_q_law, d_v_law = physics.applied_at_joints(joints)
@@ -126,7 +127,7 @@ def _block(weak: WeakForm, momentum: Array, force: Array, kinematic: int, rate: 
     rates: Parts = {first + k: (windows.rate, -momentum[:, k]) for k in range(weak.joints)}
     values: Parts = {first + k: (windows.value, -force[:, k]) for k in range(weak.joints)}
     if weak.kinematic_rows:
-        (rates if rate else values)[kinematic] = windows.rate if rate else windows.value, np.ones(len(momentum))
+        (rates if rate else values)[kinematic] = windows.rate if rate else windows.velocity, np.ones(len(momentum))
     return sp.csr_matrix(_interleave(weak, rates) + _interleave(weak, values))
 
 

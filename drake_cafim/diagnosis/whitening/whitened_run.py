@@ -27,6 +27,10 @@ class Run:
     whiten: Whitening
     jacobian: sp.csr_matrix
     labels: tuple[tuple[str, slice], ...]
+    measured: WeakForm | None = None
+    """The recording as measured, where `weak` has its motion as estimated."""
+    noise: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    """J (y − ŷ) (R,): the part of the rows by the noise of the samples; empty where `weak` contains it."""
     _start_rows: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -53,6 +57,11 @@ class Run:
         """`rows` (M, r) or (M, r, k), flattened window after window and whitened: (R,) or (R, k)."""
         return self.whiten(rows.reshape(self.rows, *rows.shape[2:]))
 
+    def noisy_rows(self, physics: Physics) -> Array:
+        """Rows (M, r) under `physics`, with the noise of the samples, before whitening."""
+        rows = self.weak.residual(physics)
+        return rows + self.noise.reshape(rows.shape) if len(self.noise) else rows
+
     def residual(self, physics: Physics) -> Array:
         """Whitened residual (R,), with the unknown initial state marginalised."""
         return self.marginalise_start(physics).rows
@@ -63,10 +72,13 @@ class Run:
         Rows are infinite where the simulation of a coupling diverges.
         """
         if not has_unknown_start(physics):
-            return StartMarginal(self.whitened(self.weak.residual(physics)))
+            return StartMarginal(self.whitened(self.noisy_rows(physics)))
         # the simulated twist diverges where a link is lighter than its rotor
         with np.errstate(over="ignore", invalid="ignore"):
-            rows, U = self.whitened(self.weak.residual(physics)), self._doubted(start_rows(self.weak, physics))
+            rows, U = (
+                self.whitened(self.noisy_rows(physics)),
+                self._doubted(start_rows(self.weak, physics)),
+            )
             if not np.all(np.abs(rows) < IMPOSSIBLE) or not np.all(np.abs(U) < IMPOSSIBLE):
                 return StartMarginal(np.full(len(rows), np.inf))
         return StartMarginal.of(rows, U, widths)

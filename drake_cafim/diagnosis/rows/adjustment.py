@@ -1,0 +1,167 @@
+"""The samples of a recording replaced by the motion that is estimated from all of them under a model.
+
+Laws, inertias and contacts are evaluated on the estimated motion ŷ, and the noise y − ŷ of the samples enters the rows
+to first order only (Gauss–Helmert model; Förstner, Wrobel, Photogrammetric Computer Vision, 2016, §4.8):
+
+    rows(y; θ) ≈ rows(ŷ; θ) + J (y − ŷ),    J the rows' derivative by the samples at ŷ.
+
+Products of noise, which would bias what is fitted, do not occur, and regressors do not contain the rows' own noise.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from drake_cafim.diagnosis.noise.coloured import covariance
+from drake_cafim.diagnosis.rows.filtered_windows import FilteredWindows
+from drake_cafim.diagnosis.rows.law_points import lay_points
+from drake_cafim.diagnosis.rows.samples import EstimatedMotion, Samples
+from drake_cafim.diagnosis.rows.trajectory import PASSES, SETTLED, Trajectory, Transition, smooth
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.dynamics.motion import motion
+from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.scenario.physics import FreeResponse, Physics
+from drake_cafim.typing import Array
+
+POSITION_STEP, VELOCITY_STEP = 1e-6, 1e-5
+"""Steps of central differences, rad and rad/s (m and m/s)."""
+LEAST_STD = 1e-12
+"""rad or rad/s (m or m/s): exact samples would leave the filter without a scale."""
+
+
+def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
+    """The recording of `weak` with its positions and velocities as estimated under `physics`; efforts as recorded."""
+    samples, names = weak.samples, physics.tree.joint_names
+    as_read = weak.measurement(physics)
+    variance_q = np.stack([_variance(samples, f"q.{name}") for name in names], axis=1)
+    variance_v = np.full_like(variance_q, np.inf)
+    if samples.velocity_measured:
+        variance_v = np.stack([_variance(samples, f"v.{name}") for name in names], axis=1)
+    read = (samples.time, as_read.q, as_read.v, variance_q, variance_v)
+    found = smooth(*read, Transition.unknown(samples.time, len(names)))
+    nothing = np.zeros((len(samples.time) - 1, len(names)))
+    current = _with_trajectory(weak, physics, found, nothing)
+    # efforts that their maker filtered are not those that made the motion
+    filtered = isinstance(samples.windows, FilteredWindows)
+    for _ in range(0 if filtered else PASSES):
+        transition, bend = _transition(current, physics, found)
+        if not (np.all(np.isfinite(transition.rise_v)) and np.all(np.isfinite(transition.rise_q))):
+            break
+        before, found = found, smooth(*read, transition)
+        current = _with_trajectory(weak, physics, found, bend)
+        if np.sqrt(np.mean(((found.v - before.v) / np.maximum(found.v_std, LEAST_STD)) ** 2)) < SETTLED:
+            break
+    return current
+
+
+def _variance(samples: Samples, column: str) -> Array:
+    """(N,) variance of white noise that averages as slowly as that of `column` does; infinite where not recorded."""
+    memory, bridge = samples.memories.get(column), samples.bridges.get(column)
+    ones = np.ones(len(samples.time))
+    total = ones
+    if bridge is not None:
+        alike = bridge @ (bridge.T if memory is None else covariance(samples.time, memory) @ bridge.T)
+        total = alike @ ones
+    elif memory is not None:
+        total = covariance(samples.time, memory) @ ones
+    recorded = np.isfinite(samples.recording[column])
+    std = max(samples.std[column], LEAST_STD)
+    return np.where(recorded, std**2 * np.maximum(total, 1e-6), np.inf)
+
+
+def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Transition, Array]:
+    """How `physics` changes each joint's state from sample to sample, about the motion `found` of `weak`.
+
+    And what its acceleration changes over each interval, but by the slopes of ramped efforts, (N − 1, n).
+    """
+    samples, terms = weak.samples, weak.terms(physics)
+    time, moving = samples.time, replace(terms.moving, tree=physics.tree)
+    h = np.diff(time)[:, None]
+    response = physics.free_response(moving)
+    law, by_q, by_v = physics.applied_at_joints(terms.joints)
+    if physics.contacts:
+        law = law + moving.project(physics.contact_wrenches(moving, weak.contact_memory(physics)))
+    if physics.body_forces:
+        law = law + moving.project(physics.body_wrenches(moving, time, samples.recording.name))
+    effort = weak.mean_effort(physics) + _rotor_efforts(weak, physics)
+    following = np.concatenate([effort[:1], effort[:-1]])
+    # a held effort has two values at a sample, a ramped one has one
+    at_samples = weak.effort_at_samples(physics)
+    sides = (np.where(samples.ramped, at_samples, side) for side in (effort, following))
+    after, before = (_accelerate(response, acting - response.bias) for acting in sides)
+    by_law = _accelerate(response, law)
+    # Simpson's rule for what is smooth within an interval; laws may jump there, and their values are means
+    change = before[1:] - after[:-1]
+    q_middle = 0.5 * (found.q[:-1] + found.q[1:]) - 0.125 * h * np.diff(found.v, axis=0)
+    v_middle = 0.5 * (found.v[:-1] + found.v[1:]) - 0.125 * h * change
+    halfway = physics.free_response(motion(physics.tree, q_middle, v_middle))
+    middle = _accelerate(halfway, effort[:-1] - halfway.bias)
+    gain = h / 6.0 * (after[:-1] + 4.0 * middle + before[1:]) + 0.5 * h * (by_law[:-1] + by_law[1:])
+    way = h**2 / 6.0 * (after[:-1] + 2.0 * middle + 2.0 * by_law[:-1] + by_law[1:])
+    own = np.diagonal(response.mobility, axis1=1, axis2=2)
+    by_contact = _contact_slopes(weak, physics, found)
+    slopes = (own * (by_q + by_contact[0]), own * (by_v + by_contact[1]))
+    transition = Transition.of(time, found.q, found.v, gain, way, *slopes)
+    # of ramped efforts the rows know the slopes
+    ramps = np.where(samples.ramped, at_samples, 0.0)
+    change = change + np.diff(by_law, axis=0) - np.diff(_accelerate(response, ramps), axis=0)
+    return transition, change
+
+
+def _accelerate(response: FreeResponse, force: Array) -> Array:
+    """M⁻¹ `force` (N, n)."""
+    return np.asarray(np.einsum("nij,nj->ni", response.mobility, force), dtype=float)
+
+
+def _contact_slopes(weak: WeakForm, physics: Physics, found: Trajectory) -> Array:
+    """(2, N, n) derivatives of contacts' and body forces at each joint by its own position and by its own velocity."""
+    slopes = np.zeros((2, *found.q.shape))
+    if not physics.contacts and not physics.body_forces:
+        return slopes
+    memory = weak.contact_memory(physics)
+    for j in range(weak.joints):
+        for kind, size in enumerate((POSITION_STEP, VELOCITY_STEP)):
+            step = np.zeros_like(found.q)
+            step[:, j] = size
+            ahead, behind = (
+                motion(physics.tree, found.q + sign * step * (kind == 0), found.v + sign * step * (kind == 1))
+                for sign in (1.0, -1.0)
+            )
+            change = weak.contacts.forces_and_readings(physics, ahead, memory)
+            change = change - weak.contacts.forces_and_readings(physics, behind, memory)
+            slopes[kind, :, j] = change[:, j] / (2.0 * size)
+    return slopes
+
+
+def _rotor_efforts(weak: WeakForm, physics: Physics) -> Array:
+    """−J ψ̈ (N, n), the mean from each sample to the next, of rotors that twist against their links from rest."""
+    taken = np.zeros((len(weak.samples.time), weak.joints))
+    for coupling in physics.couplings:
+        joint = physics.tree.joint_index(coupling.at)
+        drive = weak.couplings.rotor_drives(physics)[joint]
+        taken[:-1, joint] -= drive.inertia * np.diff(coupling.twist_rate(drive)) / np.diff(weak.samples.time)
+    return taken
+
+
+def _with_trajectory(weak: WeakForm, physics: Physics, found: Trajectory, bend: Array) -> WeakForm:
+    """`weak` with the estimated motion `found` in place of its positions and velocities, as its sensors record it."""
+    samples, names = weak.samples, physics.tree.joint_names
+    columns = {f"q.{name}": found.q[:, j] for j, name in enumerate(names)}
+    columns |= {f"v.{name}": found.v[:, j] for j, name in enumerate(names)}
+    for effect in reversed(physics.sensors):
+        columns |= _as_recorded(effect, samples.time, columns)
+    q = np.stack([columns[f"q.{name}"] for name in names], axis=1)
+    v = np.stack([columns[f"v.{name}"] for name in names], axis=1)
+    beyond = None if samples.differentiate is None else found.v - samples.differentiate @ found.q
+    recorded = {name: value for name, value in columns.items() if name in samples.recording.columns}
+    recording = replace(samples.recording, columns={**samples.recording.columns, **recorded})
+    estimated = EstimatedMotion(found.q_std, found.v_std, beyond, lay_points(samples.windows, found.v), bend)
+    return WeakForm(replace(samples, recording=recording, q=q, v=v, estimated=estimated), weak.sensors)
+
+
+def _as_recorded(effect: SensorEffect, time: Array, columns: dict[str, Array]) -> dict[str, Array]:
+    on = effect.channels(tuple(columns))
+    if not on:
+        return {}
+    recorded = effect.measured(time, np.stack([columns[name] for name in on], axis=1))
+    return {name: recorded[:, k] for k, name in enumerate(on)}
