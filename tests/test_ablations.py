@@ -144,10 +144,10 @@ def test_there_are_enough_kinds_and_cases_on_seven_machines() -> None:
 
 
 def test_the_blocks_of_a_machine_are_divided_without_rest() -> None:
-    one, other = divided(_machine(), False, np.random.default_rng(0))
-    times = np.concatenate([table["time"] for side in (one, other) for table in side.tables.values()])
+    item, other = divided(_machine(), False, np.random.default_rng(0))
+    times = np.concatenate([table["time"] for side in (item, other) for table in side.tables.values()])
     np.testing.assert_array_equal(np.sort(times), TIME)
-    assert len(one.tables) == len(other.tables) == 2
+    assert len(item.tables) == len(other.tables) == 2
 
 
 def test_what_a_control_names_is_not_misnamed_and_a_near_name_is_no_exact_one() -> None:

@@ -30,15 +30,15 @@ def test_each_recording_is_left_out_then_halves_then_blocks() -> None:
     found = cuts_of(three, np.random.default_rng(0))
     assert [cut.words for cut in found[:5]] == ["without run 0", "without run 1", "without run 2", "first halves",
                                                "second halves"]  # fmt: skip
-    assert [one.name for one in found[1].recordings] == ["run 0", "run 2"]
+    assert [item.name for item in found[1].recordings] == ["run 0", "run 2"]
     first, second = found[3].recordings[0], found[4].recordings[0]
     assert first.time[-1] == second.time[0] == 4.0 and second.time[-1] == 8.0
     draws = found[5:]
     assert len(draws) == DRAWS and all(len(cut.recordings) == 3 * BLOCKS for cut in draws)
-    assert all(one.duration == pytest.approx(1.0) for one in draws[0].recordings)
-    assert len({one.name for one in draws[0].recordings}) == 3 * BLOCKS
+    assert all(item.duration == pytest.approx(1.0) for item in draws[0].recordings)
+    assert len({item.name for item in draws[0].recordings}) == 3 * BLOCKS
     # with replacement: some twice, others not at all
-    assert len({one.time[0] for one in draws[0].recordings}) < 3 * BLOCKS
+    assert len({item.time[0] for item in draws[0].recordings}) < 3 * BLOCKS
 
 
 def test_a_single_recording_has_no_cut_without_it_and_a_single_throw_none_at_all() -> None:
@@ -48,7 +48,7 @@ def test_a_single_recording_has_no_cut_without_it_and_a_single_throw_none_at_all
 
 def test_throws_are_cut_whole_and_many_are_left_out_in_groups() -> None:
     found = cuts_of(_recordings(20), np.random.default_rng(0), whole=True)
-    assert all(one.duration == pytest.approx(8.0) for cut in found for one in cut.recordings)
+    assert all(item.duration == pytest.approx(8.0) for cut in found for item in cut.recordings)
     left_out = [20 - len(cut.recordings) for cut in found if cut.words.startswith("without")]
     assert len(left_out) == 8 and sum(left_out) == 20
 

@@ -92,7 +92,7 @@ def test_a_robot_unlike_its_sisters_stands_out_and_what_all_have_does_not() -> N
     odd = rows("odd", 0.5 + rng.normal(0.0, 0.01, 10), named=1.0)
     found = findings_of([row for group in (*alike, odd) for row in group])
     assert found.accused == ["odd"] and not found.changed
-    assert {one.robot for one in found.constant} == {f"r{k}" for k in range(6)}
+    assert {item.robot for item in found.constant} == {f"r{k}" for k in range(6)}
     assert not found.seen_once
 
 
@@ -110,9 +110,9 @@ def test_effects_are_followed_in_the_sisters_of_a_robot_that_names_them_twice() 
 
     coulomb, viscous, spring = "joint_coulomb_friction", "joint_viscous_friction", "joint_spring"
     summaries = [summary("a/1", viscous), summary("a/2", viscous, spring), summary("b/1", coulomb), summary("c/1")]
-    robots = {one.folder: one.folder[0] for one in summaries}
+    robots = {item.folder: item.folder[0] for item in summaries}
     followed = effects_to_follow(summaries, robots, {coulomb: "dry", viscous: None, spring: None})
-    assert {name: {one.effect for one in effects} for name, effects in followed.items()} == {
+    assert {name: {item.effect for item in effects} for name, effects in followed.items()} == {
         "a": {viscous, spring},
         "b": {viscous, coulomb},
         "c": {viscous},
@@ -147,8 +147,8 @@ def diagnosed(fleet: Path, out: Path, *more: str) -> dict[str, object]:
 def test_a_fleet_in_one_run_and_in_shares_gives_the_same_table(small_fleet: Path, tmp_path: Path) -> None:
     told = diagnosed(small_fleet, tmp_path / "whole")
     assert told["accused"] == ["b"]
-    assert [(one["effect"], one["course"]) for one in told["changed"]] == [("joint_viscous_friction", "step")]
-    assert [one["folder"] for one in told["failed"]] == ["c/2026-W11"]
+    assert [(item["effect"], item["course"]) for item in told["changed"]] == [("joint_viscous_friction", "step")]
+    assert [item["folder"] for item in told["failed"]] == ["c/2026-W11"]
     table = read_table(tmp_path / "whole" / "fleet.parquet")
     assert len({(row["robot"], row["recording"]) for row in table}) == 18
     page = (tmp_path / "whole" / "fleet.html").read_text()
@@ -168,9 +168,9 @@ def test_scenarios_and_held_out_recordings_are_found_by_name(tmp_path: Path) -> 
         (tmp_path / name).write_text("x")
     first, second = folders_of(tmp_path, None, ["held*"])
     assert (first.robot, first.recordings, first.held_out) == ("a", ("run.csv",), ("held.csv",))
-    assert [Path(one.scenario).parent.name for one in (first, second)] == [tmp_path.name, "b"]
+    assert [Path(item.scenario).parent.name for item in (first, second)] == [tmp_path.name, "b"]
     shares = [share([first, second], k, 3) for k in (1, 2, 3)]
-    assert sorted(one.name for part in shares for one in part) == ["a/2026-W10", "b/2026-W10"]
+    assert sorted(item.name for part in shares for item in part) == ["a/2026-W10", "b/2026-W10"]
     with pytest.raises(InputError, match="has such a name"):
         folders_of(tmp_path, None, ["hold*"])
 

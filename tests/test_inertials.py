@@ -109,7 +109,7 @@ def moved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, Scene, Array
 def test_all_stands_for_each_link_that_moves(moved: tuple[Scene, Scene, Array, list[Recording]]) -> None:
     scene = moved[0]
     assert list(inertials(scene.unknown)) == ["l1", "l2", "l3"]
-    assert [one.parameter for one in scene.unknown[:10]] == list(PHYSICAL)
+    assert [item.parameter for item in scene.unknown[:10]] == list(PHYSICAL)
 
 
 def test_the_rows_slopes_are_those_of_differences(moved: tuple[Scene, Scene, Array, list[Recording]]) -> None:
@@ -130,7 +130,7 @@ def test_wrong_inertials_are_estimated_and_written_back(
     found = estimate(scene, recordings)
     assert found.goodness_of_fit.accepted, found
     assert not found.far
-    names = {(one.parameter, one.at): one for one in found.parameters}
+    names = {(item.parameter, item.at): item for item in found.parameters}
     bare = scene.bare or scene.physics
     truth = LinkInertials(bare.tree.body("l3")).physical(change[20:])
     for (name, unit), value in zip(PHYSICAL.items(), truth, strict=True):
@@ -141,7 +141,7 @@ def test_wrong_inertials_are_estimated_and_written_back(
     moment = names["mass", "l3"].value * names["com_x", "l3"].value
     nominal, true_moment = LinkInertials(bare.tree.body("l3")).physical(np.zeros(10)), truth[0] * truth[1]
     assert abs(moment - true_moment) < 0.05 * abs(nominal[0] * nominal[1] - true_moment)
-    vector = vector_of(scene.unknown, bare, {one.key: one.value for one in found.parameters})
+    vector = vector_of(scene.unknown, bare, {item.key: item.value for item in found.parameters})
     corrected = scene.corrected(vector, [])
     (tmp_path / "back").mkdir()
     (tmp_path / "back" / "scenario.yaml").write_text(as_yaml(corrected.scenario, corrected.folder, tmp_path / "back"))

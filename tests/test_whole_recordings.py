@@ -36,25 +36,25 @@ def _random_system(rng: np.random.Generator, forced: bool) -> Linearised:
     )
 
 
-def _dense(one: Linearised) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _dense(item: Linearised) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Information, gradient, and states as X₀ + X₁ θ, by one large generalised least squares problem."""
-    N, m, s = one.C.shape
-    p, w = one.D.shape[2], one.E.shape[2]
+    N, m, s = item.C.shape
+    p, w = item.D.shape[2], item.E.shape[2]
     # every state is linear in (x of the first sample, noises, θ, 1)
     free = s + w * (N - 1)
     maps = np.zeros((N, s, free + p + 1))
     maps[0, :, :s] = np.eye(s)
     for k in range(N - 1):
-        maps[k + 1] = one.A[k] @ maps[k]
-        maps[k + 1, :, s + w * k : s + w * (k + 1)] += one.E[k]
-        maps[k + 1, :, free : free + p] += one.B[k]
-        maps[k + 1, :, -1] += one.c[k]
-    rows = np.einsum("kms,ksf->kmf", one.C, maps)
-    rows[:, :, free : free + p] += one.D
-    rows = rows[one.seen]
-    weights = np.sqrt(np.broadcast_to(one.R, (N, m))[one.seen])
-    J, readings = rows[:, :-1] / weights[:, None], (one.r[one.seen] - rows[:, -1]) / weights
-    prior = np.diag(np.concatenate([1.0 / one.start, np.ones(free - s), np.zeros(p)]))
+        maps[k + 1] = item.A[k] @ maps[k]
+        maps[k + 1, :, s + w * k : s + w * (k + 1)] += item.E[k]
+        maps[k + 1, :, free : free + p] += item.B[k]
+        maps[k + 1, :, -1] += item.c[k]
+    rows = np.einsum("kms,ksf->kmf", item.C, maps)
+    rows[:, :, free : free + p] += item.D
+    rows = rows[item.seen]
+    weights = np.sqrt(np.broadcast_to(item.R, (N, m))[item.seen])
+    J, readings = rows[:, :-1] / weights[:, None], (item.r[item.seen] - rows[:, -1]) / weights
+    prior = np.diag(np.concatenate([1.0 / item.start, np.ones(free - s), np.zeros(p)]))
     whole, side = J.T @ J + prior, J.T @ readings
     own = np.linalg.solve(whole[:free, :free], np.column_stack([whole[:free, free:], side[:free]]))
     information = whole[free:, free:] - whole[free:, :free] @ own[:, :p]
@@ -67,12 +67,12 @@ def _dense(one: Linearised) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndar
 @pytest.mark.parametrize("forced", [False, True])
 @pytest.mark.parametrize("seed", range(3))
 def test_the_smoother_solves_the_dense_problem(seed: int, forced: bool) -> None:
-    one = _random_system(np.random.default_rng(seed), forced)
-    information, gradient, still, moving = _dense(one)
-    np.testing.assert_allclose(one.filtered.information, information, atol=1e-9)
-    np.testing.assert_allclose(one.filtered.gradient, gradient, atol=1e-9)
+    item = _random_system(np.random.default_rng(seed), forced)
+    information, gradient, still, moving = _dense(item)
+    np.testing.assert_allclose(item.filtered.information, information, atol=1e-9)
+    np.testing.assert_allclose(item.filtered.gradient, gradient, atol=1e-9)
     theta = np.array([0.3, -1.2])
-    np.testing.assert_allclose(one.deviations(theta), still + moving @ theta, atol=1e-8)
+    np.testing.assert_allclose(item.deviations(theta), still + moving @ theta, atol=1e-8)
 
 
 def _prepared(cell: Cell, folder: Path, number: int = 0) -> tuple[Prepared, Model]:

@@ -57,7 +57,7 @@ def check(scene: Scene, exported: Exported, form: Form, moved: Motion) -> Parity
     reference = in_drake(scene, moved)
     again = Scene.load(exported.scenario)
     bare = Scene.build(_uncorrected(scene), scene.folder, scene.name)
-    apart, uncorrected = (difference(scene, in_drake(one, moved), reference) for one in (again, bare))
+    apart, uncorrected = (difference(scene, in_drake(item, moved), reference) for item in (again, bare))
     if form != "mjcf":
         return Parity(apart, uncorrected, None)
     try:

@@ -204,14 +204,18 @@ def _diagnosed(folder: Folder, out: Path, packages: Mapping[str, str], resume: b
     values = {(entry["effect"], entry["at"]): entry for entry in stated}
     named = tuple(
         Named(
-            one["effect"],
-            one["at"],
-            one["probability"],
-            {name: value for name, value in values[one["effect"], one["at"]].items() if isinstance(value, int | float)},
-            one["parameters"],
-            one["effect"] in BRIEF,
+            item["effect"],
+            item["at"],
+            item["probability"],
+            {
+                name: value
+                for name, value in values[item["effect"], item["at"]].items()
+                if isinstance(value, int | float)
+            },
+            item["parameters"],
+            item["effect"] in BRIEF,
         )
-        for one in report["explanation"]
+        for item in report["explanation"]
     )
     return Summary(folder.name, report["verdict"], _kind(folder.scenario, packages), named)
 
@@ -220,13 +224,13 @@ def measure_folder(
     folder: Folder, out: Path, effects: Sequence[Named], packages: Mapping[str, str], resume: bool
 ) -> list[Measured]:
     """The strengths of `effects` in each of the folder's recordings, written into `out`."""
-    asked = [asdict(one) for one in effects]
+    asked = [asdict(item) for item in effects]
     known = _read_json(out / STRENGTHS) if resume else None
     if known is not None and known["effects"] == asked:
         return [Measured.from_json(raw) for raw in known["recordings"]]
     scene = _scene(folder.scenario, tuple(sorted(packages.items())))
     found = [_measured(folder, recording, scene, effects) for recording in folder.recordings]
-    content = {"effects": asked, "recordings": [one.as_json() for one in found]}
+    content = {"effects": asked, "recordings": [item.as_json() for item in found]}
     write_text(out / STRENGTHS, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return found
 
@@ -240,9 +244,13 @@ def _measured(folder: Folder, name: str, scene: Scene, effects: Sequence[Named])
     try:
         stated = [
             known_effect(
-                EffectEntry(one.effect, one.at, dict(one.values)), scene.bare, scene.vocabulary, channels, folder.name
+                EffectEntry(item.effect, item.at, dict(item.values)),
+                scene.bare,
+                scene.vocabulary,
+                channels,
+                folder.name,
             )
-            for one in effects
+            for item in effects
             if scene.bare is not None
         ]
         found = refit(scene, recording, stated)
@@ -298,28 +306,28 @@ def in_json(fleet: Fleet) -> dict[str, Any]:
     return {
         "schema": "drake_cafim.fleet/1",
         "accused": fleet.accused,
-        "changed": [_told(one) for one in fleet.changed],
-        "unlike": [_told(one) for one in fleet.unlike],
-        "constant": [_told(one) for one in fleet.constant],
+        "changed": [_told(item) for item in fleet.changed],
+        "unlike": [_told(item) for item in fleet.unlike],
+        "constant": [_told(item) for item in fleet.constant],
         "failed": [{"folder": row["folder"], "why": row["why"]} for row in fleet.failed],
     }
 
 
-def _told(one: Followed) -> dict[str, Any]:
-    since = [date_of(day).isoformat() for day in one.trend.since or ()]
-    slope = one.trend.slope
+def _told(item: Followed) -> dict[str, Any]:
+    since = [date_of(day).isoformat() for day in item.trend.since or ()]
+    slope = item.trend.slope
     return {
-        "robot": one.robot,
-        "effect": one.effect,
-        "at": one.at,
-        "parameter": one.parameter,
-        "unit": one.unit,
-        "course": one.trend.course,
-        "p_value": one.trend.p_value,
+        "robot": item.robot,
+        "effect": item.effect,
+        "at": item.at,
+        "parameter": item.parameter,
+        "unit": item.unit,
+        "course": item.trend.course,
+        "p_value": item.trend.p_value,
         "since": since or None,
-        "onset": None if one.trend.onset is None else date_of(one.trend.onset).isoformat(),
-        "before": {"value": one.trend.before[0], "std": one.trend.before[1]},
-        "now": {"value": one.trend.now[0], "std": one.trend.now[1]},
+        "onset": None if item.trend.onset is None else date_of(item.trend.onset).isoformat(),
+        "before": {"value": item.trend.before[0], "std": item.trend.before[1]},
+        "now": {"value": item.trend.now[0], "std": item.trend.now[1]},
         "drift_per_week": None if slope is None else {"value": WEEK * slope[0], "interval": WEEK * slope[1]},
-        "unlike": one.unlike,
+        "unlike": item.unlike,
     }

@@ -72,7 +72,7 @@ def add_brake(plant: MultibodyPlant, joint: OneAxisJoint, level: float, name: st
     if level > 0.0:
         # the model may state a dry friction where another one was found, and a joint may have several that follow it
         names = (f"{name}{number} brake" for number in chain([""], (f" ({k})" for k in count(2))))
-        free = next(one for one in names if not plant.HasJointActuatorNamed(one))
+        free = next(item for item in names if not plant.HasJointActuatorNamed(item))
         brake = plant.AddJointActuator(free, joint, level)
         brake.set_controller_gains(PdControllerGains(p=1e-9, d=GAIN))
 

@@ -208,9 +208,6 @@ def parameters_of(
             efficiency=used,
         )
         for unknown, value, deviation, used in zip(
-            scene.unknown, best.model.unknown, deviations, _used(bound, deviations), strict=False
-        )
-        for unknown, value, deviation, used in zip(
             scene.unknown, values, deviations, _used(bound, deviations), strict=True
         )
     ]

@@ -56,7 +56,7 @@ class ServoPlan:
         for effect in physics.sensors:
             if effect.at.startswith("q.") and not effect.late:
                 j = physics.tree.joint_index(effect.at.removeprefix("q."))
-                zero, one = (float(effect.measured(middle, np.full((1, 1), x))[0, 0]) for x in (0.0, 1.0))
-                scale[:, j], offset[:, j] = (one - zero) * scale[:, j], (one - zero) * offset[:, j] + zero
+                zero, item = (float(effect.measured(middle, np.full((1, 1), x))[0, 0]) for x in (0.0, 1.0))
+                scale[:, j], offset[:, j] = (item - zero) * scale[:, j], (item - zero) * offset[:, j] + zero
         ones = np.ones_like(command)
         return ServoInput(on, np.nan_to_num(command), ones, ones, scale, offset)

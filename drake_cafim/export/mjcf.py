@@ -109,7 +109,7 @@ def write_mjcf(text: MjcfText, values: Values) -> list[str]:
             lost.append(f"inertia of {name}: <compiler inertiafromgeom> takes it from the shapes")
         else:
             _set_inertial(text, bodies[name], body, compiler)
-    for name, one in values.joints.items():
+    for name, item in values.joints.items():
         if name not in joints:
             lost.append(f"values of {name}: the file has no joint of this name")
             continue
@@ -117,12 +117,12 @@ def write_mjcf(text: MjcfText, values: Values) -> list[str]:
         lost += [
             f"{what} of {name}: the file turns it off, <flag {flag}>"
             for what, flag in off.items()
-            if getattr(one, what) is not None
+            if getattr(item, what) is not None
         ]
-        one = _without(one, off)
-        _set_joint(joints[name], one, compiler)
-        if one.gain is not None:
-            lost += _set_gain(text, name, one.gain)
+        item = _without(item, off)
+        _set_joint(joints[name], item, compiler)
+        if item.gain is not None:
+            lost += _set_gain(text, name, item.gain)
     if values.gravity is not None:
         _set_option(text, "gravity", numbers(tuple(values.gravity)))
     return lost

@@ -19,9 +19,9 @@ def write_sdf(file: XmlText, values: Values) -> list[str]:
             lost.append(f"inertia of {name}: the file has no link of this name")
         elif not _set_inertial(file, links[name], body):
             lost.append(f"inertia of {name}: its inertial pose is relative to another frame")
-    for name, one in values.joints.items():
+    for name, item in values.joints.items():
         if name in joints:
-            _set_joint(file, joints[name], one)
+            _set_joint(file, joints[name], item)
         else:
             lost.append(f"values of {name}: the file has no joint of this name")
     return lost

@@ -21,9 +21,9 @@ def write_urdf(file: XmlText, values: Values) -> list[str]:
             _set_inertial(links[name], body)
         else:
             lost.append(f"inertia of {name}: the file has no link of this name")
-    for name, one in values.joints.items():
+    for name, item in values.joints.items():
         if name in joints:
-            _set_joint(file, joints[name], one)
+            _set_joint(file, joints[name], item)
         else:
             lost.append(f"values of {name}: the file has no joint of this name")
     return lost
@@ -84,7 +84,7 @@ def _set_rotor(file: XmlText, joint: str, inertia: float) -> None:
         file.root.set("xmlns:drake", "http://drake.mit.edu")
     for transmission in file.root.findall("transmission"):
         actuator = transmission.find("actuator")
-        if actuator is None or joint not in [one.get("name") for one in transmission.findall("joint")]:
+        if actuator is None or joint not in [item.get("name") for item in transmission.findall("joint")]:
             continue
         ratio, rotor = actuator.find("drake:gear_ratio"), actuator.find("drake:rotor_inertia")
         gear = float(ratio.get("value", "1")) if ratio is not None else 1.0

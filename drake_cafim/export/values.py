@@ -126,8 +126,8 @@ def _bodies(scene: Scene, held: tuple[Effect, ...]) -> dict[str, Body]:
             changed, _ = change.change(replace(after, bodies=tuple(bodies.values())), scene.physics.gravity)
             extra = [body for body in changed.bodies if body.name not in bodies]
             bodies = {body.name: body for body in changed.bodies if body.name in bodies}
-            for one in extra:
-                bodies[effect.at] = _joined(bodies[effect.at], one)
+            for item in extra:
+                bodies[effect.at] = _joined(bodies[effect.at], item)
     return {name: body for name, body in bodies.items() if not _same(body, before[name])}
 
 
@@ -177,7 +177,7 @@ def _joints(scene: Scene, held: tuple[Effect, ...]) -> dict[str, JointValues]:
         found[joint.name] = JointValues(
             damping=damping if damping != before[joint.name].damping else None,
             friction=total("joint_coulomb_friction", "torque", [*file, *own]) if friction else None,
-            spring=_spring([one for one in (*file, *own) if one.name == "joint_spring"]) if springs else None,
+            spring=_spring([item for item in (*file, *own) if item.name == "joint_spring"]) if springs else None,
             rotor_inertia=rotor if rotor != before[joint.name].rotor_inertia else None,
             effort_limit=min(limits) if limits else None,
             gain=float(np.prod(gains)) if gains else None,

@@ -78,25 +78,27 @@ class Fleet:
 
     @property
     def changed(self) -> list[Followed]:
-        return sorted((one for one in self.followed if one.changed), key=lambda one: (-one.size, one.robot, one.key))
+        return sorted(
+            (item for item in self.followed if item.changed), key=lambda item: (-item.size, item.robot, item.key)
+        )
 
     @property
     def unlike(self) -> list[Followed]:
         """Those that do not change, but have been unlike their sisters all the time."""
-        found = [one for one in self.followed if one.stands_out and not one.changed]
-        return sorted(found, key=lambda one: (one.unlike, one.robot, one.key))
+        found = [item for item in self.followed if item.stands_out and not item.changed]
+        return sorted(found, key=lambda item: (item.unlike, item.robot, item.key))
 
     @property
     def constant(self) -> list[Followed]:
         """Those that are there without a change, in a robot without sisters or as in its sisters."""
-        told = {(one.robot, *one.key) for one in (*self.changed, *self.unlike)}
-        found = [one for one in self.followed if one.present < FALSE_ALARMS and (one.robot, *one.key) not in told]
-        return sorted(found, key=lambda one: (one.key, one.robot))
+        told = {(item.robot, *item.key) for item in (*self.changed, *self.unlike)}
+        found = [item for item in self.followed if item.present < FALSE_ALARMS and (item.robot, *item.key) not in told]
+        return sorted(found, key=lambda item: (item.key, item.robot))
 
     @property
     def accused(self) -> list[str]:
         """The robots that changed or are unlike their sisters."""
-        return sorted({one.robot for one in (*self.changed, *self.unlike)})
+        return sorted({item.robot for item in (*self.changed, *self.unlike)})
 
     @property
     def failed(self) -> list[Row]:
@@ -114,7 +116,7 @@ def findings_of(rows: Sequence[Row]) -> Fleet:
                 gathered.setdefault(key, []).append(row)
     tested = len(gathered)
     series = {key: _series(found) for key, found in gathered.items()}
-    trends = {key: trend_of(one, tested) for key, one in series.items()}
+    trends = {key: trend_of(item, tested) for key, item in series.items()}
     followed = []
     for key, trend in trends.items():
         robot, kind, effect, at, parameter = key
@@ -157,7 +159,7 @@ def _seen_once(rows: Sequence[Row], followed: Sequence[Followed]) -> tuple[tuple
     namings = {
         (row["robot"], row["effect"], row["place"], row["folder"]) for row in rows if row["probability"] is not None
     }
-    return tuple(sorted(one for one in namings if one[:3] not in borne))
+    return tuple(sorted(item for item in namings if item[:3] not in borne))
 
 
 def _strength(effect: str, parameter: str) -> Strength | None:

@@ -27,8 +27,8 @@ def write_fleet_page(path: Path, fleet: Fleet, command: Sequence[str]) -> None:
     page = environment.get_template(TEMPLATE).render(
         sentence=sentence_of(fleet),
         accused=fleet.accused,
-        findings=[_finding(one, fleet, k < MOST_FIGURES) for k, one in enumerate(told)],
-        constant=[_row(one) for one in fleet.constant],
+        findings=[_finding(entry, fleet, k < MOST_FIGURES) for k, entry in enumerate(told)],
+        constant=[_row(entry) for entry in fleet.constant],
         seen_once=[(robot, wording.spoken(effect), at, folder) for robot, effect, at, folder in fleet.seen_once],
         failed=fleet.failed,
         robots=[_robot(robot, folders, fleet) for robot, folders in sorted(verdicts(fleet.rows).items())],
@@ -45,20 +45,20 @@ def sentence_of(fleet: Fleet) -> str:
     robots = {row["robot"] for row in fleet.rows}
     recordings = {(row["robot"], row["recording"]) for row in fleet.rows}
     size = f"{len(robots)} robot{'s' * (len(robots) != 1)}, {len(recordings)} recordings"
-    told = "; ".join(dict.fromkeys(f"{one.robot}: {_what(one)}" for one in (*fleet.changed, *fleet.unlike)))
+    told = "; ".join(dict.fromkeys(f"{entry.robot}: {_what(entry)}" for entry in (*fleet.changed, *fleet.unlike)))
     bad = f" {len(fleet.failed)} folder{'s' * (len(fleet.failed) != 1)} could not be used." if fleet.failed else ""
     return f"{size}. {f'{told}.' if told else 'No robot changed, and none is unlike its sisters.'}{bad}"
 
 
-def _what(one: Followed) -> str:
+def _what(entry: Followed) -> str:
     """The finding as a clause: what, and since when."""
-    trend = one.trend
-    head = f"{wording.spoken(one.effect)} at {one.at}"
-    if not one.changed:
+    trend = entry.trend
+    head = f"{wording.spoken(entry.effect)} at {entry.at}"
+    if not entry.changed:
         return f"{head} unlike its sisters'"
     how = "another one"
     if trend.slope is not None:
-        unit = "" if one.unit == "1" else f" {one.unit}"
+        unit = "" if entry.unit == "1" else f" {entry.unit}"
         how = "growing" if trend.slope[0] > 0.0 else "falling"
         how += f" by {wording.rounded(abs(WEEK * trend.slope[0]), 2)}{unit} a week"
     first, last = (_day(day) for day in trend.since or (0.0, 0.0))
@@ -67,29 +67,29 @@ def _what(one: Followed) -> str:
     return f"{head} {how} since {last if first == last else f'a time between {first} and {last}'}"
 
 
-def _finding(one: Followed, fleet: Fleet, drawn: bool) -> dict[str, Any]:
-    sisters = [other for other in fleet.followed if other.key == one.key and other.robot != one.robot]
-    return {"what": _what(one), "figure": strength_figure(one, sisters) if drawn else None, **_row(one)}
+def _finding(entry: Followed, fleet: Fleet, drawn: bool) -> dict[str, Any]:
+    sisters = [other for other in fleet.followed if other.key == entry.key and other.robot != entry.robot]
+    return {"what": _what(entry), "figure": strength_figure(entry, sisters) if drawn else None, **_row(entry)}
 
 
-def _row(one: Followed) -> dict[str, Any]:
-    unit = "" if one.unit == "1" else one.unit
-    slope = one.trend.slope
+def _row(entry: Followed) -> dict[str, Any]:
+    unit = "" if entry.unit == "1" else entry.unit
+    slope = entry.trend.slope
     return {
-        "robot": one.robot,
-        "kind": one.kind,
-        "effect": wording.spoken(one.effect),
-        "at": one.at,
-        "parameter": wording.spoken(one.parameter),
+        "robot": entry.robot,
+        "kind": entry.kind,
+        "effect": wording.spoken(entry.effect),
+        "at": entry.at,
+        "parameter": wording.spoken(entry.parameter),
         "unit": unit,
-        "now": wording.with_interval(*one.trend.now),
-        "before": wording.with_interval(*one.trend.before),
-        "constant": wording.p_value(one.trend.p_value),
+        "now": wording.with_interval(*entry.trend.now),
+        "before": wording.with_interval(*entry.trend.before),
+        "constant": wording.p_value(entry.trend.p_value),
         "drift": None if slope is None else wording.with_interval(WEEK * slope[0], WEEK * slope[1] / wording.INTERVAL),
-        "sisters": None if one.sisters is None else wording.with_interval(*one.sisters),
-        "unlike": None if one.unlike is None else wording.p_value(one.unlike),
-        "named": one.named,
-        "recordings": len(one.series),
+        "sisters": None if entry.sisters is None else wording.with_interval(*entry.sisters),
+        "unlike": None if entry.unlike is None else wording.p_value(entry.unlike),
+        "named": entry.named,
+        "recordings": len(entry.series),
     }
 
 

@@ -63,14 +63,14 @@ class Measured:
         return {
             "recording": self.recording,
             "time": None if self.time is None else self.time.isoformat(),
-            "strengths": [vars(one) for one in self.strengths],
+            "strengths": [vars(each) for each in self.strengths],
             "failure": self.failure,
         }
 
     @classmethod
     def from_json(cls, raw: Mapping[str, Any]) -> "Measured":
         time = None if raw["time"] is None else datetime.fromisoformat(raw["time"])
-        return cls(raw["recording"], time, tuple(Refit(**one) for one in raw["strengths"]), raw["failure"])
+        return cls(raw["recording"], time, tuple(Refit(**each) for each in raw["strengths"]), raw["failure"])
 
 
 def effects_to_follow(
@@ -87,7 +87,7 @@ def effects_to_follow(
         by_robot.setdefault(robots[summary.folder], []).append(summary)
     followed = {}
     for robot, own in by_robot.items():
-        kinds = {one.kind for one in own if one.kind}
+        kinds = {each.kind for each in own if each.kind}
         sisters = [other for name, others in by_robot.items() if name != robot for other in others]
         entries = _namings(own)
         for key, found in _namings_twice(sisters, kinds, robots).items():
@@ -127,4 +127,4 @@ def _without_alternatives(
     for key, _ in sorted(entries.items(), key=lambda item: (-len(item[1]), item[0])):
         kept.setdefault((groups.get(key[0]) or key[0], key[1]), key)
     chosen = sorted(kept.values())
-    return tuple(max(entries[key], key=lambda one: (one.probability, sorted(one.values.items()))) for key in chosen)
+    return tuple(max(entries[key], key=lambda each: (each.probability, sorted(each.values.items()))) for key in chosen)

@@ -43,8 +43,8 @@ def rows_of(folder: Folder, summary: Summary, measured: Sequence[Measured]) -> l
     if summary.failure:
         return [own | {"recording": _below(folder), "time": folder.when(), "verdict": FAILED, "why": summary.failure}]
     rows = []
-    times = {one.recording: one.time for one in measured}
-    strengths = {one.recording: one for one in measured}
+    times = {item.recording: item.time for item in measured}
+    strengths = {item.recording: item for item in measured}
     for recording in folder.recordings:
         base = own | {
             "recording": _below(folder, recording),
@@ -52,7 +52,7 @@ def rows_of(folder: Folder, summary: Summary, measured: Sequence[Measured]) -> l
             "verdict": summary.verdict,
         }
         found = _strengths(summary, strengths.get(recording))
-        rows += [base | one for one in found] or [base]
+        rows += [base | item for item in found] or [base]
     return rows
 
 
@@ -60,11 +60,11 @@ def _strengths(summary: Summary, measured: Measured | None) -> list[Row]:
     """Of one recording: the strengths that were fitted in it, and what was named but could not be."""
     probability = {named.key: named.probability for named in summary.named}
     rows: list[Row] = []
-    for one in measured.strengths if measured else ():
-        key = (one.effect, one.at)
+    for item in measured.strengths if measured else ():
+        key = (item.effect, item.at)
         rows.append(
-            {"effect": one.effect, "place": one.at, "parameter": one.parameter, "unit": one.unit,
-             "strength": one.value, "std": one.std, "probability": probability.get(key)}
+            {"effect": item.effect, "place": item.at, "parameter": item.parameter, "unit": item.unit,
+             "strength": item.value, "std": item.std, "probability": probability.get(key)}
         )  # fmt: skip
     fitted = {(row["effect"], row["place"]) for row in rows}
     for named in summary.named:

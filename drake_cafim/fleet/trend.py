@@ -98,7 +98,7 @@ def trend_of(series: Series, tested: int) -> Trend:
         "step": [_best(series, "step", [float(at)]) for at in middles],
         "ramp": [_best(series, "ramp", [float(at)]) for at in onsets],
     }
-    best = min((one for fits in found.values() for one in fits), key=lambda one: one.criterion(len(series)))
+    best = min((item for fits in found.values() for item in fits), key=lambda item: item.criterion(len(series)))
     trials = tested * sum(len(fits) for fits in found.values())
     freedom = len(series) - 2
     level = _fit(series, "constant", 0.0, np.array([best.scatter]))
@@ -113,7 +113,7 @@ def trend_of(series: Series, tested: int) -> Trend:
 def _best(series: Series, course: Course, onsets: list[float]) -> _Fit:
     """The fit of the largest likelihood over the onsets and the scatters."""
     scatters = float(np.median(series.std)) * SCATTERS
-    return max((_fit(series, course, at, scatters) for at in onsets), key=lambda one: one.log_likelihood)
+    return max((_fit(series, course, at, scatters) for at in onsets), key=lambda item: item.log_likelihood)
 
 
 def _fit(series: Series, course: Course, onset: float, scatters: Array) -> _Fit:
@@ -133,12 +133,12 @@ def _fit(series: Series, course: Course, onset: float, scatters: Array) -> _Fit:
 
 def _columns(time: Array, course: Course, onset: float) -> Array:
     """(n, 1) or (n, 2): what the coefficients of a course multiply."""
-    one = np.ones_like(time)
+    item = np.ones_like(time)
     if course == "constant":
-        return one[:, None]
+        return item[:, None]
     later = time > onset
     second = {"line": time - time[0], "step": later.astype(float), "ramp": np.where(later, time - onset, 0.0)}
-    return np.stack([one, second[course]], axis=1)
+    return np.stack([item, second[course]], axis=1)
 
 
 def _summary(series: Series, best: _Fit, p_value: float, alike: list[_Fit]) -> Trend:
@@ -157,17 +157,17 @@ def _summary(series: Series, best: _Fit, p_value: float, alike: list[_Fit]) -> T
 def _half_width(best: _Fit, alike: list[_Fit], reach: float) -> float:
     """Half the 95 % interval of the slope, `reach` stds of it at one onset, over all the likely onsets."""
     half = 0.0
-    for one in alike:
-        rise = 2.0 * (best.log_likelihood - one.log_likelihood)
+    for item in alike:
+        rise = 2.0 * (best.log_likelihood - item.log_likelihood)
         if rise < RISE:
-            own = reach * float(np.sqrt(one.covariance[1, 1] * (1.0 - rise / RISE)))
-            half = max(half, abs(float(one.coefficients[1] - best.coefficients[1])) + own)
+            own = reach * float(np.sqrt(item.covariance[1, 1] * (1.0 - rise / RISE)))
+            half = max(half, abs(float(item.coefficients[1] - best.coefficients[1])) + own)
     return half
 
 
 def _since(series: Series, best: _Fit, alike: list[_Fit]) -> tuple[float, float]:
     """The 95 % interval of the onset, by profile likelihood: a step lies between two recordings."""
-    likely = [one.onset for one in alike if 2.0 * (best.log_likelihood - one.log_likelihood) < RISE]
+    likely = [item.onset for item in alike if 2.0 * (best.log_likelihood - item.log_likelihood) < RISE]
     if best.course == "line":
         return float(series.time[0]), float(series.time[0])
     moments = np.unique(series.time)

@@ -57,9 +57,9 @@ def notes_on_followers(tree: Tree) -> tuple[str, ...]:
     if not tree.followers:
         return ()
     pairs = [
-        f"{one.joint.name} = {one.multiplier:g} {tree.joints[one.leader].name}"
-        + (f" + {one.offset:g}" if one.offset else "")
-        for one in tree.followers
+        f"{item.joint.name} = {item.multiplier:g} {tree.joints[item.leader].name}"
+        + (f" + {item.offset:g}" if item.offset else "")
+        for item in tree.followers
     ]
     return (f"joints that follow others move with them, and their own columns are not used ({list_names(pairs)})",)
 

@@ -253,7 +253,9 @@ def reported(path: Path) -> Iterator[tuple[str, str]]:
         effort = (fit.get(name) or {}).get("effort") or {}
         if effort:
             cutoff = next(iter(effort.values()))["cutoff"]
-            row = " ".join("  –  " if one["relative"] is None else f"{one['relative']:5.3f}" for one in effort.values())
+            row = " ".join(
+                "  –  " if item["relative"] is None else f"{item['relative']:5.3f}" for item in effort.values()
+            )
             yield f"the tool, {name} ({cutoff:g} Hz)", row
 
 

@@ -96,7 +96,7 @@ def main() -> int:
             settings = Settings(most_effects=0) if given.stated else None
             verdict, _ = examine(scene, train, settings=settings)
             corrected = verdict.corrected
-            named = ", ".join(str(one.sentence) for one in verdict.explanation) or "nothing"
+            named = ", ".join(str(item.sentence) for item in verdict.explanation) or "nothing"
             fitted = ", ".join(f"{known.parameter} {known.value:.4g}" for known in verdict.parameters)
             for supply in ("logged", "7.4 V"):
                 seen = [with_constant_supply(run) if supply != "logged" else run for run in (*train, *test)]

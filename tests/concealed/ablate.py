@@ -116,8 +116,8 @@ def attempt(name: str, set_name: str, kind: str, draw: Draw | None, work: Work) 
 def attempt_null(name: str, set_name: str, work: Work) -> None:
     """One real null: corrected on one half of the blocks, diagnosed on the other."""
     rng = np.random.default_rng(int.from_bytes(os.urandom(16), "big"))
-    one, other = divided(raw_machine(work.data, set_name), SETS[set_name].thrown, rng)
-    corrected, failure = known_machine(one, work)
+    entry, other = divided(raw_machine(work.data, set_name), SETS[set_name].thrown, rng)
+    corrected, failure = known_machine(entry, work)
     report = None
     if corrected is not None:
         home = Path(tempfile.mkdtemp(prefix="null-"))
@@ -126,7 +126,7 @@ def attempt_null(name: str, set_name: str, work: Work) -> None:
             report, failure = _diagnosed(again, secrets.token_hex(6), home, work)
         finally:
             shutil.rmtree(home, ignore_errors=True)
-    _write(work.slot(name), {"set": set_name, "kind": "null"} | scored(Ablation(one, "", "", {}), report, failure))
+    _write(work.slot(name), {"set": set_name, "kind": "null"} | scored(Ablation(entry, "", "", {}), report, failure))
 
 
 def _seal(work: Work, digest: str) -> None:
@@ -198,36 +198,38 @@ def summary(results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
     What the control of a machine names, it also names without any alteration: that is neither found nor misnamed.
     """
-    controls = {one["set"]: one["named"] for one in results if one["kind"] == "control"}
-    sealed = [one for one in results if one["kind"] not in ("control", "null")]
-    nulls = [one for one in results if one["kind"] == "null"]
-    covered = [one["covered"] for one in sealed if "covered" in one]
+    controls = {entry["set"]: entry["named"] for entry in results if entry["kind"] == "control"}
+    sealed = [entry for entry in results if entry["kind"] not in ("control", "null")]
+    nulls = [entry for entry in results if entry["kind"] == "null"]
+    covered = [entry["covered"] for entry in sealed if "covered" in entry]
 
-    def new(one: Mapping[str, Any]) -> list[Sequence[str]]:
-        before = controls.get(one["set"], [])
-        return [pair for pair in one["named"] if not any(_same(pair, own) for own in before)]
+    def new(entry: Mapping[str, Any]) -> list[Sequence[str]]:
+        before = controls.get(entry["set"], [])
+        return [pair for pair in entry["named"] if not any(_same(pair, own) for own in before)]
 
-    def matches(one: Mapping[str, Any], alike: Callable[[Sequence[str], Sequence[str]], bool]) -> bool:
-        return any(alike(pair, own) for pair in new(one) for own in one["truths"])
+    def matches(entry: Mapping[str, Any], alike: Callable[[Sequence[str], Sequence[str]], bool]) -> bool:
+        return any(alike(pair, own) for pair in new(entry) for own in entry["truths"])
 
-    def misnamed(one: Mapping[str, Any]) -> bool:
-        return any(not any(_same(pair, own) for own in one["truths"]) for pair in new(one))
+    def misnamed(entry: Mapping[str, Any]) -> bool:
+        return any(not any(_same(pair, own) for own in entry["truths"]) for pair in new(entry))
 
     def counted(key: str) -> dict[str, list[int]]:
-        groups = {name: [one for one in sealed if one[key] == name] for name in dict.fromkeys(o[key] for o in sealed)}
-        return {name: [sum(matches(one, _same) for one in own), len(own)] for name, own in groups.items()}
+        groups = {
+            name: [entry for entry in sealed if entry[key] == name] for name in dict.fromkeys(o[key] for o in sealed)
+        }
+        return {name: [sum(matches(entry, _same) for entry in own), len(own)] for name, own in groups.items()}
 
     def share(flags: Sequence[bool]) -> float | None:
         return sum(flags) / len(flags) if flags else None
 
     return {
         "sealed": len(sealed),
-        "found exactly": share([matches(one, _same) for one in sealed]),
-        "family and place": share([matches(one, _alike) for one in sealed]),
-        "misnamed": share([misnamed(one) for one in sealed]),
-        "failed": sum(one["verdict"] == "failed" for one in results),
+        "found exactly": share([matches(entry, _same) for entry in sealed]),
+        "family and place": share([matches(entry, _alike) for entry in sealed]),
+        "misnamed": share([misnamed(entry) for entry in sealed]),
+        "failed": sum(entry["verdict"] == "failed" for entry in results),
         "nulls": len(nulls),
-        "nulls that name": share([bool(one["named"]) for one in nulls if one["verdict"] != "failed"]),
+        "nulls that name": share([bool(entry["named"]) for entry in nulls if entry["verdict"] != "failed"]),
         "intervals that hold": share(covered),
         "intervals": len(covered),
         "by kind": counted("kind"),

@@ -154,8 +154,8 @@ def dynamic(make: Callable[[Scene, float, np.random.Generator], TreeEffect], fir
             return with_efforts(machine, scene, change)
 
         small = make(scene, 1e-2, np.random.default_rng(state))
-        one = altered(small)
-        felt = [_change(machine, one, f"u.{n}") / _rms(machine, f"u.{n}") for n in scene.tree.joint_names]
+        item = altered(small)
+        felt = [_change(machine, item, f"u.{n}") / _rms(machine, f"u.{n}") for n in scene.tree.joint_names]
         effect = make(scene, 1e-2 * share / max(felt), np.random.default_rng(state))
         return Ablation(altered(effect), effect.name, effect.at, dict(effect.values))
 
@@ -298,8 +298,8 @@ def felt(machine: Machine, made: Ablation) -> float:
         return _change(machine, made.machine, made.at) / _rms(machine, made.at)
     scene = scene_of(machine)
     names, needed = scene.tree.joint_names, []
-    for one in (machine, made.machine):
-        paths = [{str(c): table[c].to_numpy() for c in table.columns} for table in one.tables.values()]
+    for item in (machine, made.machine):
+        paths = [{str(c): table[c].to_numpy() for c in table.columns} for table in item.tables.values()]
         needed.append(np.concatenate([_inverse(scene.physics, *smooth_motion(path, names)) for path in paths]))
     efforts = [_rms(machine, f"u.{name}") for name in names]
     return float(np.max(np.sqrt(np.mean((needed[1] - needed[0]) ** 2, axis=0)) / efforts))

@@ -39,8 +39,8 @@ class RealSet:
 
 _KUKA = {"order": 6, "cutoff": 2.0, "zero_phase": True}
 SETS: Mapping[str, RealSet] = {
-    one.folder: one
-    for one in (
+    item.folder: item
+    for item in (
         RealSet(
             "emps_drive",
             ("ident_0", "ident_1"),

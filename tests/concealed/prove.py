@@ -145,7 +145,9 @@ def main(arguments: list[str] | None = None) -> int:
     )
     trials = [Trial(i, *slots[i], seed=case_seed(master, i)) for i in wanted]
     out = options.out.absolute()
-    tasks = [Task(f"trial {one.slot}", attempt, (one, diagnose, out, options.limit, options.keep)) for one in trials]
+    tasks = [
+        Task(f"trial {entry.slot}", attempt, (entry, diagnose, out, options.limit, options.keep)) for entry in trials
+    ]
     results = distribute(tasks, options.jobs, options.scheduler)
     for number, result in enumerate(tqdm(results, total=len(trials), desc="trials", file=sys.stderr), 1):
         if result.failure:

@@ -176,7 +176,7 @@ def moved(robot: Robot, truth: Truth, shown: Recording) -> float:
     """Quanta by which the effect moves a joint in the first run, root mean square, at the joint that it moves most."""
     bare = recording(robot, Truth(truth.kp, truth.kv, truth.limit), 1)
     apart = [shown[f"q.{joint.name}"] - bare[f"q.{joint.name}"] for joint in robot.joints]
-    return float(max(np.sqrt(np.mean(one**2)) for one in apart) / QUANTUM)
+    return float(max(np.sqrt(np.mean(item**2)) for item in apart) / QUANTUM)
 
 
 def main() -> int:

@@ -248,14 +248,15 @@ def _told_size(truth: Mapping[str, Any], report: Mapping[str, Any] | None) -> st
 
 def summary(results: Sequence[Mapping[str, Any]]) -> str:
     """The counts that are asked for."""
-    singles = [one for one in results if one["seal"]["truth"]["effect"]]
-    nulls = [one for one in results if not one["seal"]["truth"]["effect"]]
-    alone = sum(found(one) and len(named(one)) == 1 for one in singles)
-    failed = sum(one["report"] is None for one in results)
+    singles = [entry for entry in results if entry["seal"]["truth"]["effect"]]
+    nulls = [entry for entry in results if not entry["seal"]["truth"]["effect"]]
+    alone = sum(found(entry) and len(named(entry)) == 1 for entry in singles)
+    failed = sum(entry["report"] is None for entry in results)
     return (
         f"{sum(map(found, singles))} of {len(singles)} named (at least 18 of 20 are asked for), {alone} of them alone; "
-        f"anything named on {sum(bool(named(one)) for one in nulls)} of {len(nulls)} nulls (at most 1 of 20), verdict "
-        f"none on {sum((one['report'] or {}).get('verdict') == 'none' for one in nulls)}; {failed} diagnoses failed"
+        f"anything named on {sum(bool(named(entry)) for entry in nulls)} of {len(nulls)} nulls (at most 1 of 20), "
+        "verdict "
+        f"none on {sum((entry['report'] or {}).get('verdict') == 'none' for entry in nulls)}; {failed} diagnoses failed"
     )
 
 
@@ -268,7 +269,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("names", nargs="*", help="only these robots")
     options = parser.parse_args(arguments)
     (options.out / "opened").mkdir(parents=True, exist_ok=True)
-    shipped = {one.name: one for one in CATALOGUE}
+    shipped = {entry.name: entry for entry in CATALOGUE}
     cafim = [str(Path(sys.executable).parent / "cafim"), "diagnose", "--no-replay"]
     results = []
     for k, name in enumerate(ROBOTS):

@@ -182,7 +182,7 @@ def _payload(rng: np.random.Generator, scene: Scene, usual: Usual, j: int) -> Ki
 
         return Hidden(change=change), {"mass": mass} | dict(zip("xyz", map(float, place), strict=True))
 
-    return Kind("payload", body.name, 0.1 * body.mass, made, equal=tuple(("payload", one.name) for one in riding))
+    return Kind("payload", body.name, 0.1 * body.mass, made, equal=tuple(("payload", item.name) for item in riding))
 
 
 def _gravity(rng: np.random.Generator, scene: Scene, usual: Usual, j: int) -> Kind:

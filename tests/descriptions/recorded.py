@@ -63,7 +63,7 @@ def desired(rng: np.random.Generator, limits: Array, sliding: Array, scale: floa
         size = SHARES[:, None] * reach
         angle = rate * time[:, None, None] + phase
         x, x1, x2 = (size * f for f in (np.sin(angle), rate * np.cos(angle), -(rate**2) * np.sin(angle)))
-        x, x1, x2 = (one.sum(axis=1) for one in (x, x1, x2))
+        x, x1, x2 = (item.sum(axis=1) for item in (x, x1, x2))
         middle = 0.5 * (low + high) + rng.uniform(-0.1, 0.1, len(low)) * (high - low)
         runs.append((middle + ramp * x, ramp1 * x + ramp * x1, ramp2 * x + 2.0 * ramp1 * x1 + ramp * x2))
     return Desired(*(np.stack(parts) for parts in zip(*runs, strict=True)))

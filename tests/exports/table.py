@@ -54,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"{'':24} {'':17} {'in Drake':>10} {'in MuJoCo':>10} {'before':>11}")
     good = 0
     for k, name in enumerate(options.only):
-        text, holds = row(next(one for one in CATALOGUE if one.name == name), options.seed + k, options.out)
+        text, holds = row(next(item for item in CATALOGUE if item.name == name), options.seed + k, options.out)
         good += holds
         print(text, flush=True)
     print(f"{good} of {len(options.only)} within {100 * LIMIT:g} % of the motion over 1 s")

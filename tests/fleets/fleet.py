@@ -33,24 +33,24 @@ def diagnosed(fleet: Path, out: Path, *options: str) -> tuple[dict[str, object],
 def lines(truth: dict[str, object], found: dict[str, object]) -> list[tuple[str, bool, str]]:
     """What is required of the diagnosis: the requirement, whether it holds, what was found."""
     table: list[tuple[str, bool, str]] = []
-    changed = {(one["robot"], one["effect"], one["at"]): one for one in found["changed"]}  # type: ignore[attr-defined]
+    changed = {(entry["robot"], entry["effect"], entry["at"]): entry for entry in found["changed"]}  # type: ignore[attr-defined]
     for key in ("drifts", "lost"):
         true: dict[str, object] = truth[key]  # type: ignore[assignment]
         name = f"{true['effect']} at {true['at']} of {true['robot']}"
-        one = changed.get((true["robot"], true["effect"], true["at"]))
-        table.append((f"{name} is told to have changed", one is not None, one["course"] if one else "not told"))
-        if one is None:
+        entry = changed.get((true["robot"], true["effect"], true["at"]))
+        table.append((f"{name} is told to have changed", entry is not None, entry["course"] if entry else "not told"))
+        if entry is None:
             continue
-        off = weeks_between(str(true["from"]), str(one["onset"]))
-        table.append((f"its start, {true['from']}, within a week", abs(off) <= 1.0, f"{str(one['onset'])[:10]}"))
+        off = weeks_between(str(true["from"]), str(entry["onset"]))
+        table.append((f"its start, {true['from']}, within a week", abs(off) <= 1.0, f"{str(entry['onset'])[:10]}"))
         if key == "drifts":
-            drift = one["drift_per_week"] or {"value": float("nan"), "interval": 0.0}
+            drift = entry["drift_per_week"] or {"value": float("nan"), "interval": 0.0}
             inside = abs(drift["value"] - float(str(true["slope_per_week"]))) <= drift["interval"]
             what = f"{drift['value']:.4f} ± {drift['interval']:.4f} a week"
             table.append((f"its drift of {true['slope_per_week']:.4f} a week in the interval", inside, what))
         else:
-            low = abs(one["now"]["value"] - float(str(true["gain"]))) <= 1.96 * one["now"]["std"]
-            what = f"{one['now']['value']:.4f} ± {1.96 * one['now']['std']:.4f}"
+            low = abs(entry["now"]["value"] - float(str(true["gain"]))) <= 1.96 * entry["now"]["std"]
+            what = f"{entry['now']['value']:.4f} ± {1.96 * entry['now']['std']:.4f}"
             table.append((f"its gain of {true['gain']:.4f} in the interval", low, what))
     accused = accused_healthy(truth, found["accused"])  # type: ignore[arg-type]
     table.append(("no healthy robot is accused", not accused, ", ".join(accused) or "none"))

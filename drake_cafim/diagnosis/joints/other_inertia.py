@@ -39,7 +39,7 @@ def is_other_inertia(scene: Scene, weak: WeakForm, model: Model, under: Model) -
     """Whether in any joint the inertia of `model` and that of `under` differ by more than `OTHER_INERTIA_RATIO`."""
     if _of_inertia(model.effects) == _of_inertia(under.effects):
         return False
-    first, second = (_joint_inertias(weak, one.physics(scene)) for one in (model, under))
+    first, second = (_joint_inertias(weak, item.physics(scene)) for item in (model, under))
     ratio = np.maximum(first, 1e-300) / np.maximum(second, 1e-300)
     return bool(np.any((ratio > OTHER_INERTIA_RATIO) | (ratio < 1.0 / OTHER_INERTIA_RATIO)))
 

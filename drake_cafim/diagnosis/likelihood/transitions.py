@@ -69,8 +69,8 @@ def _of_the_middle(
     x, h = 0.5 * (state + after), intervals.duration
     time, effort = intervals.time + 0.5 * h, 0.5 * (intervals.first + intervals.last)
 
-    def rate(one: Physics, at: Array, u: Array) -> Array:
-        return rates(one, at, u, time, intervals.recording)
+    def rate(item: Physics, at: Array, u: Array) -> Array:
+        return rates(item, at, u, time, intervals.recording)
 
     now = rate(physics, x, effort)
     F = np.stack([(rate(physics, x + e, effort) - now) / STATE_STEP for e in STATE_STEP * np.eye(size)], axis=2)
@@ -107,6 +107,6 @@ def _by_differences(
             replace(intervals, first=intervals.first + first * e, last=intervals.last + last * e)
             for e in EFFORT_STEP * np.eye(n)
         ]
-        ends.append(np.stack([(flow(physics, state, one, steps) - after) / EFFORT_STEP for one in moved], axis=2))
+        ends.append(np.stack([(flow(physics, state, item, steps) - after) / EFFORT_STEP for item in moved], axis=2))
     by_parameters = np.stack(columns, axis=2) if columns else np.zeros((len(state), size, 0))
     return Transitions(after, np.stack(by_state, axis=2), by_parameters, *ends)

@@ -37,8 +37,8 @@ def without_filtered_velocities(
     if not filtered:
         return list(recordings), ()
     kept = [
-        replace(one, columns={name: values for name, values in one.columns.items() if name not in columns})
-        for one in recordings
+        replace(item, columns={name: values for name, values in item.columns.items() if name not in columns})
+        for item in recordings
     ]
     note = f"{', '.join(filtered)}: filtered after they were measured; the positions tell the velocities instead"
     return kept, (note,)

@@ -71,13 +71,13 @@ def _after(physics: Physics, joint: str, effort: Array) -> Array:
 
 def stacked(inputs: Sequence[ServoInput]) -> list[ServoInput]:
     """For each interval of several simulations of equal length, the inputs of all of them."""
-    together = [np.stack([getattr(one, field.name) for one in inputs], axis=1) for field in fields(ServoInput)]
+    together = [np.stack([getattr(item, field.name) for item in inputs], axis=1) for field in fields(ServoInput)]
     return [ServoInput(*(part[k] for part in together)) for k in range(len(inputs[0].on))]
 
 
 def joined(inputs: Sequence[ServoInput]) -> ServoInput:
     """The inputs of several recordings, one after the other."""
-    return ServoInput(*(np.concatenate([getattr(one, field.name) for one in inputs]) for field in fields(ServoInput)))
+    return ServoInput(*(np.concatenate([getattr(item, field.name) for item in inputs]) for field in fields(ServoInput)))
 
 
 def servo_input(weak: WeakForm, physics: Physics, edges: Array) -> ServoInput:

@@ -242,11 +242,11 @@ def effort_filter(scene: Scene) -> Lowpass | None:
     filters = {name: scene.channel(f"u.{name}") for name in scene.tree.joint_names}
     found = {name: channel.lowpass if channel is not None else None for name, channel in filters.items()}
     if len(set(found.values())) > 1:
-        one, *others = found
-        other = next(name for name in others if found[name] != found[one])
+        item, *others = found
+        other = next(name for name in others if found[name] != found[item])
         raise InputError(
-            f"{scene.name}: the efforts of {one} and {other} are filtered differently (channels: u: lowpass), expected "
-            "one filter of all joints, as the equations of the joints are filtered together"
+            f"{scene.name}: the efforts of {item} and {other} are filtered differently (channels: u: lowpass), "
+            "expected one filter of all joints, as the equations of the joints are filtered together"
         )
     return next(iter(found.values()), None)
 

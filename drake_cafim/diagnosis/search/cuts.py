@@ -41,7 +41,7 @@ def cuts_of(recordings: Sequence[Recording], rng: np.random.Generator, whole: bo
     """
     found = list(_left_out(recordings))
     if not whole:
-        found += [Cut(f"{words} halves", tuple(_half(one, late) for one in recordings)) for words, late in _HALVES]
+        found += [Cut(f"{words} halves", tuple(_half(item, late) for item in recordings)) for words, late in _HALVES]
         blocks = [block for recording in recordings for block in _blocks(recording)]
     elif len(recordings) > 1:
         found += [Cut(f"{words} half", tuple(recordings[late::2])) for words, late in _HALVES]
@@ -62,7 +62,7 @@ def _left_out(recordings: Sequence[Recording]) -> Iterator[Cut]:
     groups = np.array_split(np.arange(len(recordings)), min(MOST_LEFT_OUT, len(recordings)))
     for group in groups if len(recordings) > 1 else ():
         names = ", ".join(recordings[k].name for k in group)
-        yield Cut(f"without {names}", tuple(one for k, one in enumerate(recordings) if k not in group))
+        yield Cut(f"without {names}", tuple(item for k, item in enumerate(recordings) if k not in group))
 
 
 def _half(recording: Recording, late: int) -> Recording:

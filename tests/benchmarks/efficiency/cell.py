@@ -145,13 +145,13 @@ def moved(cell: Cell, numbers: tuple[int, ...] | None = None) -> list[Clean]:
     """The motions under control: one `Clean` for all draws, or, with noise fed back, one for each of `numbers`."""
     machine, members = cell.machine(), cell.recordings
     each = [cell.motion.desired(cell.time, member) for member in range(members)]
-    feed = np.stack([machine.feedforward(*one) for one in each])
-    desired = [np.stack([one[k] for one in each]) for k in range(3)]
+    feed = np.stack([machine.feedforward(*entry) for entry in each])
+    desired = [np.stack([entry[k] for entry in each]) for k in range(3)]
     sets = 1 if numbers is None else len(numbers)
     noise_q, noise_v = (np.zeros((sets * members, cell.samples, machine.robot.size)) for _ in range(2))
     if numbers is not None:
         drawn = [draws_of(cell, number) for number in numbers]
-        noise_q, noise_v = (np.concatenate([one[kind] for one in drawn]) for kind in "qv")
+        noise_q, noise_v = (np.concatenate([entry[kind] for entry in drawn]) for kind in "qv")
     stiffness, damping = machine.inertia * cell.bandwidth**2, 1.6 * machine.inertia * cell.bandwidth
     wanted_q, wanted_v = (np.tile(x, (sets, 1, 1)) for x in desired[:2])
     feedforward = np.tile(feed, (sets, 1, 1))

@@ -30,7 +30,7 @@ from tests.concealed.robots import Array
 
 from .task import Task, bound
 from .tasks import TASKS
-from .tools import TOOLS, Answer, one
+from .tools import TOOLS, Answer, single
 
 OURS, THEIRS = "ours", "mujoco.sysid"
 HEADER = (
@@ -60,7 +60,7 @@ def answers(task: Task, tools: Sequence[str], seeds: int, out: Path) -> tuple[Ar
                 told("bound", seed, bound(task, seed).tolist())
             for tool in tools:
                 if (tool, seed) not in done:
-                    told(tool, seed, asdict(pools[tool].submit(one, tool, TASKS.index(task), seed).result()))
+                    told(tool, seed, asdict(pools[tool].submit(single, tool, TASKS.index(task), seed).result()))
     for pool in pools.values():
         pool.shutdown()
     found = {tool: [Answer(**done[tool, seed]) for seed in range(seeds)] for tool in tools}

@@ -163,7 +163,7 @@ def _modifier(parameter: Parameter) -> Callable[[Any, Any], None]:
 TOOLS = {"ours": ours, "mujoco.sysid": theirs, "sysid, weights": theirs_weighted}
 
 
-def one(name: str, index: int, seed: int) -> Answer:
+def single(name: str, index: int, seed: int) -> Answer:
     """The tool's answer to a seed of a task; before the first, the tool is warmed up on another recording."""
     task = TASKS[index]
     _warm(name, task)
