@@ -29,7 +29,7 @@ ITERATIONS = {
     "joints/plane_candidates.py": "IMPROVEMENTS",
     "joints/unknown_force.py": "MOST_STEPS TOLERANCE",
     "rows/initial_uncertainty.py": "MOST_SWEEPS TOLERANCE",
-    "rows/trajectory.py": "DENSITIES REFINEMENTS PASSES SETTLED",
+    "rows/trajectory.py": "DENSITIES REFINEMENTS PASSES SETTLED REFUSED",
     "search/law_shapes.py": "FINER",
     "search/state.py": "ROUNDS",
     "search/search_under_unknown_force.py": "ROUNDS",

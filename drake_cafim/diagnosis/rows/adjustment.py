@@ -53,6 +53,15 @@ def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
     return current
 
 
+def without_unmodelled_force(weak: WeakForm) -> WeakForm:
+    """The same recording, where no force within the model's accuracy counts as noise."""
+    if weak.samples.estimated is None:
+        return weak
+    none = np.zeros_like(weak.samples.estimated.unmodelled_force)
+    estimated = replace(weak.samples.estimated, unmodelled_force=none)
+    return WeakForm(replace(weak.samples, estimated=estimated), weak.sensors)
+
+
 def _variance(samples: Samples, physics: Physics, column: str) -> Array:
     """(N,) variance of white noise that averages as slowly as that of `column` does; infinite where not recorded.
 
