@@ -119,6 +119,9 @@ class _TwoRows:
     runs = (SimpleNamespace(name="run", rows=1000, shape=(500, 2), time=np.arange(500.0)),)
     pictures = SimpleNamespace(row_labels=("j1: q against v", "j1: forces"))
 
+    def residual(self, model: Model) -> np.ndarray:
+        return np.full(1000, np.sqrt(2.85))
+
 
 def test_what_a_rival_needs_not_is_no_rival() -> None:
     """Stribeck's friction is as good; beside it a spring that stands for nothing does not become a rival as well."""

@@ -32,7 +32,7 @@ ITERATIONS = {
     "likelihood/flow.py": "TOLERANCE MOST_STEPS",
     "likelihood/whole_recordings.py": "ITERATIONS SETTLED WORSE SMALL_DAMPING LARGE_DAMPING",
     "rows/initial_uncertainty.py": "MOST_SWEEPS TOLERANCE",
-    "rows/trajectory.py": "DENSITIES REFINEMENTS PASSES SETTLED",
+    "rows/trajectory.py": "DENSITIES REFINEMENTS PASSES SETTLED REFUSED",
     "search/law_shapes.py": "FINER",
     "search/state.py": "ROUNDS",
     "search/search_under_unknown_force.py": "ROUNDS",

@@ -7,6 +7,7 @@ import scipy.sparse as sp
 
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
+from drake_cafim.diagnosis.rows.adjustment import without_unmodelled_force
 from drake_cafim.diagnosis.thresholds import UNKNOWN_FORCE_VARIANCE_SHARE
 from drake_cafim.diagnosis.whitening.covariance import Whitening, unknown_force_factors, whitening
 from drake_cafim.diagnosis.whitening.whitened_run import Run
@@ -27,7 +28,7 @@ def force_density(problem: WeakFormRows, model: Model) -> Array:
     physics = model.physics(problem.scene)
     recordings = []
     for run in problem.runs:
-        noise = whitening(run.weak, physics)[0].covariance
+        noise = whitening(without_unmodelled_force(run.weak), physics)[0].covariance
         factors = unknown_force_factors(run.weak, physics)
         recordings.append(_Recording(run.noisy_rows(physics).ravel(), noise, factors))
     # start from an upper bound: as if the rows held no noise of the channels

@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.joints.differences import Differences
 from drake_cafim.diagnosis.joints.more_noise import noisy_parameters, with_more_effort_noise
 from drake_cafim.diagnosis.joints.other_inertia import is_other_inertia, noise_cost
 from drake_cafim.diagnosis.joints.unknown_columns import UnknownColumns
-from drake_cafim.diagnosis.rows.adjustment import adjust
+from drake_cafim.diagnosis.rows.adjustment import adjust, without_unmodelled_force
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
@@ -56,6 +56,9 @@ class WeakFormRows(Problem):
         runs = []
         for form in weak:
             estimated = adjust(form, physics)
+            if np.any(unknown_force):
+                # these are all the forces that count as noise
+                estimated = without_unmodelled_force(estimated)
             whiten, jacobian, labels = whitening(estimated, physics, unknown_force)
             noise = np.asarray(jacobian @ _noise(form, estimated, labels))
             runs.append(Run(estimated, whiten, jacobian, tuple(labels), form, noise))

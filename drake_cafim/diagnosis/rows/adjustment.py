@@ -15,9 +15,11 @@ import numpy as np
 from drake_cafim.diagnosis.noise.coloured import covariance
 from drake_cafim.diagnosis.rows.filtered_windows import FilteredWindows
 from drake_cafim.diagnosis.rows.law_points import lay_points
+from drake_cafim.diagnosis.rows.measurement import corrected_measurement
 from drake_cafim.diagnosis.rows.samples import EstimatedMotion, Samples
 from drake_cafim.diagnosis.rows.trajectory import PASSES, SETTLED, Trajectory, Transition, smooth
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.thresholds import LAW_ACCURACY
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.scenario.physics import FreeResponse, Physics
@@ -33,29 +35,41 @@ def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
     """The recording of `weak` with its positions and velocities as estimated under `physics`; efforts as recorded."""
     samples, names = weak.samples, physics.tree.joint_names
     as_read = weak.measurement(physics)
-    variance_q = np.stack([_variance(samples, f"q.{name}") for name in names], axis=1)
+    variance_q = np.stack([_variance(samples, physics, f"q.{name}") for name in names], axis=1)
     variance_v = np.full_like(variance_q, np.inf)
     if samples.velocity_measured:
-        variance_v = np.stack([_variance(samples, f"v.{name}") for name in names], axis=1)
+        variance_v = np.stack([_variance(samples, physics, f"v.{name}") for name in names], axis=1)
     read = (samples.time, as_read.q, as_read.v, variance_q, variance_v)
     found = smooth(*read, Transition.unknown(samples.time, len(names)))
     nothing = np.zeros((len(samples.time) - 1, len(names)))
-    current = _with_trajectory(weak, physics, found, nothing)
+    current = _with_trajectory(weak, physics, found, nothing, np.zeros(len(names)))
     # efforts that their maker filtered are not those that made the motion
     filtered = isinstance(samples.windows, FilteredWindows)
     for _ in range(0 if filtered else PASSES):
-        transition, bend = _transition(current, physics, found)
+        transition, bend, mobility = _transition(current, physics, found)
         if not (np.all(np.isfinite(transition.rise_v)) and np.all(np.isfinite(transition.rise_q))):
             break
         before, found = found, smooth(*read, transition)
-        current = _with_trajectory(weak, physics, found, bend)
+        current = _with_trajectory(weak, physics, found, bend, _unmodelled_force(current, physics, found, mobility))
         if np.sqrt(np.mean(((found.v - before.v) / np.maximum(found.v_std, LEAST_STD)) ** 2)) < SETTLED:
             break
     return current
 
 
-def _variance(samples: Samples, column: str) -> Array:
-    """(N,) variance of white noise that averages as slowly as that of `column` does; infinite where not recorded."""
+def without_unmodelled_force(weak: WeakForm) -> WeakForm:
+    """The same recording, where no force within the model's accuracy counts as noise."""
+    if weak.samples.estimated is None:
+        return weak
+    none = np.zeros_like(weak.samples.estimated.unmodelled_force)
+    estimated = replace(weak.samples.estimated, unmodelled_force=none)
+    return WeakForm(replace(weak.samples, estimated=estimated), weak.sensors)
+
+
+def _variance(samples: Samples, physics: Physics, column: str) -> Array:
+    """(N,) variance of white noise that averages as slowly as that of `column` does; infinite where not recorded.
+
+    It is that of the column as corrected for the sensor effects of `physics`, by which its noise may grow.
+    """
     memory, bridge = samples.memories.get(column), samples.bridges.get(column)
     ones = np.ones(len(samples.time))
     total = ones
@@ -64,15 +78,20 @@ def _variance(samples: Samples, column: str) -> Array:
         total = alike @ ones
     elif memory is not None:
         total = covariance(samples.time, memory) @ ones
+    for effect in physics.sensors:
+        correction = effect.correction(samples.time) if effect.channels((column,)) else None
+        if correction is not None:
+            total = total * np.asarray(correction.multiply(correction).sum(axis=1)).ravel()
     recorded = np.isfinite(samples.recording[column])
     std = max(samples.std[column], LEAST_STD)
     return np.where(recorded, std**2 * np.maximum(total, 1e-6), np.inf)
 
 
-def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Transition, Array]:
+def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Transition, Array, Array]:
     """How `physics` changes each joint's state from sample to sample, about the motion `found` of `weak`.
 
-    And what its acceleration changes over each interval, but by the slopes of ramped efforts, (N − 1, n).
+    And what its acceleration changes over each interval, but by the slopes of ramped efforts, (N − 1, n); and the
+    joints' own mobilities (n,), means over time.
     """
     samples, terms = weak.samples, weak.terms(physics)
     time, moving = samples.time, replace(terms.moving, tree=physics.tree)
@@ -105,7 +124,18 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
     # of ramped efforts the rows know the slopes
     ramps = np.where(samples.ramped, at_samples, 0.0)
     change = change + np.diff(by_law, axis=0) - np.diff(_accelerate(response, ramps), axis=0)
-    return transition, change
+    return transition, change, np.mean(own, axis=0)
+
+
+def _unmodelled_force(weak: WeakForm, physics: Physics, found: Trajectory, mobility: Array) -> Array:
+    """(n,) density of the white forces that make the accelerations of `found` that the model does not explain.
+
+    At most as large as a model that is right to `LAW_ACCURACY` may miss: that share of a joint's effort, anew in each
+    test function.
+    """
+    effort = weak.mean_effort(physics)
+    most = (LAW_ACCURACY**2) * np.mean(effort**2, axis=0) * weak.samples.windows.spacing
+    return np.asarray(np.minimum(found.density / np.maximum(mobility, 1e-300) ** 2, most), dtype=float)
 
 
 def _accelerate(response: FreeResponse, force: Array) -> Array:
@@ -143,7 +173,7 @@ def _rotor_efforts(weak: WeakForm, physics: Physics) -> Array:
     return taken
 
 
-def _with_trajectory(weak: WeakForm, physics: Physics, found: Trajectory, bend: Array) -> WeakForm:
+def _with_trajectory(weak: WeakForm, physics: Physics, found: Trajectory, bend: Array, force: Array) -> WeakForm:
     """`weak` with the estimated motion `found` in place of its positions and velocities, as its sensors record it."""
     samples, names = weak.samples, physics.tree.joint_names
     columns = {f"q.{name}": found.q[:, j] for j, name in enumerate(names)}
@@ -155,8 +185,16 @@ def _with_trajectory(weak: WeakForm, physics: Physics, found: Trajectory, bend: 
     beyond = None if samples.differentiate is None else found.v - samples.differentiate @ found.q
     recorded = {name: value for name, value in columns.items() if name in samples.recording.columns}
     recording = replace(samples.recording, columns={**samples.recording.columns, **recorded})
-    estimated = EstimatedMotion(found.q_std, found.v_std, beyond, lay_points(samples.windows, found.v), bend)
-    return WeakForm(replace(samples, recording=recording, q=q, v=v, estimated=estimated), weak.sensors)
+    nothing = np.zeros_like(found.q)
+    points = lay_points(samples.windows, found.v)
+    estimated = EstimatedMotion(found.q_std, found.v_std, beyond, points, nothing, nothing, force, bend)
+    weak = WeakForm(replace(samples, recording=recording, q=q, v=v, estimated=estimated), weak.sensors)
+    if not any(name in columns for effect in physics.sensors for name in effect.channels(tuple(columns))):
+        return weak
+    # a filter and its inverse, both from sample to sample, do not quite cancel where the velocity bends
+    undone = corrected_measurement(weak.samples, weak.sensors, physics)
+    estimated = replace(estimated, missed_q=found.q - undone.q, missed_v=found.v - undone.v)
+    return WeakForm(replace(weak.samples, estimated=estimated), weak.sensors)
 
 
 def _as_recorded(effect: SensorEffect, time: Array, columns: dict[str, Array]) -> dict[str, Array]:

@@ -61,6 +61,7 @@ def corrected_measurement(samples: Samples, sensors: Sequence[WrenchSensor], phy
         np.stack([columns[f"wrench.{sensor.name}.{a}"] for a in WRENCH_COMPONENTS], axis=1) for sensor in sensors
     )
     if s.estimated is not None:
+        q, v = q + s.estimated.missed_q, v + s.estimated.missed_v
         v = v if s.estimated.beyond is None else v + s.estimated.beyond
         return Measurement(q, v, u, q, v, v, wrenches)
     v_hat, v_kinked = (

@@ -24,6 +24,8 @@ REFINEMENTS = 2
 """Times that the grid about the likeliest density is halved."""
 LONGEST_PAUSE = LONGEST_PAUSE_OF_WINDOW
 """Pause between samples, in median sampling intervals, after which a joint starts anew."""
+REFUSED = 6.6
+"""Rise of −2 ln likelihood at which a smaller density is refused: the 99 % point of χ² with one degree of freedom."""
 DIFFUSE = 1e8
 """Variance of the initial state, over that of one sample."""
 PASSES = 4
@@ -101,6 +103,7 @@ def smooth(time: Array, q: Array, v: Array, variance_q: Array, variance_v: Array
 
 
 def _likeliest_density(h: Array, samples: tuple[Array, ...]) -> float:
+    """The smallest density that the innovations do not refuse against the likeliest one."""
     exponents = np.log10(DENSITIES)
     costs = [_cost(h, *samples, 10.0**exponent) for exponent in exponents]
     best, step = int(np.argmin(costs)), 1.0
@@ -111,6 +114,9 @@ def _likeliest_density(h: Array, samples: tuple[Array, ...]) -> float:
             found = _cost(h, *samples, 10.0**near)
             if found < cost:
                 exponent, cost = near, found
+    for smaller, own in zip(exponents, costs, strict=True):
+        if own < cost + REFUSED and smaller < exponent:
+            return float(10.0**smaller)
     return float(10.0**exponent)
 
 

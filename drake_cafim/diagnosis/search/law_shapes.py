@@ -22,7 +22,7 @@ def fit_shapes(problem: SearchProblem, best: Fit) -> Fit:
     With a wrong width, a change of sign looks like a law that falls or rises near rest.
     """
     for position in range(len(best.model.effects)):
-        first, before = best.chi_square, np.inf
+        first, before, worst = best.chi_square, np.inf, -np.inf
         while before - best.chi_square > SHAPE_CHI_SQUARE_RANGE:
             before, effect = best.chi_square, best.model.effects[position]
             best, worst = _best_shape(problem, best, position, effect.restarts())

@@ -69,11 +69,27 @@ def whitening(
     beyond = (
         kinked_law_covariance(weak, physics) + impact_covariance(weak, physics) + mobility_covariance(weak, physics)
     )
+    if weak.samples.estimated is not None:
+        beyond = beyond + _unmodelled(weak, physics, weak.samples.estimated.unmodelled_force)
     for density, part in (
         zip(unknown_force, unknown_force_factors(weak, physics), strict=True) if np.any(unknown_force) else ()
     ):
         beyond = beyond + density * (part @ part.T)
     return Whitening.of(_sampled(weak, jacobian, labels) + beyond), jacobian, labels
+
+
+def _unmodelled(weak: WeakForm, physics: Physics, density: Array) -> sp.csr_matrix:
+    """(R, R) covariance of the rows by white forces of `density` (n,) at the joints."""
+    windows, r = weak.samples.windows, weak.rows_per_window
+    weighed = windows.value @ sp.diags_array(1.0 / np.sqrt(np.gradient(weak.samples.time)))
+    shared = sp.coo_matrix(weighed @ weighed.T)
+    size = r * len(windows)
+    total = sp.csr_matrix((size, size))
+    for j, (own, gain) in enumerate(zip(density, physics.effort_gains, strict=True)):
+        at = weak.dynamic.start + j
+        places = (r * shared.row + at, r * shared.col + at)
+        total = total + sp.csr_matrix((own / gain**2 * shared.data, places), shape=(size, size))
+    return sp.csr_matrix(total)
 
 
 def unknown_force_factors(weak: WeakForm, physics: Physics) -> list[sp.csr_matrix]:
