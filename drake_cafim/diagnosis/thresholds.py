@@ -239,6 +239,9 @@ MISTAKE_CHI_SQUARE_PER_ROW = 5.0
 MISTAKE_CHI_SQUARE_SHARE_LEFT = 0.2
 """Largest share of χ² that remains after a mistake of the data is corrected, for it to be reported. Unit: 1. Not
 calibrated: chosen."""
+MISTAKE_MODEL_ACCURACY = 0.05
+"""Share of the efforts to which a model with its prior means is taken to be right where mistakes of the data are looked
+for: what is left once they are corrected is not noise alone. Unit: 1. Not calibrated: chosen."""
 MISTAKE_PART_SHARE_LEFT = 0.7
 """Largest share of χ² that remains after the first of several mistakes is corrected: of two equal ones, one leaves
 half. Unit: 1. Not calibrated: chosen."""

@@ -16,6 +16,7 @@ from drake_cafim.diagnosis.thresholds import (
     MISTAKE_CHI_SQUARE_PER_ROW,
     MISTAKE_EXCERPT_SAMPLES,
     MISTAKE_EXCERPT_TRAVEL_SHARE,
+    MISTAKE_MODEL_ACCURACY,
     MISTAKES_TRIED_EXACTLY,
 )
 from drake_cafim.errors import InputError
@@ -54,7 +55,7 @@ class _Excerpts:
         for stretch in stretches:
             with contextlib.suppress(InputError):
                 forms.append(WeakForm(samples_of(scene, stretch, std), scene.wrench_sensors))
-        problem = WeakProblem.of(scene, forms, Model(scene.priors.mean))
+        problem = WeakProblem.as_measured(scene, forms, Model(scene.priors.mean), MISTAKE_MODEL_ACCURACY)
         physics = _nominal(scene)
         return cls(scene, std, problem, tuple(run.residual(physics) for run in problem.runs))
 

@@ -64,6 +64,19 @@ class WeakFormRows(Problem):
             runs.append(Run(estimated, whiten, jacobian, tuple(labels), form, noise))
         return cls(scene, tuple(runs), model, unknown_force)
 
+    @classmethod
+    def as_measured(cls, scene: Scene, weak: Sequence[WeakForm], model: Model, accuracy: float) -> Self:
+        """The problem on the samples themselves, no motion estimated: of recordings that may hold mistakes.
+
+        White forces as large as the share `accuracy` of each joint's effort, anew in each test function, are noise.
+        """
+        runs = []
+        for form in weak:
+            size = accuracy**2 * np.mean(form.samples.u**2, axis=0)
+            whiten, jacobian, labels = whitening(form, model.physics(scene), size * form.samples.windows.spacing)
+            runs.append(Run(form, whiten, jacobian, tuple(labels)))
+        return cls(scene, tuple(runs), model)
+
     def rewhitened(self, model: Model) -> Self:
         """The same recordings, whitened under `model`; the last result is cached."""
         if not self._last_rewhitened or self._last_rewhitened[0][0] is not model:

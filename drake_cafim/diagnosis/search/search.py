@@ -75,7 +75,7 @@ def search(
     state.pool.add(nominal)
     state.screens[nominal.model.keys] = screened
     best = nominal
-    if detection <= settings.false_alarm_rate:
+    if detection <= settings.false_alarm_rate and settings.most_effects:
         best = _explain(state, _fit_initial(state, nominal, initial))
     else:
         trace.add(*decisions.record_screening(nominal, screened, effects, trials, settings.false_alarm_rate, None))
