@@ -16,7 +16,7 @@ def data_folder() -> Path:
 
 
 KNOWN_FAILURES = Path(__file__).with_name("known_failures.txt")
-"""Tests that fail at present: a line each, the test's address and why, with a tab between. They run and are reported."""
+"""Tests that fail at present: a line each, address and why, with a tab between. They run and are reported."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
