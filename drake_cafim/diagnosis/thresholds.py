@@ -134,6 +134,9 @@ MISFIT_REDUCED_CHI_SQUARE = 1.5
 share of it. Unit: 1. Not calibrated: chosen."""
 MISFIT_SHARE_TO_EXPLAIN = 0.05
 """Share of such a misfit's χ² that an effect must remove. Unit: 1. Not calibrated: chosen."""
+MISFIT_P_VALUE = 1e-3
+"""p-value of χ² below which whole recordings do not follow a model, though its rows may: their likelihood then finishes
+no fit. Unit: 1. Not calibrated: chosen."""
 LAW_ACCURACY = 1e-3
 """Relative accuracy to which any law is taken to describe a machine or a simulation, its integration included: a misfit
 below this share of what the named effects explain, as amplitudes of the whitened rows, is no evidence of more physics.

@@ -9,12 +9,9 @@ from scipy.stats import chi2
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.likelihood.whole_recordings import WholeFit, fit_whole
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
-from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE
+from drake_cafim.diagnosis.thresholds import MISFIT_P_VALUE, NOISE_STD_TOLERANCE
 from drake_cafim.numerics.computation import NotComputable
 from drake_cafim.scene.scene import Scene
-
-MISFIT_P_VALUE = 1e-3
-"""p-value of χ² below which the recordings do not follow the model as a whole, though its rows may."""
 
 
 def finish(scene: Scene, forms: Sequence[WeakForm], fitted: Fit) -> Fit | NotComputable:
