@@ -47,7 +47,7 @@ def test_a_report_says_on_which_side_a_stop_is(side: float, position: float, tmp
     verdict = diagnose(beside, [recorded(scene, [stop], "a", 1)], settings=Settings(most_effects=1))
     (found,) = report_of(verdict, (), None, {})["explanation"]
     assert found["effect"] == "joint_hard_stop"
-    assert found["parameters"]["side"] == {"value": side, "std": None, "unit": "1"}
+    assert found["parameters"]["side"] == {"value": side, "std": None, "unit": "1", "efficiency": None}
     assert verdict.corrected.known[0].values["side"] == side
 
 

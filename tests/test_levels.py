@@ -33,6 +33,11 @@ class _TwoRows:
     runs = (SimpleNamespace(name="run", rows=1000, shape=(500, 2), time=np.arange(500.0)),)
     pictures = SimpleNamespace(row_labels=("j1: q against v", "j1: forces"))
 
+    def residual(self, model: Model) -> np.ndarray:
+        """The rows without effects, five times those that the effect leaves."""
+        assert not model.effects
+        return 5.0 * 1.07 * np.random.default_rng(2).normal(size=1000)
+
 
 @pytest.fixture
 def outcome() -> Outcome:

@@ -67,7 +67,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "schema": "drake_cafim.report/1",
         "sentence": "The model lacks a spring (quite stiff).",
         "mismatch": {"locations": [{"name": "elbow", "share": 0.6}, {"name": "elbow", "share": 0.3}]},
-        "explanation": [{"effect": "joint_spring"}],
+        "explanation": [{"effect": "joint_spring", "at": "elbow"}],
         "parameters": [],
         "files": {"corrected_scenario": "scenario.corrected.yaml"},
     }
