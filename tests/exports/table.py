@@ -19,7 +19,7 @@ from tests.descriptions.catalogue import CATALOGUE, Shipped
 from .cases import corrected_scenario
 
 NAMES = (
-    "dm_control pendulum", "robosuite Jaco", "dm_control cart-pole", "dm_control reacher", "SO-ARM100, MJCF",
+    "dm_control pendulum", "dm_control finger", "dm_control cart-pole", "dm_control reacher", "SO-ARM100, MJCF",
     "robosuite Panda", "robosuite iiwa", "robosuite UR5e", "robosuite Sawyer", "robosuite Kinova3",
 )  # fmt: skip
 LIMIT = 0.01
