@@ -23,17 +23,21 @@ DURATION = 0.02
 
 
 def moved(scene: Scene) -> Array:
-    """All channels (columns, N) over `DURATION` under the same efforts, in the middle of what cases do."""
+    """All channels (columns, N) over `DURATION` under the same efforts or commands, in the middle of what cases do."""
     count, names = round(DURATION / PERIOD), scene.tree.joint_names
-    efforts = np.random.default_rng(4).uniform(5.0, 20.0, (count, len(names)))
-    time = 1.3 + PERIOD * np.arange(count)
-    pushing = Recording("efforts", time, {f"u.{name}": efforts[:, j] for j, name in enumerate(names)}, ())
+    time, rng = 1.3 + PERIOD * np.arange(count), np.random.default_rng(4)
     state = {
         "turn": (0.4, 0.6), "lift": (0.6, 0.5), "elbow": (0.5, -0.4),
         "x": (0.01, 0.05), "y": (0.02, -0.04), "z": (0.0192, 0.01), "roll": (0.3, 0.5),
     }  # fmt: skip
-    start = np.array([state[name] for name in names]).T.ravel()
-    found = replayed(scene, pushing, start, DURATION, 1e-3)
+    start = np.array([state[name] for name in names]).T
+    if scene.physics.servos:
+        # near enough to the positions that the servos do not saturate
+        kind, pushes = "cmd", start[0] + rng.uniform(-0.05, 0.05, (count, len(names)))
+    else:
+        kind, pushes = "u", rng.uniform(5.0, 20.0, (count, len(names)))
+    pushing = Recording("pushes", time, {f"{kind}.{name}": pushes[:, j] for j, name in enumerate(names)}, ())
+    found = replayed(scene, pushing, start.ravel(), DURATION, 1e-3)
     return np.stack(list(found.columns.values()))
 
 
@@ -42,7 +46,7 @@ def test_what_was_found_is_read_back(case: Case, tmp_path: Path) -> None:
     for name in ("true", "bare"):
         (tmp_path / name).mkdir()
     true, bare = case.scene(tmp_path / "true", True), case.scene(tmp_path / "bare", False)
-    corrected = bare.corrected(np.zeros(0), [case.effect])
+    corrected = bare.corrected(bare.priors.mean, [case.effect])
     expected = moved(true)
     np.testing.assert_array_equal(moved(corrected), expected)
     np.testing.assert_array_equal(moved(read_back(corrected, tmp_path / "out")), expected)
