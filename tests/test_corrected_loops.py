@@ -12,11 +12,15 @@ from drake_cafim.typing import Array
 from tests.recoveries.cases import CASES, Case
 from tests.recoveries.rig import CONTINUOUS, rig
 
-DISCRETE = MultibodyPlantConfig(time_step=5e-4)
+STEP = 5e-4
+"""s"""
+SERVO_STEP = 2.5e-4
+"""s: damping over inertia of the rig's position servos is 100 1/s and more, five times the rate of its controllers."""
 FROM_THE_START = {
     "joint_hard_stop": {"position": -0.5},
     "unmodeled_contact": {"offset": 0.5},
     "actuator_saturation": {"limit": 5.0},
+    "actuator_speed_limit": {"no_load_speed": 2.0, "stall_torque": 1.0},
     "external_disturbance": {"interval": [0.01, 0.09]},
 }
 """Values with which the effect is felt in the first tenth of a second."""
@@ -34,8 +38,9 @@ def measured(scene: Scene, case: Case, config: MultibodyPlantConfig) -> dict[str
 def test_a_discrete_plant_does_what_a_continuous_one_does(case: Case, tmp_path: Path) -> None:
     """To first order in the step: what the effect changes differs by a twentieth of its largest value at most."""
     case = replace(case, values={**case.values, **FROM_THE_START.get(case.name, {})})
+    discrete = MultibodyPlantConfig(time_step=SERVO_STEP if "servo" in case.more else STEP)
     changes = []
-    for config in (CONTINUOUS, DISCRETE):
+    for config in (CONTINUOUS, discrete):
         with_it, without = (measured(case.scene(tmp_path, effect), case, config) for effect in (True, False))
         changes.append({name: x - without[name] for name, x in with_it.items()})
     kinds = {name.split(".")[0] for name in changes[0]}

@@ -102,8 +102,8 @@ def test_it_simulates_in_a_diagram(found: tuple[Verdict, Outcome], recording: Re
     effort = PiecewisePolynomial.ZeroOrderHold(recording.time, recording.matrix("u", robot.joints).T)
     builder.Connect(builder.AddSystem(TrajectorySource(effort)).get_output_port(), robot.effort)
     simulator = Simulator(builder.Build())
-    context = robot.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    robot.plant.SetPositions(context, recording.matrix("q", robot.joints)[0])
+    context = robot.plant.GetMyContextFromRoot(simulator.get_context())
+    # from where the stand-in starts, at rest at zero: the catch multiplies the noise of a recorded start by six
     simulator.AdvanceTo(1.0)
     reached = recording.window(1.0, 2.0).matrix("q", robot.joints)[0]
-    np.testing.assert_allclose(robot.plant.GetPositions(context), reached, atol=2e-3)
+    np.testing.assert_allclose(robot.plant.GetPositions(context), reached, atol=1e-3)

@@ -32,6 +32,8 @@ REFUSED = {
     "external_disturbance": "expected `interval",
 }
 """Effects that are no unknown here, and what the sentence expects."""
+ONE_AT_A_TIME = {"inertial_error"}
+"""Effects whose numbers are impossible together at their usual sizes: here moments of inertia no larger than products."""
 
 
 def _place(effect: type[Effect], places: dict[Place, str]) -> str | None:
@@ -42,6 +44,8 @@ def _estimate(folder: Path, raw: dict[str, Any], effect: type[Effect], at: str, 
     """With the effect at its usual size, and its first number unknown."""
     values = {strength.name: strength.nominal or strength.typical for strength in effect.strengths}
     first = effect.strengths[0]
+    if effect.name in ONE_AT_A_TIME:
+        values = {strength.name: strength.nominal for strength in effect.strengths} | {first.name: first.typical}
     unknown = {"effect": effect.name, "at": at, "parameter": first.name, "std": abs(first.typical)}
     text = yaml.dump(raw | {"effects": [{"effect": effect.name, "at": at, **values}], "unknown": [unknown]})
     (folder / "scenario.yaml").write_text(text)
