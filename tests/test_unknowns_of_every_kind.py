@@ -33,7 +33,7 @@ REFUSED = {
 }
 """Effects that are no unknown here, and what the sentence expects."""
 ONE_AT_A_TIME = {"inertial_error"}
-"""Effects whose numbers are impossible together at their usual sizes: here moments of inertia no larger than products."""
+"""Effects whose numbers are impossible together at their usual sizes: moments of inertia no larger than products."""
 
 
 def _place(effect: type[Effect], places: dict[Place, str]) -> str | None:

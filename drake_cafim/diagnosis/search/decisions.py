@@ -1,26 +1,23 @@
 """Writes the search's decisions as records of a trace: the compared numbers, and a sentence for the report."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import Misfit, adequacy, misfits
-from drake_cafim.diagnosis.fit.evidence import Check, law_inaccuracy, least_gain, leaves_inaccuracy, scale_of
+from drake_cafim.diagnosis.fit.evidence import Check, law_inaccuracy, leaves_inaccuracy
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search.far_unknowns import distances
-from drake_cafim.diagnosis.search.screening import Candidate
 from drake_cafim.diagnosis.thresholds import (
     LAW_ACCURACY,
-    NOISE_STD_TOLERANCE,
     UNKNOWN_FAR_IN_PRIOR_STDS,
     WINDOWS_PER_BLOCK,
 )
-from drake_cafim.diagnosis.trace import NOMINAL, OTHERS, Record, name_of, names_of, spoken
-from drake_cafim.effects.effect import Effect
+from drake_cafim.diagnosis.trace import NOMINAL, Record, name_of, names_of, spoken
 from drake_cafim.numerics.rounding import short
 from drake_cafim.scenario.inertials import INERTIALS
 from drake_cafim.scenario.unknown import UnknownParameter
@@ -28,9 +25,6 @@ from drake_cafim.scene.scene import Scene
 
 REFUSED = 4
 """Refused candidates, and explanations that lost, with a record each; the others share one."""
-FIRST_ORDER_GAIN = "first-order gain"
-NOISE_ALLOWED = (1.0 + NOISE_STD_TOLERANCE) ** 2
-"""Variance ratio by which `least_gain` allows for an error of the stated noise; first-order tests do not."""
 TESTS = {
     "share of misfit": "removes a share of {s} of χ²; because far more than noise remains, at least {t} is required",
     "share of recordings": "improves the fit in a share of {s} of the recordings; at least {t} is required",
@@ -96,121 +90,12 @@ def record_detection(p_value: float, rate: float, trials: int) -> Record:
     return Record("detect", NOMINAL, p_value, rate, found, words, "p-value")
 
 
-@dataclass(frozen=True)
-class GoOn:
-    """Which candidates are fitted exactly: the `most` best, if they gain more than a `share` of the best one's gain."""
-
-    most: int
-    share: float
-
-
-def record_screening(
-    at: Fit, candidates: Sequence[Candidate], effects: Sequence[Effect], trials: int, rate: float, go_on: GoOn | None
-) -> list[Record]:
-    """The first-order tests beside the fit `at`: of the candidates that are fitted exactly, and of the refused ones.
-
-    `go_on` is None where none is fitted. `candidates` are sorted by gain. Of all `effects` some are missing there:
-    alternative laws for what the model has already, and those that move no row or only with impossible strengths.
-    """
-    beside = model_name(at.model) if at.model.effects else ""
-    fitted = [] if go_on is None else [c for c in candidates[: go_on.most] if c.gain > go_on.share * candidates[0].gain]
-    records = []
-    for place, entry in enumerate(candidates[: len(fitted) + REFUSED]):
-        words = f"to first order, lowers χ² by {short(entry.gain)} with {_parameters(entry.strengths)}"
-        if go_on is None:
-            level = least_gain(entry.strengths, trials, rate) * scale_of(at)
-            lucky = entry.gain < level
-            words += f"; on noise alone, the best of {trials} such tests would lower it by less than {short(level)}"
-            # more than luck to first order, and yet nothing was detected: the exact fit decided
-            words += "" if lucky else ", but fitted exactly, free of the noise in its regressors, it lowers χ² by less"
-        else:
-            level = max(go_on.share * candidates[0].gain, fitted[-1].gain)
-            words += (
-                ", so it is fitted exactly"
-                if place < len(fitted)
-                else f"; an exact fit required a gain above {short(level)}"
-            )
-        asked = name_of(entry.effect.key)
-        records.append(Record("screen", asked, entry.gain, level, place < len(fitted), words, FIRST_ORDER_GAIN, beside))
-    rest = candidates[len(fitted) + REFUSED :]
-    present = {effect.key for effect in at.model.effects}
-    excluded = {name_of(e.key) for e in effects if any(e.excludes(other) for other in at.model.effects)}
-    seen = {name_of(entry.effect.key) for entry in candidates}
-    hidden = {name_of(effect.key) for effect in effects} - excluded - seen
-    excluded -= {name_of(key) for key in present}
-    if rest:
-        words = (
-            f"one of {len(rest)} further candidates that lower χ² by at most {short(rest[0].gain)} each, to first order"
-        )
-        records.append(
-            _record_together([name_of(c.effect.key) for c in rest], rest[0].gain, records[-1].threshold, words, beside)
-        )
-    if hidden:
-        words = (
-            f"one of {len(hidden)} effects that change nothing in these recordings, or fit only with impossible values"
-        )
-        records.append(_record_together(hidden, None, None, words, beside))
-    if excluded:
-        words = (
-            f"not tested beside {spoken(beside)}: an alternative law for the same thing, which could only replace it"
-        )
-        records.append(_record_together(excluded, None, None, words, beside))
-    return records
-
-
-def _record_together(names: Iterable[str], most: float | None, level: float | None, words: str, beside: str) -> Record:
-    """A single record for all effects that were refused alike."""
-    return Record(
-        "screen", OTHERS, most, level, False, words, FIRST_ORDER_GAIN, beside, others=tuple(sorted(set(names)))
-    )
-
-
-def record_next_effect(
-    best: Fit, candidates: Sequence[Candidate], trials: int, rate: float, worth: bool
-) -> list[Record]:
-    """Whether the residual of `best` is `worth` one more effect: the first-order test that exceeds its level most."""
-    scale = scale_of(best)
-    levels = [least_gain(c.strengths, trials, rate) / NOISE_ALLOWED for c in candidates]
-    if not candidates:
-        return []
-    index = int(np.argmax([c.gain / level for c, level in zip(candidates, levels, strict=True)]))
-    gain, level, found = candidates[index].gain / scale, levels[index], spoken(name_of(candidates[index].effect.key))
-    words = (
-        f"the best further effect, to first order, is {found}: it lowers χ² by {short(gain)} in units of the remaining "
-        f"noise; on noise alone, the best of {trials} such tests would lower it by less than {short(level)}, so the "
-        f"search {'continues' if worth else 'ends'}"
-    )
-    beside = model_name(best.model) if best.model.effects else ""
-    return [Record("another", _number(best), gain, level, worth, words, FIRST_ORDER_GAIN, beside)]
-
-
-def record_none_admitted(best: Fit) -> Record:
-    """No explanation with one more effect than `best` passed all tests."""
-    words = "of the explanations with one more effect, fitted exactly, none passed all tests"
-    beside = model_name(best.model) if best.model.effects else ""
-    return Record("another", _number(best), None, None, False, words, "", beside)
-
-
-def record_effect_limit(best: Fit, most: int) -> list[Record]:
-    """That no further effect is looked for, where `best` has the `most` that are allowed; else nothing."""
-    size = len(best.model.effects)
-    if not most or size < most:
-        return []
-    words = f"the search allows at most {most} effects, so no further one was looked for"
-    beside = model_name(best.model)
-    return [Record("another", _number(best), float(size), float(most), False, words, "number of effects", beside)]
-
-
-def _number(best: Fit) -> str:
-    return f"effect number {len(best.model.effects) + 1}"
-
-
 def record_fits(ranked: Sequence[Fit], beam: int, cost: Callable[[Fit], float]) -> list[Record]:
     """Explanations of equal size that were fitted exactly, sorted by `cost`; the `beam` best are continued."""
     records = []
     for place, entry in enumerate(ranked):
         lead = cost(ranked[min(beam, len(ranked)) - 1]) - cost(entry)
-        words = f"fitted exactly, χ² is {short(entry.chi_square, 5)} with {_parameters(entry.strengths)}: "
+        words = f"fitted exactly, χ² is {short(entry.chi_square, 5)} with {parameters_in_words(entry.strengths)}: "
         words += f"rank {place + 1} of {len(ranked)} explanations of this size"
         words += "" if place < beam else f"; the best {beam} are continued"
         records.append(Record("fit", model_name(entry.model), lead, 0.0, place < beam, words, "criterion"))
@@ -246,7 +131,7 @@ def record_choice(pool: Iterable[Fit], best: Fit, cost: Callable[[Fit], float]) 
     if ranked:
         lead = cost(ranked[0]) - cost(best)
         words = (
-            f"chosen: χ² is {short(best.chi_square, 5)} with {_parameters(best.strengths)}; the next best is "
+            f"chosen: χ² is {short(best.chi_square, 5)} with {parameters_in_words(best.strengths)}; the next best is "
             f"{spoken(model_name(ranked[0].model))}: {_compare(lead)}"
         )
         second = model_name(ranked[0].model)
@@ -254,8 +139,8 @@ def record_choice(pool: Iterable[Fit], best: Fit, cost: Callable[[Fit], float]) 
     for entry in ranked[: 2 * REFUSED]:
         lead = cost(best) - cost(entry)
         words = (
-            f"χ² is {short(entry.chi_square, 5)} with {_parameters(entry.strengths)}, and with {spoken(chosen)} "
-            f"{short(best.chi_square, 5)} with {_parameters(best.strengths)}: {_compare(-lead)}"
+            f"χ² is {short(entry.chi_square, 5)} with {parameters_in_words(entry.strengths)}, and with "
+            f"{spoken(chosen)} {short(best.chi_square, 5)} with {parameters_in_words(best.strengths)}: {_compare(-lead)}"
         )
         records.append(Record("choose", model_name(entry.model), lead, 0.0, False, words, "criterion", chosen))
     return records
@@ -397,7 +282,8 @@ def _probability(p: float) -> str:
     return short(p, 2) if p > 1e-300 else "below 10⁻³⁰⁰"
 
 
-def _parameters(count: int) -> str:
+def parameters_in_words(count: int) -> str:
+    """Such as "1 parameter", "2 parameters"."""
     return f"{count} parameter{'s' * (count != 1)}"
 
 

@@ -7,7 +7,7 @@ from scipy.stats import chi2
 from drake_cafim.diagnosis.fit.evidence import checks, leaves_noise, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key
-from drake_cafim.diagnosis.search import decisions
+from drake_cafim.diagnosis.search import candidate_decisions, decisions
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import Candidate
 from drake_cafim.diagnosis.search.state import State
@@ -31,9 +31,9 @@ def grow(state: State, best: Fit) -> Fit:
                     best = grown
                     break
         else:
-            state.trace.add(decisions.record_none_admitted(best))
+            state.trace.add(candidate_decisions.record_none_admitted(best))
             break
-    state.trace.add(*decisions.record_effect_limit(best, state.settings.most_effects))
+    state.trace.add(*candidate_decisions.record_effect_limit(best, state.settings.most_effects))
     return best
 
 
@@ -41,9 +41,9 @@ def _is_worth_more(state: State, best: Fit) -> bool:
     """Whether the score test of any further effect rejects, at the false-alarm rate, that it is absent."""
     scale, alpha, candidates = scale_of(best), state.settings.false_alarm_rate, state.screen(best)
     worth = any(chi2.sf(c.gain / scale, c.strengths) * state.trials <= alpha for c in candidates)
-    state.trace.add(*decisions.record_next_effect(best, candidates, state.trials, alpha, worth))
-    go_on = decisions.GoOn(state.settings.refined, CANDIDATE_GAIN_SHARE_REFITTED) if worth else None
-    state.trace.add(*decisions.record_screening(best, candidates, state.effects, state.trials, alpha, go_on))
+    state.trace.add(*candidate_decisions.record_next_effect(best, candidates, state.trials, alpha, worth))
+    go_on = candidate_decisions.GoOn(state.settings.refined, CANDIDATE_GAIN_SHARE_REFITTED) if worth else None
+    state.trace.add(*candidate_decisions.record_screening(best, candidates, state.effects, state.trials, alpha, go_on))
     return worth
 
 

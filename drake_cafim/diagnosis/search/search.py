@@ -7,7 +7,7 @@ from drake_cafim.diagnosis.fit.evidence import scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
-from drake_cafim.diagnosis.search import decisions
+from drake_cafim.diagnosis.search import candidate_decisions, decisions
 from drake_cafim.diagnosis.search.competition import compete
 from drake_cafim.diagnosis.search.detection import detection_p_value
 from drake_cafim.diagnosis.search.growth import grow
@@ -78,7 +78,9 @@ def search(
     if detection <= settings.false_alarm_rate and settings.most_effects:
         best = _explain(state, _fit_initial(state, nominal, initial))
     else:
-        trace.add(*decisions.record_screening(nominal, screened, effects, trials, settings.false_alarm_rate, None))
+        trace.add(
+            *candidate_decisions.record_screening(nominal, screened, effects, trials, settings.false_alarm_rate, None)
+        )
     cost = state.cost(scale_of(best))
     # larger explanations that failed a test may have a smaller criterion: they do not compete
     competing = tuple(found for found in state.pool.fits.values() if found is best or cost(found) > cost(best))
