@@ -9,8 +9,8 @@ import pytest
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import diagnose, estimate
-from drake_cafim.diagnosis.joints.data_mistakes import data_mistakes
 from drake_cafim.diagnosis.noise.stated import noise_of
+from drake_cafim.diagnosis.notes.data_mistakes import data_mistakes
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene

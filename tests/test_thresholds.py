@@ -104,7 +104,7 @@ DERIVED = {
 }
 FIGURES = {
     # what figures and words of the report are defined by; the verdict does not read them
-    "joints/effort_scale.py": "DETERMINED",
+    "notes/effort_scale.py": "DETERMINED",
     "predict/whole_run.py": "DEGREE",
     "predict/forecast.py": "HORIZON SHORT_HORIZON BOUNDLESS",
     "predict/initial_state.py": "LOOK_BACK",
@@ -131,7 +131,7 @@ STRUCTURE = {
 }
 UNITS = {
     # how many of a unit make another one, and rotations between customary frames
-    "joints/suspicions.py": "THOUSAND",
+    "notes/suspicions.py": "THOUSAND",
     "tosses/data_mistakes.py": "MILLIMETRES HALF FRAMES",
 }
 OF_CLASSES = {

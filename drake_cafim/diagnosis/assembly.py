@@ -9,8 +9,8 @@ from scipy.stats import norm
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.joints.effort_scale import effort_scale_notes
 from drake_cafim.diagnosis.likelihood.efficiency import efficiencies
+from drake_cafim.diagnosis.notes.effort_scale import effort_scale_notes
 from drake_cafim.diagnosis.preparation import PreparedRecordings
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement

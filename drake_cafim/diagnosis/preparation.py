@@ -12,7 +12,6 @@ from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.joints.effort_noise import effort_noise, effort_notes, with_std
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.quality import qualities
-from drake_cafim.diagnosis.joints.recording_notes import mistakes_of, notes_of, notes_on_unknown_joints
 from drake_cafim.diagnosis.likelihood.efficiency import bounds
 from drake_cafim.diagnosis.likelihood.finish import finish
 from drake_cafim.diagnosis.noise.coloured import (
@@ -26,6 +25,7 @@ from drake_cafim.diagnosis.noise.filters import notes_on_filters, without_filter
 from drake_cafim.diagnosis.noise.quantised import quantised_memories
 from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
 from drake_cafim.diagnosis.noise.stated import needed_columns, noise_of
+from drake_cafim.diagnosis.notes.recording_notes import mistakes_of, notes_of, notes_on_unknown_joints
 from drake_cafim.diagnosis.rows.samples import moves, samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_SETTLED

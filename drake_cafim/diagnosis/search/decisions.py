@@ -140,7 +140,8 @@ def record_choice(pool: Iterable[Fit], best: Fit, cost: Callable[[Fit], float]) 
         lead = cost(best) - cost(entry)
         words = (
             f"χ² is {short(entry.chi_square, 5)} with {parameters_in_words(entry.strengths)}, and with "
-            f"{spoken(chosen)} {short(best.chi_square, 5)} with {parameters_in_words(best.strengths)}: {_compare(-lead)}"
+            f"{spoken(chosen)} {short(best.chi_square, 5)} with {parameters_in_words(best.strengths)}: "
+            f"{_compare(-lead)}"
         )
         records.append(Record("choose", model_name(entry.model), lead, 0.0, False, words, "criterion", chosen))
     return records

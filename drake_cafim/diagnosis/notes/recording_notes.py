@@ -4,8 +4,8 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from drake_cafim.diagnosis.joints.data_mistakes import data_mistakes
 from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
+from drake_cafim.diagnosis.notes.data_mistakes import data_mistakes
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.recordings.units import unit_mistakes
 from drake_cafim.scene.scene import Scene

@@ -9,7 +9,7 @@ import numpy as np
 from drake_cafim.diagnosis.fit.data_mistakes import Suspicion, correct, sentences
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.joints.suspicions import suspicions
+from drake_cafim.diagnosis.notes.suspicions import suspicions
 from drake_cafim.diagnosis.rows.samples import samples_of, with_recording
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import (
