@@ -109,7 +109,6 @@ def explain(
     instead: Array | float = 0.0,
     *,
     rows: int | None = None,
-    steps: int = STEPS,
     weight: float = 1.0,
 ) -> Explained:
     """The posterior mode of `model` near its present values, by damped Gauss–Newton.
@@ -120,7 +119,7 @@ def explain(
     count = problem.rows if rows is None else rows
     here = linearise(problem, model)
     start = replace(here, rows=weight * (here.rows - instead)[:count], slopes=weight * here.slopes[:count])
-    return _improved(problem, start, instead, steps=steps, weight=weight)
+    return _improved(problem, start, instead, weight=weight)
 
 
 def linearise(problem: WeakProblem, model: Model) -> Explained:
@@ -129,13 +128,11 @@ def linearise(problem: WeakProblem, model: Model) -> Explained:
     return Explained(model, coordinates(problem, model), rows, slopes(problem, model))
 
 
-def _improved(
-    problem: WeakProblem, here: Explained, instead: Array | float, *, steps: int, weight: float = 1.0
-) -> Explained:
-    """`here` improved by up to `steps` damped Gauss–Newton steps, with as many rows as `here` has."""
+def _improved(problem: WeakProblem, here: Explained, instead: Array | float, weight: float = 1.0) -> Explained:
+    """`here` improved by up to `STEPS` damped Gauss–Newton steps, with as many rows as `here` has."""
     count = len(here.rows)
     damping = 1e-6
-    for _ in range(steps):
+    for _ in range(STEPS):
         information, gradient = np.eye(len(here.x)) + here.information, here.slopes.T @ here.rows + here.x
         if gradient @ np.linalg.solve(information, gradient) < CONVERGED:
             break
@@ -209,13 +206,13 @@ class Course:
         return np.asarray(self.slope.shape[-1] - np.trace(np.linalg.inv(self._posterior), axis1=1, axis2=2))
 
 
-def expected(problem: WeakProblem, truth: Explained, rival: Explained, *, steps: int = 5) -> tuple[Course, Course]:
+def expected(problem: WeakProblem, truth: Explained, rival: Explained) -> tuple[Course, Course]:
     """The courses of both models along a planned motion, for the noiseless data that `truth` predicts.
 
     Both are results of `linearise` on `problem`, whose data are the nominal model's predictions: to first order in the
     data, a model's residual on the data of `truth` is its residual on `problem` minus that of `truth`.
     """
-    best = _improved(problem, replace(rival, rows=rival.rows - truth.rows), truth.rows, steps=steps)
+    best = _improved(problem, replace(rival, rows=rival.rows - truth.rows), truth.rows)
     return Course.of(problem, truth, np.zeros_like(truth.rows)), Course.of(problem, best)
 
 

@@ -3,11 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.noise.coloured import stated_memories
 from drake_cafim.diagnosis.rows.samples import Samples, samples_of, with_recording
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.thresholds import LAW_ACCURACY
 from drake_cafim.discrimination.motions import Motion
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.errors import InputError
@@ -94,14 +97,24 @@ class Bench:
         weak = WeakForm(with_recording(self.samples, scene, recording), scene.wrench_sensors)
         if like is not None:
             return WeakProblem(scene, (replace(like.runs[0], weak=weak),), like.under)
-        return WeakProblem.of(scene, [weak], Model(scene.priors.mean))
+        return _whitened(scene, [weak])
 
 
 def problem_of(scene: Scene, runs: list[Recording]) -> WeakProblem:
     """The recordings' rows, whitened under the nominal model and the stated noise."""
     std = noise_of(scene)
-    weak = [WeakForm(_samples(scene, run, std), scene.wrench_sensors) for run in runs]
-    return WeakProblem.of(scene, weak, Model(scene.priors.mean))
+    return _whitened(scene, [WeakForm(_samples(scene, run, std), scene.wrench_sensors) for run in runs])
+
+
+def _whitened(scene: Scene, weak: list[WeakForm]) -> WeakProblem:
+    """The rows whitened under the nominal model; forces that are as large as its laws are accurate count as noise.
+
+    A diagnosis counts as many of them as a recording shows, up to this size. A run of either explanation would show the
+    effect that the nominal model lacks, and a plan, which is noiseless, nothing: of both it is the size here.
+    """
+    efforts = np.mean([np.mean(form.mean_effort(scene.physics) ** 2, axis=0) for form in weak], axis=0)
+    spacing = float(np.mean([form.samples.windows.spacing for form in weak]))
+    return WeakProblem.of(scene, weak, Model(scene.priors.mean), LAW_ACCURACY**2 * efforts * spacing)
 
 
 def _samples(scene: Scene, recording: Recording, std: dict[str, float]) -> Samples:

@@ -20,9 +20,6 @@ from drake_cafim.discrimination.scores import OddsValue
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.typing import Array
 
-STEPS = 8
-"""Largest number of Gauss–Newton steps of a rival's fit."""
-
 
 @dataclass(frozen=True)
 class Run:
@@ -34,7 +31,7 @@ class Run:
 
     def courses(self, rival: Model) -> tuple[Course, Course]:
         """The course of the truth, and that of a rival linearized at its fit."""
-        best: Explained = explain(self.problem, rival, steps=STEPS)
+        best: Explained = explain(self.problem, rival)
         return Course.of(self.problem, linearise(self.problem, self.truth)), Course.of(self.problem, best)
 
 
