@@ -72,13 +72,15 @@ TILT = "  - {effect: gravity_misalignment, at: world, roll: 0.05, pitch: -0.03}\
 LOST = "  - {effect: actuator_delay, at: elbow, delay: 0.005}\n  - {effect: sensor_bias, at: q.elbow, bias: 0.01}\n"
 
 
-def exported(folder: Path, model: str, form: str, more: str = "") -> tuple[dict[str, object], Path]:
+def exported(
+    folder: Path, model: str, form: str, more: str = "", unknown: str = UNKNOWN
+) -> tuple[dict[str, object], Path]:
     """The result of the command for a scenario with corrections, and the exported file."""
     name = {"urdf": "arm.urdf", "sdf": "arm.sdf", "mjcf": "arm.xml"}[form]
     (folder / name).write_text(model)
     (folder / "lower.xml").write_text(LOWER)
     weld = "weld: [{body: base}]\n" if form == "urdf" else ""
-    (folder / "arm.yaml").write_text(f"model: {name}\n{weld}{UNKNOWN}{EFFECTS}{more}")
+    (folder / "arm.yaml").write_text(f"model: {name}\n{weld}{unknown}{EFFECTS}{more}")
     line = ["export", str(folder / "arm.yaml"), "--to", form, "--out", str(folder / "out"), "--json"]
     result = CliRunner().invoke(main, line)
     assert result.exit_code == 0, result.output
@@ -111,6 +113,21 @@ def test_values_are_where_they_belong(tmp_path: Path) -> None:
     assert (elbow.damping, elbow.rotor_inertia) == (pytest.approx(0.25), pytest.approx(0.03))
     assert [(effect.name, effect.values["torque"]) for effect in scene.of_model] == [("joint_coulomb_friction", 0.4)]
     assert scene.known == ()
+
+
+@pytest.mark.parametrize(("form", "model"), [("urdf", URDF), ("sdf", SDF), ("mjcf", MJCF)])
+def test_inertials_that_the_model_holds_act_once(form: str, model: str, tmp_path: Path) -> None:
+    change = [0.1, 0.05, -0.04, 0.03, 0.02, -0.02, 0.01, 0.05, -0.03, 0.02]
+    entry = f"  - {{parameter: inertials, body: lower, std: 0.1, log_cholesky: {change}}}\n"
+    told, _ = exported(tmp_path, model, form, unknown=UNKNOWN + entry)
+    assert told["parity"]["drake"] < 1e-6 < 0.1 < told["parity"]["uncorrected"]  # type: ignore[index]
+    assert "inertials of lower" in told["written"]  # type: ignore[operator]
+    scene, again = (Scene.load(tmp_path / path) for path in ("arm.yaml", "out/scenario.exported.yaml"))
+    corrected = scene.physics_at(scene.priors.mean).tree
+    mass = sum(body.mass for body in corrected.bodies if body.joint == 1)
+    assert again.tree.body("lower").mass == pytest.approx(mass, rel=1e-6)
+    [prior] = [entry for entry in again.scenario.unknown if entry.parameter == "inertials"]
+    assert prior.log_cholesky == [] and prior.std == 0.1
 
 
 def test_what_the_format_cannot_hold_is_said_and_kept(tmp_path: Path) -> None:

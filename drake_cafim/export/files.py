@@ -131,7 +131,7 @@ def _rest(scene: Scene, model: Path, out: Path, form: Form) -> Scenario:
     scenario = scene.scenario
     kept = [entry for entry in scenario.effects if (entry.effect, entry.at) not in held]
     unknown = [
-        replace(entry, mean=None) if entry.body or entry.joint else entry
+        replace(entry, mean=None, log_cholesky=[]) if entry.body or entry.joint else entry
         for entry in scenario.unknown
         if entry.effect is None or (entry.effect, entry.at) not in held
     ]
@@ -140,7 +140,8 @@ def _rest(scene: Scene, model: Path, out: Path, form: Form) -> Scenario:
 
 
 def _unknowns(scene: Scene) -> list[str]:
-    return [
+    changed = [f"inertials of {entry.body}" for entry in scene.scenario.unknown if entry.log_cholesky]
+    return changed + [
         f"{unknown.parameter} of {unknown.at}, {unknown.prior.mean:.6g} {unknown.prior.unit}".removesuffix(" 1")
         for unknown in scene.unknown
         if unknown.kind in ("body", "joint") and unknown.parameter not in ("length", "width", "height", "radius")
