@@ -30,7 +30,7 @@ ITERATIONS = {
     "joints/plane_candidates.py": "IMPROVEMENTS",
     "joints/unknown_force.py": "MOST_STEPS TOLERANCE",
     "likelihood/flow.py": "TOLERANCE MOST_STEPS",
-    "likelihood/whole_recordings.py": "ITERATIONS SETTLED WORSE SMALL_DAMPING LARGE_DAMPING",
+    "likelihood/whole_recordings.py": "ITERATIONS SETTLED FREEDOMS NEAR WORSE SMALL_DAMPING LARGE_DAMPING",
     "rows/initial_uncertainty.py": "MOST_SWEEPS TOLERANCE",
     "rows/trajectory.py": "DENSITIES REFINEMENTS PASSES SETTLED REFUSED",
     "search/law_shapes.py": "FINER",

@@ -10,7 +10,7 @@ from drake_cafim.diagnosis.likelihood.flow import Intervals, steps_of
 from drake_cafim.diagnosis.likelihood.smoother import filter_forward, smooth
 from drake_cafim.diagnosis.likelihood.transitions import Displaced, Transitions, transitions
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
-from drake_cafim.dynamics.motion import motion
+from drake_cafim.dynamics.motion import bias_force, motion
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Flags
 
@@ -119,8 +119,13 @@ def intervals_of(weak: WeakForm, physics: Physics) -> Intervals:
     return Intervals(time[:-1], np.diff(time), *efforts(weak, physics), weak.samples.recording.name)
 
 
-def linearise(weak: WeakForm, physics: Physics, others: Sequence[tuple[Physics, float]], state: Array) -> Linearised:
-    """The recording about the trajectory `state` (N, 2n); `others`: physics with a parameter displaced, by how much."""
+def linearise(
+    weak: WeakForm, physics: Physics, others: Sequence[tuple[Physics, float]], state: Array, freedom: float = 0.0
+) -> Linearised:
+    """The recording about the trajectory `state` (N, 2n); `others`: physics with a parameter displaced, by how much.
+
+    With a `freedom`, forces of this share of each joint's own, anew in each interval, act beside the model's.
+    """
     N, n = len(state), state.shape[1] // 2
     intervals = intervals_of(weak, physics)
     steps = steps_of(physics, state[:-1], intervals)
@@ -142,7 +147,16 @@ def linearise(weak: WeakForm, physics: Physics, others: Sequence[tuple[Physics, 
         start,
     )
     std = np.array([weak.samples.std[f"u.{name}"] for name in physics.tree.joint_names])
+    if freedom:
+        std = np.hypot(std, freedom * _sizes_of_forces(physics, state[:-1], intervals))
     return _with_noise_of_efforts(plain, found, std, bool(np.any(weak.samples.ramped))) if np.any(std) else plain
+
+
+def _sizes_of_forces(physics: Physics, state: Array, intervals: Intervals) -> Array:
+    """(n,) root mean squares of the efforts and of gravity and Coriolis forces together, N m (N)."""
+    n = state.shape[1] // 2
+    bias = bias_force(motion(physics.tree, state[:, :n], state[:, n:]), physics.gravity)
+    return np.asarray(np.sqrt(np.mean(intervals.first**2 + bias**2, axis=0)))
 
 
 def _slopes_of_readings(

@@ -3,6 +3,9 @@
 The trajectories and the parameters are found together: Gauss–Newton steps about trajectories that begin as the recorded
 ones, whose steps need not join, so that neither an unstable motion nor one that swings over runs away (Bock, Numerical
 treatment of inverse problems, 1981; condensed by a Kalman smoother after Bell, SIAM J. Optim. 4(3), 1994).
+
+Where the steps from a start do not settle, since within a chaotic motion a linearised model holds for short times only,
+unmodelled forces are allowed beside the model's at first, which end its memory, and then taken away by degrees.
 """
 
 from collections.abc import Sequence
@@ -24,6 +27,9 @@ from drake_cafim.typing import Array, Indices
 
 ITERATIONS, SETTLED = 20, 0.03
 """Most steps, and the change of any parameter or reading, in standard deviations, at which they end."""
+FREEDOMS, NEAR = (0.3, 0.03, 0.003), 1.0
+"""Unmodelled forces, as shares of a joint's own, that are allowed one after the other; and the change, as above, at
+which steps with such forces end."""
 WORSE = 0.1
 """Rise of χ² that a step may make: that of a linearised model is not exact."""
 SMALL_DAMPING, LARGE_DAMPING = 1e-3, 1e6
@@ -122,40 +128,67 @@ class _Point:
 
 
 def _maximise(scene: Scene, forms: Sequence[WeakForm], start: Model, iterations: int) -> WholeFit:
-    at = Coordinates(scene, start)
-    prior, mean = at.prior_information, at.prior_mean
+    climb = _Climb(scene, forms, Coordinates(scene, start), iterations)
+    first = climb.at.first, [first_states(form, start, scene) for form in forms]
+    best, settled = climb.climbed(*first)
+    if not settled:
+        model, states = first
+        for freedom in FREEDOMS:
+            freer, _ = climb.climbed(model, states, freedom)
+            model, states = freer.model, freer.states
+        again, settled = climb.climbed(model, states)
+        best = again if settled or again.cost < best.cost else best
+    rows = sum(int(np.sum(part.seen)) - state.shape[1] for part, state in zip(best.parts, best.states, strict=True))
+    strengths = len(start.vector) - len(start.unknown) + len(start.free) + len(climb.at.shapes)
+    scores = tuple(part.filtered.scores for part in best.parts)
+    prior = np.diag(climb.at.prior_information)
+    return WholeFit(
+        best.model, best.information, prior, best.cost, rows - strengths, tuple(best.states), scores, settled
+    )
 
-    def point(model: Model, states: list[Array]) -> _Point:
-        physics, displaced = model.physics(scene), at.displaced(model)
-        parts = [linearise(form, physics, displaced, state) for form, state in zip(forms, states, strict=True)]
-        cost = sum(part.filtered.chi_square for part in parts) + float(prior @ (at.of(model) - mean) ** 2)
+
+@dataclass(frozen=True)
+class _Climb:
+    """Gauss–Newton steps of the parameters and of the trajectories of `forms`."""
+
+    scene: Scene
+    forms: Sequence[WeakForm]
+    at: Coordinates
+    iterations: int
+
+    def point(self, model: Model, states: list[Array], freedom: float) -> _Point:
+        at, physics, displaced = self.at, model.physics(self.scene), self.at.displaced(model)
+        both = zip(self.forms, states, strict=True)
+        parts = [linearise(form, physics, displaced, state, freedom) for form, state in both]
+        cost = sum(part.filtered.chi_square for part in parts)
+        cost += float(at.prior_information @ (at.of(model) - at.prior_mean) ** 2)
         return _Point(model, states, parts, cost)
 
-    best, damping, settled = point(at.first, [first_states(form, start, scene) for form in forms]), 0.0, False
-    for _ in range(iterations):
-        x, information = at.of(best.model), best.information + np.diag(prior)
-        size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
-        scaled = information / np.outer(size, size) + damping * np.eye(len(size))
-        gradient = (best.gradient - prior * (x - mean)) / size
-        model = at.model(x + np.linalg.lstsq(scaled, gradient, rcond=1e-13)[0] / size)
-        change = at.of(model) - x
-        states, moved = best.after(change)
-        if damping < SMALL_DAMPING and moved < SETTLED and np.all(np.abs(change) * size < SETTLED):
-            settled = True
-            break
-        trial = point(model, states)
-        if trial.cost < best.cost + WORSE:
-            best, damping = trial, 0.1 * damping
-        elif damping < LARGE_DAMPING:
-            damping = max(10.0 * damping, SMALL_DAMPING)
-        else:
-            break
-    rows = sum(int(np.sum(part.seen)) - state.shape[1] for part, state in zip(best.parts, best.states, strict=True))
-    strengths = len(start.vector) - len(start.unknown) + len(start.free) + len(at.shapes)
-    scores = tuple(part.filtered.scores for part in best.parts)
-    return WholeFit(
-        best.model, best.information, np.diag(prior), best.cost, rows - strengths, tuple(best.states), scores, settled
-    )
+    def climbed(self, model: Model, states: list[Array], freedom: float = 0.0) -> tuple[_Point, bool]:
+        """The best point that steps from a model and trajectories reach, and whether they settled there.
+
+        With a `freedom` (see `linearise`) it is on the way only, and `NEAR` is near enough.
+        """
+        at, prior, enough = self.at, self.at.prior_information, NEAR if freedom else SETTLED
+        best, damping = self.point(model, states, freedom), 0.0
+        for _ in range(self.iterations):
+            x, information = at.of(best.model), best.information + np.diag(prior)
+            size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+            scaled = information / np.outer(size, size) + damping * np.eye(len(size))
+            gradient = (best.gradient - prior * (x - at.prior_mean)) / size
+            model = at.model(x + np.linalg.lstsq(scaled, gradient, rcond=1e-13)[0] / size)
+            change = at.of(model) - x
+            states, moved = best.after(change)
+            if damping < SMALL_DAMPING and moved < enough and np.all(np.abs(change) * size < enough):
+                return best, True
+            trial = self.point(model, states, freedom)
+            if trial.cost < best.cost + WORSE:
+                best, damping = trial, 0.1 * damping
+            elif damping < LARGE_DAMPING:
+                damping = max(10.0 * damping, SMALL_DAMPING)
+            else:
+                break
+        return best, False
 
 
 def inverse(information: Array) -> Array:
