@@ -225,12 +225,13 @@ def test_a_diagnosis_of_unstated_noise_leads_to_a_motion(folder: Path) -> None:
     q, v, a = 0.5 * np.sin(4.0 * time), 2.0 * np.cos(4.0 * time), -8.0 * np.sin(4.0 * time)
     u = 0.27 * a + 9.81 * 0.5 * np.sin(q)
     columns = {"q.pivot": q + rng.normal(0.0, 2e-3, q.shape), "v.pivot": v + rng.normal(0.0, 2e-2, q.shape)}
-    recording = Recording("a.csv", time, columns | {"u.pivot": u + rng.normal(0.0, 0.05, q.shape)})
+    # of 0.05 N m, a fiftieth of the variance that the other noise gives the equations, 3 s of a recording tell nothing
+    recording = Recording("a.csv", time, columns | {"u.pivot": u + rng.normal(0.0, 0.5, q.shape)})
     found = estimate(Scene.load(folder / "scenario.yaml"), [recording])
     report = report_of(None, parameters_of(found.parameters), None, {}, found)
     assert report["noise"]["q.pivot"]["std"] == pytest.approx(2e-3, rel=0.15)
     effort = dict(report["noise"]["u.pivot"])
-    assert 0.02 < effort.pop("std") < 0.1  # few windows tell it
+    assert effort.pop("std") == pytest.approx(0.5, rel=0.3)
     assert effort == {"unit": "N m", "correlation_time": 0.0, "stated": False}
     (folder / "report.json").write_text(json.dumps(report))
     words = ["--duration", "0.6", "--no-replay", "--out", str(folder / "out")]
