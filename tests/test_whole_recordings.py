@@ -105,9 +105,10 @@ def test_estimates_reach_the_bound_and_claim_no_more(tmp_path: Path) -> None:
 
 
 @pytest.mark.ci
-def test_an_arm_that_swings_over_is_found_from_the_prior(tmp_path: Path) -> None:
-    task = replace(next(task for task in TASKS if task.name == "swing-over"), duration=3.0)
-    once, scene = record(task, 0), scene_with_priors(task)
+@pytest.mark.parametrize(("seed", "duration"), [(0, 3.0), (1, 5.0)])
+def test_an_arm_that_swings_over_is_found_from_the_prior(seed: int, duration: float) -> None:
+    task = replace(next(task for task in TASKS if task.name == "swing-over"), duration=duration)
+    once, scene = record(task, seed), scene_with_priors(task)
     assert np.ptp(once.q[:, 1]) > 2.0 * np.pi
     prepared = prepare(scene, [recording_of(task, once)])
     assert isinstance(prepared, Prepared)

@@ -184,6 +184,11 @@ class _Climb:
             trial = self.point(model, states, freedom)
             if trial.cost < best.cost + WORSE:
                 best, damping = trial, 0.1 * damping
+                continue
+            states, moved = best.after(np.zeros(len(size)))
+            if moved >= enough:
+                # of trajectories that have not settled χ² is not known yet, and no step is worse than it
+                best = self.point(best.model, states, freedom)
             elif damping < LARGE_DAMPING:
                 damping = max(10.0 * damping, SMALL_DAMPING)
             else:
