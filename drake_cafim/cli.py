@@ -1,156 +1,27 @@
 """The command line `cafim`: parses arguments, calls a function of `commands`, and prints its summary or JSON."""
 
-import json
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
-from click.exceptions import NoArgsIsHelpError
-from tqdm import tqdm
 
-from drake_cafim.errors import InputError, one_line
-from drake_cafim.output import alone_in, describe_error, prepare_folder
+from drake_cafim.command_line.fleet import FleetArguments, diagnose_as_fleet
+from drake_cafim.command_line.group import Cafim
+from drake_cafim.command_line.options import common, package_option, parse_share
+from drake_cafim.command_line.output import open_folder, print_result, progress_line
+from drake_cafim.errors import InputError
 
 if TYPE_CHECKING:
-    from drake_cafim.commands.levels import Levels
-
-Command = TypeVar("Command", bound=Callable[..., Any])
-
-FOLDER = "drake_cafim.folder"
-"""Key of click's context for the folder that the command writes to."""
-RESUMABLE = ("run", "diagnose", "discriminate", "study")
-
-
-def _package_folders(context: click.Context, option: click.Parameter, value: tuple[str, ...]) -> dict[str, str]:
-    from drake_cafim.description.packages import package_folders
-
-    return package_folders(value)
-
-
-package_option = click.option(
-    "--package", "packages", multiple=True, callback=_package_folders,
-    help="NAME=DIR: where package://NAME/... of a model leads; repeatable.",
-)  # fmt: skip
-
-
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it."""
-
-
-class Cafim(click.Group):
-    """A group whose commands end with status 2 and one sentence where the input, or the system, cannot be used."""
-
-    def invoke(self, ctx: click.Context) -> Any:
-        try:
-            return super().invoke(ctx)
-        except (InputError, click.UsageError, OSError, MemoryError) as error:
-            if isinstance(error, NoArgsIsHelpError) or _is_closed_pipe(error):
-                raise
-            click.echo(f"cafim: {_sentence(error)}", err=True)
-            ctx.exit(2)
-        except KeyboardInterrupt:
-            click.echo(f"cafim: interrupted{_way_on(ctx)}", err=True)
-            ctx.exit(INTERRUPTED)
-
-    def make_context(self, *arguments: Any, **more: Any) -> click.Context:
-        """The context of the whole command line; an unknown option or command is told in one line."""
-        try:
-            return super().make_context(*arguments, **more)
-        except click.UsageError as error:
-            if isinstance(error, NoArgsIsHelpError):
-                raise
-            click.echo(f"cafim: {_sentence(error)}", err=True)
-            raise click.exceptions.Exit(2) from None
-
-
-def _sentence(error: Exception) -> str:
-    """The error in one line: a wrong argument with the command that lists the right ones, or what the system says."""
-    if isinstance(error, click.UsageError):
-        command = error.ctx.command_path.rpartition("cafim")[2].strip() if error.ctx else ""
-        return one_line(f"{error.format_message()}  See `{' '.join(filter(None, ('cafim', command, '--help')))}`.")
-    if isinstance(error, OSError):
-        where = error.filename or "the working folder, or the one for temporary files"
-        return one_line(f"{where}: {describe_error(error)}")
-    if isinstance(error, MemoryError):
-        return one_line(f"there is not enough memory for this input ({error or 'the system refused more'})")
-    return one_line(str(error))
-
-
-def _is_closed_pipe(error: BaseException) -> bool:
-    """Whether the reader of our output has gone, as in `cafim study ... | head`; click ends quietly then."""
-    return isinstance(error, BrokenPipeError)
-
-
-def _way_on(ctx: click.Context) -> str:
-    """What is kept after Ctrl-C and how to go on, as the end of a sentence."""
-    folder = ctx.meta.get(FOLDER)
-    if folder is None or not folder.is_dir() or not any(folder.iterdir()):
-        return "; nothing was written"
-    if ctx.invoked_subcommand in RESUMABLE:
-        return f"; what was finished is in {folder}, the same command with --out {folder} --resume goes on from there"
-    return f"; what was finished is in {folder}"
+    pass
 
 
 @click.group(cls=Cafim, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="drake_cafim")
 def main() -> None:
     """A robot that touches things learns what they are made of, and names the physics its model left out."""
-
-
-SCHEDULED = ("diagnose", "study")
-
-
-def _check_scheduler(context: click.Context, option: click.Parameter, value: str | None) -> str | None:
-    """Raises `InputError` where the command is a single task, since no option without an effect is accepted."""
-    if value is not None and context.info_name not in SCHEDULED:
-        raise InputError(
-            f"--scheduler {value}: {context.info_name} is a single task; a cluster takes diagnose --fleet and study"
-        )
-    return value
-
-
-def _parse_share(context: click.Context, option: click.Parameter, value: str | None) -> tuple[int, int] | None:
-    """(i, N) of `--shard i/N`, 1 ≤ i ≤ N. Raises `InputError`."""
-    if value is None:
-        return None
-    number, _, of = value.partition("/")
-    if not (number.isdecimal() and of.isdecimal() and len(value) < 16 and 1 <= int(number) <= int(of)):
-        raise InputError(f"--shard {value}: expected i/N with 1 <= i <= N, as 3/16")
-    return int(number), int(of)
-
-
-def common(function: Command) -> Command:
-    """The options that every command takes."""
-    options = [
-        click.option(
-            "--out", type=click.Path(path_type=Path), help="Where to write; by default cafim-out/<command>-<n>."
-        ),
-        click.option(
-            "--seed",
-            type=click.IntRange(0, 2**32 - 1),
-            default=0,
-            show_default=True,
-            help="Of all random numbers; the same seed gives the same bytes.",
-        ),
-        click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
-        click.option("--jobs", type=int, default=-1, show_default=True, help="Processes; -1: one per core."),
-        click.option(
-            "--scheduler",
-            metavar="ADDRESS",
-            callback=_check_scheduler,
-            help="Of a Dask cluster, as tcp://10.0.0.1:8786, for diagnose --fleet and study.",
-        ),
-        click.option("--resume", is_flag=True, help="Continue an interrupted run in --out."),
-        click.option("--overwrite", is_flag=True, help="Write into a folder that is not empty."),
-    ]
-    for option in reversed(options):
-        function = option(function)
-    return function
 
 
 @main.command()
@@ -226,10 +97,10 @@ def run(
     options = Options(**{name: value for name, value in chosen.items() if name not in ("jobs", "scheduler")})
     request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal), as_printed, place_std, law)
     check_request(request)
-    folder = _folder(out, "run", resume=resume, overwrite=overwrite)
+    folder = open_folder(out, "run", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
         record = run_command(request, folder, progress, resume=resume)
-    _print(record, as_json, f"{table(record)}\n{folder / 'replay.html'}")
+    print_result(record, as_json, f"{table(record)}\n{folder / 'replay.html'}")
 
 
 @main.command()
@@ -246,7 +117,7 @@ def run(
     help="A folder ROBOT/DATE/FILES: a report for each folder with recordings, one table and one page.",
 )
 @click.option(
-    "--shard", metavar="i/N", callback=_parse_share, help="Of --fleet: the i-th of N shares; --resume gathers them."
+    "--shard", metavar="i/N", callback=parse_share, help="Of --fleet: the i-th of N shares; --resume gathers them."
 )
 @click.option(
     "--false-alarm-rate",
@@ -299,7 +170,7 @@ def diagnose(
         if cuts:
             raise InputError("diagnose: --cuts is given beside --fleet, expected --recording: one robot at a time")
         request = FleetArguments(scenario, fleet, shard, recordings, held_out, packages, levels)
-        _diagnose_fleet(request, out, as_json, jobs, scheduler, resume=resume, overwrite=overwrite)
+        diagnose_as_fleet(request, out, as_json, jobs, scheduler, resume=resume, overwrite=overwrite)
         return
     if scheduler is not None or shard is not None:
         raise InputError(f"--{'shard' if shard else 'scheduler'}: it spreads folders, expected it with --fleet DIR")
@@ -307,7 +178,7 @@ def diagnose(
         raise InputError("diagnose: no SCENARIO was given, expected a name, a scenario file or a model file")
     if not recordings:
         raise InputError("diagnose: no --recording was given, expected at least one file")
-    folder = _folder(out, "diagnose", resume=resume, overwrite=overwrite)
+    folder = open_folder(out, "diagnose", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
         report = diagnose_command(
             scenario,
@@ -322,47 +193,7 @@ def diagnose(
             levels=levels,
             cuts=CutOptions(seed, jobs) if cuts else None,
         )
-    _print(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
-
-
-@dataclass(frozen=True)
-class FleetArguments:
-    """What the command line says of a fleet."""
-
-    scenario: str | None
-    fleet: Path
-    shard: tuple[int, int] | None
-    recordings: tuple[str, ...]
-    held_out: tuple[str, ...]
-    packages: dict[str, str]
-    levels: "Levels"
-
-
-def _diagnose_fleet(
-    given: FleetArguments,
-    out: Path | None,
-    as_json: bool,
-    jobs: int,
-    scheduler: str | None,
-    *,
-    resume: bool,
-    overwrite: bool,
-) -> None:
-    from drake_cafim.commands.fleet import FleetRequest, diagnose_fleet, in_json
-    from drake_cafim.fleet.page import sentence_of
-
-    if given.recordings:
-        raise InputError("diagnose: --recording and --fleet were both given, expected one of them")
-    if given.shard is not None and out is None:
-        raise InputError("--shard: all shares write to one folder, expected it as --out DIR")
-    packages = tuple(sorted(given.packages.items()))
-    request = FleetRequest(given.fleet, given.scenario, given.held_out, packages, given.shard, given.levels)
-    resume = resume or given.shard is not None
-    folder = _folder(out, "fleet", resume=resume, overwrite=overwrite, shared=given.shard is not None)
-    with progress_line() as progress:
-        found = diagnose_fleet(request, folder, jobs, scheduler, progress, resume=resume)
-    page = folder / "fleet.html" if given.shard is None else folder
-    _print(in_json(found), as_json, f"{sentence_of(found)}\n{page}")
+    print_result(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
 
 
 @main.command()
@@ -400,10 +231,10 @@ def discriminate(
         scenario, report, between, duration, criterion, planner, seed, replay, tuple(packages.items())
     )
     request.check()
-    folder = _folder(out, "discriminate", resume=resume, overwrite=overwrite)
+    folder = open_folder(out, "discriminate", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
         result = discriminate_command(request, folder, progress, resume=resume)
-    _print(result, as_json, f"{in_words(result)}\n{folder / result['next_experiment']['file']}")
+    print_result(result, as_json, f"{in_words(result)}\n{folder / result['next_experiment']['file']}")
 
 
 @main.command()
@@ -419,7 +250,7 @@ def why(report: Path, effect: str | None, as_json: bool) -> None:
     from drake_cafim.commands.why import in_words, why_command
 
     answer = why_command(report, effect)
-    _print(answer, as_json, in_words(answer))
+    print_result(answer, as_json, in_words(answer))
 
 
 @main.command()
@@ -440,10 +271,10 @@ def estimate(
     """Estimate the scenario's unknown parameters from recordings."""
     from drake_cafim.commands.estimate import estimate_command
 
-    folder = _folder(out, "estimate", resume=resume, overwrite=overwrite)
+    folder = open_folder(out, "estimate", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
         report = estimate_command(scenario, recordings, folder, progress, packages)
-    _print(report, as_json, f"{report['sentence']}\n{folder / 'report.json'}")
+    print_result(report, as_json, f"{report['sentence']}\n{folder / 'report.json'}")
 
 
 @main.command()
@@ -472,10 +303,10 @@ def export(
 
     if form not in ("urdf", "sdf", "mjcf"):
         raise InputError(f"--to {form}: expected one of urdf, sdf, mjcf")
-    folder = _folder(out, "export", resume=resume, overwrite=overwrite)
+    folder = open_folder(out, "export", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
         result = export_command(scenario, form, recording, folder, progress, packages)
-    _print(result, as_json, f"{in_words(result)}\n{folder / result['model']}")
+    print_result(result, as_json, f"{in_words(result)}\n{folder / result['model']}")
 
 
 @main.command()
@@ -499,10 +330,10 @@ def study(
     from drake_cafim.commands.study import find_study, study_command
 
     find_study(name)
-    folder = _folder(out, f"study-{name}", resume=resume, overwrite=overwrite)
+    folder = open_folder(out, f"study-{name}", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
         record, text = study_command(name, folder, jobs, progress, short=short, seeds=seeds, scheduler=scheduler)
-    _print(record, as_json, f"{text}\n\n{folder / 'study.html'}")
+    print_result(record, as_json, f"{text}\n\n{folder / 'study.html'}")
 
 
 @main.command(name="import")
@@ -526,9 +357,9 @@ def import_(
     """
     from drake_cafim.commands.importing import import_command
 
-    folder = _folder(out, "import", resume=resume, overwrite=overwrite)
+    folder = open_folder(out, "import", resume=resume, overwrite=overwrite)
     found = import_command(files, folder, scenario=scenario, period=period)
-    _print(found, as_json, "\n".join(file["text"] for file in found))
+    print_result(found, as_json, "\n".join(file["text"] for file in found))
 
 
 @main.command()
@@ -557,48 +388,19 @@ def replay(
     from drake_cafim.commands.replay import replay_command
     from drake_cafim.report.replay import make_meshcat
 
-    path = out or _folder(None, "replay", resume=False, overwrite=False) / "replay.html"
+    path = out or open_folder(None, "replay", resume=False, overwrite=False) / "replay.html"
     if path.exists() and not overwrite:
         raise InputError(f"--out {path}: the file is there already; give --overwrite or another name")
     meshcat = make_meshcat() if live else None
     with progress_line() as progress:
         progress("simulating and drawing")
         result = replay_command(scenario, recording, report, path, meshcat, packages)
-    _print(result, as_json, str(path))
+    print_result(result, as_json, str(path))
     if meshcat is not None:
         # Ctrl-C may arrive while the address is printed
         with suppress(KeyboardInterrupt):
             click.echo(f"{meshcat.web_url()}  pause and speed: Open Controls, Animations; Ctrl-C ends it", err=True)
             threading.Event().wait()
-
-
-def _folder(out: Path | None, command: str, *, resume: bool, overwrite: bool, shared: bool = False) -> Path:
-    """The folder that a command alone writes to, or those that share it; removed at the end if nothing was written."""
-    folder = prepare_folder(out, command, resume=resume, overwrite=overwrite)
-
-    def leave_nothing_empty() -> None:
-        with suppress(OSError):  # not empty
-            folder.rmdir()
-
-    context = click.get_current_context()
-    context.call_on_close(leave_nothing_empty)
-    context.with_resource(alone_in(folder, shared=shared))
-    context.meta[FOLDER] = folder
-    return folder
-
-
-@contextmanager
-def progress_line() -> Iterator[Callable[[str], None]]:
-    """A function that shows progress on stderr: one line that changes, or a line per stage where it is no terminal."""
-    if not sys.stderr.isatty():
-        yield lambda text: click.echo(f"cafim: {text} ...", err=True)
-        return
-    with tqdm(bar_format="{elapsed} {desc}", file=sys.stderr, leave=False) as bar:
-        yield bar.set_description_str
-
-
-def _print(result: Any, as_json: bool, text: str) -> None:
-    click.echo(json.dumps(result, indent=1, ensure_ascii=False) if as_json else text)
 
 
 def spread_values(arguments: list[str], options: tuple[str, ...]) -> list[str]:
