@@ -49,11 +49,11 @@ def strongest_pushes(problem: WeakFormRows, residual: Array) -> tuple[list[Push]
         own = residual[first : first + run.rows]
         best: Push | None = None
         # one after another: together, the directions of a long recording's pulses take gigabytes
-        for pulse in pulses_of(problem, index):
+        for tested in pulses_of(problem, index):
             trials += 1
-            gain = pulse.gain(own)
+            gain = tested.gain(own)
             if best is None or gain > best.gain:
-                best = Push(index, pulse.start, pulse.stop, gain)
+                best = Push(index, tested.start, tested.stop, gain)
         if best is not None:
             found.append(best)
         first += run.rows

@@ -52,9 +52,7 @@ class Whitening:
         return float(2.0 * np.sum(np.log(self.factor[0])))
 
 
-def whitening(
-    weak: WeakForm, physics: Physics, unknown_force: Array = NONE
-) -> tuple[Whitening, NoiseJacobian]:
+def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> tuple[Whitening, NoiseJacobian]:
     """The whitening of one recording's rows under `physics`, and the noise Jacobian.
 
     `unknown_force` (n,) is the spectral density of unmodelled white forces at the joints, (N m)² s or N² s.
