@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long descriptions descriptions-concealed prove thresholds ablations recoveries confusable servo served efficiency bench fuzz faults fleet cluster exports wheels lint clean
+.PHONY: all demo test ci long descriptions descriptions-concealed prove thresholds ablations recoveries confusable servo served efficiency bench growth fuzz faults fleet cluster exports wheels lint clean
 
 all: demo
 
@@ -92,6 +92,11 @@ efficiency: $(STAMPS)/test
 # `cafim estimate` and `mujoco.sysid` on the same recordings, in turn: time, error, coverage, convergence, memory.
 bench: $(STAMPS)/test
 	$(RUN)/python -m tests.benchmarks.peers $(BENCH)
+
+# How the time and memory of a diagnosis grow with samples, joints and recordings, with fitted exponents;
+# `GROWTH=--short` takes about ten minutes.
+growth: $(STAMPS)/test
+	$(RUN)/python -m tests.benchmarks.growth $(GROWTH)
 
 # Hostile recordings, models, scenarios and command lines by the hundred thousand: hours, which it says beforehand;
 # resumable; FUZZ="--minutes 10" for a short form.

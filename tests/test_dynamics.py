@@ -7,6 +7,7 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
+from pytest import MonkeyPatch
 
 from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
@@ -157,7 +158,7 @@ def test_inertial_regressor_gives_the_same_rows_as_the_momentum(branched: Multib
     balance = momentum_balance(moving, gravity)
     expected = -(windows.rate @ balance.momentum) - windows.value @ balance.force
     links = LinkRegressors(windows)
-    rows = links.regressor(moving, v, moving, windows.value).rows(tree.inertial_parameters, gravity)
+    rows = links.regressor(moving, v, (q, v), windows.value).rows(tree.inertial_parameters, gravity)
     np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-12)
     # links that other numbers do not move are as they were, and the others are reckoned anew
     for joint in range(4):
@@ -166,8 +167,28 @@ def test_inertial_regressor_gives_the_same_rows_as_the_momentum(branched: Multib
         moving = motion(tree, other, v)
         balance = momentum_balance(moving, gravity)
         expected = -(windows.rate @ balance.momentum) - windows.value @ balance.force
-        rows = links.regressor(moving, v, moving, windows.value).rows(tree.inertial_parameters, gravity)
+        rows = links.regressor(moving, v, (other, v), windows.value).rows(tree.inertial_parameters, gravity)
         np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-12)
+
+
+def test_the_regressor_by_parts_is_that_of_all_windows(branched: MultibodyPlant, monkeypatch: MonkeyPatch) -> None:
+    from drake_cafim.diagnosis.rows import inertial_regressor
+    from drake_cafim.diagnosis.rows.test_functions import lay_windows
+
+    tree = tree_of(branched)
+    time = 0.004 * np.arange(200)
+    q = np.stack([np.sin((2 + k) * time) for k in range(4)], axis=1)
+    v = np.stack([(2 + k) * np.cos((2 + k) * time) for k in range(4)], axis=1)
+    usable = np.ones(200, dtype=bool)
+    usable[90:100] = False
+    windows = lay_windows(time, usable, 0.08)
+    found = []
+    for at_once in (10_000, 3):
+        monkeypatch.setattr(inertial_regressor, "WINDOWS_AT_ONCE", at_once)
+        links = inertial_regressor.LinkRegressors(windows)
+        found.append(links.regressor(motion(tree, q, v), v, (q, v), windows.value))
+    np.testing.assert_allclose(found[1].inertia, found[0].inertia, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(found[1].weight, found[0].weight, rtol=1e-13, atol=1e-15)
 
 
 def test_a_locked_joint_is_a_weld_at_its_position(branched: MultibodyPlant) -> None:

@@ -190,3 +190,13 @@ def test_velocity_rows_know_that_acceleration_bends(delay: float) -> None:
     residual = plain - windows.steps(knots, ramped=True) @ asked
     inside = windows.starts > 0.02
     assert np.abs(residual[inside]).max() < 1e-9 * np.abs(windows.velocity @ v[sampled]).max()
+
+
+def test_local_polynomials_of_many_samples_are_computed_by_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    time = np.cumsum(np.random.default_rng(3).uniform(0.0008, 0.0012, 400))
+    whole = local_polynomial(time, 0.02, 3, 1)
+    monkeypatch.setattr("drake_cafim.numerics.local_polynomial.CACHED_SAMPLES", 0)
+    monkeypatch.setattr("drake_cafim.numerics.local_polynomial.WEIGHTS_AT_ONCE", 500)
+    parts = local_polynomial(time, 0.02, 3, 1)
+    assert parts is not whole
+    np.testing.assert_array_equal(parts.toarray(), whole.toarray())

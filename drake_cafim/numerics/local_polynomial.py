@@ -8,6 +8,11 @@ from numpy.polynomial.chebyshev import chebder, chebvander
 
 from drake_cafim.typing import Array, Indices
 
+CACHED_SAMPLES = 5_000
+"""Largest number of samples whose matrices are cached, to limit memory."""
+WEIGHTS_AT_ONCE = 200_000
+"""Number of weights that are computed together, to limit memory."""
+
 
 def local_polynomial(time: Array, reach: float, degree: int, derivative: int, at_least: int = 0) -> sp.csr_matrix:
     """(N, N) matrix whose product with samples is the `derivative`-th derivative of a local least-squares polynomial.
@@ -16,16 +21,21 @@ def local_polynomial(time: Array, reach: float, degree: int, derivative: int, at
     degree) on each; near an end the same number, from the inside (Savitzky, Golay, Anal. Chem. 36(8), 1964). Cached
     for the next recording at the same `time` (N,) s.
     """
-    return _local_polynomial(time.tobytes(), reach, degree, derivative, at_least)
+    compute = _local_polynomial if len(time) <= CACHED_SAMPLES else _local_polynomial.__wrapped__
+    return compute(time.tobytes(), reach, degree, derivative, at_least)
 
 
 @lru_cache(maxsize=64)
 def _local_polynomial(at: bytes, reach: float, degree: int, derivative: int, at_least: int) -> sp.csr_matrix:
     time = np.frombuffer(at)
     half = max(int(np.floor(reach / np.median(np.diff(time)) + 1e-9)), at_least, (degree + 1) // 2)
-    columns, x, width = _neighbours(time, half)
-    weights = _weights(_basis(x, degree), _basis(_at_zero(x, columns), degree, derivative) / width**derivative)
-    return _sparse(weights, columns)
+    every, size = np.arange(len(time)), max(1, WEIGHTS_AT_ONCE // (2 * half + 1))
+    parts = []
+    for rows in np.split(every, every[size::size]):
+        columns, x, width = _neighbours(time, half, rows)
+        wanted = _basis(_at_zero(x, columns, rows), degree, derivative) / width**derivative
+        parts.append((_weights(_basis(x, degree), wanted), columns.astype(np.int32)))
+    return _sparse(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def track_polynomial(time: Array, reach: float, degree: int, ratio: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
@@ -41,28 +51,30 @@ def track_polynomial(time: Array, reach: float, degree: int, ratio: float) -> tu
 def _track_polynomial(at: bytes, reach: float, degree: int, ratio: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     time = np.frombuffer(at)
     half = max(int(np.floor(reach / np.median(np.diff(time)) + 1e-9)), degree // 2 + 1)
-    columns, x, width = _neighbours(time, half)
+    every = np.arange(len(time))
+    columns, x, width = _neighbours(time, half, every)
     slopes = ratio * _basis(x, degree, 1) / width[..., None]
-    weights = _weights(np.concatenate([_basis(x, degree), slopes], axis=1), _basis(_at_zero(x, columns), degree))
+    weights = _weights(np.concatenate([_basis(x, degree), slopes], axis=1), _basis(_at_zero(x, columns, every), degree))
     count = columns.shape[1]
     return _sparse(weights[:, :count], columns), _sparse(ratio * weights[:, count:], columns)
 
 
-def _neighbours(time: Array, half: int) -> tuple[Indices, Array, Array]:
-    """Each sample's window: its samples' indices (N, c), their places in it, −1 … 1, and its half width (N, 1) s."""
+def _neighbours(time: Array, half: int, rows: Indices) -> tuple[Indices, Array, Array]:
+    """The windows of the samples `rows` (R,): indices of their samples (R, c), their places, −1 … 1, and half widths
+    (R, 1) s.
+    """
     samples = len(time)
     count = min(2 * half + 1, samples)
-    first = np.clip(np.arange(samples) - half, 0, samples - count)
+    first = np.clip(rows - half, 0, samples - count)
     columns = first[:, None] + np.arange(count)
     begin, end = time[columns[:, :1]], time[columns[:, -1:]]
     width = 0.5 * (end - begin)
     return columns, (time[columns] - 0.5 * (begin + end)) / width, width
 
 
-def _at_zero(x: Array, columns: Indices) -> Array:
-    """The place (N,) of each sample in its window, whose samples are at `x` (N, c)."""
-    rows = np.arange(len(x))
-    return np.asarray(x[rows, rows - columns[:, 0]], dtype=float)
+def _at_zero(x: Array, columns: Indices, rows: Indices) -> Array:
+    """The place (R,) of each of the samples `rows` in its window, whose samples are at `x` (R, c)."""
+    return np.asarray(x[np.arange(len(x)), rows - columns[:, 0]], dtype=float)
 
 
 def _basis(x: Array, degree: int, derivative: int = 0) -> Array:
@@ -91,5 +103,5 @@ def _weights(basis: Array, wanted: Array) -> Array:
 def _sparse(weights: Array, columns: Indices) -> sp.csr_matrix:
     """The sparse matrix (N, N) with `weights` (N, c) in the columns `columns` (N, c) of each row."""
     samples, count = columns.shape
-    starts = np.arange(samples + 1) * count
+    starts = np.arange(samples + 1, dtype=np.int32) * count
     return sp.csr_matrix((weights.ravel(), columns.ravel(), starts), shape=(samples, samples))

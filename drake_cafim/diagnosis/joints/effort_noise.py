@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sp
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
@@ -72,7 +73,7 @@ def effort_noise(scene: Scene, forms: Sequence[WeakForm], model: Model, joints: 
         for j in joints:
             row = form.dynamic.start + j
             own = slice(row, None, form.rows_per_window)
-            noise = covariance[own, own].toarray()
+            noise = covariance[own, own]
             for fast, every in _stretches(form, physics, j, residual[:, row], noise):
                 stretches[j].append(fast)
                 whole[j].append(every)
@@ -96,7 +97,7 @@ def effort_notes(scene: Scene, noise: Mapping[str, float]) -> tuple[str, ...]:
 
 
 def _stretches(
-    form: WeakForm, physics: Physics, joint: int, residual: Array, noise: Array
+    form: WeakForm, physics: Physics, joint: int, residual: Array, noise: sp.csr_matrix
 ) -> Iterator[tuple[Stretch, Stretch]]:
     """The stretches of one recording, each without its slow part and with it.
 
@@ -105,7 +106,7 @@ def _stretches(
     windows = form.samples.windows
     gain = float(physics.effort_gains[joint])
     held = windows.held(windows.time, form.samples.ramped[joint]) / gain
-    by_effort = (held @ held.T).toarray()
+    by_effort = sp.csr_matrix(held @ held.T)
     turning = windows.value @ np.sign(form.measurement(physics).v_hat[:, joint])
     together = np.flatnonzero(np.diff(windows.starts) > 0.75 * windows.width)
     edges = [0, *(together + 1).tolist(), len(windows)]
@@ -114,7 +115,7 @@ def _stretches(
             part = slice(first, first + EFFORT_NOISE_STRETCH)
             slow = _slow(windows.starts[part], turning[part])
             fast = scipy.linalg.null_space(slow.T)
-            matrices = residual[part], noise[part, part], by_effort[part, part]
+            matrices = residual[part], noise[part, part].toarray(), by_effort[part, part].toarray()
             yield _stretch(fast, *matrices), _stretch(np.eye(EFFORT_NOISE_STRETCH), *matrices)
 
 

@@ -38,7 +38,7 @@ CACHED_ROWS = 30_000
 
 def hypotheses(problem: WeakFormRows) -> tuple[Effect, ...]:
     """Every effect of the scene's vocabulary at every place where it can act."""
-    columns = tuple(name for name, _ in problem.runs[0].labels)
+    columns = tuple(problem.runs[0].jacobian)
     scene = problem.scene
     links = tuple(inertials(scene.unknown))
     where = Surroundings(scene.tree, scene.physics.contacts, columns, inertials=links, servos=driving(problem))

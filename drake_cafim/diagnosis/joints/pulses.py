@@ -47,11 +47,15 @@ def strongest_pushes(problem: WeakFormRows, residual: Array) -> tuple[list[Push]
     trials = first = 0
     for index, run in enumerate(problem.runs):
         own = residual[first : first + run.rows]
-        gains = [(pulse.gain(own), pulse) for pulse in pulses_of(problem, index)]
-        trials += len(gains)
-        if gains:
-            gain, best = max(gains, key=lambda pair: pair[0])
-            found.append(Push(index, best.start, best.stop, gain))
+        best: Push | None = None
+        # one after another: together, the directions of a long recording's pulses take gigabytes
+        for tested in pulses_of(problem, index):
+            trials += 1
+            gain = tested.gain(own)
+            if best is None or gain > best.gain:
+                best = Push(index, tested.start, tested.stop, gain)
+        if best is not None:
+            found.append(best)
         first += run.rows
     return sorted(found, key=lambda push: -push.gain), trials
 

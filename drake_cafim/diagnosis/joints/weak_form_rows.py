@@ -18,6 +18,7 @@ from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.whitening.covariance import NONE, whitening
+from drake_cafim.diagnosis.whitening.noise_jacobian import NoiseJacobian
 from drake_cafim.diagnosis.whitening.servo_noise import read_by_servos
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.effects.effect import Effect, concatenate
@@ -59,9 +60,8 @@ class WeakFormRows(Problem):
             if np.any(unknown_force):
                 # these are all the forces that count as noise
                 estimated = without_unmodelled_force(estimated)
-            whiten, jacobian, labels = whitening(estimated, physics, unknown_force)
-            noise = np.asarray(jacobian @ _noise(form, estimated, labels))
-            runs.append(Run(estimated, whiten, jacobian, tuple(labels), form, noise))
+            whiten, jacobian = whitening(estimated, physics, unknown_force)
+            runs.append(Run(estimated, whiten, jacobian, form, _noise(form, estimated, jacobian)))
         return cls(scene, tuple(runs), model, unknown_force)
 
     @classmethod
@@ -73,8 +73,8 @@ class WeakFormRows(Problem):
         runs = []
         for form in weak:
             size = accuracy**2 * np.mean(form.samples.u**2, axis=0)
-            whiten, jacobian, labels = whitening(form, model.physics(scene), size * form.samples.windows.spacing)
-            runs.append(Run(form, whiten, jacobian, tuple(labels)))
+            whiten, jacobian = whitening(form, model.physics(scene), size * form.samples.windows.spacing)
+            runs.append(Run(form, whiten, jacobian))
         return cls(scene, tuple(runs), model)
 
     def rewhitened(self, model: Model) -> Self:
@@ -86,7 +86,7 @@ class WeakFormRows(Problem):
     @property
     def regressors_noisy(self) -> bool:
         """Whether efforts are measured: their noise is the only one that is left in the Jacobian."""
-        labels = ((run, name) for run in self.runs for name, _ in run.labels if name.startswith("u."))
+        labels = ((run, name) for run in self.runs for name in run.jacobian if name.startswith("u."))
         return any(run.weak.samples.std[name] > 0.0 for run, name in labels)
 
     @cached_property
@@ -167,7 +167,7 @@ class WeakFormRows(Problem):
         if effect.key not in self._sensor_columns:
             result = []
             for run in self.runs:
-                on = effect.channels([name for name, _ in run.labels])
+                on = effect.channels(list(run.jacobian))
                 change = run.weak.sensor_slopes.of(effect, on)
                 moved = sum(run.sensed(name, change[:, k]) for k, name in enumerate(on))
                 if not effect.late:
@@ -192,11 +192,12 @@ class WeakFormRows(Problem):
         return np.concatenate(result)
 
 
-def _noise(measured: WeakForm, estimated: WeakForm, labels: Sequence[tuple[str, slice]]) -> Array:
-    """y − ŷ, the samples' noise by column, in the order of a noise Jacobian's `labels`."""
+def _noise(measured: WeakForm, estimated: WeakForm, jacobian: NoiseJacobian) -> Array:
+    """J (y − ŷ) (R,), the rows' part by the samples' noise."""
     columns = (measured.samples.recording, estimated.samples.recording)
     # what was not recorded is filled alike in both
-    return np.concatenate([np.nan_to_num(columns[0][name] - columns[1][name]) for name, _ in labels])
+    parts = (block @ np.nan_to_num(columns[0][name] - columns[1][name]) for name, block in jacobian.items())
+    return np.asarray(sum(parts), dtype=float)
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ def rotor_efforts(weak: WeakForm, physics: Physics) -> Array:
     taken = np.zeros((len(weak.samples.time), weak.joints))
     if not physics.couplings:
         return taken
-    whiten, jacobian, labels = whitening(weak, physics)
-    marginal = Run(weak, whiten, jacobian, tuple(labels)).marginalise_start(physics)
+    whiten, jacobian = whitening(weak, physics)
+    marginal = Run(weak, whiten, jacobian).marginalise_start(physics)
     start = marginal.start if marginal.paid > 0.0 else np.zeros(2 * len(physics.couplings))
     for coupling in physics.couplings:
         joint = physics.tree.joint_index(coupling.at)

@@ -12,7 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.test_functions import Windows
-from drake_cafim.dynamics.motion import Motion, rates
+from drake_cafim.dynamics.motion import Motion, motion, rates
+from drake_cafim.dynamics.tree import Tree
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array, Indices
@@ -21,6 +22,8 @@ INERTIAL = 10
 """Inertial parameters of a link: m, m c (3), I_Jo (6)."""
 CACHED_REGRESSORS = 4
 """Most cached regressors of each link."""
+WINDOWS_AT_ONCE = 128
+"""Number of windows whose terms are computed together, to limit memory."""
 
 
 @dataclass(frozen=True)
@@ -65,43 +68,92 @@ class LinkRegressors:
         default_factory=dict, repr=False, compare=False
     )
 
-    def regressor(self, smooth: Motion, v: Array, at_points: Motion, value: sp.csr_matrix) -> InertialRegressor:
+    def regressor(
+        self, smooth: Motion, v: Array, at_points: tuple[Array, Array], value: sp.csr_matrix
+    ) -> InertialRegressor:
         """The regressor along a motion.
 
         `smooth` is the motion at the samples, at which nonlinear factors are evaluated; the momentum is linear in the
-        measured velocities `v` (N, n), so that their noise enters the rows linearly. Forces are evaluated on the motion
-        `at_points`, P points of time, and integrated by `value` (M, P): between samples they bend where efforts step.
+        measured velocities `v` (N, n), so that their noise enters the rows linearly. Forces are evaluated on positions
+        and velocities `at_points` (P, n) each, P points of time, and integrated by `value` (M, P): between samples they
+        bend where efforts step.
         """
         n, m, M = smooth.q.shape[1], smooth.p_WJ.shape[1], len(self.windows)
-        inertia, weight = np.zeros((M, n, m, INERTIAL)), np.zeros((M, n, m, 4, 3))
         columns = [_digest(smooth.q[:, j], smooth.v[:, j], v[:, j]) for j in range(n)]
-        for j, carried in enumerate(smooth.tree.supports()):
-            carriers = np.flatnonzero(carried)
-            known, key = self._known.setdefault(j, {}), tuple(columns[k] for k in carriers)
-            if key not in known:
-                make_room(known, CACHED_REGRESSORS)
-                known[key] = self._of(smooth, v, at_points, value, j, carriers)
-            inertia[:, carriers, j], weight[:, carriers, j] = known[key]
+        carriers = [np.flatnonzero(carried) for carried in smooth.tree.supports()]
+        keys = [tuple(columns[k] for k in own) for own in carriers]
+        new = {
+            j: (np.zeros((M, len(own), INERTIAL)), np.zeros((M, len(own), 4, 3)))
+            for j, own in enumerate(carriers)
+            if keys[j] not in self._known.setdefault(j, {})
+        }
+        # part by part, as the terms at all points of a long recording take gigabytes
+        for begin in range(0, M if new else 0, WINDOWS_AT_ONCE):
+            own = slice(begin, begin + WINDOWS_AT_ONCE)
+            part = _Part.of(self.windows.rate[own], value[own], smooth, v, at_points)
+            for j, (inertia, weight) in new.items():
+                inertia[own], weight[own] = part.of_link(j, carriers[j])
+        for j, found in new.items():
+            make_room(self._known[j], CACHED_REGRESSORS)
+            self._known[j][keys[j]] = found
+        inertia, weight = np.zeros((M, n, m, INERTIAL)), np.zeros((M, n, m, 4, 3))
+        for j, own_carriers in enumerate(carriers):
+            inertia[:, own_carriers, j], weight[:, own_carriers, j] = self._known[j][keys[j]]
         return InertialRegressor(inertia, weight)
 
-    def _of(
-        self, smooth: Motion, v: Array, at_points: Motion, value: sp.csr_matrix, j: int, carriers: Indices
-    ) -> tuple[Array, Array]:
-        """The parts (M, k, 10) and (M, k, 4, 3) of link `j` in the rows of the k joints that carry it, `carriers`."""
-        tree, k = smooth.tree, len(carriers)
-        frames = np.flatnonzero(tree.carriers()[j])
-        at_samples = (smooth.R_WJ, smooth.p_WJ, smooth.axes, rates(tree, v))
-        momenta = momenta_of(j, frames, *(np.ascontiguousarray(values) for values in at_samples))
-        places = (at_points.R_WJ, at_points.p_WJ, at_points.axes, at_points.axes_rate, at_points.velocities)
-        forces, weights = forces_of(j, frames, *(np.ascontiguousarray(values) for values in places))
-        if tree.followers:
-            share = tree.following[0][np.ix_(frames, carriers)]
+
+@dataclass(frozen=True)
+class _Part:
+    """Some of the windows, with the motion that they cover: `rate` (m, N'), `value` (m, P') and what they multiply."""
+
+    tree: Tree
+    rate: sp.csr_matrix
+    value: sp.csr_matrix
+    samples: tuple[Array, ...]
+    """Poses, axes and joint rates at N' samples, as `momenta_of` takes them."""
+    points: tuple[Array, ...]
+    """Poses, axes, their rates and velocities at P' points, as `forces_of` takes them."""
+
+    @classmethod
+    def of(
+        cls, rate: sp.csr_matrix, value: sp.csr_matrix, smooth: Motion, v: Array, at_points: tuple[Array, Array]
+    ) -> "_Part":
+        """The part of the rows `rate` (m, N) and `value` (m, P) of all windows."""
+        tree = smooth.tree
+        rate, samples = _reduced(rate)
+        value, points = _reduced(value)
+        there = motion(tree, *(values[points] for values in at_points))
+        at_samples = (smooth.R_WJ[samples], smooth.p_WJ[samples], smooth.axes[samples], rates(tree, v[samples]))
+        return cls(
+            tree,
+            rate,
+            value,
+            tuple(np.ascontiguousarray(values) for values in at_samples),
+            (there.R_WJ, there.p_WJ, there.axes, there.axes_rate, there.velocities),
+        )
+
+    def of_link(self, j: int, carriers: Indices) -> tuple[Array, Array]:
+        """The parts (m, k, 10) and (m, k, 4, 3) of link `j` in the rows of the k joints that carry it, `carriers`."""
+        k, frames = len(carriers), np.flatnonzero(self.tree.carriers()[j])
+        momenta = momenta_of(j, frames, *self.samples)
+        forces, weights = forces_of(j, frames, *self.points)
+        if self.tree.followers:
+            share = self.tree.following[0][np.ix_(frames, carriers)]
             momenta, forces, weights = (
                 np.moveaxis(np.tensordot(part, share, (1, 0)), -1, 1) for part in (momenta, forces, weights)
             )
-        inertial = self.windows.rate @ momenta.reshape(len(v), -1) + value @ forces.reshape(len(forces), -1)
-        weighed = value @ weights.reshape(len(weights), -1)
+        inertial = self.rate @ momenta.reshape(len(momenta), -1) + self.value @ forces.reshape(len(forces), -1)
+        weighed = self.value @ weights.reshape(len(weights), -1)
         return -inertial.reshape(-1, k, INERTIAL), -weighed.reshape(-1, k, 4, 3)
+
+
+def _reduced(rows: sp.csr_matrix) -> tuple[sp.csr_matrix, slice]:
+    """`rows` (m, N) from their first column that is not zero to the last one, and the slice of these columns."""
+    if not rows.nnz:
+        return rows[:, :0], slice(0, 0)
+    first, stop = int(rows.indices.min()), int(rows.indices.max()) + 1
+    own = (rows.data, rows.indices - first, rows.indptr)
+    return sp.csr_matrix(own, shape=(rows.shape[0], stop - first)), slice(first, stop)
 
 
 def _digest(*columns: Array) -> bytes:

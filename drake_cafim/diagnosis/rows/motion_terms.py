@@ -50,7 +50,14 @@ class MotionTerms:
     @cached_property
     def regressor(self) -> InertialRegressor:
         """The regressor of inertial and gravity terms."""
-        return self.links.regressor(self.moving, self.measured.v, self.moving_at_points, self.samples.law_value)
+        points = (self.moving.q, self.moving.v) if self.samples.estimated is None else self._at_points
+        return self.links.regressor(self.moving, self.measured.v, points, self.samples.law_value)
+
+    @property
+    def _at_points(self) -> tuple[Array, Array]:
+        """Positions and velocities (P, n) at the points over which laws are integrated, where motion is estimated."""
+        q, v = (np.stack([getattr(joint, name) for joint in self.acting.joints], axis=1) for name in ("q", "v"))
+        return q, v
 
     @cached_property
     def moving_at_points(self) -> Motion:
@@ -58,8 +65,7 @@ class MotionTerms:
         estimated = self.samples.estimated
         if estimated is None:
             return self.moving
-        q, v = (np.stack([getattr(joint, name) for joint in self.acting.joints], axis=1) for name in ("q", "v"))
-        return replace(motion(self.moving.tree, q, v), lasting=estimated.points.lasting(self.samples.time))
+        return replace(motion(self.moving.tree, *self._at_points), lasting=estimated.points.lasting(self.samples.time))
 
     def driven_by(self, servos: dict[int, ServoDrive], load: Array, physics: Physics) -> "MotionTerms":
         """The terms with the efforts of `servos` added to the recorded ones, and the `load` (N, n) from outside."""

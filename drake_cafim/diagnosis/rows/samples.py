@@ -14,7 +14,7 @@ from drake_cafim.diagnosis.rows.filtered_windows import FilteredWindows, reach_o
 from drake_cafim.diagnosis.rows.law_points import LawPoints
 from drake_cafim.diagnosis.rows.position_smoothing import Track, track_of
 from drake_cafim.diagnosis.rows.test_functions import Windows, lay_windows
-from drake_cafim.diagnosis.rows.velocity_smoothing import Noise, Velocity, VelocityNoise, resting
+from drake_cafim.diagnosis.rows.velocity_smoothing import Noise, Velocity, VelocityNoise, near_rest, resting
 from drake_cafim.diagnosis.thresholds import (
     END_MARGIN,
     MOTION_NOISE_STDS,
@@ -230,7 +230,7 @@ def samples_of(
         FilteredWindows.of(windows, lowpass) if lowpass else windows,
         smooth_q,
         tuple(Velocity.over(VELOCITY_SMOOTHING_REACH, time, of_joint) for of_joint in noise),
-        tuple(resting(time, q[:, j], v[:, j], of_joint) for j, of_joint in enumerate(noise)),
+        near_rest(time, q, v, noise),
         differentiate,
         tuple((channel := scene.channel(f"u.{name}")) is not None and channel.hold == RAMPED for name in names),
         memories,

@@ -1,6 +1,5 @@
 """The covariance of the weak form's rows, and the whitening: rows times the inverse of its Cholesky factor."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +12,7 @@ from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.impact_noise import impact_covariance
 from drake_cafim.diagnosis.whitening.kinked_law_noise import kinked_law_covariance
 from drake_cafim.diagnosis.whitening.mobility_noise import mobility_covariance
-from drake_cafim.diagnosis.whitening.noise_jacobian import noise_jacobian
+from drake_cafim.diagnosis.whitening.noise_jacobian import NoiseJacobian, noise_jacobian
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -34,11 +33,7 @@ class Whitening:
         Raises `numpy.linalg.LinAlgError` where it is not positive definite.
         """
         covariance = sp.csr_matrix(covariance)
-        entries = sp.coo_matrix(covariance)
-        lower = entries.row >= entries.col
-        row, column, value = entries.row[lower], entries.col[lower], entries.data[lower]
-        band = np.zeros((int((row - column).max()) + 1, covariance.shape[0]))
-        band[row - column, column] = value
+        band = _lower_band(covariance)
         # so that rounding does not make the factorisation fail where rows are nearly dependent
         band[0] *= 1.0 + 1e-10
         return cls(scipy.linalg.cholesky_banded(band, lower=True), covariance)
@@ -57,14 +52,12 @@ class Whitening:
         return float(2.0 * np.sum(np.log(self.factor[0])))
 
 
-def whitening(
-    weak: WeakForm, physics: Physics, unknown_force: Array = NONE
-) -> tuple[Whitening, sp.csr_matrix, list[tuple[str, slice]]]:
-    """The whitening of one recording's rows under `physics`, and the noise Jacobian with its labels.
+def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> tuple[Whitening, NoiseJacobian]:
+    """The whitening of one recording's rows under `physics`, and the noise Jacobian.
 
     `unknown_force` (n,) is the spectral density of unmodelled white forces at the joints, (N m)² s or N² s.
     """
-    jacobian, labels = noise_jacobian(weak, physics)
+    jacobian = noise_jacobian(weak, physics)
     # what the first-order Jacobian leaves out: kinks and jumps within the noise
     beyond = (
         kinked_law_covariance(weak, physics) + impact_covariance(weak, physics) + mobility_covariance(weak, physics)
@@ -75,7 +68,23 @@ def whitening(
         zip(unknown_force, unknown_force_factors(weak, physics), strict=True) if np.any(unknown_force) else ()
     ):
         beyond = beyond + density * (part @ part.T)
-    return Whitening.of(_sampled(weak, jacobian, labels) + beyond), jacobian, labels
+    return Whitening.of(_sampled(weak, jacobian) + beyond), jacobian
+
+
+def _lower_band(symmetric: sp.csr_matrix) -> Array:
+    """(b + 1, R) diagonals on and below the main one of a `symmetric` (R, R) matrix, as LAPACK stores them."""
+    entries = sp.coo_matrix(symmetric)
+    lower = entries.row >= entries.col
+    row, column, value = entries.row[lower], entries.col[lower], entries.data[lower]
+    band = np.zeros((int((row - column).max()) + 1, symmetric.shape[0]))
+    band[row - column, column] = value
+    return band
+
+
+def _cholesky(covariance: sp.csr_matrix) -> sp.coo_matrix:
+    """The lower Cholesky factor of a banded `covariance` (M, M)."""
+    factor = scipy.linalg.cholesky_banded(_lower_band(covariance), lower=True)
+    return sp.coo_matrix(sp.dia_array((factor, -np.arange(len(factor))), shape=covariance.shape))
 
 
 def _unmodelled(weak: WeakForm, physics: Physics, density: Array) -> sp.csr_matrix:
@@ -96,7 +105,7 @@ def unknown_force_factors(weak: WeakForm, physics: Physics) -> list[sp.csr_matri
     """For each joint a factor F (R, M): F Fᵀ is the rows' covariance by a white force of unit spectral density."""
     windows, r = weak.samples.windows, weak.rows_per_window
     weighed = windows.value @ sp.diags_array(1.0 / np.sqrt(np.gradient(weak.samples.time)))
-    factor = sp.coo_matrix(np.linalg.cholesky((weighed @ weighed.T).toarray()))
+    factor = _cholesky(sp.csr_matrix(weighed @ weighed.T))
     rows = range(weak.dynamic.start, weak.dynamic.stop)
     return [
         sp.csr_matrix((factor.data / gain, (r * factor.row + row, factor.col)), shape=(r * len(windows), len(windows)))
@@ -104,24 +113,16 @@ def unknown_force_factors(weak: WeakForm, physics: Physics) -> list[sp.csr_matri
     ]
 
 
-def _sampled(weak: WeakForm, jacobian: sp.csr_matrix, labels: Sequence[tuple[str, slice]]) -> sp.csr_matrix:
-    """J Σ Jᵀ (R, R) for the noise `jacobian` J (R, columns) and the samples' covariance Σ."""
-    samples = weak.samples
-    std = np.concatenate([np.full(part.stop - part.start, samples.std[name]) for name, part in labels])
-    scaled = sp.csr_matrix((jacobian.data * std[jacobian.indices], jacobian.indices, jacobian.indptr), jacobian.shape)
-    if not samples.memories:
-        return sp.csr_matrix(scaled @ scaled.T)
+def _sampled(weak: WeakForm, jacobian: NoiseJacobian) -> sp.csr_matrix:
+    """Σ std² J Σ Jᵀ (R, R) over the noise `jacobian` J (R, N) of each column and the correlation Σ of its samples.
+
+    A column at a time: as one matrix, the Jacobian of a long recording takes gigabytes.
+    """
+    samples, r, M = weak.samples, weak.rows_per_window, len(weak.samples.windows)
     alike = {memory: covariance(samples.time, memory) for memory in set(samples.memories.values())}
-    white = sp.csr_matrix(sp.eye_array(len(samples.time)))
-    memories = [samples.memories.get(name) for name, _ in labels]
-    together = _block_diagonal([white if memory is None else alike[memory] for memory in memories])
-    return sp.csr_matrix(scaled @ together @ scaled.T)
-
-
-def _block_diagonal(blocks: Sequence[sp.csr_matrix]) -> sp.csr_matrix:
-    """Square blocks of one size along a diagonal; SciPy's own function, by triplets, takes ten times as long."""
-    size, entries = blocks[0].shape[0], np.cumsum([0, *(block.nnz for block in blocks)])
-    indices = [block.indices + k * size for k, block in enumerate(blocks)]
-    starts = [block.indptr[:-1] + first for block, first in zip(blocks, entries, strict=False)]
-    parts = [np.concatenate([block.data for block in blocks]), np.concatenate(indices)]
-    return sp.csr_matrix((*parts, np.append(np.concatenate(starts), entries[-1])), shape=(size * len(blocks),) * 2)
+    total = sp.csr_matrix((r * M, r * M))
+    for name, block in jacobian.items():
+        memory = samples.memories.get(name)
+        correlated = block if memory is None else sp.csr_matrix(block @ alike[memory])
+        total = total + samples.std[name] ** 2 * (correlated @ block.T)
+    return sp.csr_matrix(total)

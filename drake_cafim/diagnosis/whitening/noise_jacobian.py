@@ -16,15 +16,14 @@ from drake_cafim.recordings.recording import WRENCH_COMPONENTS
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
+NoiseJacobian: TypeAlias = dict[str, sp.csr_matrix]
+"""∂rows/∂samples of each recorded column by its name: (M r, N), rows ordered window after window."""
 Parts: TypeAlias = dict[int, tuple[sp.csr_matrix, Array]]
 """By row of a window: a matrix (M, N) over the windows, and factors (N,) of its columns."""
 
 
-def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, list[tuple[str, slice]]]:
-    """∂rows/∂samples, sparse (M r, columns), and the slice of its columns that belongs to each recorded column.
-
-    Slices are N wide; rows are ordered window after window.
-    """
+def noise_jacobian(weak: WeakForm, physics: Physics) -> NoiseJacobian:
+    """∂rows/∂samples under `physics`, for each recorded column that is not exact."""
     s, n = weak.samples, weak.joints
     measured = weak.measurement(physics)
     q, v = measured.q_hat, measured.v_hat
@@ -36,8 +35,9 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
     rigid = balance_slopes(replace(weak.motion(physics), tree=physics.tree), physics)
     first = np.arange(weak.rows_per_window) < weak.kinematic_rows
     kinematic, dynamic = (sp.diags_array(np.tile(kind, len(s.windows)).astype(float)) for kind in (first, ~first))
-    blocks: list[sp.csr_matrix] = []
-    labels: list[tuple[str, slice]] = []
+    scale = np.ones(weak.rows_per_window)
+    scale[weak.dynamic] = 1.0 / physics.effort_gains
+    blocks: NoiseJacobian = {}
 
     def add(name: str, block: sp.csr_matrix) -> None:
         # chain rule: the last correction applied to the samples comes first in the product
@@ -51,9 +51,8 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
                 block = sp.csr_matrix(block @ correction)
         if name in s.bridges:
             block = sp.csr_matrix(block @ s.bridges[name])
-        start = sum(b.shape[1] for b in blocks)
-        blocks.append(block)
-        labels.append((name, slice(start, start + block.shape[1])))
+        block.data *= np.repeat(np.tile(scale, len(s.windows)), np.diff(block.indptr))
+        blocks[name] = block
 
     readings = [reading_windows(weak, physics, sensor, axis) for sensor in weak.sensors for axis in WRENCH_COMPONENTS]
     for j, name in enumerate(physics.tree.joint_names):
@@ -87,11 +86,7 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, lis
         for k, axis in enumerate(WRENCH_COMPONENTS):
             row = weak.kinematic_rows + n + 6 * i + k
             add(f"wrench.{sensor.name}.{axis}", place(weak, s.windows.value, row))
-    scale = np.ones(weak.rows_per_window)
-    scale[weak.dynamic] = 1.0 / physics.effort_gains
-    whole = sp.csr_matrix(sp.hstack(blocks, format="csr"))
-    whole.data *= np.repeat(np.tile(scale, len(s.windows)), np.diff(whole.indptr))
-    return whole, labels
+    return blocks
 
 
 def _force_slope(

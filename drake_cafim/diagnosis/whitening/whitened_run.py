@@ -4,11 +4,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.initial_uncertainty import StartMarginal, has_unknown_start, start_rows
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.covariance import Whitening
+from drake_cafim.diagnosis.whitening.noise_jacobian import NoiseJacobian
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -25,8 +25,7 @@ class Run:
 
     weak: WeakForm
     whiten: Whitening
-    jacobian: sp.csr_matrix
-    labels: tuple[tuple[str, slice], ...]
+    jacobian: NoiseJacobian
     measured: WeakForm | None = None
     """The recording as measured, where `weak` has its motion as estimated."""
     noise: Array = field(default_factory=lambda: np.zeros(0), repr=False)
@@ -108,9 +107,4 @@ class Run:
 
     def sensed(self, column: str, change: Array) -> Array:
         """Change (R, k) of the whitened rows when the recorded `column` changes by `change` (N, k)."""
-        return self.whiten(np.asarray(self._by_column[column] @ change))
-
-    @cached_property
-    def _by_column(self) -> dict[str, sp.csr_matrix]:
-        columns = sp.csc_matrix(self.jacobian)
-        return {name: sp.csr_matrix(columns[:, part]) for name, part in self.labels}
+        return self.whiten(np.asarray(self.jacobian[column] @ change))
