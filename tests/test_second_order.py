@@ -56,9 +56,7 @@ def unbalanced(physics: Physics, nominal: Physics, step: float) -> Array:
     effort = builder.AddNamedSystem("effort", Sine(amplitudes, np.arange(6.0, 6.0 + n), np.arange(float(n)), True))
     builder.Connect(effort.get_output_port(0), plant.get_actuation_input_port())
     affected.connect(builder, plant, effort.get_output_port(0))
-    logs = [
-        LogVectorOutput(port, builder, step) for port in (plant.get_state_output_port(), effort.get_output_port(0))
-    ]
+    logs = [LogVectorOutput(port, builder, step) for port in (plant.get_state_output_port(), effort.get_output_port(0))]
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(SECONDS)
     state, u = (np.array(log.FindLog(simulator.get_context()).data().T) for log in logs)
@@ -69,7 +67,9 @@ def unbalanced(physics: Physics, nominal: Physics, step: float) -> Array:
     joints = [JointSamples(q[:, j], middle[:, j], u[:-1, j]) for j in range(n)]
     applied = physics.applied_at_joints(joints)[0] + moving.project(physics.body_wrenches(moving))
     needed = np.linalg.solve(response.mobility, acceleration[..., np.newaxis])[..., 0]
-    return np.asarray(needed + response.bias - applied - u[:-1], dtype=float)[2:]  # the first step has no velocity before
+    return np.asarray(needed + response.bias - applied - u[:-1], dtype=float)[
+        2:
+    ]  # the first step has no velocity before
 
 
 @pytest.mark.parametrize("effects", EFFECTS.values(), ids=EFFECTS)
