@@ -32,7 +32,8 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 def go(scenario: str, out: Path, **chosen: Any) -> dict[str, Any]:
     concealed = chosen.pop("concealed", ())
-    request = RunRequest(scenario, "model", Options(seed=1, **chosen), concealed=concealed)
+    diagnosed = chosen.pop("diagnosed", False)
+    request = RunRequest(scenario, "model", Options(seed=1, **chosen), concealed=concealed, diagnosed=diagnosed)
     out.mkdir(exist_ok=True)
     return run_command(request, out, lambda text: None)
 
@@ -90,6 +91,21 @@ def test_encoders_have_the_stated_noise(finished: Path, short: str) -> None:
         # third differences take the motion out; of white noise they have 20 times the variance
         rough = np.diff(recording.matrix(kind, names), n=3, axis=0)
         assert np.median(np.abs(rough)) / 0.6745 / np.sqrt(20.0) == pytest.approx(std, rel=0.1)
+
+
+def test_ends_with_the_diagnosis_of_its_recordings(short: str, tmp_path: Path) -> None:
+    friction = Concealed("joint_viscous_friction", "joint2", {"coefficient": 8.0})
+    record = go(short, tmp_path, experiments=2, concealed=(friction,), diagnosed=True)
+    assert record["diagnosis"]["verdict"] == "explained"
+    report = json.loads((tmp_path / record["diagnosis"]["report"]).read_text())
+    assert report["sentence"] == record["diagnosis"]["sentence"]
+    assert [(found["effect"], found["at"]) for found in report["explanation"]] == [("joint_viscous_friction", "joint2")]
+    assert report["fit"]["held_out"] is not None
+
+
+def test_without_a_diagnosis_no_folder_of_one_stays(finished: Path) -> None:
+    record = json.loads((finished / "run.json").read_text())
+    assert "diagnosis" not in record and not (finished / "diagnosis").exists()
 
 
 def test_stops_when_sure_enough(short: str, tmp_path: Path) -> None:

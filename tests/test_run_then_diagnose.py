@@ -12,7 +12,7 @@ from drake_cafim.experiment.closed_loop import Options
 
 
 def run_and_diagnose(out: Path, concealed: tuple[Concealed, ...]) -> dict[str, Any]:
-    request = RunRequest("hefting", "drake", Options(seed=1, experiments=1), concealed=concealed)
+    request = RunRequest("hefting", "drake", Options(seed=1, experiments=1), concealed=concealed, diagnosed=False)
     run_command(request, out, lambda text: None)
     return diagnose_command("hefting", [str(out / "experiment_1.parquet")], (), out, lambda text: None)
 

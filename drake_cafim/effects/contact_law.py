@@ -23,7 +23,7 @@ DEPTHS = (0.5, 0.8, 1.0)
 
 @dataclass(frozen=True)
 class ContactLawChange(ContactEffect):
-    """<i>P</i> <i>h</i>² (1 − <i>k</i> <i>h</i>) max(0, 1 + <i>c</i> δ̇), Drake's pressure field of a sphere, instead."""
+    """λ = P h² (1 − k h) max(0, 1 + c ḋ) in place of the scenario's law: Drake's pressure field of a sphere."""
 
     name: ClassVar[str] = "contact_law"
     decides_bounces: ClassVar[bool] = True
@@ -67,8 +67,8 @@ class ContactLawChange(ContactEffect):
     def looks(self, contact: SphereContact, touch: Touch) -> Iterator[ContactLook]:
         """The law in place of the scenario's, at the modulus with the same force at a depth; and its dissipation.
 
-        With a spring K that is fitted as well, the coefficient a of the first column is P over that of the look, and the
-        coefficient of the second a c.
+        With a spring K that is fitted as well, the coefficient a of the first column is P over that of the look, and
+        the coefficient of the second a c.
         """
         depths = touch.penetration[touch.penetration > 0.0]
         given = contact.parameters
