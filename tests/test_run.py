@@ -75,11 +75,11 @@ def test_recording_is_one_continuous_motion(short: str) -> None:
     world = stage.world("model", 1)
     (result,) = experiment.run(stage.task, Options(seed=1, experiments=1), world).experiments
     names = Scene.load(short).tree.joint_names
-    recording = joint_recording(result, "x", names, step=0.002, std={}, random=np.random.default_rng(0))
+    recording = joint_recording(result, "x", names, step=0.001, std={}, random=np.random.default_rng(0))
     q, v, u = (recording.matrix(kind, names) for kind in "qvu")
-    assert recording.time[1] == pytest.approx(0.002) and len(q) == pytest.approx(250, abs=8)
+    assert recording.time[1] == pytest.approx(0.001) and len(q) == pytest.approx(500, abs=16)
     assert np.abs(v).max() > 0.3
-    np.testing.assert_allclose(np.diff(q, axis=0), 0.001 * (v[1:] + v[:-1]), atol=1e-12)
+    np.testing.assert_allclose(np.diff(q, axis=0), 0.0005 * (v[1:] + v[:-1]), atol=1e-12)
     assert np.abs(u[:, 4:]).max() <= 12.0  # N m: what acts, after the limits
     assert np.isfinite(recording["force.0"]).sum() == 10
 
