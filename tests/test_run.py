@@ -152,7 +152,7 @@ def test_concealed_effect_is_in_the_world_and_in_no_model(
         (["hefting", "--conceal", "sensor_misalignment@wrist"], "expected one of joint_viscous_friction"),
         (
             ["hefting", "--conceal", "surface_offset@wall"],
-            "surface_offset@wall: the scenario's contacts (contact:) have",
+            "surface_offset@wall: the scenario names no contact (contact:) that it could act on",
         ),
         (["pinching_point", "--conceal", "contact_adhesion@jaw/ball"], "have it at left_tip/ball, right_tip/ball"),
         (
