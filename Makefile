@@ -21,10 +21,8 @@ $(STAMPS)/test: $(STAMPS)/package
 # have; then its own recordings are diagnosed.
 demo: $(STAMPS)/package
 	$(RUN)/cafim run hefting --seed 1 --conceal joint_viscous_friction@joint2 coefficient=8 --out cafim-out/hefting --overwrite
-	$(RUN)/cafim diagnose hefting --recording cafim-out/hefting/experiment_1.parquet cafim-out/hefting/experiment_2.parquet \
-	  --held-out cafim-out/hefting/experiment_3.parquet --out cafim-out/hefting-diagnosis --overwrite
 	@echo "The run:       cafim-out/hefting/replay.html, error.svg, information.svg"
-	@echo "The diagnosis: cafim-out/hefting-diagnosis/report.html"
+	@echo "The diagnosis: cafim-out/hefting/diagnosis/report.html"
 
 # What a change must pass: at most ten minutes on two cores.
 test: $(STAMPS)/test

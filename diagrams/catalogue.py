@@ -143,6 +143,8 @@ def stage_of(scenario: Scenario, source: str) -> Stage:
     task = packaged.task()
     values = dict(scenario.task)
     model = configure(task.model, values.pop("model", {}), f"{source}: task: model")
-    task = replace(configure(task, values, f"{source}: task"), model=model)
+    # a scenario may give its planner another law than the packaged task has
+    law = str(getattr(model, "law", task.law)) if task.law else task.law
+    task = replace(configure(task, values, f"{source}: task"), model=model, law=law)
     contacts = Scene.load(source).nominal_contacts if scenario.contact else ()
     return Stage(name, task, config, packaged.view(config), scenario_effects(scenario.effects, source), contacts)

@@ -149,10 +149,13 @@ def _needed(strength: Strength, kind: type[Effect]) -> bool:
 def _check_place(concealed: Concealed, kind: type[Effect], tree: Tree) -> None:
     if issubclass(kind, OF_CONTACTS):
         if not any(kind(concealed.at).meets(contact) for contact in concealed.contacts):
+            if not concealed.contacts:
+                raise InputError(
+                    f"{concealed.address}: the scenario names no contact (contact:) that it could act on, expected one "
+                    "that does, as pinching"
+                )
             sites = dict.fromkeys(kind.site(contact) for contact in concealed.contacts)
-            raise InputError(
-                f"{concealed.address}: the scenario's contacts (contact:) have it at {', '.join(sites) or 'no place'}"
-            )
+            raise InputError(f"{concealed.address}: the scenario's contacts (contact:) have it at {', '.join(sites)}")
         return
     bodies = [body.name for body in tree.bodies if body.joint >= 0]
     channels = [f"{letter}.{name}" for letter in "qv" for name in tree.joint_names]

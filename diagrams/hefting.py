@@ -83,7 +83,7 @@ class HeftingConfig:
 
     plant_config: MultibodyPlantConfig = field(
         default_factory=lambda: MultibodyPlantConfig(
-            time_step=0.0005, contact_model="hydroelastic_with_fallback", discrete_contact_approximation="lagged"
+            time_step=0.001, contact_model="hydroelastic_with_fallback", discrete_contact_approximation="lagged"
         )
     )
     workspace: Workspace = field(  # of z; rising, it brakes softer than g, or it would throw the ball

@@ -75,6 +75,7 @@ def main() -> None:
     multiple=True,
     help="EFFECT@PLACE parameter=value ...: an effect of the world that the planner's model lacks; repeatable.",
 )
+@click.option("--no-diagnosis", is_flag=True, help="Leave out the diagnosis of the run's own recordings at its end.")
 @common
 def run(
     scenario: str,
@@ -84,6 +85,7 @@ def run(
     place_std: float,
     as_printed: bool,
     conceal: tuple[str, ...],
+    no_diagnosis: bool,
     out: Path | None,
     as_json: bool,
     resume: bool,
@@ -95,12 +97,24 @@ def run(
     from drake_cafim.experiment.closed_loop import Options
 
     options = Options(**{name: value for name, value in chosen.items() if name not in ("jobs", "scheduler")})
-    request = RunRequest(scenario, world, options, prior_scale, parse_concealed(conceal), as_printed, place_std, law)
+    request = RunRequest(
+        scenario,
+        world,
+        options,
+        prior_scale,
+        parse_concealed(conceal),
+        as_printed,
+        place_std,
+        law,
+        diagnosed=not no_diagnosis,
+    )
     check_request(request)
     folder = open_folder(out, "run", resume=resume, overwrite=overwrite)
     with progress_line() as progress:
         record = run_command(request, folder, progress, resume=resume)
-    print_result(record, as_json, f"{table(record)}\n{folder / 'replay.html'}")
+    report = record.get("diagnosis", {}).get("report")
+    written = [folder / "replay.html", *([(folder / report).with_suffix(".html")] if report else [])]
+    print_result(record, as_json, "\n".join([table(record), *map(str, written)]))
 
 
 @main.command()

@@ -56,6 +56,7 @@ CONTACT: list[tuple[str, str, dict[str, float]]] = [
     ("contact_adhesion", "tool/wall", {"force": 3.0, "range": 1e-3}),
     ("contact_nonlinear_stiffness", "tool/wall", {"cubic": 5e8}),
     ("contact_hunt_crossley_dissipation", "tool/wall", {"dissipation": 4.0}),
+    ("contact_law", "tool/wall", {"modulus": 6e5, "dissipation": 3.0}),
     ("contact_anisotropic_friction", "tool/wall", {"friction_1": 0.7, "friction_2": 0.2, "angle": 0.5}),
     ("contact_rolling_resistance", "tool/wall", {"coefficient": 0.002}),
     ("surface_offset", "wall", {"offset": 0.0007}),

@@ -91,7 +91,7 @@ def test_a_run_of_a_corrected_scenario_is_explained_by_it(tmp_path: Path) -> Non
     path, out = tmp_path / "known.yaml", tmp_path / "out"
     path.write_text(yaml.safe_dump(raw))
     out.mkdir()
-    run_command(RunRequest(str(path), "drake", Options(seed=1, experiments=1)), out, lambda text: None)
+    run_command(RunRequest(str(path), "drake", Options(seed=1, experiments=1), diagnosed=False), out, lambda text: None)
     recording = recordings.read(out / "experiment_1.parquet")
     kinds = [diagnose(Scene.load(name), [recording]).kind for name in (str(path), "hefting")]
     assert kinds == ["none", "explained"]

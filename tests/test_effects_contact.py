@@ -1,5 +1,6 @@
 """Effects of contacts and surfaces: forces against closed forms, and their internal states along a motion."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from drake_cafim.effects.contact_friction import (
     ContactRollingResistance,
     ContactStribeckFriction,
 )
+from drake_cafim.effects.contact_law import ContactLawChange
 from drake_cafim.effects.normal_contact import (
     ContactAdhesion,
     ContactHuntCrossleyDissipation,
@@ -22,6 +24,7 @@ from drake_cafim.effects.normal_contact import (
     ContactViscoelasticRelaxation,
 )
 from drake_cafim.effects.surface import SurfaceOffset, SurfaceTilt
+from drake_cafim.errors import InputError
 from drake_cafim.typing import Array
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -59,6 +62,43 @@ def test_normal_laws(effect: ContactEffect, more: float) -> None:
     np.testing.assert_array_equal(force(effect, touch(depth=-1e-6, rate=1.0)), 0.0)
     # nothing pulls: a fast release leaves no force
     assert force(effect, touch(rate=-1.0))[2] == 0.0
+
+
+def test_another_law_replaces_the_scenario_s() -> None:
+    # of a sphere on a rigid plane, π E d² (1 − k d) with k = 2/(3 R); nothing remains of the spring and its damper
+    effect = ContactLawChange("tool/wall", {"modulus": 6e5, "dissipation": 3.0})
+    changed = effect.on(replace(CONTACT, parameters=replace(PARAMETERS, radius=0.01)))
+    z = changed.force(touch())[0][0][2]
+    assert z == pytest.approx(np.pi * 6e5 * 0.002**2 * (1.0 - 0.002 / 0.015) * (1.0 + 3.0 * 0.01))
+    assert effect.numbers({"modulus": 1.0, "law": "hydroelastic"}) == {"modulus": 1.0, "law": 3.0}
+    with pytest.raises(InputError, match=r"contact_law\.law is rubber, expected one of hydroelastic"):
+        effect.numbers({"law": "rubber"})
+
+
+def test_a_look_at_another_law_leads_to_its_modulus() -> None:
+    contact = replace(CONTACT, parameters=replace(PARAMETERS, radius=0.01))
+    depth = np.linspace(1e-4, 2e-3, 50)
+    flat = np.zeros((50, 3))
+    true = ContactLawChange("tool/wall", {"modulus": 6e5, "dissipation": 3.0})
+    at = many(depth, 0.005 * np.sin(np.arange(50.0)), flat, flat)
+    spring = np.stack([depth, at.rate], axis=1)
+    pressed = (contact.force(at)[0][:, 2] > 0.0) & (true.on(contact).force(at)[0][:, 2] > 0.0)
+    assert pressed.all()
+    missing = (true.on(contact).force(at)[0] - contact.force(at)[0])[:, 2]
+    for look in true.looks(contact, at):
+        columns = [
+            (_normal(true, contact, step.ahead, at) - _normal(true, contact, step.behind, at)) / step.size
+            for step in look.steps
+        ]
+        found = look.build(np.linalg.lstsq(np.column_stack([*columns, spring]), missing, rcond=None)[0][:2])
+        assert found is not None
+        assert found.values["modulus"] == pytest.approx(6e5, rel=0.02)
+        assert found.values["dissipation"] == pytest.approx(3.0, rel=0.02)
+
+
+def _normal(effect: ContactLawChange, contact: SphereContact, values: Mapping[str, float] | None, at: Touch) -> Array:
+    here = contact if values is None else effect.with_values(values).on(contact)
+    return here.force(at)[0][:, 2]
 
 
 def test_adhesion_pulls_and_friction_does_not_feel_it() -> None:

@@ -32,7 +32,8 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 def go(scenario: str, out: Path, **chosen: Any) -> dict[str, Any]:
     concealed = chosen.pop("concealed", ())
-    request = RunRequest(scenario, "model", Options(seed=1, **chosen), concealed=concealed)
+    diagnosed = chosen.pop("diagnosed", False)
+    request = RunRequest(scenario, "model", Options(seed=1, **chosen), concealed=concealed, diagnosed=diagnosed)
     out.mkdir(exist_ok=True)
     return run_command(request, out, lambda text: None)
 
@@ -74,11 +75,11 @@ def test_recording_is_one_continuous_motion(short: str) -> None:
     world = stage.world("model", 1)
     (result,) = experiment.run(stage.task, Options(seed=1, experiments=1), world).experiments
     names = Scene.load(short).tree.joint_names
-    recording = joint_recording(result, "x", names, step=0.0005, std={}, random=np.random.default_rng(0))
+    recording = joint_recording(result, "x", names, step=0.001, std={}, random=np.random.default_rng(0))
     q, v, u = (recording.matrix(kind, names) for kind in "qvu")
-    assert recording.time[1] == pytest.approx(0.0005) and len(q) == pytest.approx(1000, abs=32)
+    assert recording.time[1] == pytest.approx(0.001) and len(q) == pytest.approx(500, abs=16)
     assert np.abs(v).max() > 0.3
-    np.testing.assert_allclose(np.diff(q, axis=0), 0.00025 * (v[1:] + v[:-1]), atol=1e-12)
+    np.testing.assert_allclose(np.diff(q, axis=0), 0.0005 * (v[1:] + v[:-1]), atol=1e-12)
     assert np.abs(u[:, 4:]).max() <= 12.0  # N m: what acts, after the limits
     assert np.isfinite(recording["force.0"]).sum() == 10
 
@@ -90,6 +91,21 @@ def test_encoders_have_the_stated_noise(finished: Path, short: str) -> None:
         # third differences take the motion out; of white noise they have 20 times the variance
         rough = np.diff(recording.matrix(kind, names), n=3, axis=0)
         assert np.median(np.abs(rough)) / 0.6745 / np.sqrt(20.0) == pytest.approx(std, rel=0.1)
+
+
+def test_ends_with_the_diagnosis_of_its_recordings(short: str, tmp_path: Path) -> None:
+    friction = Concealed("joint_viscous_friction", "joint2", {"coefficient": 8.0})
+    record = go(short, tmp_path, experiments=2, concealed=(friction,), diagnosed=True)
+    assert record["diagnosis"]["verdict"] == "explained"
+    report = json.loads((tmp_path / record["diagnosis"]["report"]).read_text())
+    assert report["sentence"] == record["diagnosis"]["sentence"]
+    assert [(found["effect"], found["at"]) for found in report["explanation"]] == [("joint_viscous_friction", "joint2")]
+    assert report["fit"]["held_out"] is not None
+
+
+def test_without_a_diagnosis_no_folder_of_one_stays(finished: Path) -> None:
+    record = json.loads((finished / "run.json").read_text())
+    assert "diagnosis" not in record and not (finished / "diagnosis").exists()
 
 
 def test_stops_when_sure_enough(short: str, tmp_path: Path) -> None:
@@ -136,7 +152,7 @@ def test_concealed_effect_is_in_the_world_and_in_no_model(
         (["hefting", "--conceal", "sensor_misalignment@wrist"], "expected one of joint_viscous_friction"),
         (
             ["hefting", "--conceal", "surface_offset@wall"],
-            "surface_offset@wall: the scenario's contacts (contact:) have",
+            "surface_offset@wall: the scenario names no contact (contact:) that it could act on",
         ),
         (["pinching_point", "--conceal", "contact_adhesion@jaw/ball"], "have it at left_tip/ball, right_tip/ball"),
         (

@@ -1,6 +1,7 @@
 """`cafim run`: carries out a scenario's experiments, and writes run.json, recordings, a replay and figures."""
 
 import json
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any, get_args
 from pydrake.systems.framework import Diagram
 
 from drake_cafim.commands.reports import read_record
+from drake_cafim.commands.run_diagnosis import FOLDER, diagnose_run
 from drake_cafim.design.planner import PLANNERS
 from drake_cafim.design.policies import POLICIES, make_policy
 from drake_cafim.diagrams.catalogue import Stage, joint_names, stage_of
@@ -50,6 +52,7 @@ class RunRequest:
     as_printed: bool = False  # with the paper's own choices, see `tasks/as_printed.py`
     place_std: float = 0.0  # m, of the contact's place about the planned one; 0: it is where it is planned
     law: str | None = None  # `all`, one of the laws, or None: all in world `drake`, the scenario's own in `model`
+    diagnosed: bool = True  # whether the run ends with the diagnosis of its own recordings
 
     @property
     def candidates(self) -> str | None:
@@ -104,6 +107,8 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     record["concealed"] = [
         {"effect": effect.effect, "at": effect.at, **effect.parameters} for effect in request.concealed
     ]
+    if request.diagnosed:
+        record["diagnosis"] = diagnose_run(request.scenario, out, recordings, progress)
     write_text(finished, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
     return record
 
@@ -160,7 +165,8 @@ def table(record: dict[str, Any]) -> str:
         )
         lines += _solver_remarks(row.get("solver", {}))
     note = record.get("laws_note")
-    return "\n".join([*lines, *_unidentified(record["experiments"][-1]), *([f"    {note}"] if note else [])])
+    lines += [*_unidentified(record["experiments"][-1]), *([f"    {note}"] if note else [])]
+    return "\n".join([*lines, *([record["diagnosis"]["sentence"]] if "diagnosis" in record else [])])
 
 
 def _law_words(row: dict[str, Any]) -> str:
@@ -244,6 +250,7 @@ def _clear(out: Path) -> None:
     """Delete an older run's files, so that none can be taken for this run's."""
     for path in (out / "run.json", out / "replay.html", *out.glob("experiment_*.parquet"), *out.glob("*.svg")):
         path.unlink(missing_ok=True)
+    shutil.rmtree(out / FOLDER, ignore_errors=True)
 
 
 def _show_progress(progress: Progress, number: int, total: int, result: ExperimentResult) -> None:

@@ -14,6 +14,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_cafim.corrected.brakes import beyond_brake, brakes, rest_level, sliding_speed
 from drake_cafim.corrected.reading import array, read
+from drake_cafim.corrected.second_order import dampings
 from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.typing import Array
@@ -44,7 +45,7 @@ class StickingFriction(LeafSystem):
         self._levels = [rest_level(effect) for effect in effects]
         self._pick_q, self._pick_v = selection[:n], selection[n:]
         self._places = selection[n:, plant.num_positions() :].T
-        self._scratch = plant.CreateDefaultContext()
+        self._scratch, self._dampings = plant.CreateDefaultContext(), dampings(plant)
         self.DeclareVectorInputPort("plant_state", selection.shape[1])
         self.DeclareVectorInputPort("effort", n)
         self.DeclareVectorInputPort("force", n)
@@ -67,17 +68,8 @@ class StickingFriction(LeafSystem):
         v = state[plant.num_positions() :]
         A = np.linalg.inv(plant.CalcMassMatrix(context))
         bias = array(plant.CalcBiasTerm(context)) - array(plant.CalcGravityGeneralizedForces(context))
-        free = v + plant.time_step() * (A @ (self._places @ force - bias - self._dampings() * v))
+        free = v + plant.time_step() * (A @ (self._places @ force - bias - self._dampings * v))
         return np.asarray(self._places.T @ free), np.asarray(self._places.T @ A @ self._places)
-
-    def _dampings(self) -> Array:
-        """The damping coefficients (nv,) of all the plant's velocities."""
-        result = np.zeros(self._plant.num_velocities())
-        for index in self._plant.GetJointIndices():
-            joint = self._plant.get_joint(index)
-            start = joint.velocity_start()
-            result[start : start + joint.num_velocities()] = joint.default_damping_vector()
-        return result
 
 
 def grows_with_load(effect: JointForce) -> bool:

@@ -28,6 +28,7 @@ from drake_cafim.corrected.joint_forces import JointForceSystem
 from drake_cafim.corrected.plant import free_state_selection, state_selection
 from drake_cafim.corrected.reading import array
 from drake_cafim.corrected.rotors import rotor_system
+from drake_cafim.corrected.second_order import MidpointCorrection, MidpointState
 from drake_cafim.corrected.sensors import sensor_system
 from drake_cafim.corrected.servos import CommandSystem, ServoSystem
 from drake_cafim.corrected.sticking import StickingFriction, grows_with_load
@@ -56,6 +57,8 @@ class Wiring:
     forces: list[OutputPort] = field(default_factory=list)
     """Ports of generalized forces (n,), summed in `close`."""
     spatial_forces: list[OutputPort] = field(default_factory=list)
+    midpoint: OutputPort | None = None
+    """The joints' state on which forces depend, where its velocities are those half a step after `state`."""
 
     @classmethod
     def around(cls, builder: DiagramBuilder, plant: MultibodyPlant, tree: Tree, clock: Clock) -> "Wiring":
@@ -68,6 +71,23 @@ class Wiring:
             selected = builder.AddNamedSystem("joint state", MatrixGain(state_selection(plant, tree.joint_names)))
         builder.Connect(plant.get_state_output_port(), selected.get_input_port())
         return cls(builder, plant, tree, clock, selected.get_output_port())
+
+    @classmethod
+    def at_midpoints(cls, builder: DiagramBuilder, plant: MultibodyPlant, tree: Tree, clock: Clock) -> "Wiring":
+        """A wiring for a discrete plant whose steps are of second order; forces depend on `MidpointState`."""
+        wiring = cls.around(builder, plant, tree, clock)
+        nq, nv = plant.num_positions(), plant.num_velocities()
+        selection = state_selection(plant, tree.joint_names)
+        places = array(selection[len(tree.joints) :, nq:].T)
+        midpoint = builder.AddNamedSystem("midpoint state", MidpointState(nq, nv, clock))
+        correction = builder.AddNamedSystem("midpoint correction", MidpointCorrection(plant, places))
+        selected = builder.AddNamedSystem("midpoint joint state", MatrixGain(selection))
+        builder.Connect(plant.get_state_output_port(), midpoint.get_input_port())
+        builder.Connect(plant.get_state_output_port(), correction.GetInputPort("plant_state"))
+        for system in (correction, selected):
+            builder.Connect(midpoint.get_output_port(), system.get_input_port(system.num_input_ports() - 1))
+        wiring.midpoint, wiring.forces = selected.get_output_port(), [correction.get_output_port()]
+        return wiring
 
     def add_efforts(self, physics: Physics) -> tuple[dict[str, InputPort], OutputPort, OutputPort]:
         """Ports, each (n,): inputs, the efforts that are asked for, and the efforts on joints or their rotors.
@@ -130,13 +150,13 @@ class Wiring:
                 continue
             level = rest_level(effect) if discrete and brakes(effect) else 0.0
             system = self._build(effect) or JointForceSystem(effect, self.tree.joint_index(effect.at), n, level)
-            self._connect_joint(self._add(effect, system), driving)
+            self._connect_joint(self._add(effect, system), self.midpoint or self.state, driving)
             self.forces.append(system.get_output_port())
         for coupling in physics.couplings:
             joint = self.tree.joint_index(coupling.at)
             inertia = self.tree.joints[joint].rotor_inertia
             rotor = self._build(coupling) or rotor_system(coupling, inertia, joint, n, self.clock if discrete else None)
-            self._connect_joint(self._add(coupling, rotor), driving)
+            self._connect_joint(self._add(coupling, rotor), self.state, driving)  # it steps as the link does
             driving = rotor.get_output_port()
         self.forces.append(driving)
         if sticking:
@@ -162,8 +182,8 @@ class Wiring:
             self.builder.Connect(force, total.get_input_port(k))
         return total.get_output_port()
 
-    def _connect_joint(self, system: LeafSystem, driving: OutputPort) -> None:
-        self.builder.Connect(self.state, system.GetInputPort("state"))
+    def _connect_joint(self, system: LeafSystem, state: OutputPort, driving: OutputPort) -> None:
+        self.builder.Connect(state, system.GetInputPort("state"))
         self.builder.Connect(driving, system.GetInputPort("effort"))
 
     def add_body_forces(self, physics: Physics, at_joints: bool = False) -> None:
@@ -171,7 +191,7 @@ class Wiring:
         for effect in physics.body_forces:
             index = self.plant.GetBodyByName(effect.at).index()
             system = self._add(effect, self._build(effect) or BodyForceSystem(effect, self.tree, index))
-            self.builder.Connect(self.state, system.get_input_port())
+            self.builder.Connect(self.midpoint or self.state, system.get_input_port())
             if at_joints:
                 self.forces.append(system.GetOutputPort("force"))
             else:
@@ -195,7 +215,7 @@ class Wiring:
                 system = ContactSystem(single, self.tree, link, index, self.clock, other)
                 point = f", point {k}" if len(several) > 1 else ""
                 self.builder.AddNamedSystem(f"contact {contact.name}{point}", system)
-                self.builder.Connect(self.state, system.get_input_port())
+                self.builder.Connect(self.midpoint or self.state, system.get_input_port())
                 self.spatial_forces.append(system.GetOutputPort("spatial_forces"))
                 wrenches.append((contact.joint, system.GetOutputPort("wrench")))
         return wrenches

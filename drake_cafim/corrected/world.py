@@ -19,8 +19,9 @@ from drake_cafim.scenario.physics import Physics
 class AffectedRobot:
     """A robot in the plant of a larger world: its `nominal` tree, and its `physics` with effects.
 
-    Call `prepare` before the plant is finalized, then `connect` and `measured`. The plant is discrete and gets its
-    efforts by its actuation port: actuator effects are applied as the difference from that effort.
+    Call `prepare` before the plant is finalized, then `connect` and `measured`. The plant is discrete, of second order
+    (see `second_order`), and gets its efforts by its actuation port: actuator effects are applied as the difference
+    from that effort.
     """
 
     nominal: Tree
@@ -47,9 +48,10 @@ class AffectedRobot:
         Returns the wrenches (6,) about the world's origin that contact effects add, each with its link's joint index.
         """
         connect_brakes(builder, plant)
+        wiring = Wiring.at_midpoints(builder, plant, self.physics.tree, _clock(plant))
         if self.untouched:
+            wiring.close()
             return []
-        wiring = Wiring.around(builder, plant, self.physics.tree, _clock(plant))
         wiring.add_joint_forces(self.physics, wiring.driven(self.physics, effort))
         wiring.add_body_forces(self.physics, at_joints=True)
         wiring.take_away(effort)

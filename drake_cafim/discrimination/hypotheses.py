@@ -143,7 +143,8 @@ def _two_named(report: Mapping[str, Any]) -> str:
 
 def _effect_of(scene: Scene, entry: Mapping[str, Any], source: str) -> Effect:
     effect = placed(scene, effect_named(str(entry["effect"])), str(entry["at"]), source)
-    return effect.with_values({name: float(number["value"]) for name, number in entry["parameters"].items()})
+    shown = {name: number["value"] for name, number in entry["parameters"].items()}
+    return type(effect)(effect.at, effect.numbers(shown))
 
 
 def _most_similar(accepted: Sequence[Effect], rival: Effect) -> Effect:

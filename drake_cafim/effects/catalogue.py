@@ -17,6 +17,7 @@ from drake_cafim.effects.contact_friction import (
     ContactRollingResistance,
     ContactStribeckFriction,
 )
+from drake_cafim.effects.contact_law import ContactLawChange
 from drake_cafim.effects.coupling import JointBacklash, JointElasticity
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.friction import JointLoadDependentFriction, JointStribeckFriction
@@ -89,6 +90,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     ContactRollingResistance,
     ContactAnisotropicFriction,
     ContactPresliding,
+    ContactLawChange,
     SurfaceOffset,
     SurfaceTilt,
     SensorBias,

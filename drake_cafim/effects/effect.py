@@ -78,6 +78,12 @@ class Strength:
     """Whether a scenario that states the effect must give this value, though the nominal one lies within the bounds."""
     choices: tuple[float, ...] = ()
     """The only values that it may take, where there are few (as ±1): chosen by the search and reported, not fitted."""
+    names: tuple[str, ...] = ()
+    """Names of the choices, by which a report and a scenario give them; none where they are numbers."""
+
+    def named(self, value: float) -> float | str:
+        """The name of a choice where choices have names, else the value itself."""
+        return self.names[self.choices.index(value)] if self.names else value
 
 
 @dataclass(frozen=True)
@@ -381,11 +387,34 @@ class Effect(ABC):
         """The law's parameters that take one of a few values, such as a side, with their values."""
         return {s: float(self.values.get(s.name, s.nominal)) for s in self.shapes if s.choices}
 
+    def stated(self, parameter: str, value: float) -> float | str:
+        """The value of a parameter as a report states it: the name of a choice that has one."""
+        return next((s.named(value) for s in self.shapes if s.name == parameter), value)
+
+    @classmethod
+    def numbers(cls, shown: Mapping[str, float | str]) -> dict[str, float]:
+        """The values of parameters that a report or a scenario states, choices by their names.
+
+        Raises `InputError` for a name that no choice of the parameter has.
+        """
+        named = {s.name: s for s in cls.shapes if s.names}
+        result = {}
+        for name, value in shown.items():
+            if name not in named:
+                result[name] = float(value)
+                continue
+            valid = dict(zip(named[name].names, named[name].choices, strict=True))
+            if value not in valid:
+                raise InputError(f"{cls.name}.{name} is {value}, expected one of {', '.join(valid)}")
+            result[name] = valid[str(value)]
+        return result
+
     def sentence(self, tree: Tree) -> str:
         """The effect, its place and its parameters with units, as a report prints them."""
         strengths = ", ".join(
             f"{s.name.replace('_', ' ')} {short(value)} {self.unit(s, tree)}".removesuffix(" 1")
             for s, value in zip(self.strengths, self.vector, strict=True)
         )
-        strengths += "".join(f", {s.name} {value:+g}" for s, value in self.choices.items())
+        chosen = ((s.name, s.named(value)) for s, value in self.choices.items())
+        strengths += "".join(f", {name} {value if isinstance(value, str) else f'{value:+g}'}" for name, value in chosen)
         return f"{self.name.replace('_', ' ')} at {self.at} ({strengths})"

@@ -72,6 +72,8 @@ def _strengths(summary: Summary, measured: Measured | None) -> list[Row]:
             continue
         why = measured.failure if measured and measured.failure else "the strength in all of the folder's recordings"
         for name, value in named.parameters.items():
+            if isinstance(value["value"], str):  # a choice, such as that of a law, has no strength
+                continue
             rows.append(
                 {"effect": named.effect, "place": named.at, "parameter": name, "unit": value["unit"],
                  "strength": value["value"], "std": value["std"], "probability": named.probability, "why": why}

@@ -16,7 +16,7 @@ from markupsafe import Markup, escape
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.thresholds import CUTS_SHARE_SURE
-from drake_cafim.diagnosis.verdict import Comparison, Location, NominalParameter, Verdict
+from drake_cafim.diagnosis.verdict import Comparison, Location, NominalParameter, Value, Verdict
 from drake_cafim.effects.effect import Effect, Place
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.output import write_text
@@ -235,7 +235,7 @@ def _effects(
                 "strengths": [
                     {
                         "name": wording.spoken(name),
-                        "value": wording.with_interval(value.value, value.std),
+                        "value": _shown(accepted.effect, name, value),
                         "unit": _unit(verdict, accepted.effect, value.unit),
                         "efficiency": wording.as_well(value.efficiency),
                     }
@@ -246,6 +246,12 @@ def _effects(
             }
         )
     return effects
+
+
+def _shown(effect: Effect, name: str, value: Value) -> str:
+    """A parameter's value as the page prints it: with its interval, or the name of a choice that has one."""
+    stated = effect.stated(name, value.value)
+    return stated if isinstance(stated, str) else wording.with_interval(stated, value.std)
 
 
 def _unit(verdict: Verdict, effect: Effect, unit: str) -> str:

@@ -72,7 +72,12 @@ def _report_of(
                 "at": accepted.effect.at,
                 "probability": accepted.probability,
                 "parameters": {
-                    name: {"value": v.value, "std": v.std, "unit": v.unit, "efficiency": v.efficiency}
+                    name: {
+                        "value": accepted.effect.stated(name, v.value),
+                        "std": v.std,
+                        "unit": v.unit,
+                        "efficiency": v.efficiency,
+                    }
                     for name, v in accepted.values.items()
                 },
                 "sentence": accepted.sentence,

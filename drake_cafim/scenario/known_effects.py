@@ -57,7 +57,7 @@ def _effect(entry: EffectEntry, vocabulary: Sequence[type[Effect]], key: str) ->
         if not getattr(entry, name):
             raise InputError(f"{key} has no {name}, expected a name")
     kind = effect_class(entry.effect, vocabulary, f"{key}.effect")
-    given = dict(entry.parameters)
+    given = dict(entry.parameters) | _named_law(entry, kind, key)
     if not kind.brief:
         if entry.interval or entry.recording is not None:
             raise InputError(f"{key} has interval or recording, which only an effect of limited duration has")
@@ -78,6 +78,17 @@ def _effect(entry: EffectEntry, vocabulary: Sequence[type[Effect]], key: str) ->
     if contradiction:
         raise InputError(f"{key}: {contradiction}")
     return effect
+
+
+def _named_law(entry: EffectEntry, kind: type[Effect], key: str) -> dict[str, float]:
+    """The number of the law that the entry names; raises `InputError` where the effect has no such choice."""
+    if entry.law is None:
+        return {}
+    valid = next((dict(zip(s.names, s.choices, strict=True)) for s in kind.shapes if s.name == "law" and s.names), {})
+    if entry.law not in valid:
+        expected = f"expected one of {', '.join(valid)}" if valid else f"which {kind.name} does not have"
+        raise InputError(f"{key}.law is {entry.law}, {expected}")
+    return {"law": valid[entry.law]}
 
 
 def effect_class(name: str, vocabulary: Sequence[type[Effect]], key: str) -> type[Effect]:

@@ -91,7 +91,7 @@ class ContactPair:
     damping: float = number(0.0, "N s/m", least=0.0, most=1e9)  # C, of kelvin_voigt and paper
     dissipation: float = number(0.0, "s/m", least=0.0, most=1e6)  # c, of hunt_crossley and hydroelastic
     modulus: float = number(0.0, "Pa", least=0.0, above=True)  # E, of hydroelastic
-    # of hydroelastic: the radius of the sphere; left out: that of the model's
+    # the radius of the sphere as of the law hydroelastic, stated or looked for; left out: that of the model's
     radius: float | None = number(None, "m", least=0.0, above=True)
     # of hydroelastic: half the smallest extent of the flat body where that is the soft one; left out: the sphere is
     half_extent: float | None = number(None, "m", least=0.0, above=True)
@@ -114,6 +114,7 @@ class EffectEntry:
     parameters: dict[str, float] = dc.field(default_factory=dict, metadata={"flat": True})
     interval: list[float] = dc.field(default_factory=list, metadata={"length": 2})  # s; of external_disturbance
     recording: str | None = None  # of external_disturbance: the recording in which it acts; left out: in each
+    law: str | None = None  # of contact_law: the law of the contact, hydroelastic
 
 
 @dc.dataclass
@@ -322,7 +323,7 @@ def _check_contact(pair: ContactPair, key: str) -> None:
     if pair.friction and (pair.slip_velocity is None) == (pair.resistance is None):
         raise InputError(f"{key} needs exactly one of slip_velocity and resistance")
     dissipates = pair.law in ("hunt_crossley", "hydroelastic")
-    lacking = ["damping" if dissipates else "dissipation", *(("stiffness",) if field else FIELD)]
+    lacking = ["damping" if dissipates else "dissipation", "stiffness" if field else "modulus"]
     for other in lacking:
         if getattr(pair, other):
             raise InputError(f"{key}.{other} is {getattr(pair, other):g}, but the law {pair.law} has no {other}")

@@ -379,10 +379,11 @@ def _unused(scenario: Scenario) -> list[str]:
 def _entry(effect: Effect) -> EffectEntry:
     """The entry of `effects:` that states the effect."""
     values = {name: float(value) for name, value in effect.values.items()}
+    law = next((str(s.named(values.pop(s.name))) for s in effect.shapes if s.names and s.name in values), None)
     if (episode := effect.episode) is not None:
         interval = [values.pop("start"), values.pop("stop")]
         return EffectEntry(effect.name, effect.at, values, interval, episode.recording)
-    return EffectEntry(effect.name, effect.at, values)
+    return EffectEntry(effect.name, effect.at, values, law=law)
 
 
 def _check_supported(plant: MultibodyPlant, name: str) -> None:

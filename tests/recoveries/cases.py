@@ -172,6 +172,7 @@ CASES = [
         size=(0.03, 0.0015, 0.5),
     ),
     press("contact_anisotropic_friction", "tool/wall", friction_1=0.55, friction_2=0.3, angle=0.6),
+    press("contact_law", "tool/wall", modulus=6e5, dissipation=3.0),
     press("contact_presliding", "tool/wall", 2.5e-4, distance=4e-4),
     press("surface_offset", "wall", offset=0.0004),
     press("surface_tilt", "wall", y_slope_x=0.01, y_slope_y=-0.015),
