@@ -1,7 +1,6 @@
 """Assembles the verdict of a judgement: explanations, rivals, parameters, locations, and figures of fit."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy.stats import norm
@@ -10,6 +9,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.effort_scale import effort_scale_notes
+from drake_cafim.diagnosis.left_out.selection import Selection
 from drake_cafim.diagnosis.likelihood.efficiency import efficiencies
 from drake_cafim.diagnosis.preparation import PreparedRecordings
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
@@ -19,7 +19,9 @@ from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.thresholds import RIVAL_EXCESS_CHI_SQUARE
 from drake_cafim.diagnosis.verdict import (
     Comparison,
+    Correction,
     Explanation,
+    LeftOut,
     Location,
     Mismatch,
     NominalParameter,
@@ -35,18 +37,16 @@ from drake_cafim.scenario.unknown import UnknownParameter, inertials
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
-COMPENSATING = (
-    "fitted without the missing physics, the unknowns compensate for it and predict these recordings worse than the "
-    "values as given, which the corrected scenario keeps"
-)
-
 FAR_ALIKE = "with a value far from its prior it changes the measurements alike"
 NOTHING_MOVES = "nothing moves in the recordings beyond its noise, so that no effect was looked for"
 Progress = Callable[[str], None]
 
 
-def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Progress) -> Verdict:
-    """The verdict by a judgement of `prepared` recordings; a figure that cannot be computed is NaN, with a note."""
+def verdict_of(prepared: PreparedRecordings, judgement: Judgement, selection: Selection, progress: Progress) -> Verdict:
+    """The verdict by a judgement of `prepared` recordings, with what was selected of it in the corrected scene.
+
+    A figure that cannot be computed is NaN, with a note.
+    """
     scene, outcome, best, kind = prepared.scene, judgement.outcome, judgement.best, judgement.kind
     # locate what remains, or, once all is explained, what the nominal physics lacks at the fitted unknowns
     lacking = best.model if kind == "unexplained" else Model(best.model.unknown)
@@ -59,14 +59,11 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Pro
         where = (f"mismatch.locations cannot be computed: {found.reason}",)
     else:
         locations = found
-    corrected = scene.corrected(best.model.unknown, best.model.effects)
+    kept = selection.fitted
+    corrected = scene.corrected(kept.model.unknown, kept.model.effects)
     notes = (*prepared.notes, *judgement.notes, *where, *(() if prepared.moves else (NOTHING_MOVES,)))
     progress("simulating with and without the effects")
-    comparisons = comparisons_of(prepared, [outcome.nominal, best])
-    given, fitted = comparisons[0].nominal_as_given.nll, comparisons[0].corrected.nll
-    if kind == "unexplained" and not best.model.effects and fitted > given:
-        corrected, notes = scene.corrected(scene.priors.mean, ()), (*notes, COMPENSATING)
-        comparisons = [replace(comparison, corrected=comparison.nominal_as_given) for comparison in comparisons]
+    comparisons = comparisons_of(prepared, [outcome.nominal, kept])
     train, *held_out = comparisons
     bound, unbounded = bounds_of(prepared, best.model)
     explanation, unknown_std = _explanations(scene, outcome, best, bound)
@@ -103,6 +100,11 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Pro
         far=far,
         adequate=judgement.adequate,
         noise=prepared.channel_noise,
+        correction=Correction(
+            selection.as_given,
+            tuple(LeftOut(effect.name, effect.at, why) for effect, why in selection.left_out),
+            selection.unknowns_held,
+        ),
     )
 
 
@@ -240,7 +242,7 @@ def comparisons_of(prepared: PreparedRecordings, fits: Sequence[Fit]) -> list[Co
     """For each group of recordings, the figures of fit of the scene as given and of the two `fits`."""
     priors, n = prepared.scene.priors, len(prepared.scene.unknown)
     candidates = [(Model(priors.mean), np.diag(priors.std**2))]
-    candidates += [(fit.model, fit.covariance[:n, :n]) for fit in fits]
+    candidates += [(fit.model, np.diag(priors.std**2) if fit.model.held else fit.covariance[:n, :n]) for fit in fits]
     found: list[list[Quality]] = []
     for k, (model, covariance) in enumerate(candidates):
         # where nothing is missing, two of the three are the same

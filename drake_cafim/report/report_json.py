@@ -90,6 +90,14 @@ def _report_of(
             for rival in verdict.rivals
         ],
         "parameters": parameters_of(verdict.parameters),
+        "correction": {
+            "as_given": verdict.correction.as_given,
+            "unknowns": "as given" if verdict.correction.as_given or verdict.correction.unknowns_held else "fitted",
+            "left_out": [
+                {"effect": left.effect, "at": left.at, "why": left.why} for left in verdict.correction.left_out
+            ],
+            **({"why_as_given": verdict.correction.unknowns_held} if verdict.correction.unknowns_held else {}),
+        },
         "fit": {
             "train": comparison_of(verdict.train),
             "held_out": None if verdict.held_out is None else comparison_of(verdict.held_out),
