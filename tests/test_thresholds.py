@@ -42,8 +42,9 @@ ITERATIONS = {
 ROUNDING = {
     # what stands for zero or infinity, or is lost in rounding
     "fit/fitting.py": "NOTHING_KNOWN LEAST_INFORMATION",
-    "fit/model.py": "FREE_PRIOR_STD_RATIO",
+    "fit/model.py": "FREE_PRIOR_STD_RATIO HELD_PRIOR_STD_RATIO",
     "fit/robust_covariance.py": "LARGEST_VARIANCE ROUNDING LEAST_SHARE",
+    "left_out/refits.py": "RIDGE",
     "likelihood/linearised.py": "FREE_POSITION FREE_VELOCITY",
     "noise/stated.py": "LEAST_STD",
     "rows/adjustment.py": "LEAST_STD",
@@ -121,6 +122,8 @@ STRUCTURE = {
     # sizes of things, how many there are, and numbers that stand for names
     "search/cuts.py": "BLOCKS _HALVES",
     "fit/adequacy.py": "KINDS",
+    "left_out/parts.py": "MOST_PARTS",
+    "left_out/refits.py": "UNKNOWNS",
     "rows/inertial_regressor.py": "INERTIAL",
     "rows/test_functions.py": "OVERLAPPING",
     "tosses/arc_rows.py": "FIRST",

@@ -99,7 +99,7 @@ def examine(
     selection, unselected = _select(prepared, judgement, progress)
     judgement = replace(judgement, notes=(*judgement.notes, *unselected))
     verdict = verdict_of(prepared, judgement, selection, progress)
-    trace.of_search(judgement.search).add(*record_conclusion(verdict, judgement), *selection.records)
+    trace.of_search(judgement.search).add(*selection.records, *record_conclusion(verdict, judgement))
     return replace(verdict, trace=trace.records), judgement.outcome
 
 

@@ -182,6 +182,11 @@ class LeftOut:
     at: str
     why: str
 
+    @property
+    def key(self) -> tuple[str, str]:
+        """The effect's name and its place."""
+        return self.effect, self.at
+
 
 @dataclass(frozen=True)
 class Correction:

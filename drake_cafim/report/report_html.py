@@ -231,6 +231,9 @@ def _effects(
                 "law": law,
                 "probability": wording.probability(accepted.probability),
                 "cuts": None if accepted.cuts is None else f"{100.0 * accepted.cuts:.0f} %",
+                "absent": next(
+                    (left.why for left in verdict.correction.left_out if left.key == accepted.effect.key), ""
+                ),
                 "unsure": accepted.cuts is not None and accepted.cuts < CUTS_SHARE_SURE,
                 "strengths": [
                     {

@@ -20,12 +20,11 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.left_out.parts import Part
+from drake_cafim.diagnosis.thresholds import LEFT_OUT_SEEN_CHI_SQUARE
 from drake_cafim.typing import Array, Flags
 
 UNKNOWNS = -1
 """The item that stands for all unknowns at their fitted values instead of those given."""
-SEEN_CHI_SQUARE = 9.0
-"""Change of χ² outside a part, three standard deviations of noise, below which the other parts do not show an item."""
 RIDGE = 1e-9
 """Share of a column's information that is added, so that what the other parts do not show keeps its value."""
 Items = frozenset[int]
@@ -114,11 +113,11 @@ class Refits:
             found.append(float(combined @ self.products[part] @ combined))
         return np.array(found)
 
-    def shown_by_others(self, item: int) -> Flags:
-        """(p,) whether the rows outside each part show the item at all, so that its part tells something of it."""
+    def shown(self, item: int) -> Flags:
+        """(p,) whether both the rows of each part and those outside it show the item: else the part cannot judge it."""
         column = len(self.fitted.model.vector) + self.items.index(item)
         own = self.products[:, column, column]
-        return np.asarray(np.sum(own) - own > SEEN_CHI_SQUARE)
+        return np.asarray(np.minimum(own, np.sum(own) - own) > LEFT_OUT_SEEN_CHI_SQUARE)
 
     def model(self, kept: Items, part: int) -> Model:
         """The model of the `kept` items, refitted without `part`."""

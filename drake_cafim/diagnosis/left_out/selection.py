@@ -60,7 +60,8 @@ def select(problem: Problem, fitted: Fit, predictions: Predictions | None) -> Se
     choice.by_rows()
     if predictions is not None and choice.kept:
         choice.by_simulation()
-    choice.against_given()
+    if choice.kept:
+        choice.against_given()
     return choice.selection(problem)
 
 
@@ -98,7 +99,7 @@ class _Elimination:
         gains = self._by_short_simulation()
         for item in sorted(gains, key=lambda k: (gains[k], k)):
             worse = self._errors(self.kept).worse_than(self._errors(self.kept - {item}))
-            worse = np.where(self._shown(item), worse, np.nan)
+            worse = np.where(self.refits.shown(item), worse, np.nan)
             record = decisions.by_simulation(self._name(item), *_with_error(worse), "1 s")
             if record.passed:
                 self.records.append(record)
@@ -114,7 +115,7 @@ class _Elimination:
             outcomes = {}
             for item in tried:
                 worse = mean_of_known(now - self._short(self.kept - {item}))
-                outcomes[item] = _with_error(np.where(self._shown(item), worse, np.nan))
+                outcomes[item] = _with_error(np.where(self.refits.shown(item), worse, np.nan))
                 gains[item] = -outcomes[item][0]
             records = {k: decisions.by_simulation(self._name(k), *found, "0.1 s") for k, found in outcomes.items()}
             worst = min(tried, key=lambda k: (gains[k], k))
@@ -130,31 +131,33 @@ class _Elimination:
     def against_given(self) -> None:
         """Keeps what predicts left-out parts better than the scene as given by both measures, or else nothing.
 
+        Parts that say nothing of what is kept are not counted.
+
         The measures are the errors of simulations and the likelihood of innovations, or the rows alone. Tried are all
         that is still kept, the same with the unknowns as given, and the unknowns alone.
         """
+        judging = np.any([self.refits.shown(item) for item in self.kept], axis=0)
+        if not np.any(judging):
+            return
         alone = frozenset({UNKNOWNS}) & frozenset(self.refits.items)
         choices = [choice for choice in dict.fromkeys((self.kept, self.kept - {UNKNOWNS}, alone)) if choice]
-        scores = {choice: self._against_given(choice) for choice in choices}
+        scores = {choice: self._against_given(choice, judging) for choice in choices}
         better = [choice for choice in choices if max(scores[choice]) <= 0.0 and min(scores[choice]) < 0.0]
         best = min(better, key=lambda choice: scores[choice], default=NOTHING)
-        if not self.kept:
-            best = NOTHING
-        elif best != self.kept or better:
-            record = decisions.against_given(best == self.kept, scores[self.kept], self.predictions is not None)
-            self.records.append(record)
-            why = record.words if self.kept not in better else decisions.BEATEN
-            self.reasons |= dict.fromkeys(self.kept - best, why)
+        record = decisions.against_given(best == self.kept, scores[self.kept], self.predictions is not None)
+        self.records.append(record)
+        why = record.words if self.kept not in better else decisions.BEATEN
+        self.reasons |= dict.fromkeys(self.kept - best, why)
         self.kept = best
 
-    def _against_given(self, choice: Items) -> tuple[float, float]:
-        """How much worse than by the scene as given left-out parts are predicted, by each of the two measures."""
-        by_rows = float(np.mean(self.refits.chi_square(choice) - self.refits.chi_square(NOTHING)))
+    def _against_given(self, choice: Items, judging: Flags) -> tuple[float, float]:
+        """How much worse than by the scene as given the `judging` parts are predicted, by each of the two measures."""
+        by_rows = float(np.mean((self.refits.chi_square(choice) - self.refits.chi_square(NOTHING))[judging]))
         if self.predictions is None:
             return by_rows, by_rows
         worse = self._errors(choice).worse_than(self._errors(NOTHING))
         difference = self._surprisal(choice) - self._surprisal(NOTHING)
-        simulated, likelihood = (values[np.isfinite(values)] for values in (worse, difference))
+        simulated, likelihood = (values[np.isfinite(values) & judging] for values in (worse, difference))
         return (
             float(np.mean(simulated)) if len(simulated) else by_rows,
             float(np.mean(likelihood)) if len(likelihood) else by_rows,
@@ -176,16 +179,16 @@ class _Elimination:
             if held:
                 start = replace(start, unknown=self.refits.prior_mean, free=(), held=True)
             fitted = unbiased_fit(problem, start)
+            if held:
+                # held by a prior that is narrow, not of width zero
+                fitted = replace(fitted, model=replace(fitted.model, unknown=self.refits.prior_mean))
         left = tuple((model.effects[k], reason) for k, reason in sorted(self.reasons.items()) if k != UNKNOWNS)
         return Selection(fitted, left, self.reasons.get(UNKNOWNS, "") if held else "", tuple(self.records))
 
     def _judged(self, item: int, gains: Array) -> float:
         """The mean of `gains` (p,) over the parts that tell something of the item; infinite where none does."""
-        shown = self._shown(item)
+        shown = self.refits.shown(item)
         return float(np.mean(gains[shown])) if np.any(shown) else np.inf
-
-    def _shown(self, item: int) -> Flags:
-        return self.refits.shown_by_others(item)
 
     def _drop(self, item: int, record: Record) -> None:
         self.kept = self.kept - {item}
