@@ -1,23 +1,37 @@
 """What goes into the corrected scene: it predicts parts of the training recordings that were left out."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
 
 from drake_cafim.diagnosis.diagnose import _Predictions
 from drake_cafim.diagnosis.fit.fitting import fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.left_out.law_words import words_of
+from drake_cafim.diagnosis.left_out.learned import learn
 from drake_cafim.diagnosis.left_out.parts import Part, parts_of
 from drake_cafim.diagnosis.left_out.refits import UNKNOWNS, Refits
 from drake_cafim.diagnosis.left_out.selection import Selection, select
 from drake_cafim.diagnosis.preparation import PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.given_effects import fit_given
-from drake_cafim.effects.effect import Effect
+from drake_cafim.diagnosis.trace import Record
+from drake_cafim.effects.effect import Effect, JointSamples
 from drake_cafim.effects.joint import JointSpring, JointViscousFriction
+from drake_cafim.effects.learned_force import LearnedForce, Term, table_name
+from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
+from drake_cafim.report.artifacts import write_scene
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -203,3 +217,114 @@ def test_a_part_holds_the_rows_of_its_recordings() -> None:
     runs = [_Run("a", np.arange(3.0)), _Run("b", np.arange(2.0))]
     assert Part((1,)).rows(runs).tolist() == [False, False, False, True, True]
     assert Part((0,), 1.0, 2.0).rows(runs).tolist() == [False, True, False, False, False]
+
+
+Learning = tuple[Scene, tuple[LearnedForce, ...], list[Record]]
+
+
+def learning_from(folder: Path, *forces: Callable[[Array], float]) -> Learning:
+    """What is learned from a recording of the mass under each of the `forces` of its state, N, that no effect names."""
+    prepared = prepare(scene(folder), [pushed(str(seed), seed, force) for seed, force in enumerate(forces)])
+    problem, fitted = fit_given(prepared.problem(), Model(np.zeros(0)))
+    assert isinstance(problem, WeakProblem)
+    return (prepared.scene, *learn(problem, fitted.model, _Predictions(prepared, fitted)))
+
+
+def pushed(name: str, seed: int, force: Callable[[Array], float]) -> Recording:
+    """The mass under sines of effort and a `force`."""
+    rng = np.random.default_rng(seed)
+    time = STEP * np.arange(1500)
+    # an effort that begins and ends a swing at rest, so that all recordings keep to about the same range
+    phase = 2.0 * np.pi * rng.integers(0, 2) / 2.0
+    u = 6.0 * np.cos(2 * np.pi * 0.9 * time + phase) + 3.0 * np.cos(2 * np.pi * 0.5 * time + phase)
+    state, states = np.zeros(2), []
+    for effort in u:
+        states.append(state)
+        for _ in range(FINER):
+            middle = state + 0.5 * STEP / FINER * np.array([state[1], 0.5 * (effort + force(state))])
+            state = state + STEP / FINER * np.array([middle[1], 0.5 * (effort + force(middle))])
+    q, v = np.array(states).T
+    q, v = q + NOISE[0] * rng.normal(size=len(q)), v + NOISE[1] * rng.normal(size=len(v))
+    return Recording(name, time, {"q.rail": q, "v.rail": v, "u.rail": u})
+
+
+def odd_friction(state: Array) -> float:
+    """Friction that depends on the place."""
+    return float(-1.5 * (1.0 + 0.5 * np.cos(5.0 * state[0])) * np.tanh(state[1] / 0.05))
+
+
+def test_what_has_no_name_is_learned_as_a_table(tmp_path: Path) -> None:
+    given, laws, records = learning_from(tmp_path, *[odd_friction] * 3)
+    [law] = laws
+    moved = pushed("another", 5, odd_friction).columns
+    q, v = moved["q.rail"], moved["v.rail"]
+    true = np.array([odd_friction(state) for state in np.stack([q, v], axis=1)])
+    found = law.force(JointSamples(q, v, 0.0 * q)).value
+    # on a motion that it was not learned from, the starting swing included
+    assert np.sqrt(np.mean((found - true) ** 2)) < 0.2 * np.sqrt(np.mean(true**2))
+    assert "rail" in words_of(law, given.tree) and "N" in words_of(law, given.tree)
+    assert records[-1].step == "learn" and records[-1].passed
+
+
+def test_where_nothing_remains_nothing_is_learned(tmp_path: Path) -> None:
+    assert learning_from(tmp_path, *[lambda state: 0.0] * 3)[1] == ()
+
+
+def test_a_law_that_drifts_is_not_learned(tmp_path: Path) -> None:
+    forces = (lambda state: -0.4 * float(state[1]), lambda state: 0.4 * float(state[1]))
+    assert learning_from(tmp_path, *forces, *forces)[1] == ()
+
+
+def test_the_slopes_of_a_table_are_those_of_its_values() -> None:
+    x = tuple(float(value) for value in np.linspace(-1.0, 1.0, 41))
+    wave = tuple(float(np.sin(3.0 * value)) for value in x)
+    law = LearnedForce("rail", {}, (Term("q", x, wave), Term("v", x, wave), Term("q, sign v", x, wave, 0.1)))
+    q, v, small = np.array([-0.31, 0.12, 2.0]), np.array([0.21, -0.33, 0.52]), 1e-7
+    force = law.force(JointSamples(q, v, 0.0 * q))
+    by_q = (law.force(JointSamples(q + small, v, q)).value - force.value) / small
+    by_v = (law.force(JointSamples(q, v + small, q)).value - force.value) / small
+    np.testing.assert_allclose(force.d_q, by_q, atol=1e-5)
+    np.testing.assert_allclose(force.d_v, by_v, atol=1e-5)
+
+
+def test_a_learned_force_is_written_and_read_back_and_simulates_in_drake(tmp_path: Path) -> None:
+    x = tuple(float(value) for value in np.linspace(-1.0, 1.0, 41))
+    law = LearnedForce("rail", {}, (Term("q", x, tuple(-2.0 * value for value in x)),), table_name("rail"))
+    out = tmp_path / "out"
+    write_scene(scene(tmp_path).corrected(np.zeros(0), (law,)), out)
+    read = Scene.load(out / "scenario.corrected.yaml")
+    assert read.known == (law,)
+    write_scene(read, tmp_path / "again")
+    assert Scene.load(tmp_path / "again" / "scenario.corrected.yaml").known == (law,)
+    builder = DiagramBuilder()
+    corrected = read.add_to(builder, MultibodyPlantConfig(time_step=0.0))
+    simulator = Simulator(builder.Build())
+    context = corrected.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    corrected.plant.SetPositions(context, [0.5])
+    simulator.AdvanceTo(1.0)
+    # 2 kg on a spring of 2 N/m, as the table says within its range
+    assert corrected.plant.GetPositions(context)[0] == pytest.approx(0.5 * np.cos(1.0), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"variables": ["q", "q"], "x": [0.0, 1.0]}, "lacks the columns force, width"),
+        ({"variables": ["u", "u"], "x": [0.0, 1.0], "force": [0.0, 1.0], "width": [0.0, 0.0]}, "expected one of q, v"),
+        ({"variables": ["q", "q"], "x": [1.0, 0.0], "force": [0.0, 1.0], "width": [0.0, 0.0]}, "must increase"),
+        ({"variables": ["q"], "x": [None], "force": [0.0], "width": [0.0]}, "be finite"),
+    ],
+)
+def test_a_table_that_cannot_be_used_is_told(columns: dict[str, list[Any]], said: str, tmp_path: Path) -> None:
+    pq.write_table(pa.table(columns), tmp_path / "law.parquet")
+    with pytest.raises(InputError, match=said):
+        scene(tmp_path, "effects: [{effect: learned_force, at: rail, table: law.parquet}]\n")
+
+
+def test_a_table_that_is_missing_or_not_wanted_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"effects\[0\].table is none.parquet: there is no file"):
+        scene(tmp_path, "effects: [{effect: learned_force, at: rail, table: none.parquet}]\n")
+    with pytest.raises(InputError, match=r"effects\[0\] has a table"):
+        scene(tmp_path, "effects: [{effect: joint_viscous_friction, at: rail, coefficient: 1, table: a}]\n")
+    with pytest.raises(InputError, match="learned_force has no table"):
+        scene(tmp_path, "effects: [{effect: learned_force, at: rail}]\n")

@@ -196,8 +196,8 @@ def test_the_sentence_names_the_key_and_what_was_expected(
 @pytest.mark.parametrize(
     ("path", "value", "sentence"),
     [
-        (("effects", 0), {"effect": "learned_force", "at": "elbow", "table": "law.parquet"},
-         "effects[0].effect is learned_force, which is not supported"),
+        (("effects", 0), {"effect": "contact_law", "at": "tool/wall", "law": "paper"},
+         "effects[0].effect is contact_law, which is not supported"),
     ],
 )  # fmt: skip
 def test_what_is_not_built_yet_is_refused_by_name(

@@ -1,6 +1,7 @@
 """Assembles the verdict of a judgement: explanations, rivals, parameters, locations, and figures of fit."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.stats import norm
@@ -9,6 +10,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.effort_scale import effort_scale_notes
+from drake_cafim.diagnosis.left_out.law_words import words_of
 from drake_cafim.diagnosis.left_out.selection import Selection
 from drake_cafim.diagnosis.likelihood.efficiency import efficiencies
 from drake_cafim.diagnosis.preparation import PreparedRecordings
@@ -21,6 +23,7 @@ from drake_cafim.diagnosis.verdict import (
     Comparison,
     Correction,
     Explanation,
+    Learned,
     LeftOut,
     Location,
     Mismatch,
@@ -31,6 +34,7 @@ from drake_cafim.diagnosis.verdict import (
     Verdict,
 )
 from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.learned_force import table_name
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.scenario.inertials import INERTIALS, PHYSICAL, LinkInertials, distance_together
 from drake_cafim.scenario.unknown import UnknownParameter, inertials
@@ -60,10 +64,13 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, selection: Se
     else:
         locations = found
     kept = selection.fitted
-    corrected = scene.corrected(kept.model.unknown, kept.model.effects)
+    laws = tuple(law.in_file(table_name(law.at)) for law in selection.learned)
+    corrected = scene.corrected(kept.model.unknown, (*kept.model.effects, *laws))
     notes = (*prepared.notes, *judgement.notes, *where, *(() if prepared.moves else (NOTHING_MOVES,)))
     progress("simulating with and without the effects")
-    comparisons = comparisons_of(prepared, [outcome.nominal, kept])
+    # a law has no strengths, so that the covariance is that of the named model
+    whole = replace(kept, model=kept.model.with_effects(laws))
+    comparisons = comparisons_of(prepared, [outcome.nominal, whole, *([kept] if laws else [])])
     train, *held_out = comparisons
     bound, unbounded = bounds_of(prepared, best.model)
     explanation, unknown_std = _explanations(scene, outcome, best, bound)
@@ -105,6 +112,7 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, selection: Se
             tuple(LeftOut(effect.name, effect.at, why) for effect, why in selection.left_out),
             selection.unknowns_held,
         ),
+        learned=tuple(Learned(law, words_of(law, scene.tree)) for law in laws),
     )
 
 
@@ -239,7 +247,7 @@ def _inertials_of(
 
 
 def comparisons_of(prepared: PreparedRecordings, fits: Sequence[Fit]) -> list[Comparison]:
-    """For each group of recordings, the figures of fit of the scene as given and of the two `fits`."""
+    """For each group of recordings, the figures of fit of the scene as given and of the two or three `fits`."""
     priors, n = prepared.scene.priors, len(prepared.scene.unknown)
     candidates = [(Model(priors.mean), np.diag(priors.std**2))]
     candidates += [(fit.model, np.diag(priors.std**2) if fit.model.held else fit.covariance[:n, :n]) for fit in fits]

@@ -12,6 +12,8 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.left_out.learned import learn
 from drake_cafim.diagnosis.left_out.parts import Part
 from drake_cafim.diagnosis.left_out.selection import Selection, everything, select
 from drake_cafim.diagnosis.predict.forecast import Forecast
@@ -112,11 +114,20 @@ def _select(
         return everything(best), ()
 
     progress("predicting left-out parts of the recordings")
-    predictions = _Predictions(prepared, best) if judgement.kind == "unexplained" else None
-    selection = compute(lambda: select(judgement.outcome.problem, best, predictions))
+    problem, unexplained = judgement.outcome.problem, judgement.kind == "unexplained"
+    predictions = _Predictions(prepared, best)
+    selection = compute(lambda: select(problem, best, predictions if unexplained else None))
     if isinstance(selection, NotComputable):
         return everything(best), (f"which effects predict left-out parts better is not known: {selection.reason}",)
-    return selection, ()
+    if not unexplained or judgement.adequate or prepared.mistakes or not isinstance(problem, WeakProblem):
+        return selection, ()
+    progress("learning what remains")
+    model = selection.fitted.model
+    learned = compute(lambda: learn(problem, model, predictions))
+    if isinstance(learned, NotComputable):
+        return selection, (f"laws without a name cannot be learned: {learned.reason}",)
+    laws, records = learned
+    return replace(selection, learned=laws, records=(*selection.records, *records)), ()
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ class Record:
     - `unknown_forces`, `wider_windows`: whether a further search is started, and whether its result is accepted;
     - `correct`: whether a part of what was found goes into the corrected scene, by how well it predicts training parts
       that are left out;
+    - `learn`: whether a force without a name at a joint is learned, and stays, by the same measures;
     - `verdict`: the kind of the verdict.
     """
 

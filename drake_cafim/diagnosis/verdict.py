@@ -6,6 +6,7 @@ from typing import Literal
 
 from drake_cafim.diagnosis.trace import Record
 from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.learned_force import LearnedForce
 from drake_cafim.numerics.rounding import rounded
 from drake_cafim.scene.scene import Scene
 
@@ -162,15 +163,20 @@ class Quality:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The quality of three models on the same recordings: as given, with unknowns fitted, and with effects added."""
+    """The quality of three models on the same recordings: as given, with unknowns fitted, and corrected.
+
+    `named` is that of the corrected one without its learned laws, None where it has none.
+    """
 
     nominal_as_given: Quality
     nominal: Quality
     corrected: Quality
+    named: Quality | None = None
 
     def missing(self, group: str) -> tuple[str, ...]:
         """Notes on each figure that cannot be computed, and why; `group` is "train" or "held_out"."""
         models = {"nominal_as_given": self.nominal_as_given, "nominal": self.nominal, "corrected": self.corrected}
+        models |= {} if self.named is None else {"named": self.named}
         return tuple(f"fit.{group}.{name}.{why}" for name, model in models.items() for why in model.missing)
 
 
@@ -186,6 +192,14 @@ class LeftOut:
     def key(self) -> tuple[str, str]:
         """The effect's name and its place."""
         return self.effect, self.at
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A law without a name, and in words what it looks like."""
+
+    law: LearnedForce
+    words: str
 
 
 @dataclass(frozen=True)
@@ -218,6 +232,7 @@ class Verdict:
       and `rmse`, of simulations over 1 s, by column and in its unit.
     - `corrected`: the scene with those of the accepted effects and fitted unknowns that predict training recordings
       that were left out better; `correction` says what is not in it, and why.
+    - `learned`: laws without a name that it contains besides, each with `words` on what it looks like.
     - `data_mistakes`: mistakes of the recordings themselves; `noise_remarks`: where the noise is not as stated;
       `notes`: what was read, what was left out, which figure cannot be computed (NaN here, null in a report) and why.
     - `noise`: by column the std of one sample, stated or estimated, in SI units.
@@ -247,6 +262,12 @@ class Verdict:
     adequate: bool = False
     noise: Mapping[str, ChannelNoise] = field(default_factory=dict)
     correction: Correction = field(default_factory=Correction)
+    learned: tuple[Learned, ...] = ()
+
+    @property
+    def changed(self) -> bool:
+        """Whether there are effects or learned laws to show beside the nominal model."""
+        return bool(self.explanation or self.learned)
 
     @property
     def unknown_values(self) -> dict[tuple[str, str, str | None], float]:
@@ -266,12 +287,14 @@ def sentence(verdict: Verdict) -> str:
 def _correction(verdict: Verdict) -> list[str]:
     """A sentence on what was found and is not in the corrected scene; none where all is."""
     correction = verdict.correction
+    learned = [f"Learned without a name: {'; '.join(law.words for law in verdict.learned)}."] if verdict.learned else []
     if correction.as_given and (verdict.explanation or verdict.parameters):
         return ["The corrected scene is the one given: nothing that was found predicts left-out recordings better."]
     named = " and ".join(f"{left.effect.replace('_', ' ')} at {left.at}" for left in correction.left_out)
     unknowns = ["the unknown parameters as fitted"] if correction.unknowns_held else []
     parts = ", ".join([*([named] if named else []), *unknowns])
-    return [f"Not in the corrected scene, since left-out recordings are not predicted better: {parts}."] * bool(parts)
+    left = [f"Not in the corrected scene, since left-out recordings are not predicted better: {parts}."] * bool(parts)
+    return [*left, *learned]
 
 
 def mistakes_sentence(mistakes: Sequence[str]) -> str:

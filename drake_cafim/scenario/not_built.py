@@ -7,10 +7,7 @@ from drake_cafim.errors import InputError
 KEYS: Mapping[tuple[str, str], str] = {}
 """(dataclass of the schema, key) to the feature's name in messages."""
 UNKNOWNS = ()
-EFFECTS = (
-    "contact_law",
-    "learned_force",
-)
+EFFECTS = ("contact_law",)
 
 
 def refuse_key(kind: str, name: str, key: str) -> None:

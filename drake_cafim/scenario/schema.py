@@ -114,6 +114,7 @@ class EffectEntry:
     parameters: dict[str, float] = dc.field(default_factory=dict, metadata={"flat": True})
     interval: list[float] = dc.field(default_factory=list, metadata={"length": 2})  # s; of external_disturbance
     recording: str | None = None  # of external_disturbance: the recording in which it acts; left out: in each
+    table: str | None = None  # of learned_force: the file of its terms, relative to the scenario's
 
 
 @dc.dataclass

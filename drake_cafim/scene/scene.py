@@ -18,6 +18,7 @@ from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
 from drake_cafim.dynamics.tree import Tree, tree_of
 from drake_cafim.effects.catalogue import EFFECTS, vocabulary_with
 from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.learned_force import LearnedForce
 from drake_cafim.errors import InputError
 from drake_cafim.parameters import Parameters
 from drake_cafim.recordings.recording import Recording
@@ -193,7 +194,9 @@ class Scene:
         bare = Physics(self.tree, np.array(self.scenario.gravity, dtype=float), contacts, servos=servos)
         sensors = [name for name in self.scenario.channels if name.startswith(("wrench.", "pose."))]
         of_model = tuple(model_effects(self.stated, self.tree, self.vocabulary))
-        stated = known_effects(self.scenario.effects, bare, self.vocabulary, sensors, self.name)
+        stated = known_effects(
+            self.scenario.effects, bare, self.vocabulary, sensors, self.name, self.folder, self.known
+        )
         other = effects_of_unknowns(self.scenario.unknown, stated, bare, self.vocabulary, sensors, self.name)
         scenario = replace(
             self.scenario,
@@ -382,7 +385,8 @@ def _entry(effect: Effect) -> EffectEntry:
     if (episode := effect.episode) is not None:
         interval = [values.pop("start"), values.pop("stop")]
         return EffectEntry(effect.name, effect.at, values, interval, episode.recording)
-    return EffectEntry(effect.name, effect.at, values)
+    table = effect.table if isinstance(effect, LearnedForce) else None
+    return EffectEntry(effect.name, effect.at, values, table=table)
 
 
 def _check_supported(plant: MultibodyPlant, name: str) -> None:

@@ -1,11 +1,13 @@
 """Writes the choice of what goes into the corrected scene as records of a trace."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from drake_cafim.diagnosis.trace import NOMINAL, Record, spoken
 from drake_cafim.numerics.rounding import rounded
 
-STEP = "correct"
+STEP, LEARN = "correct", "learn"
 UNKNOWNS = "the unknowns as fitted"
 """What `Record.asked` says of the unknowns, all together."""
 BEATEN = "without it, all that is kept predicts left-out parts still better"
@@ -57,6 +59,27 @@ def against_given(passed: bool, scores: tuple[float, float], simulated: bool) ->
         side = "higher" if worst > 0.0 else "lower"
         words = f"with all that is kept, χ² of left-out parts is {side} by {rounded(abs(worst), 3)} than as given"
     return Record(STEP, NOMINAL, worst, 0.0, passed, words, "left-out parts, against the scene as given")
+
+
+def learned_by_rows(joint: str, variables: Sequence[str], gain: float, parts: int) -> Record:
+    """A law without a name at `joint`, of these `variables`, that lowers the mean χ² of left-out parts by `gain`."""
+    words = (
+        f"a force of {' + '.join(variables)} at {joint}, learned without them, lowers χ² of left-out parts by "
+        f"{rounded(gain, 3)} in the mean of {parts}"
+    )
+    return Record(LEARN, f"learned_force@{joint}", gain, 0.0, True, words, "lower χ² of left-out parts")
+
+
+def learned_together(joints: Sequence[str], passed: bool, scores: tuple[float, float]) -> Record:
+    """Whether the laws at `joints` together predict left-out parts better than the names alone, by both measures."""
+    percent = 100.0 * np.expm1(scores[0])
+    words = (
+        f"against the names alone, the learned forces at {', '.join(joints)} simulate left-out parts with errors "
+        f"{'larger' if percent > 0.0 else 'smaller'} by {rounded(abs(percent), 2)} %, and −ln likelihood of a sample "
+        f"is {'higher' if scores[1] > 0.0 else 'lower'} by {rounded(abs(scores[1]), 3)}"
+    )
+    asked = " + ".join(f"learned_force@{joint}" for joint in joints)
+    return Record(LEARN, asked, max(scores), 0.0, passed, words, "left-out parts, against the names alone")
 
 
 def _spoken(asked: str) -> str:

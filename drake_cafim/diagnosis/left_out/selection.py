@@ -15,10 +15,18 @@ from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.left_out import decisions
 from drake_cafim.diagnosis.left_out.parts import Part, parts_of
 from drake_cafim.diagnosis.left_out.refits import UNKNOWNS, Items, Refits
-from drake_cafim.diagnosis.left_out.simulations import Errors, Predictions, both_horizons, errors_over, mean_of_known
+from drake_cafim.diagnosis.left_out.simulations import (
+    Errors,
+    Predictions,
+    both_horizons,
+    errors_over,
+    mean_of_known,
+    mean_with_error,
+)
 from drake_cafim.diagnosis.predict.forecast import SHORT_HORIZON
 from drake_cafim.diagnosis.trace import Record
 from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.learned_force import LearnedForce
 from drake_cafim.typing import Array, Flags
 
 NOTHING: Items = frozenset()
@@ -35,11 +43,17 @@ class Selection:
     unknowns_held: str = ""
     """Why the unknowns stay as given; empty where they are fitted, or where there are none."""
     records: tuple[Record, ...] = ()
+    learned: tuple[LearnedForce, ...] = ()
+    """Laws without a name that the corrected scene has besides."""
 
     @property
     def as_given(self) -> bool:
         """Whether the corrected scene is the one given."""
-        return not self.fitted.model.effects and (self.fitted.model.held or not len(self.fitted.model.unknown))
+        return (
+            not self.learned
+            and not self.fitted.model.effects
+            and (self.fitted.model.held or not len(self.fitted.model.unknown))
+        )
 
 
 def everything(fitted: Fit) -> Selection:
@@ -100,7 +114,7 @@ class _Elimination:
         for item in sorted(gains, key=lambda k: (gains[k], k)):
             worse = self._errors(self.kept).worse_than(self._errors(self.kept - {item}))
             worse = np.where(self.refits.shown(item), worse, np.nan)
-            record = decisions.by_simulation(self._name(item), *_with_error(worse), "1 s")
+            record = decisions.by_simulation(self._name(item), *mean_with_error(worse), "1 s")
             if record.passed:
                 self.records.append(record)
                 break
@@ -115,7 +129,7 @@ class _Elimination:
             outcomes = {}
             for item in tried:
                 worse = mean_of_known(now - self._short(self.kept - {item}))
-                outcomes[item] = _with_error(np.where(self.refits.shown(item), worse, np.nan))
+                outcomes[item] = mean_with_error(np.where(self.refits.shown(item), worse, np.nan))
                 gains[item] = -outcomes[item][0]
             records = {k: decisions.by_simulation(self._name(k), *found, "0.1 s") for k, found in outcomes.items()}
             worst = min(tried, key=lambda k: (gains[k], k))
@@ -213,12 +227,3 @@ class _Elimination:
             models = [self.refits.model(kept, part) for part in range(len(self.parts))]
             self.simulated[kept] = both_horizons(self.predictions, models, self.parts)
         return self.simulated[kept]
-
-
-def _with_error(values: Array) -> tuple[float, float]:
-    """The mean of the known `values` (p,) and its standard error; (0, 0) where none is known, which decides nothing."""
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return 0.0, 0.0
-    error = float(np.std(known, ddof=1) / np.sqrt(len(known))) if len(known) > 1 else 0.0
-    return float(np.mean(known)), error

@@ -53,6 +53,15 @@ def mean_of_known(values: Array) -> Array:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
+def mean_with_error(values: Array) -> tuple[float, float]:
+    """The mean of the known `values` (p,) and its standard error; (0, 0) where none is known, which decides nothing."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return 0.0, 0.0
+    error = float(np.std(known, ddof=1) / np.sqrt(len(known))) if len(known) > 1 else 0.0
+    return float(np.mean(known)), error
+
+
 def errors_over(
     predictions: Predictions, models: Sequence[Model], parts: Sequence[Part], horizon: float
 ) -> tuple[Array, Flags]:
