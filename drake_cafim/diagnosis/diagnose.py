@@ -12,7 +12,6 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
-from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.left_out.learned import learn
 from drake_cafim.diagnosis.left_out.parts import Part
 from drake_cafim.diagnosis.left_out.selection import Selection, everything, select
@@ -119,7 +118,7 @@ def _select(
     selection = compute(lambda: select(problem, best, predictions if unexplained else None))
     if isinstance(selection, NotComputable):
         return everything(best), (f"which effects predict left-out parts better is not known: {selection.reason}",)
-    if not unexplained or judgement.adequate or prepared.mistakes or not isinstance(problem, WeakProblem):
+    if not unexplained or judgement.adequate or prepared.mistakes:
         return selection, ()
     progress("learning what remains")
     model = selection.fitted.model

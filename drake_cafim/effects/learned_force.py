@@ -1,7 +1,7 @@
 """A force at a joint as a table of what was learned, without a name: the sum of terms of position and velocity."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -56,8 +56,15 @@ class LearnedForce(JointForce):
     words: ClassVar[str] = "is what remains at the joint, as a table, without a name"
 
     @property
-    def key(self) -> tuple[str, str]:
-        return (self.name, self.at)
+    def law_table(self) -> Mapping[str, Sequence[float | str]]:
+        """`variables`, `x` rad or rad/s (m, m/s), `force` N m (N) and `width` rad/s (m/s), a row a point."""
+        points = [(term, x, force) for term in self.terms for x, force in zip(term.x, term.force, strict=True)]
+        return {
+            "variables": [term.variables for term, _, _ in points],
+            "x": [x for _, x, _ in points],
+            "force": [force for _, _, force in points],
+            "width": [term.width for term, _, _ in points],
+        }
 
     def with_values(self, values: Mapping[str, float] | Array) -> Self:
         """Itself: it has no strengths."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.verdict import Verdict
-from drake_cafim.effects.learned_force import LearnedForce, table_name
+from drake_cafim.effects.learned_force import table_name
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.output import write_text
 from drake_cafim.recordings.recording import Recording
@@ -83,9 +83,9 @@ def write_scene(scene: Scene, out: Path) -> None:
     """Writes the scene's scenario into `out`, with the tables of its learned forces."""
     entries = []
     for entry, effect in zip(scene.scenario.effects, scene.known, strict=True):
-        if isinstance(effect, LearnedForce):
+        if effect.law_table:
             entry = replace(entry, table=table_name(effect.at))
-            write_law(out / table_name(effect.at), effect)
+            write_law(out / table_name(effect.at), effect.law_table)
         entries.append(entry)
     write_text(out / CORRECTED, as_yaml(replace(scene.scenario, effects=entries), scene.folder, out))
 

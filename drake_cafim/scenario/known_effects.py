@@ -48,7 +48,7 @@ def known_effects(
 
 def _learned(
     entry: EffectEntry, physics: Physics, folder: Path | None, laws: Sequence[Effect], key: str
-) -> LearnedForce | None:
+) -> Effect | None:
     """The learned force that the entry states, None where it states another effect."""
     if entry.effect != LearnedForce.name:
         if entry.table is not None:
@@ -58,7 +58,7 @@ def _learned(
         raise InputError(f"{key}: learned_force has no table, expected the file of its terms")
     if entry.parameters or entry.interval or entry.recording is not None:
         raise InputError(f"{key}: learned_force has parameters, expected only at and table")
-    known = [law for law in laws if isinstance(law, LearnedForce) and (law.at, law.table) == (entry.at, entry.table)]
+    known = [law for law in laws if (law.name, law.at, law.table) == (entry.effect, entry.at, entry.table)]
     law = known[0] if known else read_law(entry.at, (folder or Path()) / entry.table, entry.table, key)
     _check_place(law, physics, (), f"{key}.at")
     return law

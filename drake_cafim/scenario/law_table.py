@@ -1,5 +1,6 @@
 """Tables of learned forces: Parquet files with the columns `variables`, `x`, `force` and `width`."""
 
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
@@ -14,11 +15,9 @@ from drake_cafim.output import replacing
 COLUMNS = ("variables", "x", "force", "width")
 
 
-def write_law(path: Path, law: LearnedForce) -> None:
-    """Writes the terms of `law`, a row a point: x in rad or rad/s (m, m/s), force in N m (N), width in rad/s (m/s)."""
-    points = [(term, x, force) for term in law.terms for x, force in zip(term.x, term.force, strict=True)]
-    rows = [(term.variables, x, force, term.width) for term, x, force in points]
-    table = pa.table({name: [row[k] for row in rows] for k, name in enumerate(COLUMNS)})
+def write_law(path: Path, columns: Mapping[str, Sequence[float | str]]) -> None:
+    """Writes the `law_table` of a learned force."""
+    table = pa.table({name: list(values) for name, values in columns.items()})
     with replacing(path) as temporary:
         pq.write_table(table, temporary)
 

@@ -18,7 +18,6 @@ from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
 from drake_cafim.dynamics.tree import Tree, tree_of
 from drake_cafim.effects.catalogue import EFFECTS, vocabulary_with
 from drake_cafim.effects.effect import Effect
-from drake_cafim.effects.learned_force import LearnedForce
 from drake_cafim.errors import InputError
 from drake_cafim.parameters import Parameters
 from drake_cafim.recordings.recording import Recording
@@ -385,8 +384,7 @@ def _entry(effect: Effect) -> EffectEntry:
     if (episode := effect.episode) is not None:
         interval = [values.pop("start"), values.pop("stop")]
         return EffectEntry(effect.name, effect.at, values, interval, episode.recording)
-    table = effect.table if isinstance(effect, LearnedForce) else None
-    return EffectEntry(effect.name, effect.at, values, table=table)
+    return EffectEntry(effect.name, effect.at, values, table=effect.table or None)
 
 
 def _check_supported(plant: MultibodyPlant, name: str) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.left_out import decisions
 from drake_cafim.diagnosis.left_out.law_terms import Candidate, candidates
 from drake_cafim.diagnosis.left_out.parts import Part, parts_of
@@ -79,7 +79,7 @@ class _Products:
 class Learning:
     """The laws that are learned beside a named model, by joint, and the records of how they were chosen."""
 
-    problem: WeakProblem
+    problem: SearchProblem
     model: Model
     predictions: Predictions
     chosen: dict[str, tuple[_Products, list[tuple[int, float]]]] = field(default_factory=dict)
@@ -102,10 +102,10 @@ class Learning:
         """Chooses the terms of each joint by the rows of left-out parts."""
         z, samples = self.problem.rows_of(self.model), self.problem.law_samples(self.model)
         masks = [part.rows(self.problem.runs) for part in self.parts]
-        taken = {effect.at for effect in self.problem.scene.known if isinstance(effect, LearnedForce)}
+        taken = {effect.at for effect in self.problem.scene.known if effect.law_table}
         for j, name in enumerate(self.problem.scene.tree.joint_names):
             own = [recording[j] for recording in samples]
-            terms = [] if name in taken else candidates(own)
+            terms = [] if name in taken or not own else candidates(own)
             if not terms:
                 continue
             columns = [np.concatenate([term.columns(part) for term in terms], axis=1) for part in own]
@@ -172,7 +172,7 @@ def _greedy(products: _Products) -> list[tuple[int, float]]:
 
 
 def learn(
-    problem: WeakProblem, model: Model, predictions: Predictions
+    problem: SearchProblem, model: Model, predictions: Predictions
 ) -> tuple[tuple[LearnedForce, ...], list[Record]]:
     """The laws that `model`, the named one, lacks at its joints, and the records of their choice."""
     learning = Learning(problem, model, predictions)
