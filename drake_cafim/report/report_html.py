@@ -87,12 +87,13 @@ def page_of(
     without = _nominal_physics(verdict, outcome)
     unknown = outcome.problem.scene.vector_of(verdict.unknown_values)
     pictures, effects = outcome.problem.pictures, tuple(accepted.effect for accepted in verdict.explanation)
-    effects = (*effects, *(learned.law for learned in verdict.learned))
     changed, drawn = verdict.changed, Drawing()
     maps = drawn("the map of misfits", lambda: pictures.maps(Model(unknown), Model(unknown, effects))) or []
     shown = worst_first(maps)
     figures = {
-        "heat_map": drawn("the map of misfits", lambda: residual_figure(shown, pictures.row_labels, with_after=changed))
+        "heat_map": drawn(
+            "the map of misfits", lambda: residual_figure(shown, pictures.row_labels, with_after=bool(effects))
+        )
         if maps
         else None,
         "effects": _effects(verdict, outcome, without, corrected, drawn),

@@ -6,6 +6,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.trace import NOMINAL, Record, spoken
 from drake_cafim.numerics.rounding import rounded
+from drake_cafim.typing import Array
 
 STEP, LEARN = "correct", "learn"
 UNKNOWNS = "the unknowns as fitted"
@@ -70,16 +71,21 @@ def learned_by_rows(joint: str, variables: Sequence[str], gain: float, parts: in
     return Record(LEARN, f"learned_force@{joint}", gain, 0.0, True, words, "lower χ² of left-out parts")
 
 
-def learned_together(joints: Sequence[str], passed: bool, scores: tuple[float, float]) -> Record:
-    """Whether the laws at `joints` together predict left-out parts better than the names alone, by both measures."""
+def learned_together(joints: Sequence[str], passed: bool, scores: tuple[float, float], parts: Array) -> Record:
+    """Whether the laws at `joints` together predict left-out parts better than the names alone, by both measures.
+
+    `scores` are the means of these over the parts, `parts` both of each part.
+    """
     percent = 100.0 * np.expm1(scores[0])
     words = (
         f"against the names alone, the learned forces at {', '.join(joints)} simulate left-out parts with errors "
         f"{'larger' if percent > 0.0 else 'smaller'} by {rounded(abs(percent), 2)} %, and −ln likelihood of a sample "
-        f"is {'higher' if scores[1] > 0.0 else 'lower'} by {rounded(abs(scores[1]), 3)}"
+        f"is {'higher' if scores[1] > 0.0 else 'lower'} by {rounded(abs(scores[1]), 3)}, in the mean; in "
+        f"{'each' if passed else 'not each'} of the parts both are better"
     )
     asked = " + ".join(f"learned_force@{joint}" for joint in joints)
-    return Record(LEARN, asked, max(scores), 0.0, passed, words, "left-out parts, against the names alone")
+    worst = float(np.max(parts, initial=-np.inf))
+    return Record(LEARN, asked, worst, 0.0, passed, words, "left-out parts, against the names alone")
 
 
 def _spoken(asked: str) -> str:
