@@ -193,19 +193,6 @@ def test_the_sentence_names_the_key_and_what_was_expected(
     assert refusal(folder, changed(*path, value=value)).startswith(sentence)
 
 
-@pytest.mark.parametrize(
-    ("path", "value", "sentence"),
-    [
-        (("effects", 0), {"effect": "learned_force", "at": "elbow", "table": "law.parquet"},
-         "effects[0].effect is learned_force, which is not supported"),
-    ],
-)  # fmt: skip
-def test_what_is_not_built_yet_is_refused_by_name(
-    folder: Path, path: tuple[Any, ...], value: Any, sentence: str
-) -> None:
-    assert refusal(folder, changed(*path, value=value)).startswith(sentence)
-
-
 def test_the_friction_of_a_contact_without_it_is_no_unknown(folder: Path) -> None:
     scenario = yaml.safe_load(SCENARIO)
     (contact,) = scenario["contact"]

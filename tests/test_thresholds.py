@@ -42,8 +42,11 @@ ITERATIONS = {
 ROUNDING = {
     # what stands for zero or infinity, or is lost in rounding
     "fit/fitting.py": "NOTHING_KNOWN LEAST_INFORMATION",
-    "fit/model.py": "FREE_PRIOR_STD_RATIO",
+    "fit/model.py": "FREE_PRIOR_STD_RATIO HELD_PRIOR_STD_RATIO",
     "fit/robust_covariance.py": "LARGEST_VARIANCE ROUNDING LEAST_SHARE",
+    "left_out/refits.py": "RIDGE",
+    "left_out/learned.py": "FAINT",
+    "left_out/law_terms.py": "LEAST_RANGE",
     "likelihood/linearised.py": "FREE_POSITION FREE_VELOCITY",
     "noise/stated.py": "LEAST_STD",
     "rows/adjustment.py": "LEAST_STD",
@@ -58,6 +61,8 @@ APPROXIMATION = {
     # steps of differences, nodes, coefficients, and where a series, a memory or a mean of draws is cut off
     "joints/other_inertia.py": "INSTANTS",
     "joints/pulses.py": "TAIL DECAYED_SHARE",
+    "left_out/learned.py": "SMOOTHNESS",
+    "left_out/law_terms.py": "DEGREE PIECES POINTS NEAR_ZERO WIDTH_SHARE",
     "likelihood/coordinates.py": "DIFFERENCE SHAPE_STD",
     "likelihood/flow.py": "LONGEST_STEP LONGEST_CONTACT_STEP",
     "likelihood/linearised.py": "READING_STEP",
@@ -105,6 +110,7 @@ DERIVED = {
 FIGURES = {
     # what figures and words of the report are defined by; the verdict does not read them
     "notes/effort_scale.py": "DETERMINED",
+    "left_out/law_words.py": "REPEATING_SHARE FEWEST_PERIODS MOST_PERIODS STEP_SHARE",
     "predict/whole_run.py": "DEGREE",
     "predict/forecast.py": "HORIZON SHORT_HORIZON BOUNDLESS",
     "predict/initial_state.py": "LOOK_BACK",
@@ -122,6 +128,8 @@ STRUCTURE = {
     # sizes of things, how many there are, and numbers that stand for names
     "search/cuts.py": "BLOCKS _HALVES",
     "fit/adequacy.py": "KINDS",
+    "left_out/parts.py": "MOST_PARTS",
+    "left_out/refits.py": "UNKNOWNS",
     "rows/inertial_regressor.py": "INERTIAL",
     "rows/test_functions.py": "OVERLAPPING",
     "tosses/arc_rows.py": "FIRST",

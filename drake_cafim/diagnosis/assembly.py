@@ -9,6 +9,8 @@ from scipy.stats import norm
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.left_out.law_words import words_of
+from drake_cafim.diagnosis.left_out.selection import Selection
 from drake_cafim.diagnosis.likelihood.efficiency import efficiencies
 from drake_cafim.diagnosis.notes.effort_scale import effort_scale_notes
 from drake_cafim.diagnosis.preparation import PreparedRecordings
@@ -19,7 +21,10 @@ from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.thresholds import RIVAL_EXCESS_CHI_SQUARE
 from drake_cafim.diagnosis.verdict import (
     Comparison,
+    Correction,
     Explanation,
+    Learned,
+    LeftOut,
     Location,
     Mismatch,
     NominalParameter,
@@ -29,24 +34,23 @@ from drake_cafim.diagnosis.verdict import (
     Verdict,
 )
 from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.learned_force import table_name
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.scenario.inertials import INERTIALS, PHYSICAL, LinkInertials, distance_together
 from drake_cafim.scenario.unknown import UnknownParameter, inertials
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
-COMPENSATING = (
-    "fitted without the missing physics, the unknowns compensate for it and predict these recordings worse than the "
-    "values as given, which the corrected scenario keeps"
-)
-
 FAR_ALIKE = "with a value far from its prior it changes the measurements alike"
 NOTHING_MOVES = "nothing moves in the recordings beyond its noise, so that no effect was looked for"
 Progress = Callable[[str], None]
 
 
-def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Progress) -> Verdict:
-    """The verdict by a judgement of `prepared` recordings; a figure that cannot be computed is NaN, with a note."""
+def verdict_of(prepared: PreparedRecordings, judgement: Judgement, selection: Selection, progress: Progress) -> Verdict:
+    """The verdict by a judgement of `prepared` recordings, with what was selected of it in the corrected scene.
+
+    A figure that cannot be computed is NaN, with a note.
+    """
     scene, outcome, best, kind = prepared.scene, judgement.outcome, judgement.best, judgement.kind
     # locate what remains, or, once all is explained, what the nominal physics lacks at the fitted unknowns
     lacking = best.model if kind == "unexplained" else Model(best.model.unknown)
@@ -59,14 +63,14 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Pro
         where = (f"mismatch.locations cannot be computed: {found.reason}",)
     else:
         locations = found
-    corrected = scene.corrected(best.model.unknown, best.model.effects)
+    kept = selection.fitted
+    laws = tuple(law.in_file(table_name(law.at)) for law in selection.learned)
+    corrected = scene.corrected(kept.model.unknown, (*kept.model.effects, *laws))
     notes = (*prepared.notes, *judgement.notes, *where, *(() if prepared.moves else (NOTHING_MOVES,)))
     progress("simulating with and without the effects")
-    comparisons = comparisons_of(prepared, [outcome.nominal, best])
-    given, fitted = comparisons[0].nominal_as_given.nll, comparisons[0].corrected.nll
-    if kind == "unexplained" and not best.model.effects and fitted > given:
-        corrected, notes = scene.corrected(scene.priors.mean, ()), (*notes, COMPENSATING)
-        comparisons = [replace(comparison, corrected=comparison.nominal_as_given) for comparison in comparisons]
+    # a law has no strengths, so that the covariance is that of the named model
+    whole = replace(kept, model=kept.model.with_effects(laws))
+    comparisons = comparisons_of(prepared, [outcome.nominal, whole, *([kept] if laws else [])])
     train, *held_out = comparisons
     bound, unbounded = bounds_of(prepared, best.model)
     explanation, unknown_std = _explanations(scene, outcome, best, bound)
@@ -103,6 +107,12 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Pro
         far=far,
         adequate=judgement.adequate,
         noise=prepared.channel_noise,
+        correction=Correction(
+            selection.as_given,
+            tuple(LeftOut(effect.name, effect.at, why) for effect, why in selection.left_out),
+            selection.unknowns_held,
+        ),
+        learned=tuple(Learned(law, words_of(law, scene.tree)) for law in laws),
     )
 
 
@@ -237,10 +247,10 @@ def _inertials_of(
 
 
 def comparisons_of(prepared: PreparedRecordings, fits: Sequence[Fit]) -> list[Comparison]:
-    """For each group of recordings, the figures of fit of the scene as given and of the two `fits`."""
+    """For each group of recordings, the figures of fit of the scene as given and of the two or three `fits`."""
     priors, n = prepared.scene.priors, len(prepared.scene.unknown)
     candidates = [(Model(priors.mean), np.diag(priors.std**2))]
-    candidates += [(fit.model, fit.covariance[:n, :n]) for fit in fits]
+    candidates += [(fit.model, np.diag(priors.std**2) if fit.model.held else fit.covariance[:n, :n]) for fit in fits]
     found: list[list[Quality]] = []
     for k, (model, covariance) in enumerate(candidates):
         # where nothing is missing, two of the three are the same

@@ -12,6 +12,10 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.left_out.learned import learn
+from drake_cafim.diagnosis.left_out.parts import Part
+from drake_cafim.diagnosis.left_out.selection import Selection, everything, select
+from drake_cafim.diagnosis.predict.forecast import Forecast
 from drake_cafim.diagnosis.preparation import PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.conclusion import record_conclusion, record_data_mistake
 from drake_cafim.diagnosis.search.given_effects import fit_given
@@ -93,9 +97,53 @@ def examine(
         if again is None or isinstance(again, NotComputable):
             break
         prepared, judgement, trace = again
-    verdict = verdict_of(prepared, judgement, progress)
-    trace.of_search(judgement.search).add(*record_conclusion(verdict, judgement))
+    selection, unselected = _select(prepared, judgement, progress)
+    judgement = replace(judgement, notes=(*judgement.notes, *unselected))
+    verdict = verdict_of(prepared, judgement, selection, progress)
+    trace.of_search(judgement.search).add(*selection.records, *record_conclusion(verdict, judgement))
     return replace(verdict, trace=trace.records), judgement.outcome
+
+
+def _select(
+    prepared: PreparedRecordings, judgement: Judgement, progress: Progress
+) -> tuple[Selection, tuple[str, ...]]:
+    """What goes into the corrected scene, and a note where that cannot be computed."""
+    best = judgement.best
+    if judgement.kind == "none":
+        return everything(best), ()
+
+    progress("predicting left-out parts of the recordings")
+    problem, unexplained = judgement.outcome.problem, judgement.kind == "unexplained"
+    predictions = _Predictions(prepared, best)
+    selection = compute(lambda: select(problem, best, predictions if unexplained else None))
+    if isinstance(selection, NotComputable):
+        return everything(best), (f"which effects predict left-out parts better is not known: {selection.reason}",)
+    if not unexplained or judgement.adequate or prepared.mistakes:
+        return selection, ()
+    progress("learning what remains")
+    model = selection.fitted.model
+    learned = compute(lambda: learn(problem, model, predictions))
+    if isinstance(learned, NotComputable):
+        return selection, (f"laws without a name cannot be learned: {learned.reason}",)
+    laws, records = learned
+    return replace(selection, learned=laws, records=(*selection.records, *records)), ()
+
+
+@dataclass(frozen=True)
+class _Predictions:
+    """Predictions of parts of the recordings that `fitted` is of."""
+
+    prepared: PreparedRecordings
+    fitted: Fit
+
+    def simulate(self, model: Model, part: Part, horizon: float) -> list[Forecast]:
+        return self.prepared.simulated(model, part.recordings, (part.begin, part.end), horizon)
+
+    def surprisal(self, model: Model, part: Part) -> float:
+        priors, n = self.prepared.scene.priors, len(model.unknown)
+        given = np.array_equal(model.unknown, priors.mean)
+        covariance = np.diag(priors.std**2) if given else self.fitted.covariance[:n, :n]
+        return self.prepared.surprisal(model, covariance, part.recordings, (part.begin, part.end))
 
 
 def _with_less_noise(

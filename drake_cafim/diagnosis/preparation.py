@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.joints.effort_noise import effort_noise, effort_notes, with_std
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.joints.quality import qualities
+from drake_cafim.diagnosis.joints.quality import qualities, surprisal
 from drake_cafim.diagnosis.likelihood.efficiency import bounds
 from drake_cafim.diagnosis.likelihood.finish import finish
 from drake_cafim.diagnosis.noise.coloured import (
@@ -26,6 +26,7 @@ from drake_cafim.diagnosis.noise.quantised import quantised_memories
 from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
 from drake_cafim.diagnosis.noise.stated import needed_columns, noise_of
 from drake_cafim.diagnosis.notes.recording_notes import mistakes_of, notes_of, notes_on_unknown_joints
+from drake_cafim.diagnosis.predict.forecast import Forecast, forecasts_within
 from drake_cafim.diagnosis.rows.samples import moves, samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_SETTLED
@@ -85,6 +86,24 @@ class PreparedRecordings(Protocol):
         """The figures of fit of `model` on the recordings, and on those held out where there are any.
 
         `covariance` (n, n) is that of its unknowns.
+        """
+        ...
+
+    def simulated(
+        self, model: Model, recordings: Sequence[int], within: tuple[float, float], horizon: float
+    ) -> list[Forecast]:
+        """The recordings with these numbers, simulated by `model` in those windows of `horizon` s that begin `within`.
+
+        `within` is a begin and an end, s, the end not included. A recording without such a window has no forecast.
+        """
+        ...
+
+    def surprisal(
+        self, model: Model, covariance: Array, recordings: Sequence[int], within: tuple[float, float]
+    ) -> float:
+        """−ln likelihood of innovations, the mean over the samples `within`; NaN where it cannot be computed.
+
+        `covariance` (n, n) is that of the unknowns.
         """
         ...
 
@@ -155,6 +174,18 @@ class Prepared:
     def problem(self) -> WeakProblem:
         """The recordings' equations, whitened under the model as given."""
         return WeakProblem.of(self.scene, self.weak, Model(self.scene.priors.mean))
+
+    def simulated(
+        self, model: Model, recordings: Sequence[int], within: tuple[float, float], horizon: float
+    ) -> list[Forecast]:
+        """The recordings with these numbers, simulated in those windows of `horizon` s that begin `within`."""
+        return forecasts_within([self.weak[k] for k in recordings], model.physics(self.scene), horizon, within)
+
+    def surprisal(
+        self, model: Model, covariance: Array, recordings: Sequence[int], within: tuple[float, float]
+    ) -> float:
+        """−ln likelihood of innovations, the mean over the samples `within`; NaN where it cannot be computed."""
+        return surprisal([self.weak[k] for k in recordings], self.scene, model, covariance, within)
 
     def qualities(self, model: Model, covariance: Array) -> list[Quality]:
         """The figures of fit of `model` on the recordings, and on those held out where there are any.

@@ -230,6 +230,10 @@ UNKNOWN_MOVE_IN_PRIOR_STDS = 0.3
 """Change of an unknown parameter, in prior standard deviations, beyond which the noise covariance is computed again.
 Unit: 1. Not calibrated: chosen."""
 
+LEFT_OUT_SEEN_CHI_SQUARE = 9.0
+"""Change of χ² by what was found, in a part that is left out or in the recordings outside it, below which they do not
+show it, so that the part says nothing of it. Unit: 1. Source: three standard deviations."""
+
 # Recordings of joints
 
 MEASURED_FORCE_EXCESS_SHARE_LEFT = 0.05

@@ -33,6 +33,9 @@ class Record:
     - `support`: whether an explanation that leaves more than noise removes more of the misfit than it leaves;
     - `far_unknown`: an unknown parameter too far from its prior, which is a mismatch by itself;
     - `unknown_forces`, `wider_windows`: whether a further search is started, and whether its result is accepted;
+    - `correct`: whether a part of what was found goes into the corrected scene, by how well it predicts training parts
+      that are left out;
+    - `learn`: whether a force without a name at a joint is learned, and stays, by the same measures;
     - `verdict`: the kind of the verdict.
     """
 

@@ -6,6 +6,7 @@ from typing import Literal
 
 from drake_cafim.diagnosis.trace import Record
 from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.learned_force import LearnedForce
 from drake_cafim.numerics.rounding import rounded
 from drake_cafim.scene.scene import Scene
 
@@ -162,16 +163,54 @@ class Quality:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The quality of three models on the same recordings: as given, with unknowns fitted, and with effects added."""
+    """The quality of three models on the same recordings: as given, with unknowns fitted, and corrected.
+
+    `named` is that of the corrected one without its learned laws, None where it has none.
+    """
 
     nominal_as_given: Quality
     nominal: Quality
     corrected: Quality
+    named: Quality | None = None
 
     def missing(self, group: str) -> tuple[str, ...]:
         """Notes on each figure that cannot be computed, and why; `group` is "train" or "held_out"."""
         models = {"nominal_as_given": self.nominal_as_given, "nominal": self.nominal, "corrected": self.corrected}
+        models |= {} if self.named is None else {"named": self.named}
         return tuple(f"fit.{group}.{name}.{why}" for name, model in models.items() for why in model.missing)
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A named effect that is not in the corrected scene, and why; the evidence that names it stands."""
+
+    effect: str
+    at: str
+    why: str
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """The effect's name and its place."""
+        return self.effect, self.at
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A law without a name, and in words what it looks like."""
+
+    law: LearnedForce
+    words: str
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What of the findings the corrected scene contains: that which predicts left-out training parts better."""
+
+    as_given: bool = False
+    """Whether it is the scene as given, with none of them."""
+    left_out: tuple[LeftOut, ...] = ()
+    unknowns_held: str = ""
+    """Why its unknowns keep the values given; empty where they have the fitted ones, or where there are none."""
 
 
 @dataclass(frozen=True)
@@ -191,8 +230,9 @@ class Verdict:
     - `train` and `held_out` (None where nothing was held out): three models compared, `nominal_as_given`, `nominal`
       with the unknowns fitted and `corrected` with the effects too. Each has `nll`, of one-step innovations a sample,
       and `rmse`, of simulations over 1 s, by column and in its unit.
-    - `corrected`: the scene with its unknowns as fitted and the accepted effects added. If none is accepted although
-      something is missing, and the unknowns as given predict the recordings better, it keeps the given unknowns.
+    - `corrected`: the scene with those of the accepted effects and fitted unknowns that predict training recordings
+      that were left out better; `correction` says what is not in it, and why.
+    - `learned`: laws without a name that it contains besides, each with `words` on what it looks like.
     - `data_mistakes`: mistakes of the recordings themselves; `noise_remarks`: where the noise is not as stated;
       `notes`: what was read, what was left out, which figure cannot be computed (NaN here, null in a report) and why.
     - `noise`: by column the std of one sample, stated or estimated, in SI units.
@@ -221,6 +261,13 @@ class Verdict:
     far: tuple[NominalParameter, ...] = ()
     adequate: bool = False
     noise: Mapping[str, ChannelNoise] = field(default_factory=dict)
+    correction: Correction = field(default_factory=Correction)
+    learned: tuple[Learned, ...] = ()
+
+    @property
+    def changed(self) -> bool:
+        """Whether there are effects or learned laws to show beside the nominal model."""
+        return bool(self.explanation or self.learned)
 
     @property
     def unknown_values(self) -> dict[tuple[str, str, str | None], float]:
@@ -232,9 +279,22 @@ class Verdict:
 
 
 def sentence(verdict: Verdict) -> str:
-    """The verdict in words, followed by the remarks on noise."""
+    """The verdict in words, followed by what the corrected scene lacks of it, and by the remarks on noise."""
     remarks = [f"{remark[0].upper()}{remark[1:]}." for remark in verdict.noise_remarks]
-    return " ".join([_finding(verdict), *remarks])
+    return " ".join([_finding(verdict), *_correction(verdict), *remarks])
+
+
+def _correction(verdict: Verdict) -> list[str]:
+    """A sentence on what was found and is not in the corrected scene; none where all is."""
+    correction = verdict.correction
+    learned = [f"Learned without a name: {'; '.join(law.words for law in verdict.learned)}."] if verdict.learned else []
+    if correction.as_given and (verdict.explanation or verdict.parameters):
+        return ["The corrected scene is the one given: nothing that was found predicts left-out recordings better."]
+    named = " and ".join(f"{left.effect.replace('_', ' ')} at {left.at}" for left in correction.left_out)
+    unknowns = ["the unknown parameters as fitted"] if correction.unknowns_held else []
+    parts = ", ".join([*([named] if named else []), *unknowns])
+    left = [f"Not in the corrected scene, since left-out recordings are not predicted better: {parts}."] * bool(parts)
+    return [*left, *learned]
 
 
 def mistakes_sentence(mistakes: Sequence[str]) -> str:

@@ -279,6 +279,16 @@ class Effect(ABC):
         return strength.unit
 
     @property
+    def law_table(self) -> Mapping[str, Sequence[float | str]]:
+        """Columns of the file that states its law in a scenario; empty where its parameters do."""
+        return {}
+
+    @property
+    def table(self) -> str:
+        """Name of that file; empty where there is none."""
+        return ""
+
+    @property
     def settling(self) -> float | None:
         """Time constant s with which its state before the first sample decays; None for an effect without a state."""
         return None

@@ -1,12 +1,14 @@
 """Writes the files of a diagnosis: report.json, report.html, scenario.corrected.yaml, replay.html, and MCAP."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
 
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.verdict import Verdict
+from drake_cafim.effects.learned_force import table_name
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.output import write_text
 from drake_cafim.recordings.recording import Recording
@@ -14,7 +16,9 @@ from drake_cafim.report.recording_mcap import write_recording_mcap
 from drake_cafim.report.recording_replay import RecordingReplay, write_recording_replay
 from drake_cafim.report.report_html import write_report_page
 from drake_cafim.report.report_json import as_text, report_of
+from drake_cafim.scenario.law_table import write_law
 from drake_cafim.scenario.scenario_yaml import as_yaml
+from drake_cafim.scene.scene import Scene
 
 REPORT, PAGE, REPLAY = "report.json", "report.html", "replay.html"
 CORRECTED = "scenario.corrected.yaml"
@@ -48,7 +52,7 @@ def write_artifacts(
     replay, mcap = replay and shown is not None, mcap and shown is not None
     scene = verdict.corrected
     files = {"corrected_scenario": CORRECTED, "html": PAGE}
-    write_text(out / CORRECTED, as_yaml(scene.scenario, scene.folder, out))
+    write_scene(scene, out)
     # the report is written before the pictures, so that a failure to draw them cannot lose the verdict
     write_text(out / REPORT, as_text(report_of(verdict, (), None, files, notes=notes)))
     notes += write_report_page(out / PAGE, verdict, outcome, held_out, command)
@@ -75,6 +79,17 @@ def write_artifacts(
     return report
 
 
+def write_scene(scene: Scene, out: Path) -> None:
+    """Writes the scene's scenario into `out`, with the tables of its learned forces."""
+    entries = []
+    for entry, effect in zip(scene.scenario.effects, scene.known, strict=True):
+        if effect.law_table:
+            entry = replace(entry, table=table_name(effect.at))
+            write_law(out / table_name(effect.at), effect.law_table)
+        entries.append(entry)
+    write_text(out / CORRECTED, as_yaml(replace(scene.scenario, effects=entries), scene.folder, out))
+
+
 def replay_of(verdict: Verdict, outcome: Outcome, recording: Recording) -> RecordingReplay | None:
     """The recording, the model with its unknowns as fitted, and that model with the accepted effects, for a replay.
 
@@ -84,7 +99,7 @@ def replay_of(verdict: Verdict, outcome: Outcome, recording: Recording) -> Recor
     if weak is None:
         return None
     nominal = scene.physics_at(scene.vector_of(verdict.unknown_values))
-    corrected = verdict.corrected.physics if verdict.explanation else None
+    corrected = verdict.corrected.physics if verdict.changed else None
     shares: dict[str, float] = {}
     for location in verdict.mismatch.standing:
         shares[location.name] = shares.get(location.name, 0.0) + location.share

@@ -25,6 +25,7 @@ from drake_cafim.report import colours, wording
 from drake_cafim.report.forecast_figure import Forecasts, forecast_figure, telling_columns
 from drake_cafim.report.law_figures import law_picture
 from drake_cafim.report.laws import law_of
+from drake_cafim.report.learned_figure import learned_figure
 from drake_cafim.report.next_experiment import next_experiment
 from drake_cafim.report.quality_tables import effort_summary, quality_tables
 from drake_cafim.report.remains_figure import remains_figure
@@ -86,14 +87,24 @@ def page_of(
     without = _nominal_physics(verdict, outcome)
     unknown = outcome.problem.scene.vector_of(verdict.unknown_values)
     pictures, effects = outcome.problem.pictures, tuple(accepted.effect for accepted in verdict.explanation)
-    changed, drawn = bool(verdict.explanation), Drawing()
+    changed, drawn = verdict.changed, Drawing()
     maps = drawn("the map of misfits", lambda: pictures.maps(Model(unknown), Model(unknown, effects))) or []
     shown = worst_first(maps)
     figures = {
-        "heat_map": drawn("the map of misfits", lambda: residual_figure(shown, pictures.row_labels, with_after=changed))
+        "heat_map": drawn(
+            "the map of misfits", lambda: residual_figure(shown, pictures.row_labels, with_after=bool(effects))
+        )
         if maps
         else None,
         "effects": _effects(verdict, outcome, without, corrected, drawn),
+        "learned": [
+            {
+                "at": learned.law.at,
+                "words": learned.words,
+                "svg": drawn("a learned law", partial(learned_figure, learned.law, verdict.corrected.tree)),
+            }
+            for learned in verdict.learned
+        ],
         "remains": drawn("what remains", lambda: _remains(verdict, outcome, corrected)) or [],
         "forecast": drawn("the simulation", lambda: _forecast(verdict, outcome, held_out, corrected)),
     }
@@ -144,7 +155,7 @@ def _nominal_physics(verdict: Verdict, outcome: Outcome) -> Physics:
 def _tiles(verdict: Verdict) -> list[dict[str, str]]:
     """The figures at the top of the page: χ², simulation error, residual of inverse dynamics, p-value."""
     before, after = verdict.reduced_chi_square
-    changed = bool(verdict.explanation)
+    changed = verdict.changed
     fit = wording.rounded(before) + (f" → {wording.rounded(after)}" if changed else "")
     tiles = [{"figure": fit, "what": "mean square misfit in units of the noise variance; noise alone gives 1"}]
     comparison = verdict.held_out or verdict.train
@@ -231,6 +242,9 @@ def _effects(
                 "law": law,
                 "probability": wording.probability(accepted.probability),
                 "cuts": None if accepted.cuts is None else f"{100.0 * accepted.cuts:.0f} %",
+                "absent": next(
+                    (left.why for left in verdict.correction.left_out if left.key == accepted.effect.key), ""
+                ),
                 "unsure": accepted.cuts is not None and accepted.cuts < CUTS_SHARE_SURE,
                 "strengths": [
                     {
@@ -281,8 +295,8 @@ def _forecast(
     nominal = pictures.forecast(recording, outcome.nominal.model.physics(outcome.problem.scene))
     if len(nominal.time) == 0:
         raise FloatingPointError(f"{wording.short(recording.name)} is too short")
-    forecasts = Forecasts(nominal, pictures.forecast(recording, corrected) if verdict.explanation else None)
-    corrected_quality = comparison.corrected if verdict.explanation else None
+    forecasts = Forecasts(nominal, pictures.forecast(recording, corrected) if verdict.changed else None)
+    corrected_quality = comparison.corrected if verdict.changed else None
     columns = telling_columns(comparison.nominal, corrected_quality, forecasts.nominal.measured, 3)
     units = {column: unit_of(verdict, column) for column in columns}
     return {

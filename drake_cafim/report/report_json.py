@@ -51,6 +51,7 @@ def _report_of(
             "fit": fit,
             "noise": noise_entries(noticed.noise) if noticed else {},
             "trace": [],
+            "learned": [],
             "notes": [*(noticed.notes if noticed else ()), *notes],
             "next_experiment": None,
             "files": dict(files),
@@ -95,6 +96,14 @@ def _report_of(
             for rival in verdict.rivals
         ],
         "parameters": parameters_of(verdict.parameters),
+        "correction": {
+            "as_given": verdict.correction.as_given,
+            "unknowns": "as given" if verdict.correction.as_given or verdict.correction.unknowns_held else "fitted",
+            "left_out": [
+                {"effect": left.effect, "at": left.at, "why": left.why} for left in verdict.correction.left_out
+            ],
+            **({"why_as_given": verdict.correction.unknowns_held} if verdict.correction.unknowns_held else {}),
+        },
         "fit": {
             "train": comparison_of(verdict.train),
             "held_out": None if verdict.held_out is None else comparison_of(verdict.held_out),
@@ -102,6 +111,15 @@ def _report_of(
         "noise": noise_entries(verdict.noise),
         "reduced_chi_square": {"nominal": verdict.reduced_chi_square[0], "corrected": verdict.reduced_chi_square[1]},
         "trace": [record.as_json() for record in verdict.trace],
+        "learned": [
+            {
+                "at": learned.law.at,
+                "variables": [term.variables for term in learned.law.terms],
+                "words": learned.words,
+                "file": learned.law.table,
+            }
+            for learned in verdict.learned
+        ],
         "notes": [*verdict.notes, *notes],
         "next_experiment": verdict.next_experiment,
         "files": dict(files),
@@ -196,6 +214,7 @@ def comparison_of(comparison: Comparison) -> dict[str, Any]:
         "nominal_as_given": _quality(comparison.nominal_as_given),
         "nominal": _quality(comparison.nominal),
         "corrected": _quality(comparison.corrected),
+        **({} if comparison.named is None else {"named": _quality(comparison.named)}),
     }
 
 

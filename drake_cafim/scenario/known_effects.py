@@ -1,13 +1,15 @@
 """Effects that a scenario states: from the entries of `effects:` to effects with their values."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect, Place
+from drake_cafim.effects.learned_force import LearnedForce
 from drake_cafim.effects.stated import stated_values
 from drake_cafim.errors import InputError
 from drake_cafim.numerics.ranges import ANY
-from drake_cafim.scenario import not_built
+from drake_cafim.scenario.law_table import read_law
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import CHANNELS, EffectEntry
 
@@ -21,23 +23,44 @@ def known_effects(
     vocabulary: Sequence[type[Effect]],
     channels: Iterable[str],
     source: str,
+    folder: Path | None = None,
+    laws: Sequence[Effect] = (),
 ) -> list[Effect]:
     """The effects of `entries`, in their order.
 
     `vocabulary` holds the effect classes that may be named, `channels` the scenario's sensors (`wrench.wrist`,
-    `pose.ball`). Raises `InputError` that names `source` (the file) and the key for an unknown effect, place or
-    parameter, for a value out of range, and for an effect that is stated twice.
+    `pose.ball`). Tables of learned forces are in `folder`; those among `laws` are not read again. Raises `InputError`
+    that names `source` (the file) and the key for an unknown effect, place or parameter, for a value out of range, and
+    for an effect that is stated twice.
     """
     effects: list[Effect] = []
     channels = tuple(channels)
     for i, entry in enumerate(entries):
         key = f"{source}: effects[{i}]"
-        effect = known_effect(entry, physics, vocabulary, channels, key)
+        effect = _learned(entry, physics, folder, laws, key) or known_effect(entry, physics, vocabulary, channels, key)
         twice = [k for k, other in enumerate(effects) if other == effect or _same(other, effect)]
         if twice:
             raise InputError(f"{key} states {effect.name} at {effect.at} a second time, after effects[{twice[0]}]")
         effects.append(effect)
     return effects
+
+
+def _learned(
+    entry: EffectEntry, physics: Physics, folder: Path | None, laws: Sequence[Effect], key: str
+) -> Effect | None:
+    """The learned force that the entry states, None where it states another effect."""
+    if entry.effect != LearnedForce.name:
+        if entry.table is not None:
+            raise InputError(f"{key} has a table, which only a learned_force has")
+        return None
+    if not entry.table:
+        raise InputError(f"{key}: learned_force has no table, expected the file of its terms")
+    if entry.parameters or entry.interval or entry.recording is not None:
+        raise InputError(f"{key}: learned_force has parameters, expected only at and table")
+    known = [law for law in laws if (law.name, law.at, law.table) == (entry.effect, entry.at, entry.table)]
+    law = known[0] if known else read_law(entry.at, (folder or Path()) / entry.table, entry.table, key)
+    _check_place(law, physics, (), f"{key}.at")
+    return law
 
 
 def known_effect(
@@ -93,7 +116,6 @@ def _named_law(entry: EffectEntry, kind: type[Effect], key: str) -> dict[str, fl
 
 def effect_class(name: str, vocabulary: Sequence[type[Effect]], key: str) -> type[Effect]:
     """The class of the vocabulary of this name; raises `InputError` that names `key` where there is none."""
-    not_built.refuse_value(name, not_built.EFFECTS, key)
     try:
         return effect_named(name, vocabulary)
     except InputError as error:

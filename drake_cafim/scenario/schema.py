@@ -12,7 +12,6 @@ from pydrake.common.yaml import yaml_load_typed
 from drake_cafim.errors import InputError
 from drake_cafim.numerics.ranges import Range, number
 from drake_cafim.recordings.topics import Topic, check_topics
-from drake_cafim.scenario import not_built
 from drake_cafim.scenario.shape import conform
 from drake_cafim.yaml_file import read_mapping
 
@@ -115,6 +114,7 @@ class EffectEntry:
     interval: list[float] = dc.field(default_factory=list, metadata={"length": 2})  # s; of external_disturbance
     recording: str | None = None  # of external_disturbance: the recording in which it acts; left out: in each
     law: str | None = None  # of contact_law: the law of the contact, hydroelastic
+    table: str | None = None  # of learned_force: the file of its terms, relative to the scenario's
 
 
 @dc.dataclass
@@ -219,7 +219,6 @@ def load(path: Path, name: str = "") -> Scenario:
 
 def parse(raw: dict[str, Any], source: str) -> Scenario:
     """The scenario in the mapping `raw`; `source` names it in messages."""
-    _refuse_later_effects(raw, source)
     plain = conform(raw, Scenario, f"{source}: ")
     free: dict[str, Any] = {key: plain.pop(key) for key in FREE if key in plain}
     servo = plain.pop("servo", None)
@@ -234,14 +233,6 @@ def parse(raw: dict[str, Any], source: str) -> Scenario:
         scenario.servo = ServoEntry(**servo, supply=None if supply is None else Supply(**supply))
     _check(scenario, source)
     return scenario
-
-
-def _refuse_later_effects(raw: dict[str, Any], source: str) -> None:
-    """Refuse effects of later versions before their parameters, which need not be numbers, are checked as such."""
-    entries = raw.get("effects")
-    for i, entry in enumerate(entries if isinstance(entries, list) else []):
-        if isinstance(entry, dict):
-            not_built.refuse_value(entry.get("effect"), not_built.EFFECTS, f"{source}: effects[{i}].effect")
 
 
 def _check(scenario: Scenario, source: str) -> None:
@@ -334,7 +325,6 @@ def _check_contact(pair: ContactPair, key: str) -> None:
 def _check_unknown(unknown: Unknown, key: str) -> None:
     if not unknown.parameter:
         raise InputError(f"{key} has no parameter, expected its name")
-    not_built.refuse_value(unknown.parameter, not_built.UNKNOWNS, f"{key}.parameter")
     places = [unknown.body, unknown.joint, "/".join(unknown.contact) or None, unknown.effect]
     if sum(place is not None for place in places) != 1 or (unknown.effect is None) != (unknown.at is None):
         raise InputError(f"{key} ({unknown.parameter}) needs exactly one of body, joint, contact, effect with at")

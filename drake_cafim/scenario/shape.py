@@ -13,7 +13,6 @@ from typing import Any
 
 from drake_cafim.errors import InputError
 from drake_cafim.numerics.ranges import ANY, Range
-from drake_cafim.scenario.not_built import refuse_key
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _WORDS = {str: "a text", float: "a number", bool: "true or false", int: "a whole number"}
@@ -95,7 +94,6 @@ def _dataclass(value: Any, kind: Any, key: str, name: str) -> dict[str, Any]:
     # the scenario itself has no name
     for own, item in _mapping(value, f"{key}{name}" if name else key.removesuffix(": ")).items():
         path = _path(name, own)
-        refuse_key(kind.__name__, own, f"{key}{path}")
         if own == flat and item is not None:
             found.setdefault(flat, {}).update(conform(item, hints[own], key, path, fields[own].metadata))
         elif own in fields:

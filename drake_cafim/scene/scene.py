@@ -193,7 +193,9 @@ class Scene:
         bare = Physics(self.tree, np.array(self.scenario.gravity, dtype=float), contacts, servos=servos)
         sensors = [name for name in self.scenario.channels if name.startswith(("wrench.", "pose."))]
         of_model = tuple(model_effects(self.stated, self.tree, self.vocabulary))
-        stated = known_effects(self.scenario.effects, bare, self.vocabulary, sensors, self.name)
+        stated = known_effects(
+            self.scenario.effects, bare, self.vocabulary, sensors, self.name, self.folder, self.known
+        )
         other = effects_of_unknowns(self.scenario.unknown, stated, bare, self.vocabulary, sensors, self.name)
         scenario = replace(
             self.scenario,
@@ -383,7 +385,7 @@ def _entry(effect: Effect) -> EffectEntry:
     if (episode := effect.episode) is not None:
         interval = [values.pop("start"), values.pop("stop")]
         return EffectEntry(effect.name, effect.at, values, interval, episode.recording)
-    return EffectEntry(effect.name, effect.at, values, law=law)
+    return EffectEntry(effect.name, effect.at, values, law=law, table=effect.table or None)
 
 
 def _check_supported(plant: MultibodyPlant, name: str) -> None:

@@ -14,6 +14,8 @@ from drake_cafim.typing import Array
 FREE_PRIOR_STD_RATIO = 1e4
 """Prior std of an unknown without prior, over the stated one: so wide that any recording determines it better, and
 finite, so that the information stays regular where none does."""
+HELD_PRIOR_STD_RATIO = 1e-6
+"""Prior std of unknowns that are held at their prior means, over the stated one."""
 
 Key = tuple[str, str]
 """Name of an effect or a parameter, and its place."""
@@ -27,6 +29,8 @@ class Model:
     effects: tuple[Effect, ...] = ()
     free: tuple[UnknownParameter, ...] = ()
     """Unknowns that are fitted without their priors."""
+    held: bool = False
+    """Whether the unknowns stay at their prior means, as a scenario gives them."""
 
     @property
     def keys(self) -> frozenset[Key]:
@@ -75,6 +79,8 @@ class Model:
 
     def prior_std_ratios(self, scene: Scene) -> Array:
         """(n,) factors by which the priors' standard deviations are widened."""
+        if self.held:
+            return np.full(len(scene.unknown), HELD_PRIOR_STD_RATIO)
         return np.array([FREE_PRIOR_STD_RATIO if unknown in self.free else 1.0 for unknown in scene.unknown])
 
     def physics(self, scene: Scene) -> Physics:

@@ -1,7 +1,7 @@
 """The interface of search, verdict and report to recordings of a scene, of jointed robots and of throws alike."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -10,7 +10,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.pictures import Pictures
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.verdict import Location
-from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.effect import Effect, JointSamples
 from drake_cafim.typing import Array
 
 Look = tuple[Array, Callable[[Array], Effect | None]]
@@ -49,6 +49,14 @@ class SearchProblem(Problem):
     def shape_columns(self, model: Model, position: int) -> Array | None:
         """(R + n, k) columns of the effect at `position`, where another shape's χ² follows from them; else None."""
         return None
+
+    def law_samples(self, model: Model) -> list[list[JointSamples]]:
+        """By recording and joint, the motion at which laws of joints act; no recording where there are no joints."""
+        return []
+
+    def joint_columns(self, joint: int, columns: Sequence[Array]) -> Array:
+        """Whitened rows (R, k) of forces (P, k) at a joint at the points of `law_samples`, by recording."""
+        raise TypeError(f"{type(self).__name__} has no joints")
 
     def likeliest_force(self, model: Model) -> Array | None:
         """(n,) density of white forces at the joints that maximises the likelihood of the residual under `model`.

@@ -17,7 +17,7 @@ from drake_cafim.diagnosis.rows.samples import over_wider_windows
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import WIDEST_WINDOW
 from drake_cafim.diagnosis.verdict import Location
-from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.effect import Effect, JointSamples
 from drake_cafim.typing import Array
 
 
@@ -40,6 +40,11 @@ class WeakProblem(WeakFormRows, SearchProblem):
 
     def shape_columns(self, model: Model, position: int) -> Array | None:
         return self.effect_columns(model, position) if model.effects[position].all_but_linear else None
+
+    def law_samples(self, model: Model) -> list[list[JointSamples]]:
+        """By recording and joint, the motion at the points over which laws are integrated."""
+        physics = model.physics(self.scene)
+        return [list(run.weak.law_samples(physics)) for run in self.runs]
 
     def likeliest_force(self, model: Model) -> Array:
         return force_density(self, model)

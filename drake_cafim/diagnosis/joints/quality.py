@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from functools import partial
 
+import numpy as np
+
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.doubts import doubts
 from drake_cafim.diagnosis.predict.forecast import HORIZON, SHORT_HORIZON, forecasts
@@ -28,6 +30,21 @@ def qualities(groups: Sequence[list[WeakForm]], scene: Scene, model: Model, cova
     likelihoods = filtered if isinstance(filtered, NotComputable) else _likelihoods(forms, filtered)
     efforts = [compute(partial(effort_residuals, group, physics)) for group in groups]
     return qualities_of([len(group) for group in groups], likelihoods, simulated, shortly, efforts)
+
+
+def surprisal(
+    forms: Sequence[WeakForm], scene: Scene, model: Model, covariance: Array, within: tuple[float, float]
+) -> float:
+    """−ln likelihood of innovations, the mean over samples from `within[0]` to before `within[1]`, s.
+
+    NaN where there is none, infinite where the filter is lost, since the simulation runs away.
+    """
+    filtered = compute(lambda: innovations(forms, model.physics(scene), doubts(scene, model, covariance)))
+    if isinstance(filtered, NotComputable) or any(found.lost is not None for found in filtered):
+        return float("inf")
+    own = [found.negative_log_likelihood[(found.time >= within[0]) & (found.time < within[1])] for found in filtered]
+    together = np.concatenate(own)
+    return float(np.mean(together)) if len(together) else float("nan")
 
 
 def _likelihoods(forms: Sequence[WeakForm], filtered: Sequence[Innovations]) -> list[Array | NotComputable]:

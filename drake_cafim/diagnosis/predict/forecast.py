@@ -7,7 +7,7 @@ diverged: its state is held from then on, and no later sample of that window cou
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -50,6 +50,18 @@ class Forecast:
         """(K,) samples of simulations that have not diverged."""
         return np.ones(len(self.time), dtype=bool) if self.lost is None else ~self.lost
 
+    def beginning_within(self, begin: float, end: float) -> "Forecast | None":
+        """The windows that begin from `begin` to before `end`, s; None where there is none."""
+        firsts = {int(w): float(self.time[np.argmax(self.window == w)]) for w in np.unique(self.window)}
+        kept = np.isin(self.window, [w for w, first in firsts.items() if begin <= first < end])
+        if not np.any(kept):
+            return None
+        columns = [{name: values[kept] for name, values in group.items()} for group in (self.predicted, self.measured)]
+        lost = None if self.lost is None else self.lost[kept]
+        return replace(
+            self, time=self.time[kept], window=self.window[kept], predicted=columns[0], measured=columns[1], lost=lost
+        )
+
 
 def forecast(weak: WeakForm, physics: Physics, horizon: float = HORIZON) -> Forecast:
     """The recording simulated in windows of `horizon` s, each from the state of the 50 ms before it."""
@@ -62,6 +74,29 @@ def forecasts(forms: Sequence[WeakForm], physics: Physics, horizon: float = HORI
         forms,
         physics,
         lambda weak: (window_starts(weak.samples.time, horizon), horizon),
+        lambda weak, under, start: state_at(weak.samples, weak.measurement(under), start)[:2],
+    )
+
+
+def forecasts_within(
+    forms: Sequence[WeakForm], physics: Physics, horizon: float, within: tuple[float, float]
+) -> list[Forecast]:
+    """The `forecast` of each recording over those windows that begin `within`, s, the end not included.
+
+    A recording in which no window does is left out.
+    """
+
+    def starts(weak: WeakForm) -> list[int]:
+        time = weak.samples.time
+        return [start for start in window_starts(time, horizon) if within[0] <= time[start] < within[1]]
+
+    own = [weak for weak in forms if starts(weak)]
+    if not own:
+        return []
+    return simulated_courses(
+        own,
+        physics,
+        lambda weak: (starts(weak), horizon),
         lambda weak, under, start: state_at(weak.samples, weak.measurement(under), start)[:2],
     )
 

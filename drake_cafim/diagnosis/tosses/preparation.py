@@ -9,6 +9,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.noise.coloured import Memory, estimate_memories, step_of
 from drake_cafim.diagnosis.noise.differences import correct_for_memory
+from drake_cafim.diagnosis.predict.forecast import Forecast
 from drake_cafim.diagnosis.thresholds import MOTION_NOISE_STDS
 from drake_cafim.diagnosis.tosses.arcs import arcs_of
 from drake_cafim.diagnosis.tosses.data_mistakes import data_mistakes
@@ -24,7 +25,7 @@ from drake_cafim.diagnosis.tosses.poses import (
     why_turns_matter,
 )
 from drake_cafim.diagnosis.tosses.problem import TossProblem
-from drake_cafim.diagnosis.tosses.quality import qualities
+from drake_cafim.diagnosis.tosses.quality import qualities, toss_forecasts
 from drake_cafim.diagnosis.verdict import ChannelNoise, Quality
 from drake_cafim.errors import InputError
 from drake_cafim.numerics.computation import NotComputable
@@ -84,6 +85,20 @@ class PreparedTosses:
     def finished(self, fitted: Fit) -> Fit | NotComputable:
         """A throw's rows are its whole flights already."""
         return NotComputable(OF_ARCS)
+
+    def simulated(
+        self, model: Model, recordings: Sequence[int], within: tuple[float, float], horizon: float
+    ) -> list[Forecast]:
+        """The recordings with these numbers, simulated in those windows that begin `within`; windows are of 1 s."""
+        tracks = [self.tracks[k] for k in recordings]
+        found = toss_forecasts(tracks, self.noise, model.physics(self.scene), self.body)
+        return [part for forecast in found if (part := forecast.beginning_within(*within)) is not None]
+
+    def surprisal(
+        self, model: Model, covariance: Array, recordings: Sequence[int], within: tuple[float, float]
+    ) -> float:
+        """NaN: the rows of throws are their innovations already."""
+        return float("nan")
 
     def qualities(self, model: Model, covariance: Array) -> list[Quality]:
         """The quality of `model` on the recordings, and on the held-out ones if there are any.

@@ -1,0 +1,91 @@
+"""Candidate terms of a learned law at one joint: penalized B-splines of position, of velocity, and of both.
+
+A spline of cubic pieces on even knots, its first differences penalized (Eilers, Marx, Statist. Sci. 11(2), 1996), so
+that it is flat where no recording leads; with second differences it would go on along a slope that noise gave it. The
+term of velocity has the smoothed sign tanh(v/w) beside its spline, which a step at v = 0 needs; that of position and
+direction is a spline of position times that sign.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint import SLIP_VELOCITY
+from drake_cafim.effects.learned_force import POSITION, SIDED, SPEED, Term
+from drake_cafim.typing import Array
+
+DEGREE, PIECES = 3, 24
+POINTS = 241
+"""Points of a table over the range that was recorded."""
+LEAST_RANGE = 1e-6
+"""rad (m) or rad/s (m/s): a joint that moves less than that has no law."""
+NEAR_ZERO = 3.0
+"""Widths of the smoothed sign to either side of v = 0 over which a table is finer."""
+WIDTH_SHARE = 0.02
+"""Width w over the largest speed, of 95 % of the time, that was recorded; not below that of Coulomb friction."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One term at one joint: its columns and their penalty, over the range of its variable."""
+
+    variables: str
+    lower: float
+    upper: float
+    width: float
+
+    @property
+    def penalty(self) -> Array:
+        """(c, c) Σ of squared first differences of the spline's coefficients."""
+        splines = PIECES + DEGREE
+        rises = np.diff(np.eye(splines), axis=0)
+        whole = np.zeros((self.count, self.count))
+        whole[:splines, :splines] = rises.T @ rises
+        return whole
+
+    @property
+    def count(self) -> int:
+        """The number of columns."""
+        return PIECES + DEGREE + (self.variables == SPEED)
+
+    def columns(self, joint: JointSamples) -> Array:
+        """(N, c) forces at the samples by each coefficient."""
+        if self.variables == POSITION:
+            return self._splines(joint.q)
+        sign = joint.sign(self.width).value[:, None]
+        if self.variables == SPEED:
+            return np.concatenate([self._splines(joint.v), sign], axis=1)
+        return self._splines(joint.q) * sign
+
+    def term(self, coefficients: Array) -> Term:
+        """The table of the term with these `coefficients` (c,)."""
+        x = np.linspace(self.lower, self.upper, POINTS)
+        if self.variables == SPEED:
+            near = self.width * np.linspace(-NEAR_ZERO, NEAR_ZERO, POINTS)
+            x = np.unique(np.concatenate([x, near[(near > self.lower) & (near < self.upper)]]))
+            force = self._splines(x) @ coefficients[:-1] + coefficients[-1] * np.tanh(x / self.width)
+        else:
+            force = self._splines(x) @ coefficients
+        width = self.width if self.variables == SIDED else 0.0
+        return Term(self.variables, tuple(map(float, x)), tuple(map(float, force)), width)
+
+    def _splines(self, x: Array) -> Array:
+        """(N, PIECES + DEGREE) B-splines at `x` (N,), constant beyond the range."""
+        step = (self.upper - self.lower) / PIECES
+        knots = self.lower + step * np.arange(-DEGREE, PIECES + DEGREE + 1)
+        # at the last knot itself no piece begins
+        inside = np.clip(x, self.lower, self.upper - 1e-9 * step)
+        return np.asarray(BSpline.design_matrix(inside, knots, DEGREE).toarray(), dtype=float)
+
+
+def candidates(recorded: Sequence[JointSamples]) -> list[Candidate]:
+    """The terms that the recordings of a joint allow; none where it hardly moves."""
+    q, v = (np.concatenate([getattr(part, name) for part in recorded]) for name in ("q", "v"))
+    if np.ptp(q) < LEAST_RANGE or np.ptp(v) < LEAST_RANGE:
+        return []
+    width = max(SLIP_VELOCITY.nominal, WIDTH_SHARE * float(np.quantile(np.abs(v), 0.95)))
+    ranges = {POSITION: q, SPEED: v, SIDED: q}
+    return [Candidate(name, float(x.min()), float(x.max()), width) for name, x in ranges.items()]

@@ -1,0 +1,62 @@
+"""What a learned law looks like, in words: its size, how often it repeats, whether it grows with speed."""
+
+import numpy as np
+
+from drake_cafim.dynamics.tree import Tree
+from drake_cafim.effects.learned_force import POSITION, SPEED, LearnedForce, Term
+from drake_cafim.numerics.rounding import rounded
+from drake_cafim.typing import Array
+
+REPEATING_SHARE = 0.6
+"""Share of a function's variance that one sine must hold for it to be said to repeat."""
+FEWEST_PERIODS = 1.5
+"""Periods within the recorded range below which nothing is said to repeat."""
+MOST_PERIODS = 12.0
+"""Periods within the recorded range that a law can resolve."""
+STEP_SHARE = 0.5
+"""Share of the whole change over all speeds that lies at v = 0, from which on a force is said to turn round there."""
+
+
+def words_of(law: LearnedForce, tree: Tree) -> str:
+    """A phrase on each term of the law, with the sizes in N m or N."""
+    joint = tree.joints[tree.joint_index(law.at)]
+    phrases = [_phrase(term, joint.effort_unit, joint.prismatic) for term in law.terms]
+    return f"at {law.at} a force that {', and '.join(phrases)}"
+
+
+def _phrase(term: Term, unit: str, prismatic: bool) -> str:
+    x, force = np.array(term.x), np.array(term.force)
+    size = f"{rounded(float(np.ptp(force)), 2)} {unit}"
+    if term.variables == POSITION:
+        return f"changes with position by {size}{_repeats(x, force, prismatic)}"
+    if term.variables == SPEED:
+        return _over_speed(x, force, size)
+    mean = rounded(abs(float(np.mean(force))), 2)
+    side = "against" if np.mean(force) < 0.0 else "along"
+    return f"depends on the direction, {mean} {unit} {side} the motion in the mean and changing with position by {size}"
+
+
+def _over_speed(x: Array, force: Array, size: str) -> str:
+    near = np.abs(x) <= 0.1 * np.max(np.abs(x))
+    step = float(np.ptp(force[near])) / max(float(np.ptp(force)), 1e-30)
+    slope = float(np.corrcoef(x, force)[0, 1]) if np.ptp(force) > 0.0 else 0.0
+    side = "opposes the motion" if slope < 0.0 else "goes with the motion"
+    turned = ", mostly by a step where the motion turns round" if step > STEP_SHARE else ""
+    return f"{side} and changes over the speeds by {size}{turned}"
+
+
+def _repeats(x: Array, force: Array, prismatic: bool) -> str:
+    """How often the function repeats, where one sine holds most of its variance."""
+    span, varied = float(x[-1] - x[0]), force - np.polyval(np.polyfit(x, force, 1), x)
+    best, share = 0.0, 0.0
+    for periods in np.arange(FEWEST_PERIODS, MOST_PERIODS, 0.1):
+        angle = 2.0 * np.pi * periods / span * x
+        columns = np.stack([np.cos(angle), np.sin(angle), np.ones_like(x)], axis=1)
+        left = varied - columns @ np.linalg.lstsq(columns, varied, rcond=None)[0]
+        found = 1.0 - float(left @ left) / max(float(np.sum((varied - varied.mean()) ** 2)), 1e-30)
+        if found > share:
+            best, share = periods / span, found
+    if share < REPEATING_SHARE or np.var(varied) < REPEATING_SHARE * np.var(force):
+        return ""
+    each = f"every {rounded(1.0 / best, 2)} m" if prismatic else f"{rounded(2.0 * np.pi * best, 2)} times a turn"
+    return f" and repeats {each}"

@@ -1,0 +1,30 @@
+"""The figure of a learned law: each of its terms over the range that was recorded."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from drake_cafim.dynamics.tree import Tree
+from drake_cafim.effects.learned_force import POSITION, SIDED, SPEED, LearnedForce
+from drake_cafim.report.colours import CORRECTED
+from drake_cafim.report.svg import as_svg, page_style
+
+WIDTH, HEIGHT = 9.4, 2.3
+"""Size of the figure in inches; the terms share its width."""
+
+
+def learned_figure(law: LearnedForce, tree: Tree) -> str:
+    """SVG: a panel for each term, its force over position or velocity."""
+    joint = tree.joints[tree.joint_index(law.at)]
+    labels = {
+        POSITION: f"position ({joint.position_unit})",
+        SPEED: f"velocity ({joint.position_unit}/s)",
+        SIDED: f"position ({joint.position_unit}), moving in the positive direction",
+    }
+    with page_style():
+        figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
+        panels = figure.subplots(1, len(law.terms), squeeze=False, sharey=True)[0]
+        for axes, term in zip(panels, law.terms, strict=True):
+            axes.plot(np.array(term.x), np.array(term.force), color=CORRECTED)
+            axes.set_xlabel(labels[term.variables])
+        panels[0].set_ylabel(f"force ({joint.effort_unit})")
+        return as_svg(figure, f"the learned force at {law.at}")
