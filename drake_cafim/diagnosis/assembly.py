@@ -98,7 +98,7 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, progress: Pro
         notes=notes,
         reduced_chi_square=(
             outcome.nominal.reduced_chi_square,
-            best.reduced_chi_square,
+            best.reduced_chi_square if judgement.left is None else judgement.left,
         ),
         far=far,
         adequate=judgement.adequate,
