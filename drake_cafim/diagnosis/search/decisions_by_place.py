@@ -17,6 +17,34 @@ def record_wald(model: Model, effect: Effect, statistic: float, threshold: float
     return _record("admit", model, effect, statistic, threshold, passed, words, "Wald statistic")
 
 
+def record_share(model: Model, effect: Effect, share: float, least: float) -> Record:
+    """An effect that removes too little of the misfit at its place to stand out of what nobody knows there."""
+    words = (
+        f"it removes a share of {short(share)} of χ² from the rows that it explains best; because more than noise and "
+        f"white forces remain, at least {short(least)} is required, so it is dropped"
+    )
+    return _record("admit", model, effect, share, least, False, words, "share of misfit")
+
+
+def record_improved(model: Model, effect: Effect, share: float, least: float) -> Record:
+    """An effect that makes up for something else, and so helps in some recordings only."""
+    words = (
+        f"it improves the fit in a share of {short(share)} of the recordings, or of their quarters; at least "
+        f"{short(least)} is required, so it is dropped"
+    )
+    return _record("admit", model, effect, share, least, False, words, "share of recordings")
+
+
+def record_likelihood(larger: Model, smaller: Model, lead: float) -> Record:
+    """Whether an explanation is accepted; `lead` is its criterion beyond that of the one before."""
+    passed = lead < 0.0
+    words = (
+        f"under the forces that each leaves unknown, the information criterion is {short(abs(lead))} "
+        f"{'lower' if passed else 'higher'} than before, so it is {'accepted' if passed else 'rejected'}"
+    )
+    return Record("fit", names_of(larger.keys), -lead, 0.0, passed, words, "criterion", names_of(smaller.keys))
+
+
 def record_bound(model: Model, effect: Effect, strength: str) -> Record:
     """A law one of whose strengths ended at a bound."""
     words = (

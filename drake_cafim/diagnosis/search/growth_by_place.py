@@ -1,12 +1,13 @@
 """Forward selection at all places at once: friction at one joint does not show in the equations of another."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.fit.evidence import leaves_noise
+from drake_cafim.diagnosis.fit.adequacy import by_run
+from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
@@ -15,14 +16,22 @@ from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.search.state import Settings
-from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE, UNDETERMINED_STD_SHARE
+from drake_cafim.diagnosis.thresholds import (
+    MISFIT_SHARE_TO_EXPLAIN,
+    NOISE_STD_TOLERANCE,
+    RECORDINGS_SHARE_IMPROVED,
+    UNDETERMINED_STD_SHARE,
+)
 from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.effects.effect import Effect, Place
+from drake_cafim.typing import Array
 
-MOST_ROUNDS = 16
+MOST_ROUNDS = 12
 """Largest number of rounds; each adds at most one effect at each joint."""
 AT_BOUND = 1e-9
 """Distance from a bound, relative to the strength's size, up to which it counts as reached."""
+QUARTERS = 4
+"""Number of parts into which recordings are cut where there are fewer."""
 ELSEWHERE = ""
 """The place of what moves the rows of many joints: loads on bodies, contacts, gravity."""
 
@@ -57,31 +66,45 @@ class GrowthByPlace:
         return cls(nominal, problem, best, nominal.hypotheses(), max(trials, 1), settings, progress)
 
     def grow(self) -> None:
-        """Adds effects while one stands out; those refused beside a smaller explanation are tried again at the end."""
-        again = False
+        """Adds effects while one stands out."""
         for number in range(MOST_ROUNDS):
             additions = self._promising()
-            if not additions and (again or not self.refused):
-                break
             if not additions:
-                again, self.refused = True, set()
-                continue
+                break
             size = len(self.best.model.effects)
             self.progress(f"round {number + 1}, {size} effects: {len(additions)} more under unknown forces")
-            before = self.best
-            larger = self.best.model.with_effects([candidate.effect for candidate in additions])
-            self.settle(larger)
+            self.settle(self.best.model.with_effects([candidate.effect for candidate in additions]))
             self.refused |= {candidate.effect.key for candidate in additions} - self.best.model.keys
-            again = again and self.best.model.keys == before.model.keys
 
-    def settle(self, model: Model) -> None:
-        """Fits `model`, drops its effects that fail a test, and whitens with the forces that are then left."""
-        kept = self._without_failing(self._fitted(model))
-        if kept.model.keys == self.best.model.keys:
-            return
-        self.problem = _under_force_of(self.nominal, kept.model)
-        # with smaller forces, what stood out by the former ones may fail
-        self.best = self._without_failing(self._fitted(kept.model))
+    def settle(self, model: Model) -> bool:
+        """Whether `model`, without its effects that fail a test, becomes the explanation.
+
+        It does where the likelihood, under the forces that it leaves, pays for its parameters. Then the rows are
+        whitened with these forces, and what stood out by the former ones may fail.
+        """
+        known = self.best.model.keys
+        shaped = fit_shapes(self.problem, fit(self.problem, model), model.keys - known)
+        kept = self._without_failing(self.problem, _unbiased(self.problem, shaped))
+        if kept.model.keys == known:
+            return False
+        problem = _under_force_of(self.nominal, kept.model)
+        best = self._without_failing(problem, unbiased_fit(problem, kept.model))
+        lead = self._evidence(problem, best) - self._evidence(self.problem, self.best)
+        self.trace.add(decisions.record_likelihood(best.model, self.best.model, lead))
+        if lead < 0.0:
+            self.problem, self.best = problem, best
+        return lead < 0.0
+
+    def drop(self, effects: Sequence[Effect]) -> None:
+        """Takes `effects` out of the explanation, whatever that costs."""
+        rest = tuple(effect for effect in self.best.model.effects if effect not in effects)
+        model = Model(self.best.model.unknown, rest, self.best.model.free)
+        self.problem = _under_force_of(self.nominal, unbiased_fit(self.problem, model).model)
+        self.best = unbiased_fit(self.problem, model)
+
+    def _evidence(self, problem: SearchProblem, found: Fit) -> float:
+        """The information criterion with −2 ln likelihood, χ² + ln det C, in place of χ²: the forces differ."""
+        return criterion(found, 1.0, self.trials) + problem.log_determinant
 
     def criterion_gain(self, candidate: Candidate) -> float:
         """Decrease of the information criterion by a candidate, to first order; see `evidence.criterion`."""
@@ -112,54 +135,64 @@ class GrowthByPlace:
         most = max(map(self.criterion_gain, by_place.values()), default=0.0)
         return [elsewhere] if self.criterion_gain(elsewhere) > most else list(by_place.values())
 
-    def _fitted(self, model: Model) -> Fit:
-        return unbiased_fit(self.problem, fit_shapes(self.problem, fit(self.problem, model)).model)
-
-    def _without_failing(self, found: Fit) -> Fit:
+    def _without_failing(self, problem: SearchProblem, found: Fit) -> Fit:
         """The fit without the effects that fail a test, the clearest failures first."""
         while found.model.effects:
-            failed = {effect.key: self._failure(found, effect) for effect in found.model.effects}
+            failed = {effect.key: self._failure(problem, found, effect) for effect in found.model.effects}
             failures = {key: failure for key, failure in failed.items() if failure is not None}
             self.trace.add(*(record for record, _ in failures.values()))
             if not failures:
-                self.trace.add(*(self._admission(found, effect) for effect in found.model.effects))
+                self.trace.add(*(self._admission(problem, found, effect) for effect in found.model.effects))
                 return found
             # those that hardly act go together; of the others one at a time, since each may fail by another's fault
             worst = max(badness for _, badness in failures.values())
             dropped = {key for key, (_, badness) in failures.items() if badness >= min(worst, 1.0)}
             rest = [effect for effect in found.model.effects if effect.key not in dropped]
-            found = self._fitted(Model(found.model.unknown, tuple(rest), found.model.free))
+            found = unbiased_fit(problem, Model(found.model.unknown, tuple(rest), found.model.free))
         return found
 
-    def _failure(self, found: Fit, effect: Effect) -> tuple[Record, float] | None:
+    def _failure(self, problem: SearchProblem, found: Fit, effect: Effect) -> tuple[Record, float] | None:
         """The record of the test that `effect` fails, and how badly: 1 and more where nothing can save it."""
         bound = strength_at_bound(effect)
         if bound is not None:
             return decisions.record_bound(found.model, effect, bound), 1.0
-        if not self.problem.plausible(Model(found.model.unknown, (effect,))):
+        if not problem.plausible(Model(found.model.unknown, (effect,))):
             return decisions.record_implausible(found.model, effect), 1.0
         wide = undetermined(found, effect)
         if wide is not None:
             return decisions.record_undetermined(found.model, effect, *wide), 1.0
-        statistic, freedom = self.wald(found, effect)
+        statistic, freedom = self.wald(problem, found, effect)
         threshold = self.threshold(freedom)
         if statistic < threshold:
             return decisions.record_wald(found.model, effect, statistic, threshold), 1.0 - statistic / threshold
+        if self._leaves_noise(problem, found):
+            return None
+        without = residual_without(found, effect)
+        share = share_removed(problem, found.residual, without)
+        if share < MISFIT_SHARE_TO_EXPLAIN:
+            record = decisions.record_share(found.model, effect, share, MISFIT_SHARE_TO_EXPLAIN)
+            return record, 1.0 - share / MISFIT_SHARE_TO_EXPLAIN
+        better = share_improved(problem, found.residual, without)
+        if better < RECORDINGS_SHARE_IMPROVED and effect.episode is None:
+            record = decisions.record_improved(found.model, effect, better, RECORDINGS_SHARE_IMPROVED)
+            return record, 1.0 - better
         return None
 
-    def _admission(self, found: Fit, effect: Effect) -> Record:
-        statistic, freedom = self.wald(found, effect)
+    def _leaves_noise(self, problem: SearchProblem, found: Fit) -> bool:
+        return leaves_noise(problem, found, self.settings.adequacy_level)
+
+    def _admission(self, problem: SearchProblem, found: Fit, effect: Effect) -> Record:
+        statistic, freedom = self.wald(problem, found, effect)
         return decisions.record_wald(found.model, effect, statistic, self.threshold(freedom))
 
-    def wald(self, found: Fit, effect: Effect) -> tuple[float, int]:
+    def wald(self, problem: SearchProblem, found: Fit, effect: Effect) -> tuple[float, int]:
         """χ² of "the effect is absent" and its degrees of freedom: by blocks of time, unless the residual is white.
 
         A covariance by few blocks is itself uncertain, so that a faint effect would not be seen; it is needed where
         the residual is correlated.
         """
-        by_noise, by_blocks = wald_statistics(self.problem, found, effect.key)
-        white = leaves_noise(self.problem, found, self.settings.adequacy_level)
-        statistic = by_noise if white else min(by_noise, by_blocks)
+        by_noise, by_blocks = wald_statistics(problem, found, effect.key)
+        statistic = by_noise if self._leaves_noise(problem, found) else min(by_noise, by_blocks)
         return statistic / (1.0 + NOISE_STD_TOLERANCE) ** 2, len(effect.vanishing()[0])
 
     def threshold(self, freedom: int) -> float:
@@ -168,10 +201,13 @@ class GrowthByPlace:
 
 
 def place_of(effect: Effect) -> str:
-    """The joint at which an effect acts, or the sensor that it changes; `ELSEWHERE` where it is neither."""
-    if effect.place in (Place.JOINT, Place.ACTUATOR):
-        return effect.at
-    return effect.at.partition(".")[2] or effect.at if effect.place is Place.CHANNEL else ELSEWHERE
+    """The joint at which an effect acts, or the channel that it changes; `ELSEWHERE` where it is neither."""
+    return effect.at if effect.place in (Place.JOINT, Place.ACTUATOR, Place.CHANNEL) else ELSEWHERE
+
+
+def joint_of(effect: Effect) -> str:
+    """The joint at which an effect acts or whose channel it changes; the channel's sensor, or `ELSEWHERE`."""
+    return effect.at.partition(".")[2] if effect.place is Place.CHANNEL else place_of(effect)
 
 
 def strength_at_bound(effect: Effect) -> str | None:
@@ -198,6 +234,51 @@ def undetermined(found: Fit, effect: Effect) -> tuple[str, float, float] | None:
                 return strength.name, float(found.std[position]), float(size)
             position += 1
     return None
+
+
+def residual_without(found: Fit, effect: Effect) -> Array:
+    """(R + n,) whitened rows without `effect`, to first order, all other parameters adapting.
+
+    x − C Sᵀ (S C Sᵀ)⁻¹ d makes the effect vanish, with the covariance C of all parameters x and the effect's difference
+    d from none, S its derivative.
+    """
+    position = len(found.model.unknown)
+    for other in found.model.effects:
+        if other is effect:
+            break
+        position += len(other.strengths)
+    difference, slope = effect.vanishing()
+    seen = np.zeros((len(difference), found.jacobian.shape[1]))
+    seen[:, position : position + len(effect.strengths)] = slope
+    along = found.covariance @ seen.T
+    change = -along @ np.linalg.lstsq(seen @ along, difference, rcond=None)[0]
+    return np.asarray(found.residual + found.jacobian @ change)
+
+
+def share_removed(problem: SearchProblem, residual: Array, without: Array) -> float:
+    """Share of χ² by which `residual` is less than `without`, in the kind of rows where that is largest."""
+    left, had = (
+        np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, rows[: problem.rows])], axis=0)
+        for rows in (residual, without)
+    )
+    return float(np.max(1.0 - left / np.maximum(had, 1e-300)))
+
+
+def share_improved(problem: SearchProblem, residual: Array, without: Array) -> float:
+    """Share of the recordings, or of the quarters of fewer than four, in which `residual` is less than `without`."""
+    cut = 1 if len(problem.runs) >= QUARTERS else QUARTERS
+    each = zip(by_run(problem, residual[: problem.rows]), by_run(problem, without[: problem.rows]), strict=True)
+    parts = [
+        float(np.sum(b**2) - np.sum(a**2))
+        for (_, left), (_, had) in each
+        for a, b in zip(np.array_split(left, cut), np.array_split(had, cut), strict=True)
+    ]
+    return float(np.mean(np.array(parts) > 0.0))
+
+
+def _unbiased(problem: SearchProblem, found: Fit) -> Fit:
+    """The fit, corrected for noise in its regressors where there is some."""
+    return unbiased_fit(problem, found.model) if problem.regressors_noisy else replace(found, unbiased=True)
 
 
 def _under_force_of(nominal: SearchProblem, model: Model) -> SearchProblem:

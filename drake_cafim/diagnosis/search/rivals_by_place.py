@@ -11,14 +11,13 @@ from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.growth_by_place import (
     GrowthByPlace,
-    place_of,
+    joint_of,
     strength_at_bound,
     undetermined,
 )
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import (
-    CONTENDER_CRITERION_REACH,
     LEAST_PROBABILITY,
     RIVALS_FITTED_PER_PARENT,
 )
@@ -26,6 +25,8 @@ from drake_cafim.effects.effect import Effect
 
 ROUNDS = 2
 """Largest number of comparisons, each after another law was preferred at some place."""
+FITTED_LEAD = 6.0
+"""Criterion beyond the best one's, to first order, up to which a law is fitted exactly: its probability is then 5 %."""
 
 
 @dataclass(frozen=True)
@@ -37,29 +38,25 @@ class Compared:
 
 
 def compare_by_place(growth: GrowthByPlace) -> Compared:
-    """Replaces effects of `growth.best` by better laws at their places, and drops those that share their evidence."""
+    """Replaces effects of `growth.best` by better laws at their joints, and drops those that share their evidence."""
     for _ in range(ROUNDS):
         found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
-        better = {}
-        for effect in growth.best.model.effects:
-            leads = found[effect.key]
-            if leads and leads[0][0] < 0.0:
-                better[effect.key] = leads[0][2]
-        if not better:
+        better = {key: leads[0][2] for key, leads in found.items() if leads and leads[0][0] < 0.0}
+        effects = tuple(better.get(effect.key, effect) for effect in growth.best.model.effects)
+        # two effects may prefer the same law
+        effects = tuple({effect.key: effect for effect in effects}.values())
+        if not better or not growth.settle(Model(growth.best.model.unknown, effects, growth.best.model.free)):
             break
-        effects = [better.get(effect.key, effect) for effect in growth.best.model.effects]
-        growth.settle(Model(growth.best.model.unknown, tuple(effects), growth.best.model.free))
     else:
         found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
     probability = _probabilities(growth, found)
-    shared = [effect for effect in growth.best.model.effects if probability[effect.key] < LEAST_PROBABILITY]
     for effect in growth.best.model.effects:
         of_it = probability[effect.key]
         growth.trace.add(decisions.record_shared(growth.best.model, effect, of_it, LEAST_PROBABILITY))
-    others = tuple(other for leads in found.values() for _, other, _ in leads)
-    for effect in shared:
-        growth.settle(growth.best.model.without(effect))
-    return Compared(others, probability)
+    shared = [effect for effect in growth.best.model.effects if probability[effect.key] < LEAST_PROBABILITY]
+    if shared:
+        growth.drop(shared)
+    return Compared(tuple(other for leads in found.values() for _, other, _ in leads), probability)
 
 
 Lead = tuple[float, Fit, Effect]
@@ -72,19 +69,22 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
     rest = best.model.without(effect)
     residual, kept = problem.residual(rest), _columns_but(best, effect)
     at_rest = Fit(rest, residual, best.jacobian[:, kept], best.covariance[np.ix_(kept, kept)], best.data_rows)
-    here = place_of(effect)
-    laws = [other for other in growth.beside(rest) if other.key != effect.key and place_of(other) == here]
+    here = joint_of(effect)
+    laws = [other for other in growth.beside(rest) if other.key != effect.key and joint_of(other) == here]
     unit = _evidence_unit(growth, effect)
     basis = np.linalg.qr(at_rest.jacobian)[0]
     left = residual - basis @ (basis.T @ residual)
     lost = float(left @ left) - best.chi_square
     own = _cost_of(growth, best, effect)
     found: list[Lead] = []
-    for candidate in screen(problem, at_rest, laws)[:RIVALS_FITTED_PER_PARENT]:
+    price = {law.key: _cost_of(growth, best, law) for law in laws}
+    looks = sorted(screen(problem, at_rest, laws), key=lambda look: price[look.effect.key] - look.gain)
+    for candidate in looks[:RIVALS_FITTED_PER_PARENT]:
         lead = lost - candidate.gain + _cost_of(growth, best, candidate.effect) - own
-        if lead > CONTENDER_CRITERION_REACH * unit:
-            continue
-        other = fit_shapes(problem, fit(problem, rest.with_effects([candidate.effect])))
+        if lead > FITTED_LEAD * unit:
+            break
+        added = fit(problem, rest.with_effects([candidate.effect]))
+        other = fit_shapes(problem, added, {candidate.effect.key})
         law = next(law for law in other.model.effects if law.key == candidate.effect.key)
         if strength_at_bound(law) or undetermined(other, law) or not problem.plausible(other.model):
             continue
@@ -116,7 +116,7 @@ def _evidence_unit(growth: GrowthByPlace, effect: Effect) -> float:
     likelihood; Varin, Vidoni, Biometrika 92(3), 2005).
     """
     by_noise, _ = wald_statistics(growth.problem, growth.best, effect.key)
-    shown = growth.wald(growth.best, effect)[0]
+    shown = growth.wald(growth.problem, growth.best, effect)[0]
     return max(1.0, by_noise / shown) if shown > 0.0 else 1.0
 
 
