@@ -1,14 +1,14 @@
 """Forward selection at all places at once: friction at one joint does not show in the equations of another."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.stats import chi2
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
-from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -28,6 +28,8 @@ from drake_cafim.typing import Array
 
 MOST_ROUNDS = 12
 """Largest number of rounds; each adds at most one effect at each joint."""
+MOST_REFUSALS = 8
+"""Number of effects tried in vain, one after another, after which the growth ends."""
 AT_BOUND = 1e-9
 """Distance from a bound, relative to the strength's size, up to which it counts as reached."""
 QUARTERS = 4
@@ -62,18 +64,20 @@ class GrowthByPlace:
     ) -> "GrowthByPlace":
         """Begins with `model`, which leaves all that is missing to unknown forces."""
         problem = _under_force_of(nominal, model)
-        best = unbiased_fit(problem, model)
+        best = fit(problem, model)
         return cls(nominal, problem, best, nominal.hypotheses(), max(trials, 1), settings, progress)
 
     def grow(self) -> None:
         """Adds effects while one stands out."""
+        refusals = 0
         for number in range(MOST_ROUNDS):
             additions = self._promising()
-            if not additions:
+            if not additions or refusals > MOST_REFUSALS:
                 break
             size = len(self.best.model.effects)
             self.progress(f"round {number + 1}, {size} effects: {len(additions)} more under unknown forces")
-            self.settle(self.best.model.with_effects([candidate.effect for candidate in additions]))
+            grown = self.settle(self.best.model.with_effects([candidate.effect for candidate in additions]))
+            refusals = 0 if grown else refusals + len(additions)
             self.refused |= {candidate.effect.key for candidate in additions} - self.best.model.keys
 
     def settle(self, model: Model) -> bool:
@@ -84,11 +88,11 @@ class GrowthByPlace:
         """
         known = self.best.model.keys
         shaped = fit_shapes(self.problem, fit(self.problem, model), model.keys - known)
-        kept = self._without_failing(self.problem, _unbiased(self.problem, shaped))
+        kept = self._without_failing(self.problem, shaped)
         if kept.model.keys == known:
             return False
         problem = _under_force_of(self.nominal, kept.model)
-        best = self._without_failing(problem, unbiased_fit(problem, kept.model))
+        best = self._without_failing(problem, fit(problem, kept.model))
         lead = self._evidence(problem, best) - self._evidence(self.problem, self.best)
         self.trace.add(decisions.record_likelihood(best.model, self.best.model, lead))
         if lead < 0.0:
@@ -99,8 +103,8 @@ class GrowthByPlace:
         """Takes `effects` out of the explanation, whatever that costs."""
         rest = tuple(effect for effect in self.best.model.effects if effect not in effects)
         model = Model(self.best.model.unknown, rest, self.best.model.free)
-        self.problem = _under_force_of(self.nominal, unbiased_fit(self.problem, model).model)
-        self.best = unbiased_fit(self.problem, model)
+        self.problem = _under_force_of(self.nominal, fit(self.problem, model).model)
+        self.best = fit(self.problem, model)
 
     def _evidence(self, problem: SearchProblem, found: Fit) -> float:
         """The information criterion with −2 ln likelihood, χ² + ln det C, in place of χ²: the forces differ."""
@@ -148,7 +152,7 @@ class GrowthByPlace:
             worst = max(badness for _, badness in failures.values())
             dropped = {key for key, (_, badness) in failures.items() if badness >= min(worst, 1.0)}
             rest = [effect for effect in found.model.effects if effect.key not in dropped]
-            found = unbiased_fit(problem, Model(found.model.unknown, tuple(rest), found.model.free))
+            found = fit(problem, Model(found.model.unknown, tuple(rest), found.model.free))
         return found
 
     def _failure(self, problem: SearchProblem, found: Fit, effect: Effect) -> tuple[Record, float] | None:
@@ -274,11 +278,6 @@ def share_improved(problem: SearchProblem, residual: Array, without: Array) -> f
         for a, b in zip(np.array_split(left, cut), np.array_split(had, cut), strict=True)
     ]
     return float(np.mean(np.array(parts) > 0.0))
-
-
-def _unbiased(problem: SearchProblem, found: Fit) -> Fit:
-    """The fit, corrected for noise in its regressors where there is some."""
-    return unbiased_fit(problem, found.model) if problem.regressors_noisy else replace(found, unbiased=True)
 
 
 def _under_force_of(nominal: SearchProblem, model: Model) -> SearchProblem:

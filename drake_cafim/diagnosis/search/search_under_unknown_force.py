@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.evidence import leaves_noise
-from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.search import decisions
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
@@ -45,11 +45,12 @@ def search_again(
     if not growth.best.model.effects:
         trace.add(decisions.record_unknown_forces_failure(growth.best))
         return None
+    best = unbiased_fit(growth.problem, growth.best.model)
     return replace(
         outcome,
         problem=growth.problem,
-        best=growth.best,
-        competing=(growth.best, *compared.others),
+        best=best,
+        competing=(best, *compared.others),
         probability=compared.probability,
     )
 
