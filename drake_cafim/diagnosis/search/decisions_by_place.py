@@ -69,6 +69,17 @@ def record_undetermined(model: Model, effect: Effect, strength: str, std: float,
     return _record("admit", model, effect, std, size, False, words, "undetermined")
 
 
+def record_support(model: Model, effect: Effect, share: float, least: float) -> Record:
+    """Whether an effect explains more at its place than is left there."""
+    passed = share >= least
+    words = (
+        f"in the row that it explains best, a share of {short(share)} of the misfit is removed by it; as more than "
+        f"noise and white forces remain, at least {short(least)} is required, so it is "
+        f"{'named' if passed else 'not named'}"
+    )
+    return _record("support", model, effect, share, least, passed, words, "share of the misfit")
+
+
 def record_contender(best: Model, effect: Effect, other: Key, lead: float) -> Record:
     """An effect that was fitted exactly in the place of an accepted one; `lead` is its criterion beyond that one's."""
     words = (

@@ -106,6 +106,13 @@ class GrowthByPlace:
         self.problem = _under_force_of(self.nominal, fit(self.problem, model).model)
         self.best = fit(self.problem, model)
 
+    def fails(self, effect: Effect) -> bool:
+        """Whether an effect of the explanation fails a test there; recorded in the trace."""
+        failure = self._failure(self.problem, self.best, effect)
+        if failure is not None:
+            self.trace.add(failure[0])
+        return failure is not None
+
     def _evidence(self, problem: SearchProblem, found: Fit) -> float:
         """The information criterion with −2 ln likelihood, χ² + ln det C, in place of χ²: the forces differ."""
         return criterion(found, 1.0, self.trials) + problem.log_determinant
@@ -240,22 +247,25 @@ def undetermined(found: Fit, effect: Effect) -> tuple[str, float, float] | None:
     return None
 
 
-def residual_without(found: Fit, effect: Effect) -> Array:
-    """(R + n,) whitened rows without `effect`, to first order, all other parameters adapting.
+def residual_without(found: Fit, *effects: Effect) -> Array:
+    """(R + n,) whitened rows without `effects`, to first order, all other parameters adapting.
 
-    x − C Sᵀ (S C Sᵀ)⁻¹ d makes the effect vanish, with the covariance C of all parameters x and the effect's difference
-    d from none, S its derivative.
+    x − C Sᵀ (S C Sᵀ)⁻¹ d makes the effects vanish, with the covariance C of all parameters x and the effects'
+    difference d from none, S its derivative.
     """
-    position = len(found.model.unknown)
+    differences, slopes, position = [], [], len(found.model.unknown)
     for other in found.model.effects:
-        if other is effect:
-            break
-        position += len(other.strengths)
-    difference, slope = effect.vanishing()
-    seen = np.zeros((len(difference), found.jacobian.shape[1]))
-    seen[:, position : position + len(effect.strengths)] = slope
-    along = found.covariance @ seen.T
-    change = -along @ np.linalg.lstsq(seen @ along, difference, rcond=None)[0]
+        stop = position + len(other.strengths)
+        if other in effects:
+            difference, slope = other.vanishing()
+            seen = np.zeros((len(difference), found.jacobian.shape[1]))
+            seen[:, position:stop] = slope
+            differences.append(difference)
+            slopes.append(seen)
+        position = stop
+    all_slopes = np.concatenate(slopes)
+    along = found.covariance @ all_slopes.T
+    change = -along @ np.linalg.lstsq(all_slopes @ along, np.concatenate(differences), rcond=None)[0]
     return np.asarray(found.residual + found.jacobian @ change)
 
 

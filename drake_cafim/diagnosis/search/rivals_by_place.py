@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.diagnosis.fit.evidence import criterion
+from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
@@ -12,6 +12,8 @@ from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.growth_by_place import (
     GrowthByPlace,
     joint_of,
+    residual_without,
+    share_removed,
     strength_at_bound,
     undetermined,
 )
@@ -19,6 +21,7 @@ from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import (
     LEAST_PROBABILITY,
+    NAMED_EXCESS_SHARE,
     RIVALS_FITTED_PER_PARENT,
 )
 from drake_cafim.effects.effect import Effect
@@ -56,7 +59,29 @@ def compare_by_place(growth: GrowthByPlace) -> Compared:
     shared = [effect for effect in growth.best.model.effects if probability[effect.key] < LEAST_PROBABILITY]
     if shared:
         growth.drop(shared)
+    _drop_unsupported(growth)
     return Compared(tuple(other for leads in found.values() for _, other, _ in leads), probability)
+
+
+def _drop_unsupported(growth: GrowthByPlace) -> None:
+    """Drops effects that explain less than is left at their places, the least of them first."""
+    while growth.best.model.effects:
+        problem, best = growth.problem, growth.best
+        if leaves_noise(problem, best, growth.settings.adequacy_level):
+            return
+        shares = [
+            (share_removed(problem, best.residual, residual_without(best, effect)), effect)
+            for effect in best.model.effects
+        ]
+        failing = [effect for effect in best.model.effects if growth.fails(effect)]
+        if failing:
+            growth.drop(failing[:1])
+            continue
+        share, least = min(shares, key=lambda entry: entry[0])
+        growth.trace.add(decisions.record_support(best.model, least, share, NAMED_EXCESS_SHARE))
+        if share >= NAMED_EXCESS_SHARE:
+            return
+        growth.drop([least])
 
 
 Lead = tuple[float, Fit, Effect]

@@ -40,6 +40,9 @@ def search_again(
         return None
     growth = GrowthByPlace.of(outcome.nominal_problem, outcome.nominal.model, outcome.hypotheses, settings, progress)
     growth.trace = trace
+    if outcome.best.model.effects:
+        # what the first search found, as far as it stands out of unknown forces
+        growth.settle(outcome.best.model)
     growth.grow()
     compared = compare_by_place(growth)
     if not growth.best.model.effects:
