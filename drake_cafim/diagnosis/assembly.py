@@ -102,7 +102,7 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, selection: Se
         notes=notes,
         reduced_chi_square=(
             outcome.nominal.reduced_chi_square,
-            best.reduced_chi_square,
+            best.reduced_chi_square if judgement.left is None else judgement.left,
         ),
         far=far,
         adequate=judgement.adequate,

@@ -226,6 +226,12 @@ calibrated: chosen."""
 CONTENDER_CRITERION_REACH = 10.0
 """Excess of the information criterion over the best one's up to which explanations are among them. Unit: 1. Not
 calibrated: chosen."""
+UNDETERMINED_STD_SHARE = 1.0 / 3.0
+"""Standard deviation of a strength, as a share of the width of its bounds (of its size where they are infinite), beyond
+which it is not determined. Unit: 1. Source: three standard deviations."""
+LEAST_PROBABILITY = 0.5
+"""Probability of an effect among the laws that explain the same, below which it is a rival and not named. Unit: 1.
+Source: above it no other law can be as probable."""
 UNKNOWN_MOVE_IN_PRIOR_STDS = 0.3
 """Change of an unknown parameter, in prior standard deviations, beyond which the noise covariance is computed again.
 Unit: 1. Not calibrated: chosen."""

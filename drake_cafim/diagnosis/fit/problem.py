@@ -100,6 +100,11 @@ class Problem(ABC):
         """(n,) standard deviations of the priors, those that `model` sets aside widened."""
         return np.asarray(self.scene.priors.std * model.prior_std_ratios(self.scene), dtype=float)
 
+    @property
+    def log_determinant(self) -> float:
+        """ln det of the covariance by which the rows are whitened; 0 where it is the same for every model."""
+        return 0.0
+
     def penalty(self, model: Model) -> float:
         """Addition to a model's χ²: ln det of the covariance of unknown initial states."""
         return 0.0

@@ -55,7 +55,9 @@ def _block_factor(problem: Problem, fitted: Fit, known: Array) -> Array:
             sizes.append(stop - first)
         start += z.size
     varying = np.array(scores) - np.outer(sizes, np.sum(scores, axis=0)) / start
-    meat = varying.T * np.sqrt(len(scores) / max(len(scores) - n, 1))
+    # where there are more parameters than blocks, each takes its degree of freedom from the rows of its own joint only
+    freedom = max(len(scores) - n, len(scores) / 2)
+    meat = varying.T * np.sqrt(len(scores) / freedom)
     return np.hstack([known @ (known.T @ meat), np.sqrt(LEAST_SHARE) * known])
 
 
@@ -93,8 +95,16 @@ def wald_statistic(problem: Problem, fitted: Fit, key: tuple[str, str]) -> tuple
     vanish count, not its shape (where a mass is, how fast a friction falls); an artefact of noise has 0. Raises
     `KeyError` where the fit has no such effect.
     """
+    effect = next((effect for effect in fitted.model.effects if effect.key == key), None)
+    if effect is None:
+        raise KeyError(key)
     if fitted.echo:
         return 0.0, 1
+    return min(wald_statistics(problem, fitted, key)) / (1.0 + NOISE_STD_TOLERANCE) ** 2, len(effect.vanishing()[0])
+
+
+def wald_statistics(problem: Problem, fitted: Fit, key: tuple[str, str]) -> tuple[float, float]:
+    """χ² of "the effect with this `key` is absent", by the stated noise and by blocks of time."""
     start = len(fitted.model.unknown)
     for effect in fitted.model.effects:
         stop = start + len(effect.strengths)
@@ -104,7 +114,7 @@ def wald_statistic(problem: Problem, fitted: Fit, key: tuple[str, str]) -> tuple
             alone = slope**2 @ (1.0 / _sizes(fitted)[part] ** 2)
             known, nothing = _factors(fitted)
             factors = (np.hstack([factor, nothing]) for factor in (known, _block_factor(problem, fitted, known)))
-            statistics = [_distance(difference, slope @ factor[part], alone) for factor in factors]
-            return min(statistics) / (1.0 + NOISE_STD_TOLERANCE) ** 2, len(difference)
+            by_noise, by_blocks = (_distance(difference, slope @ factor[part], alone) for factor in factors)
+            return by_noise, by_blocks
         start = stop
     raise KeyError(key)

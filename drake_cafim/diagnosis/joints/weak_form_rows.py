@@ -99,6 +99,10 @@ class WeakFormRows(Problem):
         is_plausible = _Plausible(self, model)
         return all(effect.plausible() and is_plausible(effect) for effect in model.effects)
 
+    @property
+    def log_determinant(self) -> float:
+        return sum(run.whiten.log_determinant for run in self.runs)
+
     def rows_of(self, model: Model) -> Array:
         return self.data_rows(model.physics(self.scene))
 

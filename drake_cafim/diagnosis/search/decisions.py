@@ -181,9 +181,8 @@ def record_inaccuracy(problem: SearchProblem, best: Fit) -> list[Record]:
     return [Record("adequacy", model_name(best.model), excess, most, True, words, "excess over noise")]
 
 
-def record_worse_than_none(best: Fit, nominal: Fit) -> Record:
-    """An explanation that leaves more, in units of its own noise, than the nominal model does."""
-    left, had = best.reduced_chi_square, nominal.reduced_chi_square
+def record_worse_than_none(best: Fit, left: float, had: float) -> Record:
+    """An explanation that leaves more, `left` times the noise, than the nominal model, `had`."""
     words = f"with it the residual is {short(left)} times the noise variance, without it {short(had)}: it is not named"
     return Record("support", model_name(best.model), left, had, False, words, "misfit")
 
@@ -228,19 +227,9 @@ def record_wider_windows(best: Fit, width: float) -> Record:
     return Record("wider_windows", model_name(best.model), None, None, named, words)
 
 
-def record_unknown_forces_start(problem: SearchProblem, entry: Fit, rate: float) -> list[Record]:
-    """Whether a search under unknown forces is started: with these as noise, an explanation must leave only noise."""
-    total, *_ = record_residual(problem, entry, rate)
-    words = "a search that counts unknown white forces at the joints as noise"
-    words += " is started" if total.passed else " is not started: more remains than such forces would cause"
-    return [replace(total, step="unknown_forces", words=f"{words}; {total.words}")]
-
-
 def record_unknown_forces_failure(best: Fit) -> Record:
-    """A search under unknown forces that finds no effect, or effects that leave more than noise."""
-    words = "with unknown forces counted as noise, "
-    words += "more than noise still remains" if best.model.effects else "no effect is found"
-    words += ", so this search is dropped"
+    """A search under unknown forces that finds no effect."""
+    words = "with unknown forces counted as noise, no effect is found, so this search is dropped"
     return Record("unknown_forces", model_name(best.model), None, None, False, words)
 
 

@@ -13,7 +13,12 @@ from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.search import Outcome, search
-from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORCES, search_again
+from drake_cafim.diagnosis.search.search_under_unknown_force import (
+    UNKNOWN_FORCES,
+    is_explained,
+    mean_square,
+    search_again,
+)
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import NAMED_EXCESS_SHARE, WIDER_WINDOW_RATIOS
 from drake_cafim.diagnosis.trace import Trace
@@ -33,6 +38,8 @@ class Judgement:
     notes: tuple[str, ...] = ()
     search: str = ""
     """The name of the search in the trace; empty for the first one."""
+    left: float | None = None
+    """Mean square of the rows that `best` leaves, in units of the channels' noise; None where its χ² says that."""
     adequate: bool = False
     """Whether `best` leaves only noise, and only an unknown far from its prior makes the verdict `unexplained`."""
 
@@ -42,9 +49,9 @@ def judge(
 ) -> Judgement:
     """The judgement on `problem`; each decision is added to `trace`.
 
-    Where the first search ends `unexplained`, a second one counts unknown forces at the joints as noise. If that fails
-    too and no effect is named, searches over wider windows average fast vibration out. An unknown parameter that is far
-    from its prior makes the verdict `unexplained`, whatever remains.
+    Where the first search ends `unexplained`, a second one counts unknown forces at the joints as noise. If no effect
+    stands out of these and none is named, searches over wider windows average fast vibration out. An unknown parameter
+    that is far from its prior makes the verdict `unexplained`, whatever remains.
     """
     trace = Trace() if trace is None else trace
     judgement = _judge_searches(problem, settings, progress, trace)
@@ -62,18 +69,39 @@ def _judge_searches(
     first = _of_search(outcome, settings, trace)
     if first.kind != "unexplained" or not settings.most_effects:
         return first
-    again = compute(lambda: search_again(outcome, settings, progress, trace.of_search(UNKNOWN_FORCES)))
+    again = compute(lambda: _under_unknown_forces(outcome, settings, progress, trace.of_search(UNKNOWN_FORCES)))
     if isinstance(again, NotComputable):
         first = _with_note(first, f"a search that counts unknown forces as noise cannot be computed: {again.reason}")
     elif again is not None:
-        remarks = again.problem.force_remarks
-        return Judgement(again, again.best, "explained", noise_remarks=remarks, search=UNKNOWN_FORCES)
+        return again
     if first.best.model.effects:
         return first
     wider = compute(lambda: _over_wider_windows(problem, settings, progress, trace))
     if isinstance(wider, NotComputable):
         return _with_note(first, f"a search over wider windows cannot be computed: {wider.reason}")
     return wider or first
+
+
+def _under_unknown_forces(
+    outcome: Outcome, settings: Settings, progress: Callable[[str], None], trace: Trace
+) -> Judgement | None:
+    """The judgement under unknown forces at the joints; None where no effect stands out of them."""
+    again = search_again(outcome, settings, progress, trace)
+    if again is None:
+        return None
+    explained = is_explained(again, outcome.nominal, settings, trace)
+    left = mean_square(outcome.nominal_problem, again.best)
+    if not left < outcome.nominal.reduced_chi_square:
+        trace.add(decisions.record_worse_than_none(again.best, left, outcome.nominal.reduced_chi_square))
+        return None
+    return Judgement(
+        again,
+        again.best,
+        "explained" if explained else "unexplained",
+        noise_remarks=again.problem.force_remarks,
+        search=UNKNOWN_FORCES,
+        left=left,
+    )
 
 
 def _with_note(judgement: Judgement, note: str) -> Judgement:
@@ -94,7 +122,10 @@ def _over_wider_windows(
         wide, width = found
         progress(f"searching over windows of {width:.2g} s")
         own = trace.of_search(f"windows of {width:.2g} s")
-        judgement = _of_search(search(wide, settings, progress, trace=own), settings, own)
+        outcome = search(wide, settings, progress, trace=own)
+        judgement = _of_search(outcome, settings, own)
+        if not judgement.best.model.effects:
+            judgement = _under_unknown_forces(outcome, settings, progress, own) or judgement
         own.add(decisions.record_wider_windows(judgement.best, width))
         if judgement.best.model.effects:
             note = (
@@ -120,7 +151,7 @@ def _of_search(outcome: Outcome, settings: Settings, trace: Trace) -> Judgement:
     most = int(np.argmax(before - after))
     # under its own covariance an explanation may leave more than the nominal model does: then it is none
     if best.model.named and not best.reduced_chi_square < outcome.nominal.reduced_chi_square:
-        trace.add(decisions.record_worse_than_none(best, outcome.nominal))
+        trace.add(decisions.record_worse_than_none(best, best.reduced_chi_square, outcome.nominal.reduced_chi_square))
         return Judgement(outcome, outcome.nominal, "unexplained")
     if best.model.named:
         row = outcome.problem.pictures.row_labels[most]

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
-from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.thresholds import SHAPE_CHI_SQUARE_RANGE
 from drake_cafim.effects.effect import Effect
@@ -16,12 +16,17 @@ FINER = (1.5, 1.15, 1.04)
 """Factors by which a shape parameter is then multiplied and divided, as long as χ² falls."""
 
 
-def fit_shapes(problem: SearchProblem, best: Fit) -> Fit:
+def fit_shapes(problem: SearchProblem, best: Fit, of: Iterable[Key] | None = None) -> Fit:
     """The fit with the best shape of each effect in turn: first from the effect's grid, then between its values.
+
+    Of the effects `of` these keys only, if they are given.
 
     With a wrong width, a change of sign looks like a law that falls or rises near rest.
     """
-    for position in range(len(best.model.effects)):
+    keys = best.model.keys if of is None else frozenset(of)
+    for position, present in enumerate(best.model.effects):
+        if present.key not in keys:
+            continue
         first, before, worst = best.chi_square, np.inf, -np.inf
         while before - best.chi_square > SHAPE_CHI_SQUARE_RANGE:
             before, effect = best.chi_square, best.model.effects[position]

@@ -1,7 +1,8 @@
-"""A search with unknown forces at the joints as additional noise, after a search without them ended unexplained.
+"""A search with unknown forces at the joints as noise, after a search under the channels' noise ended unexplained.
 
-At first all that the model leaves counts as noise, so that a few stretches of time do not outweigh all others; in each
-round the effects found so far explain a part, and the density of the unknown forces is estimated again from the rest.
+A real machine lacks many effects at once, and something always remains that has no name. So each joint has a white
+force that nobody knows, whose density is what the residual there makes likeliest. An effect is weighed against the
+force at its own joint, and as effects are admitted the densities fall and show the fainter ones.
 """
 
 from collections.abc import Callable
@@ -13,12 +14,13 @@ from drake_cafim.diagnosis.fit.evidence import leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.search import decisions
-from drake_cafim.diagnosis.search.search import Outcome, search
+from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
+from drake_cafim.diagnosis.search.rivals_by_place import compare_by_place
+from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import MISFIT_SHARE_TO_EXPLAIN
 from drake_cafim.diagnosis.trace import Trace
 
-ROUNDS = 3
 UNKNOWN_FORCES = "unknown forces"
 """Name of this search in a trace."""
 
@@ -29,49 +31,50 @@ def search_again(
     progress: Callable[[str], None] = lambda text: None,
     trace: Trace | None = None,
 ) -> Outcome | None:
-    """The search with unknown white forces as noise; None unless its effects leave only noise and small such forces.
+    """The effects that stand out of unknown white forces at the joints; None where none does.
 
     `outcome` is of a search that ended unexplained. Each decision is added to `trace`.
     """
     trace = Trace(UNKNOWN_FORCES) if trace is None else trace
-    nominal_problem, problem, best = outcome.nominal_problem, outcome.problem, outcome.best
-    force = problem.likeliest_force(best.model)
-    if force is None:
+    if outcome.nominal_problem.likeliest_force(outcome.nominal.model) is None:
         return None
-    progress("searching with unknown forces counted as noise")
-    noisier = problem.with_unknown_force(force, best.model)
-    if best.model.effects:
-        beside = unbiased_fit(noisier, best.model)
-        trace.add(*decisions.record_unknown_forces_start(noisier, beside, settings.adequacy_level))
-        if not leaves_noise(noisier, beside, settings.adequacy_level):
-            return None
-    initial = best.model.effects
-    for _ in range(ROUNDS):
-        found = search(nominal_problem.with_unknown_force(force), settings, progress, initial, trace)
-        unchanged = {effect.key for effect in initial} == {effect.key for effect in found.best.model.effects}
-        initial = found.best.model.effects
-        if unchanged or not initial:
-            break
-        force = found.problem.likeliest_force(found.best.model)
-        assert force is not None
-    trace.add(*decisions.record_residual(found.problem, found.best, settings.adequacy_level))
-    if not initial or not leaves_noise(found.problem, found.best, settings.adequacy_level):
-        trace.add(decisions.record_unknown_forces_failure(found.best))
+    growth = GrowthByPlace.of(outcome.nominal_problem, outcome.nominal.model, outcome.hypotheses, settings, progress)
+    growth.trace = trace
+    if outcome.best.model.effects:
+        # what the first search found, as far as it stands out of unknown forces
+        growth.settle(outcome.best.model)
+    growth.grow()
+    compared = compare_by_place(growth)
+    if not growth.best.model.effects:
+        trace.add(decisions.record_unknown_forces_failure(growth.best))
         return None
-    # noise of any size would explain everything: under the stated noise, the effects must explain nearly all
-    left, had = _excess(nominal_problem, found.best), _excess(nominal_problem, outcome.nominal)
-    trace.add(decisions.record_unknown_forces_share(found.best, left, had, MISFIT_SHARE_TO_EXPLAIN))
-    if left > MISFIT_SHARE_TO_EXPLAIN * had:
-        return None
+    best = unbiased_fit(growth.problem, growth.best.model)
     return replace(
-        found,
-        nominal_problem=nominal_problem,
-        nominal=outcome.nominal,
-        detection_p_value=outcome.detection_p_value,
+        outcome,
+        problem=growth.problem,
+        best=best,
+        competing=(best, *compared.others),
+        probability=compared.probability,
     )
 
 
+def is_explained(outcome: Outcome, nominal: Fit, settings: Settings, trace: Trace) -> bool:
+    """Whether what remains is as the noise and small white forces at the joints predict.
+
+    Forces of any size would explain everything: under the channels' noise, the effects must explain nearly all.
+    """
+    trace.add(*decisions.record_residual(outcome.problem, outcome.best, settings.adequacy_level))
+    if not leaves_noise(outcome.problem, outcome.best, settings.adequacy_level):
+        return False
+    left, had = _excess(outcome.nominal_problem, outcome.best), _excess(outcome.nominal_problem, nominal)
+    trace.add(decisions.record_unknown_forces_share(outcome.best, left, had, MISFIT_SHARE_TO_EXPLAIN))
+    return left <= MISFIT_SHARE_TO_EXPLAIN * had
+
+
+def mean_square(problem: Problem, fit: Fit) -> float:
+    """Mean square of the rows under a fit, whitened with the noise of the channels alone."""
+    return float(np.mean(problem.rewhitened(fit.model).rows_of(fit.model) ** 2))
+
+
 def _excess(problem: Problem, fit: Fit) -> float:
-    """Mean square of the rows − 1, at least 0, whitened with the noise of the channels alone."""
-    rows = problem.rewhitened(fit.model).rows_of(fit.model)
-    return max(float(np.mean(rows**2)) - 1.0, 0.0)
+    return max(mean_square(problem, fit) - 1.0, 0.0)

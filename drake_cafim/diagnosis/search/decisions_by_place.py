@@ -1,0 +1,115 @@
+"""Writes the decisions of a search under unknown forces, place by place, as records of its trace."""
+
+from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.trace import Record, name_of, names_of, spoken
+from drake_cafim.effects.effect import Effect
+from drake_cafim.numerics.rounding import short
+
+
+def record_wald(model: Model, effect: Effect, statistic: float, threshold: float) -> Record:
+    """Whether an effect stands out of the unknown forces at its place."""
+    passed = statistic >= threshold
+    words = (
+        f"against unknown forces at the joints, as large as the residual makes them, it has a Wald statistic of "
+        f"{short(statistic)} (χ² of its difference from no effect); on noise alone, the best of all candidates would "
+        f"have less than {short(threshold)}, so it is {'admitted' if passed else 'dropped'}"
+    )
+    return _record("admit", model, effect, statistic, threshold, passed, words, "Wald statistic")
+
+
+def record_share(model: Model, effect: Effect, share: float, least: float) -> Record:
+    """An effect that removes too little of the misfit at its place to stand out of what nobody knows there."""
+    words = (
+        f"it removes a share of {short(share)} of χ² from the rows that it explains best; because more than noise and "
+        f"white forces remain, at least {short(least)} is required, so it is dropped"
+    )
+    return _record("admit", model, effect, share, least, False, words, "share of misfit")
+
+
+def record_improved(model: Model, effect: Effect, share: float, least: float) -> Record:
+    """An effect that makes up for something else, and so helps in some recordings only."""
+    words = (
+        f"it improves the fit in a share of {short(share)} of the recordings, or of their quarters; at least "
+        f"{short(least)} is required, so it is dropped"
+    )
+    return _record("admit", model, effect, share, least, False, words, "share of recordings")
+
+
+def record_likelihood(larger: Model, smaller: Model, lead: float) -> Record:
+    """Whether an explanation is accepted; `lead` is its criterion beyond that of the one before."""
+    passed = lead < 0.0
+    words = (
+        f"under the forces that each leaves unknown, the information criterion is {short(abs(lead))} "
+        f"{'lower' if passed else 'higher'} than before, so it is {'accepted' if passed else 'rejected'}"
+    )
+    return Record("fit", names_of(larger.keys), -lead, 0.0, passed, words, "criterion", names_of(smaller.keys))
+
+
+def record_bound(model: Model, effect: Effect, strength: str) -> Record:
+    """A law one of whose strengths ended at a bound."""
+    words = (
+        f"its {strength.replace('_', ' ')} ends at the bound {short(effect.values[strength])}, where a simpler law "
+        "says the same, so it is dropped"
+    )
+    return _record("admit", model, effect, None, None, False, words, "bound")
+
+
+def record_implausible(model: Model, effect: Effect) -> Record:
+    """An effect that would not act as its name says."""
+    words = "over these motions it would not act as its name says, so it is dropped"
+    return _record("admit", model, effect, None, None, False, words, "plausibility")
+
+
+def record_undetermined(model: Model, effect: Effect, strength: str, std: float, size: float) -> Record:
+    """A law one of whose strengths the recordings do not determine."""
+    words = (
+        f"the standard deviation of its {strength.replace('_', ' ')} is {short(std)}, and what it may be spans "
+        f"{short(size)}: it is not determined, so the law is dropped"
+    )
+    return _record("admit", model, effect, std, size, False, words, "undetermined")
+
+
+def record_support(model: Model, effect: Effect, share: float, least: float) -> Record:
+    """Whether an effect explains more at its place than is left there."""
+    passed = share >= least
+    words = (
+        f"in the row that it explains best, a share of {short(share)} of the misfit is removed by it; as more than "
+        f"noise and white forces remain, at least {short(least)} is required, so it is "
+        f"{'named' if passed else 'not named'}"
+    )
+    return _record("support", model, effect, share, least, passed, words, "share of the misfit")
+
+
+def record_contender(best: Model, effect: Effect, other: Key, lead: float) -> Record:
+    """An effect that was fitted exactly in the place of an accepted one; `lead` is its criterion beyond that one's."""
+    words = (
+        f"in the place of {spoken(name_of(effect.key))}, all else being equal, the information criterion is "
+        f"{short(abs(lead))} {'higher, so it is not preferred' if lead > 0.0 else 'lower, so it is preferred'}"
+    )
+    beside = names_of(best.keys - {effect.key})
+    return Record("choose", name_of(other), -lead, 0.0, lead < 0.0, words, "criterion", beside)
+
+
+def record_shared(model: Model, effect: Effect, probability: float, least: float) -> Record:
+    """Whether an effect has most of the evidence that it shares with other laws at its place."""
+    passed = probability >= least
+    words = (
+        f"of the laws that explain the same, it has a probability of {short(probability, 2)}; at least "
+        f"{short(least, 2)} is required, so it is {'named' if passed else 'not named'}"
+    )
+    return _record("prune", model, effect, probability, least, passed, words, "probability")
+
+
+def _record(
+    step: str,
+    model: Model,
+    effect: Effect,
+    statistic: float | None,
+    threshold: float | None,
+    passed: bool,
+    words: str,
+    test: str,
+) -> Record:
+    rest = model.keys - {effect.key}
+    beside = names_of(rest) if rest else ""
+    return Record(step, name_of(effect.key), statistic, threshold, passed, words, test, beside)

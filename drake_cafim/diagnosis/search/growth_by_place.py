@@ -1,0 +1,297 @@
+"""Forward selection at all places at once: friction at one joint does not show in the equations of another."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.stats import chi2
+
+from drake_cafim.diagnosis.fit.adequacy import by_run
+from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
+from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.search import decisions_by_place as decisions
+from drake_cafim.diagnosis.search.law_shapes import fit_shapes
+from drake_cafim.diagnosis.search.screening import Candidate, screen
+from drake_cafim.diagnosis.search.state import Settings
+from drake_cafim.diagnosis.thresholds import (
+    MISFIT_SHARE_TO_EXPLAIN,
+    NOISE_STD_TOLERANCE,
+    RECORDINGS_SHARE_IMPROVED,
+    UNDETERMINED_STD_SHARE,
+)
+from drake_cafim.diagnosis.trace import Record, Trace
+from drake_cafim.effects.effect import Effect, Place
+from drake_cafim.typing import Array
+
+MOST_ROUNDS = 12
+"""Largest number of rounds; each adds at most one effect at each joint."""
+MOST_REFUSALS = 8
+"""Number of effects tried in vain, one after another, after which the growth ends."""
+AT_BOUND = 1e-9
+"""Distance from a bound, relative to the strength's size, up to which it counts as reached."""
+QUARTERS = 4
+"""Number of parts into which recordings are cut where there are fewer."""
+ELSEWHERE = ""
+"""The place of what moves the rows of many joints: loads on bodies, contacts, gravity."""
+
+
+@dataclass
+class GrowthByPlace:
+    """The explanation `best` grown so far, and the `problem` whitened with the unknown forces that it leaves."""
+
+    nominal: SearchProblem
+    """Whitened with the noise of the channels alone."""
+    problem: SearchProblem
+    best: Fit
+    effects: Sequence[Effect]
+    trials: int
+    settings: Settings
+    progress: Callable[[str], None]
+    trace: Trace = field(default_factory=Trace)
+    refused: set[Key] = field(default_factory=set)
+
+    @classmethod
+    def of(
+        cls,
+        nominal: SearchProblem,
+        model: Model,
+        trials: int,
+        settings: Settings,
+        progress: Callable[[str], None],
+    ) -> "GrowthByPlace":
+        """Begins with `model`, which leaves all that is missing to unknown forces."""
+        problem = _under_force_of(nominal, model)
+        best = fit(problem, model)
+        return cls(nominal, problem, best, nominal.hypotheses(), max(trials, 1), settings, progress)
+
+    def grow(self) -> None:
+        """Adds effects while one stands out."""
+        refusals = 0
+        for number in range(MOST_ROUNDS):
+            additions = self._promising()
+            if not additions or refusals > MOST_REFUSALS:
+                break
+            size = len(self.best.model.effects)
+            self.progress(f"round {number + 1}, {size} effects: {len(additions)} more under unknown forces")
+            grown = self.settle(self.best.model.with_effects([candidate.effect for candidate in additions]))
+            refusals = 0 if grown else refusals + len(additions)
+            self.refused |= {candidate.effect.key for candidate in additions} - self.best.model.keys
+
+    def settle(self, model: Model) -> bool:
+        """Whether `model`, without its effects that fail a test, becomes the explanation.
+
+        It does where the likelihood, under the forces that it leaves, pays for its parameters. Then the rows are
+        whitened with these forces, and what stood out by the former ones may fail.
+        """
+        known = self.best.model.keys
+        shaped = fit_shapes(self.problem, fit(self.problem, model), model.keys - known)
+        kept = self._without_failing(self.problem, shaped)
+        if kept.model.keys == known:
+            return False
+        problem = _under_force_of(self.nominal, kept.model)
+        best = self._without_failing(problem, fit(problem, kept.model))
+        lead = self._evidence(problem, best) - self._evidence(self.problem, self.best)
+        self.trace.add(decisions.record_likelihood(best.model, self.best.model, lead))
+        if lead < 0.0:
+            self.problem, self.best = problem, best
+        return lead < 0.0
+
+    def drop(self, effects: Sequence[Effect]) -> None:
+        """Takes `effects` out of the explanation, whatever that costs."""
+        rest = tuple(effect for effect in self.best.model.effects if effect not in effects)
+        model = Model(self.best.model.unknown, rest, self.best.model.free)
+        self.problem = _under_force_of(self.nominal, fit(self.problem, model).model)
+        self.best = fit(self.problem, model)
+
+    def fails(self, effect: Effect) -> bool:
+        """Whether an effect of the explanation fails a test there; recorded in the trace."""
+        failure = self._failure(self.problem, self.best, effect)
+        if failure is not None:
+            self.trace.add(failure[0])
+        return failure is not None
+
+    def _evidence(self, problem: SearchProblem, found: Fit) -> float:
+        """The information criterion with −2 ln likelihood, χ² + ln det C, in place of χ²: the forces differ."""
+        return criterion(found, 1.0, self.trials) + problem.log_determinant
+
+    def criterion_gain(self, candidate: Candidate) -> float:
+        """Decrease of the information criterion by a candidate, to first order; see `evidence.criterion`."""
+        paid = candidate.strengths * np.log(max(self.problem.rows, 2)) + 2.0 * np.log(self.trials)
+        return float(candidate.gain - paid - candidate.effect.surprise)
+
+    def beside(self, model: Model) -> list[Effect]:
+        """The effects that may be added to `model`."""
+        present = model.effects
+        return [
+            effect
+            for effect in self.effects
+            if effect.key not in model.keys and not any(effect.excludes(other) for other in present)
+        ]
+
+    def _promising(self) -> list[Candidate]:
+        """The best candidate at each joint; or the best one elsewhere, alone, where it gains more than any of these."""
+        allowed = [effect for effect in self.beside(self.best.model) if effect.key not in self.refused]
+        candidates = screen(self.problem, self.best, allowed)
+        by_place: dict[str, Candidate] = {}
+        for candidate in sorted(candidates, key=self.criterion_gain, reverse=True):
+            luck = float(chi2.sf(candidate.gain, candidate.strengths)) * self.trials
+            if self.criterion_gain(candidate) > 0.0 and luck <= self.settings.false_alarm_rate:
+                by_place.setdefault(place_of(candidate.effect), candidate)
+        elsewhere = by_place.pop(ELSEWHERE, None)
+        if elsewhere is None:
+            return list(by_place.values())
+        most = max(map(self.criterion_gain, by_place.values()), default=0.0)
+        return [elsewhere] if self.criterion_gain(elsewhere) > most else list(by_place.values())
+
+    def _without_failing(self, problem: SearchProblem, found: Fit) -> Fit:
+        """The fit without the effects that fail a test, the clearest failures first."""
+        while found.model.effects:
+            failed = {effect.key: self._failure(problem, found, effect) for effect in found.model.effects}
+            failures = {key: failure for key, failure in failed.items() if failure is not None}
+            self.trace.add(*(record for record, _ in failures.values()))
+            if not failures:
+                self.trace.add(*(self._admission(problem, found, effect) for effect in found.model.effects))
+                return found
+            # those that hardly act go together; of the others one at a time, since each may fail by another's fault
+            worst = max(badness for _, badness in failures.values())
+            dropped = {key for key, (_, badness) in failures.items() if badness >= min(worst, 1.0)}
+            rest = [effect for effect in found.model.effects if effect.key not in dropped]
+            found = fit(problem, Model(found.model.unknown, tuple(rest), found.model.free))
+        return found
+
+    def _failure(self, problem: SearchProblem, found: Fit, effect: Effect) -> tuple[Record, float] | None:
+        """The record of the test that `effect` fails, and how badly: 1 and more where nothing can save it."""
+        bound = strength_at_bound(effect)
+        if bound is not None:
+            return decisions.record_bound(found.model, effect, bound), 1.0
+        if not problem.plausible(Model(found.model.unknown, (effect,))):
+            return decisions.record_implausible(found.model, effect), 1.0
+        wide = undetermined(found, effect)
+        if wide is not None:
+            return decisions.record_undetermined(found.model, effect, *wide), 1.0
+        statistic, freedom = self.wald(problem, found, effect)
+        threshold = self.threshold(freedom)
+        if statistic < threshold:
+            return decisions.record_wald(found.model, effect, statistic, threshold), 1.0 - statistic / threshold
+        if self._leaves_noise(problem, found):
+            return None
+        without = residual_without(found, effect)
+        share = share_removed(problem, found.residual, without)
+        if share < MISFIT_SHARE_TO_EXPLAIN:
+            record = decisions.record_share(found.model, effect, share, MISFIT_SHARE_TO_EXPLAIN)
+            return record, 1.0 - share / MISFIT_SHARE_TO_EXPLAIN
+        better = share_improved(problem, found.residual, without)
+        if better < RECORDINGS_SHARE_IMPROVED and effect.episode is None:
+            record = decisions.record_improved(found.model, effect, better, RECORDINGS_SHARE_IMPROVED)
+            return record, 1.0 - better
+        return None
+
+    def _leaves_noise(self, problem: SearchProblem, found: Fit) -> bool:
+        return leaves_noise(problem, found, self.settings.adequacy_level)
+
+    def _admission(self, problem: SearchProblem, found: Fit, effect: Effect) -> Record:
+        statistic, freedom = self.wald(problem, found, effect)
+        return decisions.record_wald(found.model, effect, statistic, self.threshold(freedom))
+
+    def wald(self, problem: SearchProblem, found: Fit, effect: Effect) -> tuple[float, int]:
+        """χ² of "the effect is absent" and its degrees of freedom: by blocks of time, unless the residual is white.
+
+        A covariance by few blocks is itself uncertain, so that a faint effect would not be seen; it is needed where
+        the residual is correlated.
+        """
+        by_noise, by_blocks = wald_statistics(problem, found, effect.key)
+        statistic = by_noise if self._leaves_noise(problem, found) else min(by_noise, by_blocks)
+        return statistic / (1.0 + NOISE_STD_TOLERANCE) ** 2, len(effect.vanishing()[0])
+
+    def threshold(self, freedom: int) -> float:
+        """Wald statistic that noise alone exceeds in the best of all looks at the false-alarm rate."""
+        return float(chi2.isf(self.settings.false_alarm_rate / self.trials, freedom))
+
+
+def place_of(effect: Effect) -> str:
+    """The joint at which an effect acts, or the channel that it changes; `ELSEWHERE` where it is neither."""
+    return effect.at if effect.place in (Place.JOINT, Place.ACTUATOR, Place.CHANNEL) else ELSEWHERE
+
+
+def joint_of(effect: Effect) -> str:
+    """The joint at which an effect acts or whose channel it changes; the channel's sensor, or `ELSEWHERE`."""
+    return effect.at.partition(".")[2] if effect.place is Place.CHANNEL else place_of(effect)
+
+
+def strength_at_bound(effect: Effect) -> str | None:
+    """Name of a strength that ended at one of its bounds: then a simpler law says the same."""
+    for strength in effect.strengths:
+        value = effect.values[strength.name]
+        reach = AT_BOUND * max(abs(value), strength.typical)
+        if value - strength.lower <= reach or strength.upper - value <= reach:
+            return strength.name
+    return None
+
+
+def undetermined(found: Fit, effect: Effect) -> tuple[str, float, float] | None:
+    """A strength whose std is too large a share of what it may be: its name, the std and that size.
+
+    That is the width of its bounds or, where they are not finite, the larger of its value and its typical size.
+    """
+    position = len(found.model.unknown)
+    for other in found.model.effects:
+        for strength in other.strengths:
+            width = strength.upper - strength.lower
+            size = width if np.isfinite(width) else max(abs(other.values[strength.name]), strength.typical)
+            if other is effect and found.std[position] > UNDETERMINED_STD_SHARE * size:
+                return strength.name, float(found.std[position]), float(size)
+            position += 1
+    return None
+
+
+def residual_without(found: Fit, *effects: Effect) -> Array:
+    """(R + n,) whitened rows without `effects`, to first order, all other parameters adapting.
+
+    x − C Sᵀ (S C Sᵀ)⁻¹ d makes the effects vanish, with the covariance C of all parameters x and the effects'
+    difference d from none, S its derivative.
+    """
+    differences, slopes, position = [], [], len(found.model.unknown)
+    for other in found.model.effects:
+        stop = position + len(other.strengths)
+        if other in effects:
+            difference, slope = other.vanishing()
+            seen = np.zeros((len(difference), found.jacobian.shape[1]))
+            seen[:, position:stop] = slope
+            differences.append(difference)
+            slopes.append(seen)
+        position = stop
+    all_slopes = np.concatenate(slopes)
+    along = found.covariance @ all_slopes.T
+    change = -along @ np.linalg.lstsq(all_slopes @ along, np.concatenate(differences), rcond=None)[0]
+    return np.asarray(found.residual + found.jacobian @ change)
+
+
+def share_removed(problem: SearchProblem, residual: Array, without: Array) -> float:
+    """Share of χ² by which `residual` is less than `without`, in the kind of rows where that is largest."""
+    left, had = (
+        np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, rows[: problem.rows])], axis=0)
+        for rows in (residual, without)
+    )
+    return float(np.max(1.0 - left / np.maximum(had, 1e-300)))
+
+
+def share_improved(problem: SearchProblem, residual: Array, without: Array) -> float:
+    """Share of the recordings, or of the quarters of fewer than four, in which `residual` is less than `without`."""
+    cut = 1 if len(problem.runs) >= QUARTERS else QUARTERS
+    each = zip(by_run(problem, residual[: problem.rows]), by_run(problem, without[: problem.rows]), strict=True)
+    parts = [
+        float(np.sum(b**2) - np.sum(a**2))
+        for (_, left), (_, had) in each
+        for a, b in zip(np.array_split(left, cut), np.array_split(had, cut), strict=True)
+    ]
+    return float(np.mean(np.array(parts) > 0.0))
+
+
+def _under_force_of(nominal: SearchProblem, model: Model) -> SearchProblem:
+    """The problem with the unknown forces as noise that `model` leaves."""
+    force = nominal.likeliest_force(model)
+    assert force is not None
+    return nominal.with_unknown_force(force, model)

@@ -1,0 +1,160 @@
+"""Compares each effect found under unknown forces with the other laws at its place, and gives their probabilities."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
+from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
+from drake_cafim.diagnosis.search import decisions_by_place as decisions
+from drake_cafim.diagnosis.search.growth_by_place import (
+    GrowthByPlace,
+    joint_of,
+    residual_without,
+    share_removed,
+    strength_at_bound,
+    undetermined,
+)
+from drake_cafim.diagnosis.search.law_shapes import fit_shapes
+from drake_cafim.diagnosis.search.screening import screen
+from drake_cafim.diagnosis.thresholds import (
+    LEAST_PROBABILITY,
+    NAMED_EXCESS_SHARE,
+    RIVALS_FITTED_PER_PARENT,
+)
+from drake_cafim.effects.effect import Effect
+
+ROUNDS = 2
+"""Largest number of comparisons, each after another law was preferred at some place."""
+FITTED_LEAD = 6.0
+"""Criterion beyond the best one's, to first order, up to which a law is fitted exactly: its probability is then 5 %."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Explanations in which another law replaces an effect, and the probability of each effect and each such law."""
+
+    others: tuple[Fit, ...]
+    probability: dict[Key, float]
+
+
+def compare_by_place(growth: GrowthByPlace) -> Compared:
+    """Replaces effects of `growth.best` by better laws at their joints, and drops those that share their evidence."""
+    for _ in range(ROUNDS):
+        found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
+        better = {key: leads[0][2] for key, leads in found.items() if leads and leads[0][0] < 0.0}
+        effects = tuple(better.get(effect.key, effect) for effect in growth.best.model.effects)
+        # two effects may prefer the same law
+        effects = tuple({effect.key: effect for effect in effects}.values())
+        if not better or not growth.settle(Model(growth.best.model.unknown, effects, growth.best.model.free)):
+            break
+    else:
+        found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
+    probability = _probabilities(growth, found)
+    for effect in growth.best.model.effects:
+        of_it = probability[effect.key]
+        growth.trace.add(decisions.record_shared(growth.best.model, effect, of_it, LEAST_PROBABILITY))
+    shared = [effect for effect in growth.best.model.effects if probability[effect.key] < LEAST_PROBABILITY]
+    if shared:
+        growth.drop(shared)
+    _drop_unsupported(growth)
+    return Compared(tuple(other for leads in found.values() for _, other, _ in leads), probability)
+
+
+def _drop_unsupported(growth: GrowthByPlace) -> None:
+    """Drops effects that explain less than is left at their places, the least of them first."""
+    while growth.best.model.effects:
+        problem, best = growth.problem, growth.best
+        if leaves_noise(problem, best, growth.settings.adequacy_level):
+            return
+        shares = [
+            (share_removed(problem, best.residual, residual_without(best, effect)), effect)
+            for effect in best.model.effects
+        ]
+        failing = [effect for effect in best.model.effects if growth.fails(effect)]
+        if failing:
+            growth.drop(failing[:1])
+            continue
+        share, least = min(shares, key=lambda entry: entry[0])
+        growth.trace.add(decisions.record_support(best.model, least, share, NAMED_EXCESS_SHARE))
+        if share >= NAMED_EXCESS_SHARE:
+            return
+        growth.drop([least])
+
+
+Lead = tuple[float, Fit, Effect]
+"""By how much an explanation's criterion exceeds the best one's, in units of what blocks show; itself; its own law."""
+
+
+def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
+    """The best laws in the place of `effect`, fitted exactly where to first order they come near it; the best first."""
+    problem, best = growth.problem, growth.best
+    rest = best.model.without(effect)
+    residual, kept = problem.residual(rest), _columns_but(best, effect)
+    at_rest = Fit(rest, residual, best.jacobian[:, kept], best.covariance[np.ix_(kept, kept)], best.data_rows)
+    here = joint_of(effect)
+    laws = [other for other in growth.beside(rest) if other.key != effect.key and joint_of(other) == here]
+    unit = _evidence_unit(growth, effect)
+    basis = np.linalg.qr(at_rest.jacobian)[0]
+    left = residual - basis @ (basis.T @ residual)
+    lost = float(left @ left) - best.chi_square
+    own = _cost_of(growth, best, effect)
+    found: list[Lead] = []
+    price = {law.key: _cost_of(growth, best, law) for law in laws}
+    looks = sorted(screen(problem, at_rest, laws), key=lambda look: price[look.effect.key] - look.gain)
+    for candidate in looks[:RIVALS_FITTED_PER_PARENT]:
+        lead = lost - candidate.gain + _cost_of(growth, best, candidate.effect) - own
+        if lead > FITTED_LEAD * unit:
+            break
+        added = fit(problem, rest.with_effects([candidate.effect]))
+        other = fit_shapes(problem, added, {candidate.effect.key})
+        law = next(law for law in other.model.effects if law.key == candidate.effect.key)
+        if strength_at_bound(law) or undetermined(other, law) or not problem.plausible(other.model):
+            continue
+        lead = (criterion(other, 1.0, growth.trials) - criterion(best, 1.0, growth.trials)) / unit
+        growth.trace.add(decisions.record_contender(best.model, effect, law.key, lead))
+        found.append((lead, other, law))
+    return sorted(found, key=lambda entry: entry[0])
+
+
+def _cost_of(growth: GrowthByPlace, best: Fit, effect: Effect) -> float:
+    """What the information criterion asks of an effect for its strengths, and for having been chosen."""
+    return len(effect.strengths) * float(np.log(max(best.data_rows, 2))) + effect.surprise
+
+
+def _columns_but(best: Fit, effect: Effect) -> list[int]:
+    """The columns of a fit's Jacobian without those of `effect`."""
+    position, kept = len(best.model.unknown), list(range(len(best.model.unknown)))
+    for other in best.model.effects:
+        if other is not effect:
+            kept += range(position, position + len(other.strengths))
+        position += len(other.strengths)
+    return kept
+
+
+def _evidence_unit(growth: GrowthByPlace, effect: Effect) -> float:
+    """How many times less the blocks of time tell of an effect than independent rows would, at least 1.
+
+    What remains is correlated, so that differences of χ² are larger than their evidence by this factor (composite
+    likelihood; Varin, Vidoni, Biometrika 92(3), 2005).
+    """
+    by_noise, _ = wald_statistics(growth.problem, growth.best, effect.key)
+    shown = growth.wald(growth.problem, growth.best, effect)[0]
+    return max(1.0, by_noise / shown) if shown > 0.0 else 1.0
+
+
+def _probabilities(growth: GrowthByPlace, found: dict[Key, list[Lead]]) -> dict[Key, float]:
+    """By effect: P ∝ exp(−Δ/2), Δ its criterion beyond the best one's, over the laws at its place and none of them."""
+    probability: dict[Key, float] = {}
+    for effect in growth.best.model.effects:
+        unit = _evidence_unit(growth, effect)
+        by_noise, _ = wald_statistics(growth.problem, growth.best, effect.key)
+        none = by_noise / unit - _cost_of(growth, growth.best, effect) - 2.0 * float(np.log(growth.trials))
+        leads = [(effect.key, 0.0), *((law.key, lead) for lead, _, law in found[effect.key])]
+        weights = np.array([np.exp(-0.5 * max(lead, 0.0)) for _, lead in leads])
+        total = float(weights.sum()) + float(np.exp(-0.5 * max(none, 0.0)))
+        for (key, _), weight in zip(leads, weights, strict=True):
+            probability[key] = max(probability.get(key, 0.0), float(weight) / total)
+    return probability
