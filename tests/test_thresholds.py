@@ -28,7 +28,7 @@ ITERATIONS = {
     "search/cuts.py": "MOST_LEFT_OUT DRAWS",
     "joints/linearised_contact_effects.py": "IMPROVEMENTS",
     "joints/plane_candidates.py": "IMPROVEMENTS",
-    "joints/unknown_force.py": "MOST_STEPS TOLERANCE",
+    "joints/unknown_force.py": "MOST_STEPS TOLERANCE PART REACH",
     "likelihood/flow.py": "TOLERANCE MOST_STEPS",
     "likelihood/whole_recordings.py": "ITERATIONS SETTLED FREEDOMS NEAR WORSE SMALL_DAMPING LARGE_DAMPING",
     "rows/initial_uncertainty.py": "MOST_SWEEPS TOLERANCE",
@@ -98,10 +98,11 @@ MEMORY = {
     "rows/effort_rows.py": "CACHED_TERMS",
     "rows/filtered_windows.py": "ROWS_TOGETHER",
     "rows/force_rows.py": "CACHED_TERMS",
-    "rows/inertial_regressor.py": "CACHED_REGRESSORS",
+    "rows/inertial_regressor.py": "CACHED_REGRESSORS WINDOWS_AT_ONCE",
     "rows/initial_uncertainty.py": "CACHED_LAGS",
     "rows/mobility.py": "CACHED",
     "tosses/pulses.py": "TOGETHER",
+    "rows/velocity_smoothing.py": "CACHED_STDS",
     "whitening/whitened_run.py": "CACHED_STARTS",
 }
 DERIVED = {

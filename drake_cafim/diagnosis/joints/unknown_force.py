@@ -1,5 +1,6 @@
 """Unknown white forces at the joints as noise: their density, estimated from the residual of a model."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,8 @@ from drake_cafim.typing import Array
 
 MOST_STEPS, TOLERANCE = 12, 0.02
 """Largest number of scoring steps, and the relative change of the densities at which they end."""
+PART, REACH = 256, 256
+"""Windows whose forces are whitened at once, and how many windows later they are still felt in whitened rows."""
 
 
 def force_density(problem: WeakFormRows, model: Model) -> Array:
@@ -62,9 +65,21 @@ def remarks(problem: WeakFormRows) -> tuple[str, ...]:
 def _parts(run: Run, physics: Physics) -> list[float]:
     """Σ of squared whitened rows of a window by a white force of unit density, for each joint."""
     return [
-        float(np.sum(run.whiten(factor.toarray()) ** 2)) / run.shape[0]
+        sum(float(np.sum(seen**2)) for _, seen in _whitened(run.whiten, factor)) / run.shape[0]
         for factor in unknown_force_factors(run.weak, physics)
     ]
+
+
+def _whitened(whiten: Whitening, factor: sp.csr_matrix) -> Iterator[tuple[slice, Array]]:
+    """Rows, and there L⁻¹ F of a `factor` F (R, M), by parts of its columns: a force is not felt long after it acted.
+
+    Whole, it would take memory and time in proportion to the square of a recording's length.
+    """
+    count, windows = factor.shape
+    each = count // windows
+    for first in range(0, windows, PART):
+        rows = slice(first * each, min((first + PART + REACH) * each, count))
+        yield rows, whiten.part(rows.start, rows.stop)(factor[rows, first : first + PART].toarray())
 
 
 @dataclass(frozen=True)
@@ -93,7 +108,8 @@ class _Recording:
         white = whiten(self.rows)
         score, information = np.zeros(len(density)), np.zeros(len(density))
         for j, factor in enumerate(self.factors):
-            seen = whiten(factor.toarray())
-            score[j] = 0.5 * float(np.sum((seen.T @ white) ** 2) - np.sum(seen**2))
-            information[j] = 0.5 * float(np.sum((seen.T @ seen) ** 2))
+            for rows, seen in _whitened(whiten, factor):
+                score[j] += 0.5 * float(np.sum((seen.T @ white[rows]) ** 2) - np.sum(seen**2))
+                # forces of two parts share next to nothing
+                information[j] += 0.5 * float(np.sum((seen.T @ seen) ** 2))
         return score, information

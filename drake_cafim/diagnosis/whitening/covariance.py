@@ -46,6 +46,10 @@ class Whitening:
             raise ArithmeticError(f"the covariance of the residual is singular at row {info}")
         return np.asarray(solved.reshape(rows.shape), dtype=float)
 
+    def part(self, start: int, stop: int) -> "Whitening":
+        """The whitening of the rows from `start` to `stop` − 1, given those before."""
+        return Whitening(self.factor[:, start:stop], self.covariance)
+
     @property
     def log_determinant(self) -> float:
         """ln det C."""
