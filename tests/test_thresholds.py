@@ -35,7 +35,7 @@ ITERATIONS = {
     "rows/trajectory.py": "DENSITIES REFINEMENTS PASSES SETTLED REFUSED",
     "search/law_shapes.py": "FINER",
     "search/state.py": "ROUNDS",
-    "search/growth_by_place.py": "MOST_ROUNDS MOST_REFUSALS AT_BOUND QUARTERS",
+    "search/growth_by_place.py": "MOST_ROUNDS MOST_REFUSALS CONVERGED AT_BOUND QUARTERS",
     "search/rivals_by_place.py": "ROUNDS FITTED_LEAD",
     "tosses/arc_rows.py": "CORRECTIONS",
     "tosses/initial_states.py": "ROUNDS SETTLED NEAR SECOND_LOOKS FIRST_DAMPING HARDER EASIER LEAST_DAMPING",

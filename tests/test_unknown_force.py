@@ -13,7 +13,6 @@ from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.unknown_force import force_density
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.judgement import judge
-from drake_cafim.diagnosis.search.search import search
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.recordings.recording import Recording
 from tests.concealed.make import simulate
@@ -72,7 +71,8 @@ def test_an_effect_is_told_from_the_forces_beside_it(tmp_path: Path) -> None:
     assert [(accepted.effect.name, accepted.effect.at) for accepted in verdict.explanation] == [
         ("joint_viscous_friction", "joint_7")
     ]
-    assert any("unknown random forces" in remark for remark in verdict.noise_remarks)
+    # a model need not be righter than that, so these forces are no news
+    assert not any("unknown random forces" in remark for remark in verdict.noise_remarks)
 
 
 def test_a_force_alone_is_no_effect(tmp_path: Path) -> None:
@@ -81,12 +81,10 @@ def test_a_force_alone_is_no_effect(tmp_path: Path) -> None:
     assert found.kind == "unexplained" and not found.best.model.effects
 
 
-def test_a_contact_that_a_search_misses_is_found_beside_forces(tmp_path: Path) -> None:
-    """Of an arm with unknown random efforts: a search that takes all it leaves for physics names nothing."""
+def test_a_contact_is_found_beside_forces(tmp_path: Path) -> None:
+    """Of an arm with unknown random efforts."""
     case = simulate("single:unmodeled_contact", "arm3", CONTACT_SHAKEN)
     scene, read = written(case, tmp_path)
-    problem = prepare(scene, read).problem()
-    assert not search(problem, Settings()).best.model.effects
     verdict = diagnose(scene, read)
     assert verdict.kind == "explained"
     [effect] = case.truth["effects"]

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.rows.adjustment import without_unmodelled_force
-from drake_cafim.diagnosis.thresholds import UNKNOWN_FORCE_VARIANCE_SHARE
+from drake_cafim.diagnosis.thresholds import LAW_ACCURACY, UNKNOWN_FORCE_VARIANCE_SHARE
 from drake_cafim.diagnosis.whitening.covariance import Whitening, unknown_force_factors, whitening
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.numerics.rounding import rounded
@@ -48,13 +48,20 @@ def force_density(problem: WeakFormRows, model: Model) -> Array:
 
 
 def remarks(problem: WeakFormRows) -> tuple[str, ...]:
-    """A sentence for each joint at which unknown forces are a large part of the rows' noise, with their size."""
+    """A sentence for each joint at which unknown forces are a large part of the rows' noise, with their size.
+
+    Forces within the accuracy that laws are taken to have are no news.
+    """
     physics, windows = problem.under.physics(problem.scene), problem.runs[0].weak.samples.windows
     # of each window's whitened rows, whose variance is 1
     part = np.mean([_parts(run, physics) for run in problem.runs], axis=0) * problem.unknown_force
+    efforts = np.concatenate([run.weak.mean_effort(physics) for run in problem.runs])
+    within = LAW_ACCURACY**2 * np.mean(efforts**2, axis=0) * windows.spacing
     found = []
-    for joint, share, density in zip(problem.scene.tree.joints, part, problem.unknown_force, strict=True):
-        if share > UNKNOWN_FORCE_VARIANCE_SHARE:
+    for joint, share, density, least in zip(
+        problem.scene.tree.joints, part, problem.unknown_force, within, strict=True
+    ):
+        if share > UNKNOWN_FORCE_VARIANCE_SHARE and density > least:
             size = f"{rounded(float(np.sqrt(density / windows.width)), 2)} {'N' if joint.prismatic else 'N m'}"
             found.append(
                 f"unknown random forces act at {joint.name}, like white noise of {size} over {windows.width:.2g} s"

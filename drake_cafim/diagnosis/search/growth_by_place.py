@@ -30,6 +30,8 @@ MOST_ROUNDS = 12
 """Largest number of rounds; each adds at most one effect at each joint."""
 MOST_REFUSALS = 8
 """Number of effects tried in vain, one after another, after which the growth ends."""
+CONVERGED = 0.1
+"""Decrease of χ² by one more fit below which a fit counts as converged."""
 AT_BOUND = 1e-9
 """Distance from a bound, relative to the strength's size, up to which it counts as reached."""
 QUARTERS = 4
@@ -98,6 +100,14 @@ class GrowthByPlace:
         if lead < 0.0:
             self.problem, self.best = problem, best
         return lead < 0.0
+
+    def converge(self) -> None:
+        """Fits the explanation until χ² falls no more: a fit that stopped early would seem worse than another law's."""
+        for _ in range(MOST_ROUNDS):
+            before = self.best
+            self.best = fit(self.problem, before.model)
+            if before.chi_square - self.best.chi_square < CONVERGED:
+                break
 
     def drop(self, effects: Sequence[Effect]) -> None:
         """Takes `effects` out of the explanation, whatever that costs."""

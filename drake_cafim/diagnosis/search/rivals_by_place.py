@@ -42,6 +42,7 @@ class Compared:
 
 def compare_by_place(growth: GrowthByPlace) -> Compared:
     """Replaces effects of `growth.best` by better laws at their joints, and drops those that share their evidence."""
+    growth.converge()
     for _ in range(ROUNDS):
         found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
         better = {key: leads[0][2] for key, leads in found.items() if leads and leads[0][0] < 0.0}
@@ -50,6 +51,7 @@ def compare_by_place(growth: GrowthByPlace) -> Compared:
         effects = tuple({effect.key: effect for effect in effects}.values())
         if not better or not growth.settle(Model(growth.best.model.unknown, effects, growth.best.model.free)):
             break
+        growth.converge()
     else:
         found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
     probability = _probabilities(growth, found)
