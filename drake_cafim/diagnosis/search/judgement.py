@@ -20,7 +20,7 @@ from drake_cafim.diagnosis.search.search_under_unknown_force import (
     search_again,
 )
 from drake_cafim.diagnosis.search.state import Settings
-from drake_cafim.diagnosis.thresholds import MOST_EFFECTS, NAMED_EXCESS_SHARE, WIDER_WINDOW_RATIOS
+from drake_cafim.diagnosis.thresholds import NAMED_EXCESS_SHARE, WIDER_WINDOW_RATIOS
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.verdict import Kind
 from drake_cafim.numerics.computation import NotComputable, compute
@@ -67,8 +67,7 @@ def _judge_searches(
     """`judge` without the check of how far the unknowns are from their priors."""
     outcome = search(problem, settings, progress, trace=trace)
     first = _of_search(outcome, settings, trace)
-    # whoever asks for fewer effects than usual wants the best few, and no search for more
-    if first.kind != "unexplained" or settings.most_effects < MOST_EFFECTS:
+    if first.kind != "unexplained" or not settings.most_effects:
         return first
     again = compute(lambda: _under_unknown_forces(outcome, settings, progress, trace.of_search(UNKNOWN_FORCES)))
     if isinstance(again, NotComputable):

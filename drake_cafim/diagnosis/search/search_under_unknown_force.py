@@ -18,7 +18,7 @@ from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.rivals_by_place import compare_by_place
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.state import Settings
-from drake_cafim.diagnosis.thresholds import MISFIT_SHARE_TO_EXPLAIN
+from drake_cafim.diagnosis.thresholds import MISFIT_SHARE_TO_EXPLAIN, MOST_EFFECTS
 from drake_cafim.diagnosis.trace import Trace
 
 UNKNOWN_FORCES = "unknown forces"
@@ -43,7 +43,9 @@ def search_again(
     if outcome.best.model.effects:
         # what the first search found, as far as it stands out of unknown forces
         growth.settle(outcome.best.model)
-    growth.grow()
+    # whoever asks for fewer effects than usual wants those, and no search for more
+    if settings.most_effects >= MOST_EFFECTS:
+        growth.grow()
     compared = compare_by_place(growth)
     if not growth.best.model.effects:
         trace.add(decisions.record_unknown_forces_failure(growth.best))
