@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from drake_cafim.command_line.arguments import spread_values
 from drake_cafim.command_line.fleet import FleetArguments, diagnose_as_fleet
 from drake_cafim.command_line.group import Cafim
 from drake_cafim.command_line.options import common, package_option, parse_share
@@ -415,23 +416,6 @@ def replay(
         with suppress(KeyboardInterrupt):
             click.echo(f"{meshcat.web_url()}  pause and speed: Open Controls, Animations; Ctrl-C ends it", err=True)
             threading.Event().wait()
-
-
-def spread_values(arguments: list[str], options: tuple[str, ...]) -> list[str]:
-    """The arguments with `--recording A B C` as `--recording A --recording B --recording C`, the form click reads."""
-    result: list[str] = []
-    current: str | None = None
-    for argument in arguments:
-        if argument in options:
-            current = argument
-        elif argument.startswith("-") or (current == "--conceal" and "=" not in argument and "@" not in argument):
-            current = None
-            result.append(argument)
-        elif current is not None:
-            result += [current, argument]
-        else:
-            result.append(argument)
-    return result
 
 
 def run_cli() -> None:

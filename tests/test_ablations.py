@@ -10,7 +10,7 @@ import pytest
 
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.catalogue import effect_named
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.effects.link import Payload
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.scene.scene import Scene

@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 from drake_cafim.dynamics.motion import equations_of_motion, motion
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.catalogue import EFFECTS
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.errors import InputError
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array

@@ -11,7 +11,8 @@ from drake_cafim.commands.run import RunRequest, load_stage, run_command
 from drake_cafim.diagnosis.diagnose import diagnose
 from drake_cafim.experiment.closed_loop import Options
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.scene.scene import DIAGRAMS, Scene
+from drake_cafim.scene.address import DIAGRAMS
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 from tests.recoveries.cases import CASES, Case
 from tests.recoveries.models import ARM, scene_of

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.friction import JointLoadDependentFriction, JointStribeckFriction
 from drake_cafim.effects.joint import (
     JointAsymmetricCoulombFriction,
@@ -15,6 +14,7 @@ from drake_cafim.effects.joint import (
     JointSpring,
     JointViscousFriction,
 )
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.effects.transmission import JointHardStop, TorqueRipple
 from drake_cafim.typing import Array
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.effects.onset import Onset
 from drake_cafim.effects.transmission import JointHardStop
 

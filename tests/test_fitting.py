@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from drake_cafim import recordings
 from drake_cafim.diagnosis.fit.fitting import Fit, _subtract_excess, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
@@ -17,11 +16,8 @@ from drake_cafim.diagnosis.fit.robust_covariance import wald_p_value
 from drake_cafim.diagnosis.joints.linearised_effects import looks
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.pulses import strongest_pushes
-from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
-from drake_cafim.diagnosis.search.law_shapes import fit_shapes
-from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import REGRESSOR_SIGNAL_SHARE
 from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.body import ExternalDisturbance
@@ -33,8 +29,6 @@ from drake_cafim.effects.timing import SensorDelay
 from drake_cafim.effects.transmission import JointHardStop
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
-from tests.concealed.make import simulate
-from tests.concealed_case import written
 
 MODEL = """<robot name="slider"><link name="base"/>
   <link name="block"><inertial><mass value="2.0"/>
@@ -304,47 +298,6 @@ def test_a_spring_without_stiffness_is_absent(tmp_path: Path) -> None:
     jacobian = problem.jacobian(none)
     slack = Fit(none, problem.residual(none), jacobian, np.linalg.pinv(jacobian.T @ jacobian), problem.rows)
     assert wald_p_value(problem, slack, ("joint_spring", "rail")) == 1.0
-
-
-def test_a_gap_is_found_past_the_impacts_that_stop_a_fit(tmp_path: Path) -> None:
-    case = simulate("single:joint_backlash", "arm2", 5)
-    case.write(tmp_path)
-    prepared = prepare(Scene.load(tmp_path / "scenario.yaml"), [recordings.read(tmp_path / "train_1.parquet")])
-    assert isinstance(prepared, Prepared)
-    [effect] = case.truth["effects"]
-    values = {name: value for name, (value, _) in effect["parameters"].items()}
-    problem, gap = prepared.problem(), values["gap"]
-    nominal = unbiased_fit(problem, problem.nominal()).model
-    start = nominal.with_effects([JointBacklash(effect["at"], {**values, "gap": 3.5 * gap})])
-    stopped = fit(problem, start)
-    found = fit_shapes(problem, stopped)
-    assert stopped.model.effects[0].values["gap"] > 1.3 * gap
-    assert found.model.effects[0].values["gap"] == pytest.approx(gap, rel=0.02)
-    assert found.chi_square < stopped.chi_square - 10.0
-
-
-def test_impacts_at_other_times_are_no_echo(tmp_path: Path) -> None:
-    """Of a gap in quantised recordings: more noise moves each impact, which is nothing that slopes share with rows."""
-    case = simulate("single:joint_backlash", "arm2", 0xB3D9A28268B5389034F0A16A0564BA09)
-    scene, read = written(case, tmp_path)
-    problem = prepare(scene, read).problem()
-    [effect] = case.truth["effects"]
-    values = {name: value for name, (value, _) in effect["parameters"].items()}
-    nominal = unbiased_fit(problem, problem.nominal()).model
-    found = unbiased_fit(problem, nominal.with_effects([JointBacklash(effect["at"], values)]))
-    assert not found.echo
-    assert found.model.effects[0].values["gap"] == pytest.approx(values["gap"], rel=0.02)
-
-
-def test_a_gap_between_those_that_are_tried_is_seen(tmp_path: Path) -> None:
-    """Of one that a slow motion crosses a few times, a gap a third off is worse than none."""
-    scene, read = written(simulate("single:joint_backlash", "arm3", 0x5B4E6BEE27FD3877245773903B9B7C9), tmp_path)
-    prepared = prepare(scene, read)
-    assert isinstance(prepared, Prepared)
-    problem = prepared.problem()
-    [look] = screen(problem, unbiased_fit(problem, problem.nominal()), [JointBacklash("j1", {})])
-    assert look.gain > 300.0
-    assert look.effect.values["gap"] == pytest.approx(0.0205, rel=0.1)
 
 
 def test_slopes_in_unknowns_hold_the_noise_of_a_late_sensors_own_time(tmp_path: Path) -> None:

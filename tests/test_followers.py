@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 from drake_cafim import diagnose
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.dynamics.motion import equations_of_motion, momentum_balance, motion
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene

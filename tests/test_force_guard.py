@@ -25,7 +25,7 @@ from drake_cafim.errors import InputError
 from drake_cafim.experiment.closed_loop import Options, run
 from drake_cafim.experiment.kinematic_world import kinematic_world
 from drake_cafim.scenario.schema import load
-from drake_cafim.scene.scene import resolve
+from drake_cafim.scene.address import resolve
 from drake_cafim.tasks.contouring import contouring
 from drake_cafim.tasks.pinching import pinching
 from drake_cafim.tasks.rubbing import rubbing

@@ -14,7 +14,7 @@ from drake_cafim.design.situation import Situation
 from drake_cafim.diagrams.catalogue import stage_of
 from drake_cafim.experiment.closed_loop import Options, run
 from drake_cafim.scenario.schema import load
-from drake_cafim.scene.scene import resolve
+from drake_cafim.scene.address import resolve
 from drake_cafim.tasks.contouring import contouring
 from drake_cafim.tasks.pinching import pinching
 

@@ -9,7 +9,7 @@ from drake_cafim.diagrams.catalogue import stage_of
 from drake_cafim.experiment.run_record import describe_combinations
 from drake_cafim.information import identifiable_combinations
 from drake_cafim.scenario.schema import load
-from drake_cafim.scene.scene import resolve
+from drake_cafim.scene.address import resolve
 from drake_cafim.studies.cell import Cell, measure
 
 THETA = np.array([0.4, 100.0])

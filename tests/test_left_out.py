@@ -17,6 +17,7 @@ from drake_cafim.diagnosis.diagnose import _Predictions
 from drake_cafim.diagnosis.fit.fitting import fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
+from drake_cafim.diagnosis.left_out.law_terms import with_steps_in_one_term
 from drake_cafim.diagnosis.left_out.law_words import words_of
 from drake_cafim.diagnosis.left_out.learned import learn
 from drake_cafim.diagnosis.left_out.parts import Part, parts_of
@@ -25,9 +26,10 @@ from drake_cafim.diagnosis.left_out.selection import Selection, select
 from drake_cafim.diagnosis.preparation import PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.diagnosis.trace import Record
-from drake_cafim.effects.effect import Effect, JointSamples
+from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointSpring, JointViscousFriction
-from drake_cafim.effects.learned_force import LearnedForce, Term, table_name
+from drake_cafim.effects.joint_samples import JointSamples
+from drake_cafim.effects.learned_force import SIDED, SPEED, LearnedForce, Term, table_name
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.artifacts import write_scene
@@ -326,3 +328,15 @@ def test_a_table_that_is_missing_or_not_wanted_is_told(tmp_path: Path) -> None:
         scene(tmp_path, "effects: [{effect: joint_viscous_friction, at: rail, coefficient: 1, table: a}]\n")
     with pytest.raises(InputError, match="learned_force has no table"):
         scene(tmp_path, "effects: [{effect: learned_force, at: rail}]\n")
+
+
+def test_a_step_at_rest_stands_in_one_term_only() -> None:
+    x = np.linspace(-1.0, 1.0, 4001)
+    speed = Term(SPEED, tuple(x), tuple(5.0 * np.tanh(x / 0.1) - 0.3 * x))
+    sided = Term(SIDED, tuple(x), tuple(-5.0 + 0.2 * np.sin(3.0 * x)), 0.1)
+    before, after = LearnedForce("rail", {}, (speed, sided)), with_steps_in_one_term([speed, sided])
+    motion = JointSamples(np.linspace(-0.9, 0.9, 50), np.linspace(0.8, -0.8, 50), np.zeros(50))
+    moved = LearnedForce("rail", {}, tuple(after))
+    np.testing.assert_allclose(moved.force(motion).value, before.force(motion).value, atol=1e-3)
+    assert abs(np.mean(after[1].force)) < 1e-3
+    assert np.ptp(after[0].force) < 1.0

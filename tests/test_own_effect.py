@@ -14,8 +14,8 @@ from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagrams.tutorials.own_effect import JointCatch, caught_elbow
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record
-from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.joint import JointViscousFriction
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.report.artifacts import write_artifacts
 from drake_cafim.report.law_figures import law_picture
 

@@ -18,8 +18,9 @@ from drake_cafim.dynamics.tree import Body, Tree
 from drake_cafim.effects.actuator import ActuatorBias, ActuatorEffect, Effort
 from drake_cafim.effects.body import BodyForce
 from drake_cafim.effects.contact import ContactEffect, ContactLook
-from drake_cafim.effects.effect import Effect, Force, JointSamples, Place, Start, Strength
+from drake_cafim.effects.effect import Effect, Place, Start, Strength
 from drake_cafim.effects.joint import JointForce, JointViscousFriction
+from drake_cafim.effects.joint_samples import Force, JointSamples
 from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.sensor import SensorBias, SensorEffect
 from drake_cafim.effects.surroundings import SystemPlace

@@ -9,7 +9,8 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from drake_cafim.cli import main, spread_values
+from drake_cafim.cli import main
+from drake_cafim.command_line.arguments import spread_values
 from drake_cafim.commands.run import RunRequest, load_stage, parse_concealed, run_command
 from drake_cafim.diagrams.concealing import Concealed
 from drake_cafim.errors import InputError
@@ -17,7 +18,8 @@ from drake_cafim.experiment import closed_loop as experiment
 from drake_cafim.experiment.closed_loop import Options
 from drake_cafim.experiment.joint_recording import joint_recording
 from drake_cafim.recordings import read
-from drake_cafim.scene.scene import DIAGRAMS, Scene
+from drake_cafim.scene.address import DIAGRAMS
+from drake_cafim.scene.scene import Scene
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from drake_cafim.diagrams.arm import add_model
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.dynamics.tree import tree_of
 from drake_cafim.effects.catalogue import effect_named
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from drake_cafim.effects.actuator import Effort
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.effects.servo import Servo
 from drake_cafim.effects.servo_effect import CommandDelay, CommandLag, CommandRateLimit
 from drake_cafim.effects.speed_limit import ActuatorSpeedLimit

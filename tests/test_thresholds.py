@@ -36,7 +36,7 @@ ITERATIONS = {
     "search/law_shapes.py": "FINER",
     "search/state.py": "ROUNDS",
     "search/growth_by_place.py": "MOST_ROUNDS MOST_REFUSALS CONVERGED AT_BOUND QUARTERS",
-    "search/rivals_by_place.py": "ROUNDS FITTED_LEAD",
+    "search/rivals_by_place.py": "ROUNDS CONTENDER_STEPS FITTED_LEAD",
     "tosses/arc_rows.py": "CORRECTIONS",
     "tosses/initial_states.py": "ROUNDS SETTLED NEAR SECOND_LOOKS FIRST_DAMPING HARDER EASIER LEAST_DAMPING",
 }
@@ -112,7 +112,7 @@ DERIVED = {
 FIGURES = {
     # what figures and words of the report are defined by; the verdict does not read them
     "notes/effort_scale.py": "DETERMINED",
-    "left_out/law_words.py": "REPEATING_SHARE FEWEST_PERIODS MOST_PERIODS STEP_SHARE",
+    "left_out/law_words.py": "REPEATING_SHARE FEWEST_PERIODS MOST_PERIODS MEAN_SHARE STEP_SHARE",
     "predict/whole_run.py": "DEGREE",
     "predict/forecast.py": "HORIZON SHORT_HORIZON BOUNDLESS",
     "predict/initial_state.py": "LOOK_BACK",

@@ -14,8 +14,9 @@ import numpy as np
 
 from drake_cafim import Scene, Verdict, diagnose
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record
-from drake_cafim.effects.effect import Force, JointSamples, Start, Strength
+from drake_cafim.effects.effect import Start, Strength
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.joint_samples import Force, JointSamples
 from drake_cafim.typing import Array
 
 WIDTH = 0.08  # rad: how far from its middle the catch pulls most

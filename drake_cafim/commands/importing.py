@@ -7,7 +7,7 @@ from typing import Any
 from drake_cafim.errors import InputError
 from drake_cafim.recordings import convert
 from drake_cafim.scenario.schema import load
-from drake_cafim.scene.scene import resolve
+from drake_cafim.scene.address import resolve
 
 
 def import_command(

@@ -31,7 +31,8 @@ from drake_cafim.report.replay import make_meshcat, write_replay
 from drake_cafim.report.run_figures import error_figure, information_figure
 from drake_cafim.scenario.model_file import MODEL_SUFFIXES
 from drake_cafim.scenario.schema import load
-from drake_cafim.scene.scene import Scene, resolve
+from drake_cafim.scene.address import resolve
+from drake_cafim.scene.scene import Scene
 from drake_cafim.sensitivity.evaluator import Fisher
 from drake_cafim.tasks.as_printed import as_printed
 from drake_cafim.tasks.task import Task

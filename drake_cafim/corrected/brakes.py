@@ -15,8 +15,8 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from drake_cafim.dynamics.tree import OneAxisJoint
-from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointForce
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.errors import InputError
 from drake_cafim.typing import Array
 

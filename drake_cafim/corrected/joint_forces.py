@@ -5,8 +5,8 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_cafim.corrected.brakes import beyond_brake
 from drake_cafim.corrected.reading import array, read
-from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.joint_samples import JointSamples
 
 
 class JointForceSystem(LeafSystem):

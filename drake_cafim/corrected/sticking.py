@@ -15,8 +15,8 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from drake_cafim.corrected.brakes import beyond_brake, brakes, rest_level, sliding_speed
 from drake_cafim.corrected.reading import array, read
 from drake_cafim.corrected.second_order import dampings
-from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.typing import Array
 
 SWEEPS = 30

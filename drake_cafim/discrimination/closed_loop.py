@@ -12,7 +12,7 @@ from drake_cafim.discrimination.planned import driving_columns
 from drake_cafim.discrimination.servo_commands import ServoPlan
 from drake_cafim.dynamics.motion import equations_of_motion, mass_matrix, motion
 from drake_cafim.effects.actuator import Effort
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene

@@ -14,7 +14,7 @@ from scipy.interpolate import BSpline
 from drake_cafim.discrimination.servo_commands import commands_for
 from drake_cafim.dynamics.motion import equations_of_motion, motion
 from drake_cafim.dynamics.tree import Tree
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array

@@ -7,8 +7,9 @@ from typing import ClassVar
 import numpy as np
 
 from drake_cafim.dynamics.tree import Tree
-from drake_cafim.effects.effect import Force, JointSamples, Start, Strength
+from drake_cafim.effects.effect import Start, Strength
 from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointForce
+from drake_cafim.effects.joint_samples import Force, JointSamples
 from drake_cafim.effects.mean_sign import MeanSign
 from drake_cafim.numerics.rounding import short
 from drake_cafim.typing import Array

@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from drake_cafim.effects.effect import Effect, Force, JointSamples, P, Place, Start, Strength
+from drake_cafim.effects.effect import Effect, P, Place, Start, Strength
+from drake_cafim.effects.joint_samples import Force, JointSamples
 from drake_cafim.effects.mean_sign import mean_sides
 from drake_cafim.typing import Array
 

@@ -6,8 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from drake_cafim.effects.effect import Force, JointSamples, Start, Strength
+from drake_cafim.effects.effect import Start, Strength
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.joint_samples import Force, JointSamples
 from drake_cafim.effects.onset import FREE, Onset
 from drake_cafim.typing import Array
 

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from drake_cafim.diagnosis.fit.pictures import Evidence
 from drake_cafim.dynamics.tree import Joint
 from drake_cafim.effects.actuator import ActuatorEffect, Effort
-from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.report.colours import CORRECTED, MUTED, NOMINAL
 from drake_cafim.report.evidence import Picture, draw_law, draw_points, drawn_indices, fit_limits
 from drake_cafim.report.svg import as_svg, page_style

@@ -15,8 +15,9 @@ from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.body import BodyForce
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
-from drake_cafim.effects.effect import Effect, Force, JointSamples
+from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.joint_samples import Force, JointSamples
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.effects.servo import Servo
 from drake_cafim.effects.servo_effect import ServoEffect

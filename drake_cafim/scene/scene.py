@@ -41,7 +41,6 @@ from drake_cafim.scenario.model_physics import (
     with_saturation,
 )
 from drake_cafim.scenario.names import check_names, naming
-from drake_cafim.scenario.packaged import packaged_folder
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import (
     OF_HARDWARE_SIM,
@@ -65,9 +64,9 @@ from drake_cafim.scenario.unknown import (
     with_unknowns,
 )
 from drake_cafim.scenario.unknown_effects import effects_of_unknowns
+from drake_cafim.scene.address import split_address
 from drake_cafim.typing import Array
 
-DIAGRAMS = packaged_folder("diagrams")
 PHYSICS_CACHED = 128
 """Most physics that a scene keeps, by the values of its unknowns."""
 _FORCE = ("fx", "fy", "fz")
@@ -402,26 +401,3 @@ def _check_supported(plant: MultibodyPlant, name: str) -> None:
         raise InputError(
             f"{name}: constraints of the model close a chain of joints, and closed chains are not supported"
         )
-
-
-def split_address(address: str) -> tuple[Path, str]:
-    """The file, and the name of one of its scenarios, of FILE#NAME; the name is empty where the address is a file."""
-    file, mark, name = address.rpartition("#")
-    return (
-        (Path(file), name) if mark and not Path(address).is_file() and Path(file).is_file() else (resolve(address), "")
-    )
-
-
-def resolve(address: str) -> Path:
-    """The file of a packaged scenario's name, or the path itself.
-
-    Raises `InputError` that lists the packaged names when there is neither.
-    """
-    packaged = sorted(path.stem for path in DIAGRAMS.glob("*.yaml"))
-    if address in packaged:
-        return DIAGRAMS / f"{address}.yaml"
-    path = Path(address)
-    if not path.is_file():
-        names = ", ".join(packaged) or "none"
-        raise InputError(f"{address}: there is no such file and no packaged scenario of that name (there are: {names})")
-    return path

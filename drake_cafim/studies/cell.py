@@ -17,7 +17,7 @@ from drake_cafim.experiment.run_record import describe_combinations
 from drake_cafim.experiment.world import World
 from drake_cafim.information import Criterion, without_nuisance
 from drake_cafim.scenario.schema import load
-from drake_cafim.scene.scene import resolve
+from drake_cafim.scene.address import resolve
 from drake_cafim.studies.diagnosed import diagnose_run
 from drake_cafim.studies.other_laws import other_laws
 from drake_cafim.tasks.as_printed import as_printed

@@ -19,8 +19,8 @@ from scipy.signal import butter, sosfiltfilt
 from drake_cafim.diagnosis.rows.filtered_windows import apply_filter
 from drake_cafim.dynamics.motion import equations_of_motion, motion
 from drake_cafim.effects.catalogue import effect_named
-from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.effects.link import Payload, TreeEffect
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene

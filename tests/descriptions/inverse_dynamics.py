@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from drake_cafim.dynamics.motion import equations_of_motion, motion
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 

@@ -94,11 +94,11 @@ class Problem(ABC):
 
     def prior_rows(self, model: Model) -> Array:
         """(n,) (value − mean)/std of each prior; nearly zero where `model` sets the prior aside."""
-        return np.asarray((model.unknown - self.scene.priors.mean) / self.prior_std(model), dtype=float)
+        return prior_rows(self.scene, model)
 
     def prior_std(self, model: Model) -> Array:
         """(n,) standard deviations of the priors, those that `model` sets aside widened."""
-        return np.asarray(self.scene.priors.std * model.prior_std_ratios(self.scene), dtype=float)
+        return prior_std(self.scene, model)
 
     @property
     def log_determinant(self) -> float:
@@ -108,3 +108,13 @@ class Problem(ABC):
     def penalty(self, model: Model) -> float:
         """Addition to a model's χ²: ln det of the covariance of unknown initial states."""
         return 0.0
+
+
+def prior_std(scene: Scene, model: Model) -> Array:
+    """(n,) standard deviations of the priors of a scene's unknowns, those that `model` sets aside widened."""
+    return np.asarray(scene.priors.std * model.prior_std_ratios(scene), dtype=float)
+
+
+def prior_rows(scene: Scene, model: Model) -> Array:
+    """(n,) (value − mean)/std of each prior."""
+    return np.asarray((model.unknown - scene.priors.mean) / prior_std(scene, model), dtype=float)

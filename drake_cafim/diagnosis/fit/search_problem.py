@@ -10,7 +10,8 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.pictures import Pictures
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.verdict import Location
-from drake_cafim.effects.effect import Effect, JointSamples
+from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.typing import Array
 
 Look = tuple[Array, Callable[[Array], Effect | None]]

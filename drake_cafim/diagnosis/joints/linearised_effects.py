@@ -20,8 +20,9 @@ from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.body import BodyForce, ExternalDisturbance, pulse
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
-from drake_cafim.effects.effect import Effect, JointSamples, concatenate
+from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.joint_samples import JointSamples, concatenate
 from drake_cafim.effects.kinds import ByKind
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect

@@ -17,7 +17,8 @@ from drake_cafim.diagnosis.rows.samples import over_wider_windows
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import WIDEST_WINDOW
 from drake_cafim.diagnosis.verdict import Location
-from drake_cafim.effects.effect import Effect, JointSamples
+from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.typing import Array
 
 

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Self
 
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.fit.problem import Problem
+from drake_cafim.diagnosis.fit.problem import Problem, prior_rows, prior_std
 from drake_cafim.diagnosis.joints.differences import Differences
 from drake_cafim.diagnosis.joints.more_noise import noisy_parameters, with_more_effort_noise
 from drake_cafim.diagnosis.joints.other_inertia import is_other_inertia, noise_cost
@@ -21,8 +21,9 @@ from drake_cafim.diagnosis.whitening.covariance import NONE, whitening
 from drake_cafim.diagnosis.whitening.noise_jacobian import NoiseJacobian
 from drake_cafim.diagnosis.whitening.servo_noise import read_by_servos
 from drake_cafim.diagnosis.whitening.whitened_run import Run
-from drake_cafim.effects.effect import Effect, concatenate
+from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.joint_samples import concatenate
 from drake_cafim.effects.kinds import ByKind
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
@@ -130,7 +131,9 @@ class WeakFormRows(Problem):
 
     @cached_property
     def _by_unknowns(self) -> UnknownColumns:
-        return UnknownColumns(Differences(self.scene, self.runs, self.prior_rows), self.prior_std)
+        # not the own methods: a problem that refers to itself stays in memory until cycles are collected
+        differences = Differences(self.scene, self.runs, partial(prior_rows, self.scene))
+        return UnknownColumns(differences, partial(prior_std, self.scene))
 
     @property
     def forms(self) -> list[WeakForm]:

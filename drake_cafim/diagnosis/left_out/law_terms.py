@@ -7,13 +7,14 @@ direction is a spline of position times that sign.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.integrate import trapezoid
 from scipy.interpolate import BSpline
 
-from drake_cafim.effects.effect import JointSamples
 from drake_cafim.effects.joint import SLIP_VELOCITY
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.effects.learned_force import POSITION, SIDED, SPEED, Term
 from drake_cafim.typing import Array
 
@@ -89,3 +90,24 @@ def candidates(recorded: Sequence[JointSamples]) -> list[Candidate]:
     width = max(SLIP_VELOCITY.nominal, WIDTH_SHARE * float(np.quantile(np.abs(v), 0.95)))
     ranges = {POSITION: q, SPEED: v, SIDED: q}
     return [Candidate(name, float(x.min()), float(x.max()), width) for name, x in ranges.items()]
+
+
+def with_steps_in_one_term(terms: Sequence[Term]) -> list[Term]:
+    """The terms with the same sum, where the mean force against or along the motion is all in the term of velocity.
+
+    A step at v = 0 there and a mean of the term of position and direction are the same force: fitted together, they
+    may be large and cancel, and what each looks like would mean nothing.
+    """
+    sided = next((term for term in terms if term.variables == SIDED), None)
+    if sided is None or not any(term.variables == SPEED for term in terms):
+        return list(terms)
+    mean = float(trapezoid(sided.force, sided.x)) / (sided.x[-1] - sided.x[0])
+    moved = []
+    for term in terms:
+        force = np.array(term.force)
+        if term.variables == SPEED:
+            force = force + mean * np.tanh(np.array(term.x) / sided.width)
+        elif term is sided:
+            force = force - mean
+        moved.append(replace(term, force=tuple(map(float, force))))
+    return moved

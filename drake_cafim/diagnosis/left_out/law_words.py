@@ -13,6 +13,8 @@ FEWEST_PERIODS = 1.5
 """Periods within the recorded range below which nothing is said to repeat."""
 MOST_PERIODS = 12.0
 """Periods within the recorded range that a law can resolve."""
+MEAN_SHARE = 0.1
+"""Mean of a force that turns with the direction, over its change with position, below which it is not mentioned."""
 STEP_SHARE = 0.5
 """Share of the whole change over all speeds that lies at v = 0, from which on a force is said to turn round there."""
 
@@ -31,9 +33,14 @@ def _phrase(term: Term, unit: str, prismatic: bool) -> str:
         return f"changes with position by {size}{_repeats(x, force, prismatic)}"
     if term.variables == SPEED:
         return _over_speed(x, force, size)
-    mean = rounded(abs(float(np.mean(force))), 2)
-    side = "against" if np.mean(force) < 0.0 else "along"
-    return f"depends on the direction, {mean} {unit} {side} the motion in the mean and changing with position by {size}"
+    mean = float(np.mean(force))
+    if abs(mean) < MEAN_SHARE * float(np.ptp(force)):
+        return f"changes with position by {size}, the other way round in the other direction"
+    side = "against" if mean < 0.0 else "along"
+    return (
+        f"depends on the direction, {rounded(abs(mean), 2)} {unit} {side} the motion in the mean and changing with "
+        f"position by {size}"
+    )
 
 
 def _over_speed(x: Array, force: Array, size: str) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.left_out import decisions
-from drake_cafim.diagnosis.left_out.law_terms import Candidate, candidates
+from drake_cafim.diagnosis.left_out.law_terms import Candidate, candidates, with_steps_in_one_term
 from drake_cafim.diagnosis.left_out.parts import Part, parts_of
 from drake_cafim.diagnosis.left_out.simulations import (
     Predictions,
@@ -72,7 +72,8 @@ class _Products:
         """The law of the chosen terms, at no joint yet."""
         c = self.coefficients(chosen, left_out)
         starts = np.cumsum([0, *(term.count for term in self.terms)])
-        return LearnedForce("", {}, tuple(self.terms[k].term(c[starts[k] : starts[k + 1]]) for k, _ in chosen))
+        found = [self.terms[k].term(c[starts[k] : starts[k + 1]]) for k, _ in chosen]
+        return LearnedForce("", {}, tuple(with_steps_in_one_term(found)))
 
 
 @dataclass

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_cafim.dynamics.motion import equations_of_motion, motion
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Indices
 

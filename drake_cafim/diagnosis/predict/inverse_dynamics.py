@@ -20,7 +20,7 @@ from drake_cafim.diagnosis.rows.filtered_windows import FilteredWindows, apply_f
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.verdict import EffortResidual
 from drake_cafim.dynamics.motion import equations_of_motion, motion
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import Lowpass
 from drake_cafim.typing import Array, Indices

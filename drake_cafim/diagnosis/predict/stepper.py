@@ -9,7 +9,7 @@ from drake_cafim.diagnosis.predict.servo_input import ServoInput
 from drake_cafim.dynamics.motion import equations_of_motion, motion
 from drake_cafim.dynamics.stepping import integrate
 from drake_cafim.effects.actuator import Effort
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 

@@ -9,8 +9,9 @@ import scipy.sparse as sp
 from drake_cafim.diagnosis.rows.test_functions import Windows
 from drake_cafim.dynamics.motion import Motion
 from drake_cafim.effects.body import BodyForce
-from drake_cafim.effects.effect import Effect, JointSamples
+from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array

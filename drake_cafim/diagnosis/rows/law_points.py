@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.test_functions import Windows
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.typing import Array, Flags, Indices
 
 LARGEST_CHANGE = 2.5e-3

@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.rows.samples import Samples
 from drake_cafim.dynamics.contact import WrenchSensor
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array

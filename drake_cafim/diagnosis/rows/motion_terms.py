@@ -18,7 +18,7 @@ from drake_cafim.diagnosis.rows.samples import Samples
 from drake_cafim.diagnosis.rows.servo_efforts import ServoDrive, ServoMotion, servo_key
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.motion import Motion, motion
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array

@@ -22,7 +22,7 @@ from drake_cafim.diagnosis.rows.samples import Samples
 from drake_cafim.diagnosis.rows.sensor_slopes import SensorSlopes
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.motion import Motion
-from drake_cafim.effects.effect import JointSamples
+from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 

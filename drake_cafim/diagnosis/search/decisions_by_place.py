@@ -77,7 +77,7 @@ def record_support(model: Model, effect: Effect, share: float, least: float) -> 
         f"noise and white forces remain, at least {short(least)} is required, so it is "
         f"{'named' if passed else 'not named'}"
     )
-    return _record("support", model, effect, share, least, passed, words, "share of the misfit")
+    return _record("test", model, effect, share, least, passed, words, "share of the misfit")
 
 
 def record_contender(best: Model, effect: Effect, other: Key, lead: float) -> Record:

@@ -28,6 +28,8 @@ from drake_cafim.effects.effect import Effect
 
 ROUNDS = 2
 """Largest number of comparisons, each after another law was preferred at some place."""
+CONTENDER_STEPS = 3
+"""Gauss-Newton steps of a law in the place of another one."""
 FITTED_LEAD = 6.0
 """Criterion beyond the best one's, to first order, up to which a law is fitted exactly: its probability is then 5 %."""
 
@@ -44,6 +46,7 @@ def compare_by_place(growth: GrowthByPlace) -> Compared:
     """Replaces effects of `growth.best` by better laws at their joints, and drops those that share their evidence."""
     growth.converge()
     for _ in range(ROUNDS):
+        growth.progress(f"comparing {len(growth.best.model.effects)} effects with other laws at their joints")
         found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
         better = {key: leads[0][2] for key, leads in found.items() if leads and leads[0][0] < 0.0}
         effects = tuple(better.get(effect.key, effect) for effect in growth.best.model.effects)
@@ -110,7 +113,8 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
         lead = lost - candidate.gain + _cost_of(growth, best, candidate.effect) - own
         if lead > FITTED_LEAD * unit:
             break
-        added = fit(problem, rest.with_effects([candidate.effect]))
+        # all else is at its fit already, so few steps suffice
+        added = fit(problem, rest.with_effects([candidate.effect]), CONTENDER_STEPS)
         other = fit_shapes(problem, added, {candidate.effect.key})
         law = next(law for law in other.model.effects if law.key == candidate.effect.key)
         if strength_at_bound(law) or undetermined(other, law) or not problem.plausible(other.model):

@@ -1,0 +1,18 @@
+"""Rewrites the arguments of a command line into the form that click reads."""
+
+
+def spread_values(arguments: list[str], options: tuple[str, ...]) -> list[str]:
+    """The arguments with `--recording A B C` as `--recording A --recording B --recording C`, the form click reads."""
+    result: list[str] = []
+    current: str | None = None
+    for argument in arguments:
+        if argument in options:
+            current = argument
+        elif argument.startswith("-") or (current == "--conceal" and "=" not in argument and "@" not in argument):
+            current = None
+            result.append(argument)
+        elif current is not None:
+            result += [current, argument]
+        else:
+            result.append(argument)
+    return result

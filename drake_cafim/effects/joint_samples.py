@@ -1,0 +1,65 @@
+"""One joint's motion and effort over a recording, and a force there with its derivatives."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from drake_cafim.effects.mean_sign import MeanSign
+from drake_cafim.typing import Array
+
+SIGNS = 12
+"""How many widths of the smoothed sign function are cached with one joint's samples."""
+
+
+@dataclass(frozen=True)
+class JointSamples:
+    """One joint's motion and effort, each (N,): rad or m, rad/s or m/s, N m or N."""
+
+    q: Array
+    v: Array
+    u: Array
+    v_std: Array | float = 0.0
+    """Standard deviation of v; a force that is strongly nonlinear in v is averaged over this error."""
+    q_reach: Array | float = 0.0
+    """Distance that q moves within half a sample interval; a force with an onset in that range is averaged over it."""
+    load: Array | float = 0.0
+    """The effort by gravity and contacts at the joint, N m or N; 0 unless a law depends on it."""
+    _signs: dict[float, MeanSign] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def sign(self, width: float) -> MeanSign:
+        """The mean of tanh(v/`width`) over v's error; the results for the last `SIGNS` widths are cached."""
+        if width not in self._signs:
+            while len(self._signs) >= SIGNS:
+                self._signs.pop(next(iter(self._signs)))
+            self._signs[width] = MeanSign.of(self.v, self.v_std, width)
+        return self._signs[width]
+
+    def under(self, u: Array, load: Array | float) -> "JointSamples":
+        """The samples with the efforts `u` (N,) and the `load` (N,), N m or N; the cached signs are shared."""
+        changed = replace(self, u=u, load=load)
+        object.__setattr__(changed, "_signs", self._signs)
+        return changed
+
+    def with_velocity_change(self, by: Array) -> "JointSamples":
+        """The samples with velocities changed `by` (N,) rad/s or m/s."""
+        return replace(self, v=self.v + by)
+
+
+def concatenate(samples: Sequence[JointSamples]) -> JointSamples:
+    """The samples of several recordings, concatenated."""
+    names = ("q", "v", "u", "v_std", "q_reach", "load")
+    return JointSamples(
+        *(np.concatenate([np.broadcast_to(getattr(part, name), part.q.shape) for part in samples]) for name in names)
+    )
+
+
+@dataclass(frozen=True)
+class Force:
+    """A generalized force and its derivatives: `value`, `d_q`, `d_v`, `d_u` (N,), `d_strengths` (N, k)."""
+
+    value: Array
+    d_q: Array
+    d_v: Array
+    d_u: Array
+    d_strengths: Array

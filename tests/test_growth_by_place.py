@@ -1,0 +1,97 @@
+"""The tests that an effect must pass beside unknown forces, each broken and kept in turn on a two-joint arm."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.search.growth_by_place import (
+    GrowthByPlace,
+    residual_without,
+    share_improved,
+    share_removed,
+    strength_at_bound,
+    undetermined,
+)
+from drake_cafim.diagnosis.search.state import Settings
+from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.effect import Effect
+from tests.concealed.make import simulate
+from tests.concealed_case import written
+
+VISCOUS = 0.3
+"""N m s/rad, at the first joint."""
+
+
+@pytest.fixture(scope="module")
+def growth(tmp_path_factory: pytest.TempPathFactory) -> GrowthByPlace:
+    """A search that begins with nothing, of an arm whose efforts overcome friction at the first joint."""
+    scene, read = written(simulate("null", "arm2", 12), tmp_path_factory.mktemp("arm"))
+    joint = scene.tree.joint_names[0]
+    rubbed = [
+        replace(part, columns={**part.columns, f"u.{joint}": part[f"u.{joint}"] + VISCOUS * part[f"v.{joint}"]})
+        for part in read
+    ]
+    problem = prepare(scene, rubbed).problem()
+    assert isinstance(problem, WeakProblem)
+    return GrowthByPlace.of(problem, problem.nominal(), 100, Settings(), lambda text: None)
+
+
+def _friction(growth: GrowthByPlace, value: float) -> Effect:
+    return effect_named("joint_viscous_friction")(growth.problem.scene.tree.joint_names[0], {"coefficient": value})
+
+
+def _fitted(growth: GrowthByPlace) -> tuple[Fit, Effect]:
+    found = fit(growth.problem, growth.best.model.with_effects([_friction(growth, VISCOUS)]))
+    return found, found.model.effects[0]
+
+
+def test_rows_without_an_effect_are_those_of_a_fit_without_it(growth: GrowthByPlace) -> None:
+    found, effect = _fitted(growth)
+    without = fit(growth.problem, found.model.without(effect))
+    predicted = residual_without(found, effect)
+    gained = without.chi_square - found.chi_square
+    assert gained > 100.0
+    assert float(predicted @ predicted) == pytest.approx(without.chi_square, abs=0.02 * gained)
+
+
+def test_shares_compare_rows_with_and_without(growth: GrowthByPlace) -> None:
+    found, effect = _fitted(growth)
+    without = residual_without(found, effect)
+    assert share_removed(growth.problem, found.residual, without) > 0.5
+    assert share_removed(growth.problem, found.residual, found.residual) == 0.0
+    assert share_improved(growth.problem, found.residual, without) == 1.0
+    assert share_improved(growth.problem, without, found.residual) == 0.0
+
+
+def test_an_explanation_is_accepted_only_where_its_likelihood_pays(growth: GrowthByPlace) -> None:
+    nothing = growth.best
+    hidden = effect_named("joint_viscous_friction")(growth.problem.scene.tree.joint_names[1], {"coefficient": 0.01})
+    try:
+        assert not growth.settle(nothing.model.with_effects([hidden]))
+        assert growth.best is nothing
+        assert growth.settle(nothing.model.with_effects([_friction(growth, 0.1)]))
+        [found] = growth.best.model.effects
+        assert found.values["coefficient"] == pytest.approx(VISCOUS, rel=0.02)
+        assert not growth.settle(nothing.model), "friction is not given up again"
+    finally:
+        growth.drop(growth.best.model.effects)
+
+
+def test_a_strength_at_its_bound_is_told() -> None:
+    coulomb = effect_named("joint_load_dependent_friction")
+    [torque, coefficient] = coulomb.strengths
+    assert strength_at_bound(coulomb("elbow", {"torque": 0.0, "coefficient": 0.2})) == torque.name
+    assert strength_at_bound(coulomb("elbow", {"torque": 0.2, "coefficient": coefficient.upper})) == coefficient.name
+    assert strength_at_bound(coulomb("elbow", {"torque": 0.2, "coefficient": 0.2})) is None
+
+
+def test_what_is_not_determined_is_told(growth: GrowthByPlace) -> None:
+    found, effect = _fitted(growth)
+    assert undetermined(found, effect) is None
+    vague = replace(found, covariance=found.covariance + 100.0 * np.eye(len(found.covariance)))
+    told = undetermined(vague, effect)
+    assert told is not None and told[0] == "coefficient" and told[1] > told[2] / 3.0
