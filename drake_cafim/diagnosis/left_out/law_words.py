@@ -16,7 +16,9 @@ MOST_PERIODS = 12.0
 MEAN_SHARE = 0.1
 """Mean of a force that turns with the direction, over its change with position, below which it is not mentioned."""
 STEP_SHARE = 0.5
-"""Share of the whole change over all speeds that lies at v = 0, from which on a force is said to turn round there."""
+"""Share of the whole change over all speeds that lies about v = 0, from which on this is said."""
+ALIKE = 0.5
+"""Correlation of a force with the velocity, up to which it neither opposes the motion nor goes along with it."""
 
 
 def words_of(law: LearnedForce, tree: Tree) -> str:
@@ -47,8 +49,9 @@ def _over_speed(x: Array, force: Array, size: str) -> str:
     near = np.abs(x) <= 0.1 * np.max(np.abs(x))
     step = float(np.ptp(force[near])) / max(float(np.ptp(force)), 1e-30)
     slope = float(np.corrcoef(x, force)[0, 1]) if np.ptp(force) > 0.0 else 0.0
-    side = "opposes the motion" if slope < 0.0 else "goes with the motion"
-    turned = ", mostly by a step where the motion turns round" if step > STEP_SHARE else ""
+    side = "opposes the motion" if slope < 0.0 else "goes along with the motion"
+    side = side if abs(slope) > ALIKE else "depends on the velocity"
+    turned = ", mostly where the motion turns round" if step > STEP_SHARE else ""
     return f"{side} and changes over the speeds by {size}{turned}"
 
 

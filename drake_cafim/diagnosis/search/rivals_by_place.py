@@ -83,7 +83,8 @@ def _drop_unsupported(growth: GrowthByPlace) -> None:
             growth.drop(failing[:1])
             continue
         share, least = min(shares, key=lambda entry: entry[0])
-        growth.trace.add(decisions.record_support(best.model, least, share, NAMED_EXCESS_SHARE))
+        told = shares if share >= NAMED_EXCESS_SHARE else [(share, least)]
+        growth.trace.add(*(decisions.record_support(best.model, it, of, NAMED_EXCESS_SHARE) for of, it in told))
         if share >= NAMED_EXCESS_SHARE:
             return
         growth.drop([least])
