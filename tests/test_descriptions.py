@@ -354,7 +354,7 @@ def test_an_mjcf_moves_as_mujoco_has_it(tmp_path: Path) -> None:
 
 def inverse_dynamics(scene: Scene, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """N m that give the accelerations `a` against all that acts but dry friction."""
-    from drake_cafim.effects.effect import JointSamples
+    from drake_cafim.effects.joint_samples import JointSamples
 
     physics = scene.physics
     M, bias = equations_of_motion(motion(scene.tree, q[None], v[None]), physics.gravity)

@@ -23,7 +23,8 @@ from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import start_context
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.schema import load as scenario_file
-from drake_cafim.scene.scene import Scene, resolve
+from drake_cafim.scene.address import resolve
+from drake_cafim.scene.scene import Scene
 from drake_cafim.tasks.contouring import contouring as contouring_task
 from drake_cafim.tasks.pinching import hunt_crossley_pinching
 from drake_cafim.tasks.pinching import pinching as pinching_task
