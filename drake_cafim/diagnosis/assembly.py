@@ -17,7 +17,6 @@ from drake_cafim.diagnosis.preparation import PreparedRecordings
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.push_locations import locate_named
-from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.thresholds import RIVAL_EXCESS_CHI_SQUARE
 from drake_cafim.diagnosis.verdict import (
     Comparison,
@@ -73,7 +72,7 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, selection: Se
     comparisons = comparisons_of(prepared, [outcome.nominal, whole, *([kept] if laws else [])])
     train, *held_out = comparisons
     bound, unbounded = bounds_of(prepared, best.model)
-    explanation, unknown_std = _explanations(scene, outcome, best, bound)
+    explanation, unknown_std = _explanations(scene, judgement, bound)
     notes = (
         *notes,
         *unknown_std,
@@ -92,7 +91,7 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, selection: Se
         kind=kind,
         mismatch=Mismatch(kind != "none", min(outcome.detection_p_value, chance), (*locations, *places)),
         explanation=explanation,
-        rivals=_rivals(scene, outcome, best),
+        rivals=_rivals(scene, judgement),
         parameters=parameters,
         train=train,
         held_out=held_out[0] if held_out else None,
@@ -134,10 +133,12 @@ def bounds_of(prepared: PreparedRecordings, model: Model) -> tuple[Array | None,
 
 
 def _explanations(
-    scene: Scene, outcome: Outcome, best: Fit, bound: Array | None
+    scene: Scene, judgement: Judgement, bound: Array | None
 ) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
     """The accepted effects, and a note where their standard deviations cannot be computed."""
-    std = compute(lambda: standard_deviations(outcome.problem, best, outcome.scale))
+    outcome, best = judgement.outcome, judgement.best
+    known = judgement.std
+    std = compute(lambda: standard_deviations(outcome.problem, best, outcome.scale)) if known is None else known
     notes: tuple[str, ...] = ()
     if isinstance(std, NotComputable):
         notes = (f"the std of the named effects' parameters cannot be computed: {std.reason}",)
@@ -157,11 +158,13 @@ def _explanations(
     return tuple(sorted(found, key=lambda e: -e.probability)), notes
 
 
-def _rivals(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Rival, ...]:
+def _rivals(scene: Scene, judgement: Judgement) -> tuple[Rival, ...]:
     """Effects and unknowns of explanations that fit as well as the accepted one, which the criterion prefers.
 
-    An explanation that contains the accepted one is no rival, nor is one with more than one part in addition.
+    An explanation that contains the accepted one is no rival, nor is one with more than one part in addition. Effects
+    whose names are withheld stand among their rivals.
     """
+    outcome, best = judgement.outcome, judgement.outcome.best if judgement.withheld else judgement.best
     present, unknown = best.model.keys, {(known.parameter, known.at) for known in scene.unknown}
     as_good = [
         other.model.keys
@@ -173,6 +176,7 @@ def _rivals(scene: Scene, outcome: Outcome, best: Fit) -> tuple[Rival, ...]:
     # what an explanation that is as good without it holds besides, stands for nothing
     least = [keys for keys in as_good if not any(fewer < keys for fewer in as_good)]
     found = {key: outcome.probability[key] for keys in least if present for key in keys - present}
+    found |= {effect.key: outcome.probability.get(effect.key, 1.0) for effect in judgement.withheld}
     return tuple(
         Rival(None, at, value, FAR_ALIKE, name)
         if (name, at) in unknown

@@ -23,6 +23,7 @@ from drake_cafim.diagnosis.search.goodness_of_fit import GoodnessOfFit, goodness
 from drake_cafim.diagnosis.search.judgement import Judgement, judge
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.state import Settings
+from drake_cafim.diagnosis.search.support import withhold_unsupported
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_ROUNDS, UNKNOWN_FAR_IN_PRIOR_STDS
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.verdict import (
@@ -97,6 +98,7 @@ def examine(
         if again is None or isinstance(again, NotComputable):
             break
         prepared, judgement, trace = again
+    judgement = withhold_unsupported(judgement, trace)
     selection, unselected = _select(prepared, judgement, progress)
     judgement = replace(judgement, notes=(*judgement.notes, *unselected))
     verdict = verdict_of(prepared, judgement, selection, progress)

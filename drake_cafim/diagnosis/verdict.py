@@ -329,10 +329,11 @@ def _finding(verdict: Verdict) -> str:
             f"The model lacks {named}. That takes the misfit from {rounded(before)} to {rounded(after)} times the "
             f"noise variance. {remains} {far}".rstrip()
         )
-    return (
-        f"The recordings differ from the model by {rounded(before)} times the noise variance, and no known effect "
-        f"explains it. {remains} {far}".rstrip()
-    )
+    differ = f"The recordings differ from the model by {rounded(before)} times the noise variance, and"
+    if verdict.rivals:
+        laws = ", ".join(f"{(r.effect or r.parameter or '').replace('_', ' ')} at {r.at}" for r in verdict.rivals[:3])
+        return f"{differ} they do not tell which of several laws explains it, as {laws}. {far}".rstrip()
+    return f"{differ} no known effect explains it. {remains} {far}".rstrip()
 
 
 def far_sentence(found: NominalParameter) -> str:

@@ -15,6 +15,8 @@ MOST_PERIODS = 12.0
 """Periods within the recorded range that a law can resolve."""
 MEAN_SHARE = 0.1
 """Mean of a force that turns with the direction, over its change with position, below which it is not mentioned."""
+FLAT_SHARE = 0.01
+"""Change of a force over its mean, below which it is the same throughout."""
 STEP_SHARE = 0.5
 """Share of the whole change over all speeds that lies about v = 0, from which on this is said."""
 ALIKE = 0.5
@@ -30,12 +32,15 @@ def words_of(law: LearnedForce, tree: Tree) -> str:
 
 def _phrase(term: Term, unit: str, prismatic: bool) -> str:
     x, force = np.array(term.x), np.array(term.force)
-    size = f"{rounded(float(np.ptp(force)), 2)} {unit}"
+    size, mean = f"{rounded(float(np.ptp(force)), 2)} {unit}", float(np.mean(force))
+    # over a narrow range a force may hardly change, and be large all the same
+    if np.ptp(force) < FLAT_SHARE * abs(mean):
+        return f"is {rounded(mean, 2)} {unit} throughout"
+    level = f"is {rounded(mean, 2)} {unit} in the mean and " if abs(mean) > np.ptp(force) else ""
     if term.variables == POSITION:
-        return f"changes with position by {size}{_repeats(x, force, prismatic)}"
+        return f"{level}changes with position by {size}{_repeats(x, force, prismatic)}"
     if term.variables == SPEED:
-        return _over_speed(x, force, size)
-    mean = float(np.mean(force))
+        return level + _over_speed(x, force, size)
     if abs(mean) < MEAN_SHARE * float(np.ptp(force)):
         return f"changes with position by {size}, the other way round in the other direction"
     side = "against" if mean < 0.0 else "along"
@@ -47,7 +52,8 @@ def _phrase(term: Term, unit: str, prismatic: bool) -> str:
 
 def _over_speed(x: Array, force: Array, size: str) -> str:
     near = np.abs(x) <= 0.1 * np.max(np.abs(x))
-    step = float(np.ptp(force[near])) / max(float(np.ptp(force)), 1e-30)
+    # a motion that never turns round has no speeds near zero
+    step = float(np.ptp(force[near])) / max(float(np.ptp(force)), 1e-30) if near.any() else 0.0
     slope = float(np.corrcoef(x, force)[0, 1]) if np.ptp(force) > 0.0 else 0.0
     side = "opposes the motion" if slope < 0.0 else "goes along with the motion"
     side = side if abs(slope) > ALIKE else "depends on the velocity"

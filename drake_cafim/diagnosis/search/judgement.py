@@ -23,6 +23,7 @@ from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import NAMED_EXCESS_SHARE, WIDER_WINDOW_RATIOS
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.verdict import Kind
+from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.typing import Array
 
@@ -42,6 +43,10 @@ class Judgement:
     """Mean square of the rows that `best` leaves, in units of the channels' noise; None where its χ² says that."""
     adequate: bool = False
     """Whether `best` leaves only noise, and only an unknown far from its prior makes the verdict `unexplained`."""
+    std: Array | None = None
+    """(n + k,) standard deviations of the unknowns and strengths of `best`, where they have been computed."""
+    withheld: tuple[Effect, ...] = ()
+    """Effects that the search accepted and that are not named, since the recordings support others as much."""
 
 
 def judge(
