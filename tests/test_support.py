@@ -1,4 +1,4 @@
-"""What is named although another law explains as much, or although it may have any strength, has not earned its name."""
+"""What is named although another law explains as much, or with any strength, has not earned its name."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -21,7 +21,9 @@ from drake_cafim.effects.normal_contact import ContactAdhesion
 TURNTABLE = """
 <robot name="turntable">
   <link name="base"/>
-  <link name="plate"><inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="plate">
+    <inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>
   <joint name="axis" type="continuous"><parent link="base"/><child link="plate"/><axis xyz="0 0 1"/></joint>
 </robot>
 """
