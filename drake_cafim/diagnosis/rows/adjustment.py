@@ -102,7 +102,8 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
         law = law + moving.project(physics.contact_wrenches(moving, weak.contact_memory(physics)))
     if physics.body_forces:
         law = law + moving.project(physics.body_wrenches(moving, time, samples.recording.name))
-    effort = weak.mean_effort(physics) + _rotor_efforts(weak, physics)
+    by_rotors, turned = _rotor_efforts(weak, physics)
+    effort = weak.mean_effort(physics) + by_rotors
     following = np.concatenate([effort[:1], effort[:-1]])
     # a held effort has two values at a sample, a ramped one has one
     at_samples = weak.effort_at_samples(physics)
@@ -116,14 +117,16 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
     halfway = physics.free_response(motion(physics.tree, q_middle, v_middle))
     middle = _accelerate(halfway, effort[:-1] - halfway.bias)
     gain = h / 6.0 * (after[:-1] + 4.0 * middle + before[1:]) + 0.5 * h * (by_law[:-1] + by_law[1:])
-    way = h**2 / 6.0 * (after[:-1] + 2.0 * middle + 2.0 * by_law[:-1] + by_law[1:])
+    # a force with the mean f and the change Δ over an interval moves the joint by h² (f/2 − Δ/12)
+    ringing = _accelerate(response, turned)[:-1]
+    way = h**2 / 6.0 * (after[:-1] + 2.0 * middle + 2.0 * by_law[:-1] + by_law[1:]) - h**2 / 12.0 * ringing
     own = np.diagonal(response.mobility, axis1=1, axis2=2)
     by_contact = _contact_slopes(weak, physics, found)
     slopes = (own * (by_q + by_contact[0]), own * (by_v + by_contact[1]))
     transition = Transition.of(time, found.q, found.v, gain, way, *slopes)
     # of ramped efforts the rows know the slopes
     ramps = np.where(samples.ramped, at_samples, 0.0)
-    change = change + np.diff(by_law, axis=0) - np.diff(_accelerate(response, ramps), axis=0)
+    change = change + ringing + np.diff(by_law, axis=0) - np.diff(_accelerate(response, ramps), axis=0)
     return transition, change, np.mean(own, axis=0)
 
 
@@ -163,14 +166,21 @@ def _contact_slopes(weak: WeakForm, physics: Physics, found: Trajectory) -> Arra
     return slopes
 
 
-def _rotor_efforts(weak: WeakForm, physics: Physics) -> Array:
-    """−J ψ̈ (N, n), the mean from each sample to the next, of rotors that twist against their links from rest."""
-    taken = np.zeros((len(weak.samples.time), weak.joints))
+def _rotor_efforts(weak: WeakForm, physics: Physics) -> tuple[Array, Array]:
+    """−J ψ̈ of rotors that twist against their links from rest: its mean from each sample to the next, and its change.
+
+    Both are (N, n), the last row zero. With ψ̈ = g − m f, and g constant within an interval, −J ψ̈ changes there by
+    J m times the change of the coupling's torque f, which is continuous.
+    """
+    taken, turned = np.zeros((2, len(weak.samples.time), weak.joints))
     for coupling in physics.couplings:
         joint = physics.tree.joint_index(coupling.at)
         drive = weak.couplings.rotor_drives(physics)[joint]
-        taken[:-1, joint] -= drive.inertia * np.diff(coupling.twist_rate(drive)) / np.diff(weak.samples.time)
-    return taken
+        acceleration = np.diff(coupling.twist_rate(drive)) / np.diff(weak.samples.time)
+        torque = (drive.push[:-1] - acceleration) / drive.mobility[:-1]
+        taken[:-1, joint] -= drive.inertia * acceleration
+        turned[:-1, joint] += drive.inertia * drive.mobility[:-1] * np.gradient(torque)
+    return taken, turned
 
 
 def _with_trajectory(weak: WeakForm, physics: Physics, found: Trajectory, bend: Array, force: Array) -> WeakForm:
