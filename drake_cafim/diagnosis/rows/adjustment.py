@@ -116,18 +116,49 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
     v_middle = 0.5 * (found.v[:-1] + found.v[1:]) - 0.125 * h * change
     halfway = physics.free_response(motion(physics.tree, q_middle, v_middle))
     middle = _accelerate(halfway, effort[:-1] - halfway.bias)
+    own = np.diagonal(response.mobility, axis1=1, axis2=2)
+    mean, first, second = _relaxing(h * own[:-1] * _slower(by_v))
     gain = h / 6.0 * (after[:-1] + 4.0 * middle + before[1:]) + 0.5 * h * (by_law[:-1] + by_law[1:])
+    # laws that relax within an interval are not linear in time there
+    turn = np.diff(law, axis=0)
+    relaxed, by_way, bent = (_accelerate_between(response, part * turn) for part in (mean, first, second))
+    gain = gain + h * relaxed
     # a force with the mean f and the change Δ over an interval moves the joint by h² (f/2 − Δ/12)
     ringing = _accelerate(response, turned)[:-1]
-    way = h**2 / 6.0 * (after[:-1] + 2.0 * middle + 2.0 * by_law[:-1] + by_law[1:]) - h**2 / 12.0 * ringing
-    own = np.diagonal(response.mobility, axis1=1, axis2=2)
+    way = h**2 / 6.0 * (after[:-1] + 2.0 * middle + 2.0 * by_law[:-1] + by_law[1:]) + h**2 * (by_way - ringing / 12.0)
     by_contact = _contact_slopes(weak, physics, found)
     slopes = (own * (by_q + by_contact[0]), own * (by_v + by_contact[1]))
     transition = Transition.of(time, found.q, found.v, gain, way, *slopes)
     # of ramped efforts the rows know the slopes
     ramps = np.where(samples.ramped, at_samples, 0.0)
-    change = change + ringing + np.diff(by_law, axis=0) - np.diff(_accelerate(response, ramps), axis=0)
+    change = change + ringing + 12.0 * bent + np.diff(by_law, axis=0) - np.diff(_accelerate(response, ramps), axis=0)
     return transition, change, np.mean(own, axis=0)
+
+
+def _slower(by_v: Array) -> Array:
+    """(N − 1, n) the smaller of a damping −∂law/∂v at both ends of each sample interval, 0 where a law drives.
+
+    Dry friction is steep near rest alone, and the motion before it comes there does not relax.
+    """
+    return np.maximum(np.minimum(-by_v[:-1], -by_v[1:]), 0.0)
+
+
+def _relaxing(rate: Array) -> tuple[Array, Array, Array]:
+    """How a force that relaxes by exp(−λ s) over an interval, s from 0 to 1, differs from a linear one of equal ends.
+
+    With the share p = (1 − e^{−λ s})/(1 − e^{−λ}) of its whole change that has come at s, these are, `rate` λ,
+    ∫ p ds − 1/2, ∫ (1 − s) p ds − 1/6 and ∫ (s − 1/2) p ds − 1/12.
+    """
+    # to first order below a size at which the differences cancel; a joint that relaxes at once does so at 50
+    little, small, rate = rate, rate < 1e-3, np.clip(rate, 1e-3, 50.0)
+    lost = -np.expm1(-rate)
+    mean = 1.0 / lost - 1.0 / rate
+    falling = (0.5 - 1.0 / rate + lost / rate**2) / lost
+    return (
+        np.where(small, little / 12.0, mean - 0.5),
+        np.where(small, little / 24.0, falling - 1.0 / 6.0),
+        np.where(small, 0.0, 0.5 * mean - falling - 1.0 / 12.0),
+    )
 
 
 def _unmodelled_force(weak: WeakForm, physics: Physics, found: Trajectory, mobility: Array) -> Array:
@@ -144,6 +175,12 @@ def _unmodelled_force(weak: WeakForm, physics: Physics, found: Trajectory, mobil
 def _accelerate(response: FreeResponse, force: Array) -> Array:
     """M⁻¹ `force` (N, n)."""
     return np.asarray(np.einsum("nij,nj->ni", response.mobility, force), dtype=float)
+
+
+def _accelerate_between(response: FreeResponse, force: Array) -> Array:
+    """M⁻¹ `force` (N − 1, n) of sample intervals, with the mean of M⁻¹ over each."""
+    mobility = 0.5 * (response.mobility[:-1] + response.mobility[1:])
+    return np.asarray(np.einsum("nij,nj->ni", mobility, force), dtype=float)
 
 
 def _contact_slopes(weak: WeakForm, physics: Physics, found: Trajectory) -> Array:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -33,6 +34,11 @@ class ForceRows:
     value: sp.csr_matrix
     moving: Motion
     _known: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False, compare=False)
+
+    @cached_property
+    def velocity(self) -> Array:
+        """∫ w v dt (M, n) of the joints' velocities, along the motion between samples, which held efforts bend."""
+        return np.asarray(self.value @ np.stack([joint.v for joint in self.joints], axis=1))
 
     def at_joint(self, effect: JointForce, joint: int) -> Array:
         """∫ w force dt (M,) of the force law `effect` at `joint`."""

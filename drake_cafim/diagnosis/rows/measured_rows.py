@@ -14,7 +14,7 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class MeasuredRows:
-    """Integrals over M windows of the measured `v`, `u` and the smoothed `v_hat`, (N, n) each, and `wrenches` (N, 6).
+    """Integrals over M windows of the measured `v`, `u`, (N, n) each, and `wrenches` (N, 6).
 
     `ramped` (n) is True where a joint's effort is linear from sample to sample (first-order hold), False where it is
     held.
@@ -23,7 +23,6 @@ class MeasuredRows:
     windows: Windows
     v: Array
     u: Array
-    v_hat: Array
     wrenches: tuple[Array, ...]
     ramped: tuple[bool, ...]
     servos: Mapping[int, ServoDrive] = field(default_factory=dict)
@@ -33,11 +32,6 @@ class MeasuredRows:
     def rate_of_velocity(self) -> Array:
         """∫ ẇ v dt, (M, n)."""
         return np.asarray(self.windows.rate @ self.v)
-
-    @cached_property
-    def smoothed_velocity(self) -> Array:
-        """∫ w v dt of the smoothed velocity, (M, n)."""
-        return np.asarray(self.windows.value @ self.v_hat)
 
     @cached_property
     def asked(self) -> Array:

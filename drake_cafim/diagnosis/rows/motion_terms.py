@@ -160,7 +160,7 @@ class MotionTermsCache:
                 kinematic = kinematic - windows.interval @ bend
             kinematic = kinematic * louder
         at_joints = joint_samples_of(samples, measured, samples.v_std)
-        rows = MeasuredRows(windows, measured.v, measured.u, measured.v_hat, measured.wrenches, samples.ramped)
+        rows = MeasuredRows(windows, measured.v, measured.u, measured.wrenches, samples.ramped)
         driven = EffortRows(rows, Mobility(moving) if samples.velocity_measured else None)
         at_points, value = _law_samples(samples, measured, at_joints)
         acting = ForceRows(windows, samples.recording.name, at_points, value, moving)

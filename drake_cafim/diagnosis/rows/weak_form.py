@@ -146,7 +146,7 @@ class WeakForm:
 
 def _integrate_joint_forces(physics: Physics, terms: MotionTerms) -> Array:
     """∫ w force dt (M, n) of damping and joint effects."""
-    integral = -physics.dampings * terms.rows.smoothed_velocity
+    integral = -physics.dampings * terms.acting.velocity
     for effect in physics.joint_forces:
         joint = physics.tree.joint_index(effect.at)
         integral[:, joint] += terms.acting.at_joint(effect, joint)

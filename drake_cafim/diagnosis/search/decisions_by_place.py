@@ -1,5 +1,7 @@
 """Writes the decisions of a search under unknown forces, place by place, as records of its trace."""
 
+from collections.abc import Sequence
+
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.trace import Record, name_of, names_of, spoken
 from drake_cafim.effects.effect import Effect
@@ -89,13 +91,14 @@ def record_support(model: Model, effect: Effect, share: float, least: float) -> 
     return _record("test", model, effect, share, least, passed, words, "share of the misfit")
 
 
-def record_contender(best: Model, effect: Effect, other: Key, lead: float) -> Record:
-    """An effect that was fitted exactly in the place of an accepted one; `lead` is its criterion beyond that one's."""
+def record_contender(best: Model, effects: Sequence[Effect], other: Key, lead: float) -> Record:
+    """An effect that was fitted exactly in the place of accepted ones; `lead` is its criterion beyond that of these."""
+    replaced = frozenset(effect.key for effect in effects)
     words = (
-        f"in the place of {spoken(name_of(effect.key))}, all else being equal, the information criterion is "
+        f"in the place of {spoken(names_of(replaced))}, all else being equal, the information criterion is "
         f"{short(abs(lead))} {'higher, so it is not preferred' if lead > 0.0 else 'lower, so it is preferred'}"
     )
-    beside = names_of(best.keys - {effect.key})
+    beside = names_of(best.keys - replaced)
     return Record("choose", name_of(other), -lead, 0.0, lead < 0.0, words, "criterion", beside)
 
 

@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
+from drake_cafim.diagnosis.search.determined import undetermined
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.search.state import Settings
@@ -20,7 +21,6 @@ from drake_cafim.diagnosis.thresholds import (
     MISFIT_SHARE_TO_EXPLAIN,
     NOISE_STD_TOLERANCE,
     RECORDINGS_SHARE_IMPROVED,
-    UNDETERMINED_STD_SHARE,
 )
 from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.effects.effect import Effect, Place
@@ -179,7 +179,7 @@ class GrowthByPlace:
             return decisions.record_bound(found.model, effect, bound), 1.0
         if not problem.plausible(Model(found.model.unknown, (effect,))):
             return decisions.record_implausible(found.model, effect), 1.0
-        wide = undetermined(found, effect)
+        wide = undetermined_in(found, effect)
         if wide is not None:
             return decisions.record_undetermined(found.model, effect, *wide), 1.0
         statistic, freedom = self.wald(problem, found, effect)
@@ -241,19 +241,14 @@ def strength_at_bound(effect: Effect) -> str | None:
     return None
 
 
-def undetermined(found: Fit, effect: Effect) -> tuple[str, float, float] | None:
-    """A strength whose std is too large a share of what it may be: its name, the std and that size.
-
-    That is the width of its bounds or, where they are not finite, the larger of its value and its typical size.
-    """
+def undetermined_in(found: Fit, effect: Effect) -> tuple[str, float, float] | None:
+    """`undetermined` of an effect of a fit, by the fit's standard deviations."""
     position = len(found.model.unknown)
     for other in found.model.effects:
-        for strength in other.strengths:
-            width = strength.upper - strength.lower
-            size = width if np.isfinite(width) else max(abs(other.values[strength.name]), strength.typical)
-            if other is effect and found.std[position] > UNDETERMINED_STD_SHARE * size:
-                return strength.name, float(found.std[position]), float(size)
-            position += 1
+        own = found.std[position : position + len(other.strengths)]
+        if other is effect:
+            return undetermined(effect, own, own)
+        position += len(own)
     return None
 
 

@@ -8,14 +8,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from drake_cafim.diagnosis.fit.fitting import unbiased_fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
+from drake_cafim.diagnosis.search.determined import undetermined
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.search_under_unknown_force import mean_square
-from drake_cafim.diagnosis.thresholds import LEAST_PROBABILITY, LEAST_STRENGTH_IN_STDS, UNDETERMINED_STD_SHARE
+from drake_cafim.diagnosis.thresholds import LEAST_PROBABILITY, LEAST_STRENGTH_IN_STDS
 from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.computation import NotComputable, compute
@@ -61,25 +60,24 @@ def failures(judgement: Judgement, std: Array) -> Iterator[tuple[Effect, Record]
     """
     best, position = judgement.best, len(judgement.best.model.unknown)
     for effect in best.model.effects:
-        own = std[position : position + len(effect.strengths)]
-        position += len(own)
-        record = _failure(judgement, effect, own)
+        own = slice(position, position + len(effect.strengths))
+        position = own.stop
+        record = _failure(judgement, effect, std[own], best.std[own])
         if record is not None:
             yield effect, record
 
 
-def _failure(judgement: Judgement, effect: Effect, std: Array) -> Record | None:
+def _failure(judgement: Judgement, effect: Effect, std: Array, linear_std: Array) -> Record | None:
     model = judgement.best.model
-    significance = 0.0
-    for strength, deviation in zip(effect.strengths, std, strict=True):
-        if not strength.amplitude or strength.through:
-            continue
-        value, width = effect.values[strength.name], strength.upper - strength.lower
-        size = width if np.isfinite(width) else max(abs(value), strength.typical)
-        if not deviation <= UNDETERMINED_STD_SHARE * size and not strength.inverse:
-            return decisions.record_undetermined(model, effect, strength.name, float(deviation), float(size))
-        distance = abs(value if strength.inverse else value - strength.nominal)
-        significance = max(significance, float(distance / deviation) if deviation > 0.0 else np.inf)
+    amplitudes = [s for s in effect.strengths if s.amplitude and not s.through and not s.inverse]
+    wide = undetermined(effect, std, linear_std, amplitudes)
+    if wide is not None:
+        return decisions.record_undetermined(model, effect, *wide)
+    significance = max(
+        abs(effect.values[s.name] - (0.0 if s.inverse else s.nominal)) / max(float(deviation), 1e-300)
+        for s, deviation in zip(effect.strengths, std, strict=True)
+        if s.amplitude
+    )
     if significance < LEAST_STRENGTH_IN_STDS:
         return decisions.record_insignificant(model, effect, significance, LEAST_STRENGTH_IN_STDS)
     probability = judgement.outcome.probability.get(effect.key, 1.0)
