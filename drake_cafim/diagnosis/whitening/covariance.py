@@ -9,6 +9,7 @@ from scipy.linalg import lapack
 
 from drake_cafim.diagnosis.noise.coloured import covariance
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.whitening.friction_at_rest import friction_at_rest_covariance
 from drake_cafim.diagnosis.whitening.impact_noise import impact_covariance
 from drake_cafim.diagnosis.whitening.kinked_law_noise import kinked_law_covariance
 from drake_cafim.diagnosis.whitening.mobility_noise import mobility_covariance
@@ -64,7 +65,10 @@ def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> 
     jacobian = noise_jacobian(weak, physics)
     # what the first-order Jacobian leaves out: kinks and jumps within the noise
     beyond = (
-        kinked_law_covariance(weak, physics) + impact_covariance(weak, physics) + mobility_covariance(weak, physics)
+        kinked_law_covariance(weak, physics)
+        + friction_at_rest_covariance(weak, physics)
+        + impact_covariance(weak, physics)
+        + mobility_covariance(weak, physics)
     )
     if weak.samples.estimated is not None:
         beyond = beyond + _unmodelled(weak, physics, weak.samples.estimated.unmodelled_force)

@@ -1,0 +1,64 @@
+"""The rows' noise by dry friction near rest, where its force is not a function of the velocity.
+
+A joint at rest is held by whatever force it takes, up to the friction's size T. The law T tanh(v/w) puts a creep with
+v of the order of w in its place, and w is not known where a model file states the friction alone. The force then
+differs from the law by up to T (1 − |tanh(v/w)|), for as long as the joint rests; that is counted as noise. A friction
+whose width is stated, or was fitted, is a function of the velocity, and there is no such noise.
+"""
+
+import numpy as np
+import scipy.sparse as sp
+
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointForce
+from drake_cafim.effects.joint_samples import JointSamples
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.typing import Array, Flags
+
+LASTING = 1.0
+"""s, time over which the force of a resting joint is taken as the same."""
+SLIDING = 20.0
+"""Velocity in widths w at which a joint slides for certain."""
+FAINT = 1e-3
+"""Share of the friction below which its doubt counts as none."""
+
+
+def friction_at_rest_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matrix:
+    """(R, R) the rows' covariance by dry friction without a known width, near rest."""
+    windows, r = weak.samples.windows, weak.rows_per_window
+    total = sp.csr_matrix((r * len(windows), r * len(windows)))
+    joints = weak.joint_samples(physics)
+    for effect in physics.joint_forces:
+        if effect.group != DRY_FRICTION or SLIP_VELOCITY.name in effect.values:
+            continue
+        joint = physics.tree.joint_index(effect.at)
+        std = _doubt(effect, joints[joint])
+        if not np.any(std):
+            continue
+        weighed = windows.value @ sp.diags_array(std / physics.effort_gains[joint])
+        shared = sp.coo_matrix(weighed @ _lasting(weak.samples.time, np.greater(std, 0.0)) @ weighed.T)
+        rows, columns = (r * index + weak.dynamic.start + joint for index in (shared.row, shared.col))
+        total = total + sp.csr_matrix((shared.data, (rows, columns)), shape=total.shape)
+    return sp.csr_matrix(total)
+
+
+def _doubt(effect: JointForce, joint: JointSamples) -> Array:
+    """(N,) the size of the friction times 1 − |tanh(v/w)|, N m or N; zero away from rest."""
+    width = SLIP_VELOCITY.nominal
+    sliding = np.full_like(joint.v, SLIDING * width)
+    forward, backward = (effect.force(JointSamples(joint.q, v, joint.u, load=joint.load)) for v in (sliding, -sliding))
+    size = 0.5 * np.abs(forward.value - backward.value)
+    share = np.maximum(1.0 - np.abs(joint.sign(width).value), 0.0)
+    return np.where(share > FAINT, size * share, 0.0)
+
+
+def _lasting(time: Array, at_rest: Flags) -> sp.csr_matrix:
+    """(N, N) correlation 1 − |Δt|/`LASTING` among the samples `at_rest`, zero of all others and beyond that time."""
+    rest = np.flatnonzero(at_rest)
+    ends = np.searchsorted(time[rest], time[rest] + LASTING)
+    counts = ends - np.arange(len(rest))
+    first = np.repeat(np.arange(len(rest)), counts)
+    second = first + np.arange(len(first)) - np.repeat(np.cumsum(counts) - counts, counts)
+    near = 1.0 - (time[rest[second]] - time[rest[first]]) / LASTING
+    upper = sp.csr_matrix((near, (rest[first], rest[second])), shape=(len(time), len(time)))
+    return sp.csr_matrix(upper + upper.T - sp.diags_array(upper.diagonal()))

@@ -1,0 +1,86 @@
+"""A joint that dry friction holds: no law of the velocity says with what force, and that is no missing physics."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.sparse as sp
+
+from drake_cafim import recordings
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.whitening.friction_at_rest import _lasting, friction_at_rest_covariance
+from drake_cafim.scene.scene import Scene
+
+INERTIA, FRICTION = 0.01, 0.05
+URDF = f"""
+<robot name="turntable">
+  <link name="base"/>
+  <link name="plate">
+    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="{INERTIA}" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>
+  <joint name="axis" type="continuous">
+    <parent link="base"/><child link="plate"/><axis xyz="0 0 1"/><dynamics friction="{FRICTION}"/>
+  </joint>
+</robot>
+"""
+SCENARIO = """
+model: turntable.urdf
+weld: [{body: base}]
+channels: {q: {std: 1.0e-5}, v: {std: 1.0e-3}, u: {std: 0.0}}
+"""
+
+
+def _held_and_let_go(seconds: float) -> pd.DataFrame:
+    """A plate under a slow effort that the friction holds for most of the time, by exact pieces."""
+    step, parts = 0.002, 200
+    time = np.arange(0.0, seconds, step)
+    effort = 0.06 * np.sin(2.0 * np.pi * 0.5 * time)
+    q = v = 0.0
+    rows = []
+    for u in effort:
+        rows.append((q, v))
+        for _ in range(parts):
+            h = step / parts
+            free = v + h * u / INERTIA
+            slowed = free - np.sign(free) * min(abs(free), h * FRICTION / INERTIA)
+            q, v = q + 0.5 * h * (v + slowed), slowed
+    q_read, v_read = np.array(rows).T
+    rng = np.random.default_rng(4)
+    table = {"q.axis": q_read + rng.normal(0.0, 1e-5, time.size), "v.axis": v_read + rng.normal(0.0, 1e-3, time.size)}
+    return pd.DataFrame({"time": time, **table, "u.axis": effort})
+
+
+def _problem(folder: Path) -> WeakProblem:
+    (folder / "turntable.urdf").write_text(URDF)
+    (folder / "scenario.yaml").write_text(SCENARIO)
+    _held_and_let_go(6.0).to_parquet(folder / "held.parquet")
+    scene = Scene.load(folder / "scenario.yaml")
+    problem = prepare(scene, [recordings.read(folder / "held.parquet")]).problem()
+    assert isinstance(problem, WeakProblem)
+    return problem
+
+
+def test_what_holds_a_joint_is_noise_while_it_rests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    left = [float(np.mean(problem.residual(problem.nominal()) ** 2)) for problem in [_problem(tmp_path)]]
+    nothing = "drake_cafim.diagnosis.whitening.covariance.friction_at_rest_covariance"
+    monkeypatch.setattr(nothing, lambda weak, physics: sp.csr_matrix(friction_at_rest_covariance(weak, physics).shape))
+    bare = _problem(tmp_path)
+    left.append(float(np.mean(bare.residual(bare.nominal()) ** 2)))
+    assert left[0] < 2.0 and left[1] > 10.0
+
+
+def test_a_width_that_is_stated_leaves_no_doubt(tmp_path: Path) -> None:
+    problem = _problem(tmp_path)
+    (form,), physics = problem.forms, problem.scene.physics
+    assert friction_at_rest_covariance(form, physics).nnz > 0
+    (friction,) = physics.joint_forces
+    stated = type(friction)(friction.at, {**friction.values, "slip_velocity": 0.005})
+    assert friction_at_rest_covariance(form, physics.changed(joint_forces=(stated,))).nnz == 0
+
+
+def test_the_force_of_a_resting_joint_lasts(tmp_path: Path) -> None:
+    time = np.array([0.0, 0.25, 0.5, 1.4])
+    expected = np.array([[1.0, 0.0, 0.5, 0.0], [0.0] * 4, [0.5, 0.0, 1.0, 0.1], [0.0, 0.0, 0.1, 1.0]])
+    np.testing.assert_allclose(_lasting(time, np.array([True, False, True, True])).toarray(), expected, atol=1e-12)
