@@ -26,5 +26,7 @@ def learned_figure(law: LearnedForce, tree: Tree) -> str:
         for axes, term in zip(panels, law.terms, strict=True):
             axes.plot(np.array(term.x), np.array(term.force), color=CORRECTED)
             axes.set_xlabel(labels[term.variables])
+        # a force that hardly changes is shown as one: with zero in the picture
+        panels[0].set_ylim(min(panels[0].get_ylim()[0], 0.0), max(panels[0].get_ylim()[1], 0.0))
         panels[0].set_ylabel(f"force ({joint.effort_unit})")
         return as_svg(figure, f"the learned force at {law.at}")

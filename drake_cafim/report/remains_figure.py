@@ -10,6 +10,8 @@ from drake_cafim.report.svg import as_svg, page_style
 from drake_cafim.typing import Array
 
 BINS = 24
+CONSTANT = 1e-6
+"""Range of a variable over its size, below which it is drawn as a constant."""
 
 
 def remains_figure(remains: Remains, place: str) -> str:
@@ -25,6 +27,8 @@ def remains_figure(remains: Remains, place: str) -> str:
             axes.plot(x[chosen], y[chosen], "o", color=INK, markersize=2.0, markeredgewidth=0.0, alpha=0.25)
             axes.plot(*_trend(x, y), color=ALARM, linewidth=2.0)
             axes.set_xlabel(label)
+            if np.ptp(x) < CONSTANT * np.max(np.abs(x)):
+                axes.set_xlim(np.mean(x) - 0.5 * np.max(np.abs(x)), np.mean(x) + 0.5 * np.max(np.abs(x)))
             axes.set_ylim(float(low) - margin, float(high) + margin)
         figure.axes[0].set_ylabel(f"{remains.channel.label} ({remains.channel.unit})")
         return as_svg(figure, f"What remains at {place} against position, velocity, effort and time")

@@ -26,9 +26,11 @@ def record_data_mistake(sentence: str) -> Record:
 def record_conclusion(verdict: Verdict, judgement: Judgement) -> list[Record]:
     """The rivals of the verdict, and its kind."""
     best, outcome, records = judgement.best, judgement.outcome, []
+    # a name that is withheld stands among its rivals
+    whole = outcome.best if judgement.withheld else best
     for rival in verdict.rivals:
         fits = [fit.chi_square for fit in outcome.competing if rival.key in fit.model.keys]
-        worse, most = min(fits) - best.chi_square, RIVAL_EXCESS_CHI_SQUARE * outcome.scale
+        worse, most = min(fits) - whole.chi_square, RIVAL_EXCESS_CHI_SQUARE * outcome.scale
         side = "larger" if worse > 0.0 else "smaller"
         words = (
             f"χ² of the best explanation with it is {side} by {short(abs(worse))}; one whose χ² is larger by "
@@ -36,7 +38,7 @@ def record_conclusion(verdict: Verdict, judgement: Judgement) -> list[Record]:
             f"Its probability is {short(rival.probability, 2)}: {rival.why_alike}"
         )
         asked = name_of(rival.key)
-        records.append(Record("rival", asked, worse, most, True, words, "difference in χ²", model_name(best.model)))
+        records.append(Record("rival", asked, worse, most, True, words, "difference in χ²", model_name(whole.model)))
     effects = names_of(effect.key for effect in best.model.effects)
     named = spoken(effects) if best.model.effects else "no effect"
     reason = FAR_UNKNOWN if verdict.kind == "unexplained" and verdict.adequate else KINDS[verdict.kind]

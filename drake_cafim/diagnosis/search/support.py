@@ -38,8 +38,10 @@ def withhold_unsupported(judgement: Judgement, trace: Trace) -> Judgement:
         own.add(*(record for _, record in failed))
         dropped = {effect.key for effect, _ in failed}
         kept = tuple(effect for effect in best.model.effects if effect.key not in dropped)
-        rest = unbiased_fit(problem, replace(best.model, effects=kept))
-        left = None if judgement.left is None else mean_square(judgement.outcome.nominal_problem, rest)
+        nominally, nominal = judgement.outcome.nominal_problem, judgement.outcome.nominal
+        rest = unbiased_fit(problem, replace(best.model, effects=kept)) if kept else nominal
+        # the rows of the search are whitened under the effects that are now withheld
+        left = mean_square(nominally, rest)
         judgement = replace(
             judgement,
             best=rest,
