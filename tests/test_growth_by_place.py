@@ -14,7 +14,7 @@ from drake_cafim.diagnosis.search.growth_by_place import (
     share_improved,
     share_removed,
     strength_at_bound,
-    undetermined,
+    undetermined_in,
 )
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.effects.catalogue import effect_named
@@ -91,7 +91,7 @@ def test_a_strength_at_its_bound_is_told() -> None:
 
 def test_what_is_not_determined_is_told(growth: GrowthByPlace) -> None:
     found, effect = _fitted(growth)
-    assert undetermined(found, effect) is None
+    assert undetermined_in(found, effect) is None
     vague = replace(found, covariance=found.covariance + 100.0 * np.eye(len(found.covariance)))
-    told = undetermined(vague, effect)
+    told = undetermined_in(vague, effect)
     assert told is not None and told[0] == "coefficient" and told[1] > told[2] / 3.0

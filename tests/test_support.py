@@ -34,10 +34,13 @@ def _judgement(monkeypatch: pytest.MonkeyPatch, effect: Effect, std: list[float]
     k = len(effect.strengths)
     best = Fit(Model(np.zeros(0), (effect,)), np.ones(1000), np.zeros((1000, k)), np.eye(k), 1000, unbiased=True)
     monkeypatch.setattr(support, "standard_deviations", lambda *of: np.array(std[: len(of[1].model.vector)]))
-    monkeypatch.setattr(
-        support, "unbiased_fit", lambda problem, model: Fit(model, np.ones(1000), np.zeros((1000, 0)), np.eye(0), 1000)
+    size = float(np.sum((best.model.vector / np.array(std)) ** 2))
+    monkeypatch.setattr(support, "wald_statistic", lambda *of: (size, k))
+    monkeypatch.setattr(support, "mean_square", lambda *of: 2.0)
+    nominal = Fit(Model(np.zeros(0)), np.ones(1000), np.zeros((1000, 0)), np.eye(0), 1000)
+    outcome: Any = SimpleNamespace(
+        problem=None, nominal_problem=None, nominal=nominal, scale=1.0, probability={effect.key: probability}
     )
-    outcome: Any = SimpleNamespace(problem=None, scale=1.0, probability={effect.key: probability})
     return Judgement(outcome, best, "explained")
 
 
@@ -61,6 +64,7 @@ def test_a_name_without_support_is_withheld_and_told_why(
     trace = Trace()
     found = support.withhold_unsupported(_judgement(monkeypatch, effect, std, probability), trace)
     assert found.kind == "unexplained" and found.withheld == (effect,) and not found.best.model.effects
+    assert found.left == 2.0
     (record,) = trace.records
     assert record.test == reason and not record.passed
 

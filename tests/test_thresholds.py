@@ -52,6 +52,7 @@ ROUNDING = {
     "noise/stated.py": "LEAST_STD",
     "rows/adjustment.py": "LEAST_STD",
     "rows/trajectory.py": "DIFFUSE",
+    "search/determined.py": "UNSEEN_STD",
     "search/screening.py": "DIVERGED LEAST_INFORMATION",
     "tosses/innovation.py": "VAGUE",
     "tosses/poses.py": "OFF_CENTRE UNEVEN",
@@ -86,6 +87,7 @@ APPROXIMATION = {
     "tosses/linearised_effects.py": "GRAIN",
     "tosses/tangent.py": "INSIDE",
     "whitening/impact_noise.py": "JUST_INSIDE RARE_SIDE",
+    "whitening/friction_at_rest.py": "SLIDING FAINT",
     "whitening/kinked_law_noise.py": "NODES SHARES LEAST_SHARE",
     "whitening/momentum_derivatives.py": "STEP",
 }

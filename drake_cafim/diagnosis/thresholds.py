@@ -16,6 +16,9 @@ sample."""
 CLOCK_SMOOTHING_REACH = 0.012
 """Half width of the interval from which the motion between a sample and its instant on the even clock is estimated.
 Unit: s. Not calibrated: chosen."""
+REST_LASTING = 1.0
+"""Time over which the force that holds a resting joint by dry friction is taken as the same. Unit: s. Not calibrated:
+chosen."""
 MASS_MATRIX_STD = 0.2
 """Relative standard deviation of the mass matrix by which positions and velocities are compared between samples. Unit:
 1. Source: that of a link's inertials where only a model file is given."""
@@ -230,7 +233,7 @@ UNDETERMINED_STD_SHARE = 1.0 / 3.0
 """Standard deviation of a strength, as a share of the width of its bounds (of its size where they are infinite), beyond
 which it is not determined. Unit: 1. Source: three standard deviations."""
 LEAST_STRENGTH_IN_STDS = 3.0
-"""Distance of an effect's strongest parameter from no effect, in its standard deviations, below which it is not named.
+"""Distance of an effect from no effect, the root of its Wald statistic, below which it is not named.
 Unit: standard deviations. Source: three standard deviations."""
 LEAST_PROBABILITY = 0.5
 """Probability of an effect among the laws that explain the same, below which it is a rival and not named. Unit: 1.

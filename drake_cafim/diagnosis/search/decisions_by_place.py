@@ -1,7 +1,5 @@
 """Writes the decisions of a search under unknown forces, place by place, as records of its trace."""
 
-from collections.abc import Sequence
-
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.trace import Record, name_of, names_of, spoken
 from drake_cafim.effects.effect import Effect
@@ -72,9 +70,9 @@ def record_undetermined(model: Model, effect: Effect, strength: str, std: float,
 
 
 def record_insignificant(model: Model, effect: Effect, significance: float, least: float) -> Record:
-    """A law none of whose strengths is far enough from nothing."""
+    """A law whose strengths, all together, are too near to nothing."""
     words = (
-        f"its strongest parameter is {short(significance)} standard deviations from no effect, by the residual that "
+        f"its parameters together are {short(significance)} standard deviations from no effect, by the residual that "
         f"remains; at least {short(least)} is required, so it is not named"
     )
     return _record("prune", model, effect, significance, least, False, words, "standard deviations")
@@ -91,14 +89,13 @@ def record_support(model: Model, effect: Effect, share: float, least: float) -> 
     return _record("test", model, effect, share, least, passed, words, "share of the misfit")
 
 
-def record_contender(best: Model, effects: Sequence[Effect], other: Key, lead: float) -> Record:
-    """An effect that was fitted exactly in the place of accepted ones; `lead` is its criterion beyond that of these."""
-    replaced = frozenset(effect.key for effect in effects)
+def record_contender(best: Model, effect: Effect, other: Key, lead: float) -> Record:
+    """An effect that was fitted exactly in the place of an accepted one; `lead` is its criterion beyond that one's."""
     words = (
-        f"in the place of {spoken(names_of(replaced))}, all else being equal, the information criterion is "
+        f"in the place of {spoken(name_of(effect.key))}, all else being equal, the information criterion is "
         f"{short(abs(lead))} {'higher, so it is not preferred' if lead > 0.0 else 'lower, so it is preferred'}"
     )
-    beside = names_of(best.keys - replaced)
+    beside = names_of(best.keys - {effect.key})
     return Record("choose", name_of(other), -lead, 0.0, lead < 0.0, words, "criterion", beside)
 
 

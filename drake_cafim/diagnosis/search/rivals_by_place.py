@@ -1,7 +1,5 @@
 """Compares each effect found under unknown forces with the other laws at its place, and gives their probabilities."""
 
-import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,10 +10,8 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.growth_by_place import (
-    ELSEWHERE,
     GrowthByPlace,
     joint_of,
-    place_of,
     residual_without,
     share_removed,
     strength_at_bound,
@@ -25,7 +21,6 @@ from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import (
     LEAST_PROBABILITY,
-    MOST_EFFECTS,
     NAMED_EXCESS_SHARE,
     RIVALS_FITTED_PER_PARENT,
 )
@@ -51,16 +46,14 @@ def compare_by_place(growth: GrowthByPlace) -> Compared:
     """Replaces effects of `growth.best` by better laws at their joints, and drops those that share their evidence."""
     growth.converge()
     for _ in range(ROUNDS):
-        _merge(growth)
         growth.progress(f"comparing {len(growth.best.model.effects)} effects with other laws at their joints")
         found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
-        better = _one_a_place(growth, found)
-        if not better or not growth.settle(_replaced(growth.best.model, better)):
+        better = {key: leads[0][2] for key, leads in found.items() if leads and leads[0][0] < 0.0}
+        effects = tuple(better.get(effect.key, effect) for effect in growth.best.model.effects)
+        # two effects may prefer the same law
+        effects = tuple({effect.key: effect for effect in effects}.values())
+        if not better or not growth.settle(Model(growth.best.model.unknown, effects, growth.best.model.free)):
             break
-        if growth.settings.most_effects >= MOST_EFFECTS:
-            # what seemed to be nothing beside a wrong law may stand out beside the right one
-            growth.refused.clear()
-            growth.grow()
         growth.converge()
     else:
         found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
@@ -73,47 +66,6 @@ def compare_by_place(growth: GrowthByPlace) -> Compared:
         growth.drop(shared)
     _drop_unsupported(growth)
     return Compared(tuple(other for leads in found.values() for _, other, _ in leads), probability)
-
-
-def _one_a_place(growth: GrowthByPlace, found: dict[Key, list["Lead"]]) -> dict[Key, "Lead"]:
-    """The laws that are better than an effect, by the effect: the best at each joint, and the best one elsewhere.
-
-    Two loads on bodies may each stand for the same two laws at two joints.
-    """
-    leads = sorted((leads[0][0], key) for key, leads in found.items() if leads and leads[0][0] < 0.0)
-    of_effect = {effect.key: effect for effect in growth.best.model.effects}
-    chosen: dict[Key, Lead] = {}
-    taken: set[str] = set()
-    for _, key in leads:
-        places = {place_of(of_effect[key]), place_of(found[key][0][2])}
-        if not places & taken:
-            chosen[key] = found[key][0]
-            taken |= places
-    return chosen
-
-
-def _replaced(model: Model, better: dict[Key, "Lead"]) -> Model:
-    """`model` with better laws in the place of effects; of one alone, as fitted together with all else."""
-    if len(better) == 1:
-        ((_, other, _),) = better.values()
-        return other.model
-    effects = [better[effect.key][2] if effect.key in better else effect for effect in model.effects]
-    # two effects may prefer the same law
-    return Model(model.unknown, tuple({effect.key: effect for effect in effects}.values()), model.free)
-
-
-def _merge(growth: GrowthByPlace) -> None:
-    """Replaces two effects at a joint by one law that explains as much: a load is a spring and an inertia there."""
-    while True:
-        found = [
-            _contenders(growth, *pair)[:1]
-            for pair in itertools.combinations(growth.best.model.effects, 2)
-            if place_of(pair[0]) == place_of(pair[1]) != ELSEWHERE
-        ]
-        leads = sorted((lead for leads in found for lead in leads), key=lambda entry: entry[0])
-        if not leads or leads[0][0] >= 0.0 or not growth.settle(leads[0][1].model):
-            return
-        growth.converge()
 
 
 def _drop_unsupported(growth: GrowthByPlace) -> None:
@@ -142,23 +94,19 @@ Lead = tuple[float, Fit, Effect]
 """By how much an explanation's criterion exceeds the best one's, in units of what blocks show; itself; its own law."""
 
 
-def _contenders(growth: GrowthByPlace, *effects: Effect) -> list[Lead]:
-    """The best laws in the place of `effects` at a joint, fitted exactly where to first order they come near these.
-
-    The best is first.
-    """
+def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
+    """The best laws in the place of `effect`, fitted exactly where to first order they come near it; the best first."""
     problem, best = growth.problem, growth.best
-    rest = Model(best.model.unknown, tuple(e for e in best.model.effects if e not in effects), best.model.free)
-    residual, kept = problem.residual(rest), _columns_but(best, effects)
+    rest = best.model.without(effect)
+    residual, kept = problem.residual(rest), _columns_but(best, effect)
     at_rest = Fit(rest, residual, best.jacobian[:, kept], best.covariance[np.ix_(kept, kept)], best.data_rows)
-    # a load on a body moves the rows of the joints before it, and may be what a law at one of them stands for
-    here, taken = {joint_of(effects[0]), ELSEWHERE}, {effect.key for effect in effects}
-    laws = [other for other in growth.beside(rest) if other.key not in taken and joint_of(other) in here]
-    unit = max(_evidence_unit(growth, effect) for effect in effects)
+    here = joint_of(effect)
+    laws = [other for other in growth.beside(rest) if other.key != effect.key and joint_of(other) == here]
+    unit = _evidence_unit(growth, effect)
     basis = np.linalg.qr(at_rest.jacobian)[0]
     left = residual - basis @ (basis.T @ residual)
     lost = float(left @ left) - best.chi_square
-    own = sum(_cost_of(growth, best, effect) for effect in effects) + 2.0 * (len(effects) - 1) * np.log(growth.trials)
+    own = _cost_of(growth, best, effect)
     found: list[Lead] = []
     price = {law.key: _cost_of(growth, best, law) for law in laws}
     looks = sorted(screen(problem, at_rest, laws), key=lambda look: price[look.effect.key] - look.gain)
@@ -173,7 +121,7 @@ def _contenders(growth: GrowthByPlace, *effects: Effect) -> list[Lead]:
         if strength_at_bound(law) or undetermined_in(other, law) or not problem.plausible(other.model):
             continue
         lead = (criterion(other, 1.0, growth.trials) - criterion(best, 1.0, growth.trials)) / unit
-        growth.trace.add(decisions.record_contender(best.model, effects, law.key, lead))
+        growth.trace.add(decisions.record_contender(best.model, effect, law.key, lead))
         found.append((lead, other, law))
     return sorted(found, key=lambda entry: entry[0])
 
@@ -183,11 +131,11 @@ def _cost_of(growth: GrowthByPlace, best: Fit, effect: Effect) -> float:
     return len(effect.strengths) * float(np.log(max(best.data_rows, 2))) + effect.surprise
 
 
-def _columns_but(best: Fit, effects: Sequence[Effect]) -> list[int]:
-    """The columns of a fit's Jacobian without those of `effects`."""
+def _columns_but(best: Fit, effect: Effect) -> list[int]:
+    """The columns of a fit's Jacobian without those of `effect`."""
     position, kept = len(best.model.unknown), list(range(len(best.model.unknown)))
     for other in best.model.effects:
-        if other not in effects:
+        if other is not effect:
             kept += range(position, position + len(other.strengths))
         position += len(other.strengths)
     return kept

@@ -10,13 +10,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.thresholds import REST_LASTING
 from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointForce
 from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Flags
 
-LASTING = 1.0
-"""s, time over which the force of a resting joint is taken as the same."""
 SLIDING = 20.0
 """Velocity in widths w at which a joint slides for certain."""
 FAINT = 1e-3
@@ -53,12 +52,12 @@ def _doubt(effect: JointForce, joint: JointSamples) -> Array:
 
 
 def _lasting(time: Array, at_rest: Flags) -> sp.csr_matrix:
-    """(N, N) correlation 1 − |Δt|/`LASTING` among the samples `at_rest`, zero of all others and beyond that time."""
+    """(N, N) correlation 1 − |Δt|/`REST_LASTING` among the samples `at_rest`; zero of all others and beyond that."""
     rest = np.flatnonzero(at_rest)
-    ends = np.searchsorted(time[rest], time[rest] + LASTING)
+    ends = np.searchsorted(time[rest], time[rest] + REST_LASTING)
     counts = ends - np.arange(len(rest))
     first = np.repeat(np.arange(len(rest)), counts)
     second = first + np.arange(len(first)) - np.repeat(np.cumsum(counts) - counts, counts)
-    near = 1.0 - (time[rest[second]] - time[rest[first]]) / LASTING
+    near = 1.0 - (time[rest[second]] - time[rest[first]]) / REST_LASTING
     upper = sp.csr_matrix((near, (rest[first], rest[second])), shape=(len(time), len(time)))
     return sp.csr_matrix(upper + upper.T - sp.diags_array(upper.diagonal()))
