@@ -98,6 +98,9 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
     h = np.diff(time)[:, None]
     response = physics.free_response(moving)
     law, by_q, by_v = physics.applied_at_joints(terms.joints)
+    for j, drive in terms.servos.items():
+        by_q[:, j] += drive.mean.d_q
+        by_v[:, j] += drive.mean.d_v
     if physics.contacts:
         law = law + moving.project(physics.contact_wrenches(moving, weak.contact_memory(physics)))
     if physics.body_forces:
