@@ -136,7 +136,7 @@ def _unmodelled_force(weak: WeakForm, physics: Physics, found: Trajectory, mobil
     At most as large as a model that is right to `LAW_ACCURACY` may miss: that share of a joint's effort, anew in each
     test function.
     """
-    effort = weak.mean_effort(physics)
+    effort = weak.acting_effort(physics)
     most = (LAW_ACCURACY**2) * np.mean(effort**2, axis=0) * weak.samples.windows.spacing
     return np.asarray(np.minimum(found.density / np.maximum(mobility, 1e-300) ** 2, most), dtype=float)
 
