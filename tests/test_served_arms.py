@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.diagnose import diagnose, estimate
+from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
@@ -22,6 +23,14 @@ def test_the_servos_of_an_mjcf_are_enough_and_nothing_is_missing(tmp_path: Path)
     assert verdict.held_out is not None
     assert verdict.held_out.corrected.rmse["q.elbow"] < 0.004
     assert any("the scale of the efforts at elbow, which were not recorded, is that of kp" in n for n in verdict.notes)
+
+
+def test_a_servo_holds_the_estimated_motion_to_its_command(tmp_path: Path) -> None:
+    path = written(tmp_path, shoulder=POSITION, elbow=POSITION)
+    [run] = prepare(Scene.load(path), [recorded(path, 1)]).problem().runs
+    assert run.weak.samples.estimated is not None
+    # without the servo's slopes a deviation would grow for ever, and white forces of 6e-9 would have to undo it
+    assert run.weak.samples.estimated.unmodelled_force[1] < 1e-12
 
 
 @pytest.mark.ci

@@ -61,7 +61,7 @@ ROUNDING = {
 }
 APPROXIMATION = {
     # steps of differences, nodes, coefficients, and where a series, a memory or a mean of draws is cut off
-    "joints/other_inertia.py": "INSTANTS",
+    "joints/other_noise.py": "INSTANTS",
     "joints/pulses.py": "TAIL DECAYED_SHARE",
     "left_out/learned.py": "SMOOTHNESS",
     "left_out/law_terms.py": "DEGREE PIECES POINTS NEAR_ZERO WIDTH_SHARE",

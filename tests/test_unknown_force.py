@@ -47,7 +47,8 @@ def test_the_density_is_the_one_that_was_hidden(tmp_path: Path) -> None:
     density = force_density(problem, nominal.model)
     # of some 600 windows, whose squares are known to a twentieth
     assert density[0] == pytest.approx(DENSITY, rel=0.15)
-    assert density[1] < 0.05 * DENSITY
+    # a mass that was fitted as if nothing were hidden leaves a force of 6e-4 of it there
+    assert density[1] < 5e-5 * DENSITY
     assert not leaves_noise(problem, nominal, 0.01)
     own = problem.with_unknown_force(density, nominal.model)
     assert leaves_noise(own, unbiased_fit(own, nominal.model), 0.01)

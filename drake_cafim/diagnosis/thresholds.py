@@ -28,9 +28,9 @@ of four, as the file formats promise."""
 EMPTY_SPECTRUM_SHARE = 1e-5
 """Standard deviation of a measured velocity or effort above half the Nyquist frequency, over its whole one, below which
 it was filtered after it was measured. Unit: 1. Not calibrated: chosen, as a sensor of 16 digits has more noise."""
-OTHER_INERTIA_RATIO = 3.0
-"""Ratio of a joint's inertia under two models, or its inverse, from which on each of the two is judged under its own
-noise. Unit: 1. Not calibrated: chosen, as the noise of the rows is in proportion to the inertia."""
+OTHER_NOISE_RATIO = 3.0
+"""Ratio of a joint's inertia, or of the effort that acts there, under two models, or its inverse, from which on each of
+the two is judged under its own noise. Unit: 1. Not calibrated: chosen, as the noise of the rows is in proportion."""
 MOTION_NOISE_STDS = 1.2
 """Scatter of a channel's values over the standard deviation of its noise, from which on the channel counts as moving.
 Unit: 1. Not calibrated: chosen, of noise alone the scatter is 1, within a few percent over a hundred samples."""

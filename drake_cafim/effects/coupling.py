@@ -238,6 +238,9 @@ class JointBacklash(JointCoupling):
         for name, factors in (("gap", (0.5, 0.7, 1.4, 2.0)), ("stiffness", (0.4, 2.5))):
             for factor in factors:
                 yield self.with_values({**self.values, name: factor * self.values[name]})
+        # a fit that ran off to rigid, undamped flanks has no slope back, and no factor of one of the two leads back
+        usual = {strength.name: strength.typical for strength in self.strengths if strength.name != "gap"}
+        yield self.with_values({**self.values, **usual})
 
     def between_shapes(self, ratio: float) -> Iterator["JointBacklash"]:
         for factor in (ratio, 1.0 / ratio):

@@ -1,6 +1,6 @@
 """Unknown white forces at the joints as noise: their density, estimated from the residual of a model."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.rows.adjustment import without_unmodelled_force
+from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.thresholds import LAW_ACCURACY, UNKNOWN_FORCE_VARIANCE_SHARE
 from drake_cafim.diagnosis.whitening.covariance import Whitening, unknown_force_factors, whitening
 from drake_cafim.diagnosis.whitening.whitened_run import Run
@@ -26,25 +27,50 @@ def force_density(problem: WeakFormRows, model: Model) -> Array:
     """(n,) density of a white force at each joint, (N m)² s or N² s: the maximum likelihood given `model`.
 
     Each density is a variance component of the rows, estimated by Fisher scoring and bounded below by zero (Harville,
-    J. American Statistical Association 72(358), 1977, §4).
+    J. American Statistical Association 72(358), 1977, §4). The scene's unknowns follow each density to first order:
+    those of `model` were fitted under another noise, and a mass that absorbed a part of one joint's force leaves, at
+    the joints beside it, what would look like more of them.
     """
     physics = model.physics(problem.scene)
+    starts = np.cumsum([run.rows for run in problem.runs])[:-1]
     recordings = []
-    for run in problem.runs:
+    for run, slopes in zip(problem.runs, np.split(_slopes(problem, model), starts), strict=True):
         noise = whitening(without_unmodelled_force(run.weak), physics)[0].covariance
         factors = unknown_force_factors(run.weak, physics)
-        recordings.append(_Recording(run.noisy_rows(physics).ravel(), noise, factors))
+        recordings.append(_Recording(run.noisy_rows(physics).ravel(), run.whiten.unwhiten(slopes), noise, factors))
     # start from an upper bound: as if the rows held no noise of the channels
     density = np.sum([recording.power for recording in recordings], axis=0) / np.sum(
         [recording.size for recording in recordings], axis=0
     )
     for _ in range(MOST_STEPS):
         before = density
-        score, information = np.sum([recording.score(density) for recording in recordings], axis=0)
+        whitened = [recording.whitened(density) for recording in recordings]
+        change = _change_of_unknowns(problem, model, whitened)
+        score, information = np.sum([own.score(change) for own in whitened], axis=0)
         density = np.maximum(density + score / information, 0.0)
         if np.all(np.abs(density - before) <= TOLERANCE * before):
             break
     return np.asarray(density, dtype=float)
+
+
+def _slopes(problem: WeakFormRows, model: Model) -> Array:
+    """(R, n) derivatives of the whitened rows by the scene's unknowns; none where rows have an unknown start."""
+    if not len(model.unknown) or has_unknown_start(model.physics(problem.scene)):
+        return np.zeros((problem.rows, 0))
+    return problem.jacobian(model)[: problem.rows, : len(model.unknown)]
+
+
+def _change_of_unknowns(problem: WeakFormRows, model: Model, whitened: Sequence["_Whitened"]) -> Array:
+    """(n,) change of the unknowns to the maximum of their posterior under the whitening, to first order."""
+    if not whitened[0].slopes.shape[1]:
+        return np.zeros(0)
+    std = problem.prior_std(model)
+    information, gradient = np.diag(std**-2.0), problem.prior_rows(model) / std
+    for own in whitened:
+        information = information + own.slopes.T @ own.slopes
+        gradient = gradient + own.slopes.T @ own.rows
+    size = np.sqrt(np.diag(information))
+    return np.asarray(-np.linalg.solve(information / np.outer(size, size), gradient / size) / size)
 
 
 def remarks(problem: WeakFormRows) -> tuple[str, ...]:
@@ -91,9 +117,13 @@ def _whitened(whiten: Whitening, factor: sp.csr_matrix) -> Iterator[tuple[slice,
 
 @dataclass(frozen=True)
 class _Recording:
-    """`rows` (R,), the covariance (R, R) of their noise, and F (R, M) of each joint: a unit force adds F Fᵀ to it."""
+    """`rows` (R,), their `slopes` (R, n) by the unknowns, and the covariance (R, R) of their noise.
+
+    And F (R, M) of each joint: a force of unit density adds F Fᵀ to the covariance.
+    """
 
     rows: Array
+    slopes: Array
     noise: sp.csr_matrix
     factors: list[sp.csr_matrix]
 
@@ -107,15 +137,33 @@ class _Recording:
         """(n,) expectation of `power` by a unit force alone."""
         return np.array([float((factor.data**2).sum()) for factor in self.factors])
 
-    def score(self, density: Array) -> tuple[Array, Array]:
-        """(n,) derivative of the log likelihood by each density, ½ (zᵀFFᵀz − tr FFᵀ) whitened, and its information."""
+    def whitened(self, density: Array) -> "_Whitened":
+        """The same, whitened with white forces of `density` (n,) as noise."""
         whiten = Whitening.of(
             self.noise + sum(d * factor @ factor.T for d, factor in zip(density, self.factors, strict=True))
         )
-        white = whiten(self.rows)
-        score, information = np.zeros(len(density)), np.zeros(len(density))
+        slopes = whiten(self.slopes) if self.slopes.shape[1] else self.slopes
+        return _Whitened(whiten, whiten(self.rows), slopes, self.factors)
+
+
+@dataclass(frozen=True)
+class _Whitened:
+    """Rows and slopes of a recording, whitened under some densities; `factors` are not."""
+
+    whiten: Whitening
+    rows: Array
+    slopes: Array
+    factors: list[sp.csr_matrix]
+
+    def score(self, change: Array) -> tuple[Array, Array]:
+        """(n,) derivative of the log likelihood by each density, ½ (zᵀFFᵀz − tr FFᵀ) whitened, and its information.
+
+        At unknowns that differ by `change`.
+        """
+        white = self.rows + self.slopes @ change
+        score, information = np.zeros(len(self.factors)), np.zeros(len(self.factors))
         for j, factor in enumerate(self.factors):
-            for rows, seen in _whitened(whiten, factor):
+            for rows, seen in _whitened(self.whiten, factor):
                 score[j] += 0.5 * float(np.sum((seen.T @ white[rows]) ** 2) - np.sum(seen**2))
                 # forces of two parts share next to nothing
                 information[j] += 0.5 * float(np.sum((seen.T @ seen) ** 2))

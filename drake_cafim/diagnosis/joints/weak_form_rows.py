@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem, prior_rows, prior_std
 from drake_cafim.diagnosis.joints.differences import Differences
 from drake_cafim.diagnosis.joints.more_noise import noisy_parameters, with_more_effort_noise
-from drake_cafim.diagnosis.joints.other_inertia import is_other_inertia, noise_cost
+from drake_cafim.diagnosis.joints.other_noise import is_other_noise, noise_cost
 from drake_cafim.diagnosis.joints.unknown_columns import UnknownColumns
 from drake_cafim.diagnosis.rows.adjustment import adjust, without_unmodelled_force
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
@@ -127,7 +127,7 @@ class WeakFormRows(Problem):
         return start
 
     def has_other_noise(self, model: Model) -> bool:
-        return is_other_inertia(self.scene, self.runs[0].weak, model, self.under)
+        return is_other_noise(self.scene, self.runs[0].weak, model, self.under)
 
     @cached_property
     def _by_unknowns(self) -> UnknownColumns:

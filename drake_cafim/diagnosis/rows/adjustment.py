@@ -98,6 +98,9 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
     h = np.diff(time)[:, None]
     response = physics.free_response(moving)
     law, by_q, by_v = physics.applied_at_joints(terms.joints)
+    for j, drive in terms.servos.items():
+        by_q[:, j] += drive.mean.d_q
+        by_v[:, j] += drive.mean.d_v
     if physics.contacts:
         law = law + moving.project(physics.contact_wrenches(moving, weak.contact_memory(physics)))
     if physics.body_forces:
@@ -167,7 +170,7 @@ def _unmodelled_force(weak: WeakForm, physics: Physics, found: Trajectory, mobil
     At most as large as a model that is right to `LAW_ACCURACY` may miss: that share of a joint's effort, anew in each
     test function.
     """
-    effort = weak.mean_effort(physics)
+    effort = weak.acting_effort(physics)
     most = (LAW_ACCURACY**2) * np.mean(effort**2, axis=0) * weak.samples.windows.spacing
     return np.asarray(np.minimum(found.density / np.maximum(mobility, 1e-300) ** 2, most), dtype=float)
 

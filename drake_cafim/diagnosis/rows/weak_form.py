@@ -22,6 +22,7 @@ from drake_cafim.diagnosis.rows.samples import Samples
 from drake_cafim.diagnosis.rows.sensor_slopes import SensorSlopes
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.motion import Motion
+from drake_cafim.effects.effect import Place
 from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -96,6 +97,14 @@ class WeakForm:
     def mean_effort(self, physics: Physics) -> Array:
         """(N, n) mean effort that acts at each joint from one sample to the next, rotor inertia not subtracted."""
         return self.terms(physics).driven.mean_effort(physics)
+
+    def acting_effort(self, physics: Physics) -> Array:
+        """(N, n) the mean effort, without what force laws of the actuators take off, as a speed limit does."""
+        effort, joints = self.mean_effort(physics).copy(), self.joint_samples(physics)
+        for effect in physics.joint_forces:
+            if effect.place is Place.ACTUATOR:
+                effort[:, physics.tree.joint_index(effect.at)] += physics.joint_force(effect, joints).value
+        return effort
 
     def effort_at_samples(self, physics: Physics) -> Array:
         """(N, n) effort that acts at each joint at the samples; of a held one, what acts from there on."""

@@ -91,11 +91,15 @@ def search(
 
 
 def _explain(state: State, best: Fit) -> Fit:
-    """The most probable explanation, grown from `best`, and again if an unknown turns out to be far from its prior."""
+    """The most probable explanation, grown from `best`.
+
+    And grown again if an unknown turns out to be far from its prior, or if another explanation takes its place under
+    which the noise of the rows is another: what stood out of the former noise says nothing of this one.
+    """
     for _ in range(ROUNDS):
         free = best.model.free
         best = compete(state, grow(state, best))
-        if best.model.free == free:
+        if best.model.free == free and not state.problem.has_other_noise(best.model):
             break
         state.frontier = list(state.pool.fits.values())
         best = state.rewhiten(best) or best

@@ -47,6 +47,11 @@ class Whitening:
             raise ArithmeticError(f"the covariance of the residual is singular at row {info}")
         return np.asarray(solved.reshape(rows.shape), dtype=float)
 
+    def unwhiten(self, rows: Array) -> Array:
+        """L `rows`, for (R, k): what `__call__` whitens to `rows`."""
+        L = sp.dia_array((self.factor, -np.arange(len(self.factor))), shape=self.covariance.shape)
+        return np.asarray(L @ rows, dtype=float)
+
     def part(self, start: int, stop: int) -> "Whitening":
         """The whitening of the rows from `start` to `stop` − 1, given those before."""
         return Whitening(self.factor[:, start:stop], self.covariance)
