@@ -71,12 +71,14 @@ class Fit:
         return np.where(_unseen(self.model, self.jacobian), np.sqrt(NOTHING_KNOWN), known)
 
 
-def fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
+def fit(problem: Problem, model: Model, iterations: int = 12, tolerance: float = 0.0) -> Fit:
     """The fit at the nearest minimum of χ², by damped Gauss–Newton (Levenberg, Marquardt).
 
-    It is quick, but biased towards zero where the regressors are noisy; `unbiased_fit` corrects that.
+    It is quick, but biased towards zero where the regressors are noisy; `unbiased_fit` corrects that. It ends where a
+    step would lower χ² by less than `tolerance`, or by next to nothing.
     """
-    model, residual, jacobian = _minimise(problem, _off_saddle(problem, model), np.zeros(len(model.vector)), iterations)
+    start, no_offset = _off_saddle(problem, model), np.zeros(len(model.vector))
+    model, residual, jacobian = _minimise(problem, start, no_offset, iterations, tolerance=tolerance)
     seen = jacobian[: problem.rows]
     covariance = _posterior(problem, model, seen.T @ seen)
     return Fit(model, residual, jacobian, covariance, problem.rows, penalty=problem.penalty(model))
@@ -216,7 +218,7 @@ def _inverse(information: Array) -> Array:
 
 
 def _minimise(
-    problem: Problem, model: Model, offset: Array, iterations: int, most: float = np.inf
+    problem: Problem, model: Model, offset: Array, iterations: int, most: float = np.inf, tolerance: float = 0.0
 ) -> tuple[Model, Array, Array]:
     """Model, residual and Jacobian at the nearest minimum of ½ |z|² − bᵀx over the parameters x, b the `offset`.
 
@@ -229,7 +231,8 @@ def _minimise(
     for _ in range(iterations):
         if jacobian.shape[1] == 0:
             break
-        trial, trial_residual, damping = _step(problem, model, residual, jacobian, offset, damping)
+        least = max(_least_gain(problem, residual), 0.5 * tolerance)
+        trial, trial_residual, damping = _step(problem, model, residual, jacobian, offset, damping, least)
         if trial is None:
             break
         if float(offset @ (trial.vector - start)) > most:
@@ -237,7 +240,9 @@ def _minimise(
         gained = residual @ residual - trial_residual @ trial_residual
         model, residual = trial, trial_residual
         jacobian = problem.jacobian(model)
-        if abs(gained) < 2.0 * _least_gain(problem, residual) + 1e-5 * (residual @ residual) / len(residual):
+        if abs(gained) < 2.0 * max(_least_gain(problem, residual), 0.5 * tolerance) + 1e-5 * (
+            residual @ residual
+        ) / len(residual):
             break
     return model, residual, jacobian
 
@@ -259,9 +264,15 @@ def _off_saddle(problem: Problem, model: Model) -> Model:
 
 
 def _step(
-    problem: Problem, model: Model, residual: Array, jacobian: Array, offset: Array, damping: float
+    problem: Problem,
+    model: Model,
+    residual: Array,
+    jacobian: Array,
+    offset: Array,
+    damping: float,
+    least_gain: float,
 ) -> tuple[Model | None, Array, float]:
-    """A model with a smaller objective, or None where no damping finds one."""
+    """A model with a smaller objective, or None where no damping finds one, or only one smaller by `least_gain`."""
     scale = np.linalg.norm(jacobian, axis=0)
     # a strength that does not move the rows keeps its value: its slope is rounding error
     unseen = _unseen(model, jacobian)
@@ -269,7 +280,7 @@ def _step(
     scaled = np.where(unseen, 0.0, jacobian / scale)
     normal, gradient = scaled.T @ scaled, np.where(unseen, 0.0, scaled.T @ residual - offset / scale)
     start = 0.5 * float(residual @ residual)
-    least_gain, reach = _least_gain(problem, residual), _reach(model)
+    reach = _reach(model)
     for _ in range(8):
         damped = normal + damping * np.eye(len(scale))
         step = -np.linalg.solve(damped, gradient)

@@ -108,7 +108,7 @@ class WeakForm:
     def residual(self, physics: Physics) -> Array:
         """All rows (M, r) of each window: kinematic, dynamic, then each sensor's wrench."""
         terms = self.terms(physics)
-        dynamic = terms.regressor.rows(physics.tree.inertial_parameters, physics.gravity)
+        dynamic = terms.inertial.of(physics.tree, physics.gravity)
         dynamic = dynamic - terms.rows.rate_of_velocity * physics.rotor_inertias
         dynamic = dynamic - _integrate_joint_forces(physics, terms) - terms.driven.integral(physics)
         if physics.body_forces:

@@ -124,5 +124,15 @@ def record_effect_limit(best: Fit, most: int) -> list[Record]:
     return [Record("another", _number(best), float(size), float(most), False, words, "number of effects", beside)]
 
 
+def record_put_off(best: Fit) -> Record:
+    """That `best` is not compared with its rivals before a search for more effects has found nothing."""
+    size, beside = float(len(best.model.effects)), model_name(best.model)
+    words = (
+        "more rows than there may be effects are left far from noise, so that no other choice of as few effects "
+        "explains them; rivals are not compared before a search for more effects has found none"
+    )
+    return Record("another", _number(best), size, size, False, words, "number of effects", beside)
+
+
 def _number(best: Fit) -> str:
     return f"effect number {len(best.model.effects) + 1}"

@@ -89,12 +89,12 @@ class GrowthByPlace:
         whitened with these forces, and what stood out by the former ones may fail.
         """
         known = self.best.model.keys
-        shaped = fit_shapes(self.problem, fit(self.problem, model), model.keys - known)
+        shaped = fit_shapes(self.problem, fit(self.problem, model, tolerance=CONVERGED), model.keys - known)
         kept = self._without_failing(self.problem, shaped)
         if kept.model.keys == known:
             return False
         problem = _under_force_of(self.nominal, kept.model)
-        best = self._without_failing(problem, fit(problem, kept.model))
+        best = self._without_failing(problem, fit(problem, kept.model, tolerance=CONVERGED))
         lead = self._evidence(problem, best) - self._evidence(self.problem, self.best)
         self.trace.add(decisions.record_likelihood(best.model, self.best.model, lead))
         if lead < 0.0:
@@ -169,7 +169,7 @@ class GrowthByPlace:
             worst = max(badness for _, badness in failures.values())
             dropped = {key for key, (_, badness) in failures.items() if badness >= min(worst, 1.0)}
             rest = [effect for effect in found.model.effects if effect.key not in dropped]
-            found = fit(problem, Model(found.model.unknown, tuple(rest), found.model.free))
+            found = fit(problem, Model(found.model.unknown, tuple(rest), found.model.free), tolerance=CONVERGED)
         return found
 
     def _failure(self, problem: SearchProblem, found: Fit, effect: Effect) -> tuple[Record, float] | None:

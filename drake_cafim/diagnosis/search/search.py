@@ -1,9 +1,13 @@
 """The search for the effects that explain a misfit: detect, grow an explanation, compare it with its rivals."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
-from drake_cafim.diagnosis.fit.evidence import scale_of
+import numpy as np
+
+from drake_cafim.diagnosis.fit.adequacy import by_run
+from drake_cafim.diagnosis.fit.evidence import leaves_inaccuracy, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -14,7 +18,7 @@ from drake_cafim.diagnosis.search.growth import grow
 from drake_cafim.diagnosis.search.posterior import inclusion_probabilities
 from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.search.state import ROUNDS, Settings, State, has_moved
-from drake_cafim.diagnosis.thresholds import UNKNOWN_MOVE_IN_PRIOR_STDS
+from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE, UNKNOWN_MOVE_IN_PRIOR_STDS
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
 
@@ -37,6 +41,12 @@ class Outcome:
     detection_p_value: float
     probability: Mapping[Key, float]
     """Posterior probability of each effect, and of each unknown without its prior, by (name, place)."""
+    compare: "Callable[[], Outcome] | None" = None
+    """Compares the best fit with its rivals, where that was put off; None where it is done."""
+
+    def compared(self) -> "Outcome":
+        """The outcome with its best fit compared with rivals."""
+        return self if self.compare is None else self.compare()
 
     @property
     def scale(self) -> float:
@@ -50,10 +60,12 @@ def search(
     progress: Callable[[str], None] = lambda text: None,
     initial: Sequence[Effect] = (),
     trace: Trace | None = None,
+    put_off: bool = False,
 ) -> Outcome:
     """The effects that explain the recordings beyond the scene's nominal physics, starting from the `initial` effects.
 
-    `progress` is called with a few words on each stage; each decision is added to `trace`.
+    `progress` is called with a few words on each stage; each decision is added to `trace`. With `put_off`, the best
+    explanation is not compared with its rivals where no exchange of its effects could explain the recordings.
     """
     trace = Trace() if trace is None else trace
     progress("fitting the nominal model")
@@ -75,26 +87,54 @@ def search(
     state.pool.add(nominal)
     state.screens[nominal.model.keys] = screened
     best = nominal
+    begun = Outcome(problem, problem, nominal, nominal, (), trials, tuple(screened), detection, {})
     if detection <= settings.false_alarm_rate and settings.most_effects:
-        best = _explain(state, _fit_initial(state, nominal, initial))
+        best = grow(state, _fit_initial(state, nominal, initial))
+        if put_off and lacks_more_effects(state.problem, best, settings.most_effects):
+            trace.add(candidate_decisions.record_put_off(best))
+            return replace(begun, problem=state.problem, best=best, compare=partial(_compared, state, begun, best))
+        best = _explain(state, best)
     else:
         trace.add(
             *candidate_decisions.record_screening(nominal, screened, effects, trials, settings.false_alarm_rate, None)
         )
+    return _concluded(state, begun, best)
+
+
+def _compared(state: State, begun: Outcome, best: Fit) -> Outcome:
+    """The outcome `begun` with the most probable explanation beside `best`."""
+    return _concluded(state, begun, _explain(state, best))
+
+
+def _concluded(state: State, begun: Outcome, best: Fit) -> Outcome:
+    """The outcome `begun` with the explanation `best` and the others of the state, by their probabilities."""
     cost = state.cost(scale_of(best))
     # larger explanations that failed a test may have a smaller criterion: they do not compete
     competing = tuple(found for found in state.pool.fits.values() if found is best or cost(found) > cost(best))
-    trace.add(*decisions.record_choice(competing, best, cost))
+    state.trace.add(*decisions.record_choice(competing, best, cost))
     probability = inclusion_probabilities(competing, cost)
-    looks = tuple(screened)
-    return Outcome(state.problem, problem, nominal, best, competing, trials, looks, detection, probability)
+    return replace(begun, problem=state.problem, best=best, competing=competing, probability=probability)
+
+
+def lacks_more_effects(problem: SearchProblem, best: Fit, most: int) -> bool:
+    """Whether `best` has the `most` effects that are allowed, and more rows of a window are left far from noise.
+
+    Each effect of a joint enters the rows of that joint: exchanged for others, as few effects would leave as much.
+    """
+    if len(best.model.effects) < most or leaves_inaccuracy(problem, best):
+        return False
+    rows = np.concatenate([z for _, z in by_run(problem, best.residual[: problem.rows])])
+    return int(np.count_nonzero(np.mean(rows**2, axis=0) > MISFIT_REDUCED_CHI_SQUARE)) > most
 
 
 def _explain(state: State, best: Fit) -> Fit:
-    """The most probable explanation, grown from `best`, and again if an unknown turns out to be far from its prior."""
-    for _ in range(ROUNDS):
+    """The most probable explanation beside the grown one `best`.
+
+    It is grown again where an unknown turns out to be far from its prior.
+    """
+    for number in range(ROUNDS):
         free = best.model.free
-        best = compete(state, grow(state, best))
+        best = compete(state, grow(state, best) if number else best)
         if best.model.free == free:
             break
         state.frontier = list(state.pool.fits.values())

@@ -57,6 +57,7 @@ def search_again(
         best=best,
         competing=(best, *compared.others),
         probability=compared.probability,
+        compare=None,
     )
 
 
