@@ -1,11 +1,14 @@
 """The tests that an effect must pass beside unknown forces, each broken and kept in turn on a two-joint arm."""
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.growth_by_place import (
@@ -19,6 +22,7 @@ from drake_cafim.diagnosis.search.growth_by_place import (
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
+from drake_cafim.typing import Array
 from tests.concealed.make import simulate
 from tests.concealed_case import written
 
@@ -47,6 +51,49 @@ def _friction(growth: GrowthByPlace, value: float) -> Effect:
 def _fitted(growth: GrowthByPlace) -> tuple[Fit, Effect]:
     found = fit(growth.problem, growth.best.model.with_effects([_friction(growth, VISCOUS)]))
     return found, found.model.effects[0]
+
+
+def test_of_problems_that_are_whitened_again_one_is_kept(growth: GrowthByPlace) -> None:
+    """The first problem lives as long as a search; it must not keep all those that came after it."""
+    first = growth.problem
+    models = [replace(first.nominal()) for _ in range(3)]
+    gc.disable()
+    try:
+        one = first.rewhitened(models[0])
+        assert first.rewhitened(models[0]) is one
+        two = one.rewhitened(models[1])
+        assert one.rewhitened(models[1]) is two
+        gone = weakref.ref(one)
+        del one
+        assert gone() is None
+        gone = weakref.ref(two)
+        three = two.rewhitened(models[2])
+        del two
+        assert gone() is None
+        assert first.rewhitened(models[2]) is three
+    finally:
+        gc.enable()
+
+
+def test_a_fit_with_a_tolerance_ends_early(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:
+    start = growth.best.model.with_effects([_friction(growth, 5.0 * VISCOUS)])
+    exact = fit(growth.problem, start)
+    asked: list[float] = []
+    rows_of = WeakProblem.rows_of
+
+    def counted(problem: WeakProblem, model: Model) -> Array:
+        asked.append(1.0)
+        return rows_of(problem, model)
+
+    monkeypatch.setattr(WeakProblem, "rows_of", counted)
+    near = fit(growth.problem, exact.model.at(exact.model.vector + 0.3 * exact.std))
+    without_tolerance, asked = len(asked), []
+    rough = fit(growth.problem, exact.model.at(exact.model.vector + 0.3 * exact.std), tolerance=1.0)
+    assert len(asked) < without_tolerance
+    assert near.chi_square == pytest.approx(exact.chi_square, abs=0.01)
+    assert rough.chi_square == pytest.approx(exact.chi_square, abs=1.0)
+    far = fit(growth.problem, start, tolerance=1.0)
+    assert far.chi_square == pytest.approx(exact.chi_square, abs=1.0)
 
 
 def test_rows_without_an_effect_are_those_of_a_fit_without_it(growth: GrowthByPlace) -> None:

@@ -19,6 +19,9 @@ MOST_CORRECTIONS, CORRECTION_TOLERANCE = 5, 0.1
 """Largest number of corrections for shared noise, and their size, in standard deviations, at which they end."""
 LARGEST_STEP = 3.0
 """Largest change of a parameter in one step, over its size or, if that is larger, its typical size."""
+ROUGHLY = 1e-2, 100.0
+"""Least damping after a step that failed, and its growth from one to the next, where a fit has a tolerance: what slopes
+that are not exact promise in vain is then found out by few residuals."""
 NOTHING_KNOWN = 1e12
 """Variance of a parameter of which the rows contain no information."""
 LEAST_INFORMATION = 1e-13
@@ -232,7 +235,8 @@ def _minimise(
         if jacobian.shape[1] == 0:
             break
         least = max(_least_gain(problem, residual), 0.5 * tolerance)
-        trial, trial_residual, damping = _step(problem, model, residual, jacobian, offset, damping, least)
+        harder = ROUGHLY if tolerance else (problem.least_damping, 10.0)
+        trial, trial_residual, damping = _step(problem, model, residual, jacobian, offset, damping, least, harder)
         if trial is None:
             break
         if float(offset @ (trial.vector - start)) > most:
@@ -271,8 +275,12 @@ def _step(
     offset: Array,
     damping: float,
     least_gain: float,
+    harder: tuple[float, float],
 ) -> tuple[Model | None, Array, float]:
-    """A model with a smaller objective, or None where no damping finds one, or only one smaller by `least_gain`."""
+    """A model with a smaller objective, or None where no damping finds one, or only one smaller by `least_gain`.
+
+    `harder` is the least damping after a step that failed, and the factor by which it then grows.
+    """
     scale = np.linalg.norm(jacobian, axis=0)
     # a strength that does not move the rows keeps its value: its slope is rounding error
     unseen = _unseen(model, jacobian)
@@ -297,13 +305,13 @@ def _step(
             taken[free] = -np.linalg.solve(damped[np.ix_(free, free)], toward)
             trial = _clip_unknowns(problem, model.at(model.vector + taken / scale))
         if not all(effect.plausible() for effect in trial.effects):
-            damping = max(damping * 10.0, problem.least_damping)
+            damping = max(damping * harder[1], harder[0])
             continue
         trial_residual = problem.residual(trial)
         moved = float(offset @ (trial.vector - model.vector))
         if np.all(np.isfinite(trial_residual)) and 0.5 * float(trial_residual @ trial_residual) - moved < start:
             return trial, trial_residual, max(damping * 0.1, 1e-9)
-        damping = max(damping * 10.0, problem.least_damping)
+        damping = max(damping * harder[1], harder[0])
     return None, residual, damping
 
 

@@ -124,14 +124,16 @@ def record_effect_limit(best: Fit, most: int) -> list[Record]:
     return [Record("another", _number(best), float(size), float(most), False, words, "number of effects", beside)]
 
 
-def record_put_off(best: Fit) -> Record:
-    """That `best` is not compared with its rivals before a search for more effects has found nothing."""
-    size, beside = float(len(best.model.effects)), model_name(best.model)
+def record_put_off(best: Fit, most: int) -> Record:
+    """That `best` is left as it is until a search for more effects than `most` has found nothing."""
+    size = float(len(best.model.effects))
     words = (
-        "more rows than there may be effects are left far from noise, so that no other choice of as few effects "
-        "explains them; rivals are not compared before a search for more effects has found none"
+        f"more than {most} rows are left far from noise, and to first order as few effects explain less than half of "
+        "that; this search goes on only where one for more effects finds none"
     )
-    return Record("another", _number(best), size, size, False, words, "number of effects", beside)
+    return Record(
+        "another", _number(best), size, float(most), False, words, "number of effects", model_name(best.model)
+    )
 
 
 def _number(best: Fit) -> str:

@@ -89,7 +89,8 @@ class GrowthByPlace:
         whitened with these forces, and what stood out by the former ones may fail.
         """
         known = self.best.model.keys
-        shaped = fit_shapes(self.problem, fit(self.problem, model, tolerance=CONVERGED), model.keys - known)
+        fitted = fit(self.problem, model, tolerance=CONVERGED)
+        shaped = fit_shapes(self.problem, fitted, model.keys - known, CONVERGED)
         kept = self._without_failing(self.problem, shaped)
         if kept.model.keys == known:
             return False
@@ -105,7 +106,7 @@ class GrowthByPlace:
         """Fits the explanation until χ² falls no more: a fit that stopped early would seem worse than another law's."""
         for _ in range(MOST_ROUNDS):
             before = self.best
-            self.best = fit(self.problem, before.model)
+            self.best = fit(self.problem, before.model, tolerance=CONVERGED)
             if before.chi_square - self.best.chi_square < CONVERGED:
                 break
 
@@ -113,8 +114,8 @@ class GrowthByPlace:
         """Takes `effects` out of the explanation, whatever that costs."""
         rest = tuple(effect for effect in self.best.model.effects if effect not in effects)
         model = Model(self.best.model.unknown, rest, self.best.model.free)
-        self.problem = _under_force_of(self.nominal, fit(self.problem, model).model)
-        self.best = fit(self.problem, model)
+        self.problem = _under_force_of(self.nominal, fit(self.problem, model, tolerance=CONVERGED).model)
+        self.best = fit(self.problem, model, tolerance=CONVERGED)
 
     def fails(self, effect: Effect) -> bool:
         """Whether an effect of the explanation fails a test there; recorded in the trace."""

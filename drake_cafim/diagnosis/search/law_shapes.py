@@ -16,10 +16,10 @@ FINER = (1.5, 1.15, 1.04)
 """Factors by which a shape parameter is then multiplied and divided, as long as χ² falls."""
 
 
-def fit_shapes(problem: SearchProblem, best: Fit, of: Iterable[Key] | None = None) -> Fit:
+def fit_shapes(problem: SearchProblem, best: Fit, of: Iterable[Key] | None = None, tolerance: float = 0.0) -> Fit:
     """The fit with the best shape of each effect in turn: first from the effect's grid, then between its values.
 
-    Of the effects `of` these keys only, if they are given.
+    Of the effects `of` these keys only, if they are given. A change of χ² by `tolerance` does not matter.
 
     With a wrong width, a change of sign looks like a law that falls or rises near rest.
     """
@@ -30,7 +30,7 @@ def fit_shapes(problem: SearchProblem, best: Fit, of: Iterable[Key] | None = Non
         first, before, worst = best.chi_square, np.inf, -np.inf
         while before - best.chi_square > SHAPE_CHI_SQUARE_RANGE:
             before, effect = best.chi_square, best.model.effects[position]
-            best, worst = _best_shape(problem, best, position, effect.restarts())
+            best, worst = _best_shape(problem, best, position, effect.restarts(), tolerance)
             if not effect.shapes_about_values:
                 # the grid does not depend on the values: it would be the same again
                 break
@@ -39,13 +39,16 @@ def fit_shapes(problem: SearchProblem, best: Fit, of: Iterable[Key] | None = Non
             continue
         for ratio in FINER:
             before = np.inf
-            while best.chi_square < before:
+            while best.chi_square < before - tolerance:
                 before = best.chi_square
-                best, _ = _best_shape(problem, best, position, best.model.effects[position].between_shapes(ratio))
+                finer = best.model.effects[position].between_shapes(ratio)
+                best, _ = _best_shape(problem, best, position, finer, tolerance)
     return best
 
 
-def _best_shape(problem: SearchProblem, best: Fit, position: int, others: Iterable[Effect]) -> tuple[Fit, float]:
+def _best_shape(
+    problem: SearchProblem, best: Fit, position: int, others: Iterable[Effect], tolerance: float
+) -> tuple[Fit, float]:
     """The best of the given fit and those with each of `others` at `position`, and the largest χ² of these.
 
     Where the rows are nearly linear in the strengths, χ² to first order selects the shape that is fitted.
@@ -57,7 +60,7 @@ def _best_shape(problem: SearchProblem, best: Fit, position: int, others: Iterab
         worst = max(expected)
         trials = [trials[int(np.argmin(expected))]] if min(expected) < best.chi_square else []
     for model in trials:
-        trial = fit(problem, model)
+        trial = fit(problem, model, tolerance=tolerance)
         worst = max(worst, trial.chi_square)
         if trial.chi_square < best.chi_square:
             best = trial

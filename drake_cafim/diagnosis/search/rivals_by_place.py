@@ -10,6 +10,7 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.growth_by_place import (
+    CONVERGED,
     GrowthByPlace,
     joint_of,
     residual_without,
@@ -115,8 +116,8 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
         if lead > FITTED_LEAD * unit:
             break
         # all else is at its fit already, so few steps suffice
-        added = fit(problem, rest.with_effects([candidate.effect]), CONTENDER_STEPS)
-        other = fit_shapes(problem, added, {candidate.effect.key})
+        added = fit(problem, rest.with_effects([candidate.effect]), CONTENDER_STEPS, CONVERGED)
+        other = fit_shapes(problem, added, {candidate.effect.key}, CONVERGED)
         law = next(law for law in other.model.effects if law.key == candidate.effect.key)
         if strength_at_bound(law) or undetermined(other, law) or not problem.plausible(other.model):
             continue

@@ -18,7 +18,11 @@ from drake_cafim.diagnosis.search.growth import grow
 from drake_cafim.diagnosis.search.posterior import inclusion_probabilities
 from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.search.state import ROUNDS, Settings, State, has_moved
-from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE, UNKNOWN_MOVE_IN_PRIOR_STDS
+from drake_cafim.diagnosis.thresholds import (
+    MISFIT_REDUCED_CHI_SQUARE,
+    NAMED_EXCESS_SHARE,
+    UNKNOWN_MOVE_IN_PRIOR_STDS,
+)
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
 
@@ -65,7 +69,7 @@ def search(
     """The effects that explain the recordings beyond the scene's nominal physics, starting from the `initial` effects.
 
     `progress` is called with a few words on each stage; each decision is added to `trace`. With `put_off`, the best
-    explanation is not compared with its rivals where no exchange of its effects could explain the recordings.
+    explanation is returned as soon as no few effects can explain the recordings; `Outcome.compared` then goes on.
     """
     trace = Trace() if trace is None else trace
     progress("fitting the nominal model")
@@ -89,10 +93,12 @@ def search(
     best = nominal
     begun = Outcome(problem, problem, nominal, nominal, (), trials, tuple(screened), detection, {})
     if detection <= settings.false_alarm_rate and settings.most_effects:
-        best = grow(state, _fit_initial(state, nominal, initial))
-        if put_off and lacks_more_effects(state.problem, best, settings.most_effects):
-            trace.add(candidate_decisions.record_put_off(best))
-            return replace(begun, problem=state.problem, best=best, compare=partial(_compared, state, begun, best))
+        best = _fit_initial(state, nominal, initial)
+        if put_off and lacks_more_effects(state, best):
+            return _put_off(state, begun, best, grown=False)
+        best = grow(state, best)
+        if put_off and lacks_more_effects(state, best):
+            return _put_off(state, begun, best, grown=True)
         best = _explain(state, best)
     else:
         trace.add(
@@ -101,9 +107,16 @@ def search(
     return _concluded(state, begun, best)
 
 
-def _compared(state: State, begun: Outcome, best: Fit) -> Outcome:
-    """The outcome `begun` with the most probable explanation beside `best`."""
-    return _concluded(state, begun, _explain(state, best))
+def _put_off(state: State, begun: Outcome, best: Fit, grown: bool) -> Outcome:
+    """The outcome `begun` with `best`, from which the search goes on where none for more effects finds any."""
+    state.trace.add(candidate_decisions.record_put_off(best, state.settings.most_effects))
+    compare = partial(_compared, state, begun, best, grown)
+    return replace(begun, problem=state.problem, best=best, compare=compare)
+
+
+def _compared(state: State, begun: Outcome, best: Fit, grown: bool) -> Outcome:
+    """The outcome `begun` with the most probable explanation beside `best`, or grown from it."""
+    return _concluded(state, begun, _explain(state, best if grown else grow(state, best)))
 
 
 def _concluded(state: State, begun: Outcome, best: Fit) -> Outcome:
@@ -116,15 +129,20 @@ def _concluded(state: State, begun: Outcome, best: Fit) -> Outcome:
     return replace(begun, problem=state.problem, best=best, competing=competing, probability=probability)
 
 
-def lacks_more_effects(problem: SearchProblem, best: Fit, most: int) -> bool:
-    """Whether `best` has the `most` effects that are allowed, and more rows of a window are left far from noise.
+def lacks_more_effects(state: State, best: Fit) -> bool:
+    """Whether as few effects as are allowed will not explain the recordings, by what `best` leaves.
 
-    Each effect of a joint enters the rows of that joint: exchanged for others, as few effects would leave as much.
+    More rows of a window are left far from noise than there may be effects, and to first order those that may be added
+    and gain most explain less than half of it.
     """
-    if len(best.model.effects) < most or leaves_inaccuracy(problem, best):
-        return False
+    problem, most = state.problem, state.settings.most_effects
     rows = np.concatenate([z for _, z in by_run(problem, best.residual[: problem.rows])])
-    return int(np.count_nonzero(np.mean(rows**2, axis=0) > MISFIT_REDUCED_CHI_SQUARE)) > most
+    if np.count_nonzero(np.mean(rows**2, axis=0) > MISFIT_REDUCED_CHI_SQUARE) <= most:
+        return False
+    added = most - len(best.model.effects)
+    gained = sum(candidate.gain for candidate in state.screen(best)[:added]) if added > 0 else 0.0
+    excess = best.chi_square - problem.rows
+    return gained < NAMED_EXCESS_SHARE * excess and not leaves_inaccuracy(problem, best)
 
 
 def _explain(state: State, best: Fit) -> Fit:
