@@ -54,6 +54,8 @@ class GrowthByPlace:
     progress: Callable[[str], None]
     trace: Trace = field(default_factory=Trace)
     refused: set[Key] = field(default_factory=set)
+    _looks: tuple[Fit, list[Candidate]] | None = None
+    """Cache: the explanation that was looked beyond last, and what was found there."""
 
     @classmethod
     def of(
@@ -144,8 +146,9 @@ class GrowthByPlace:
 
     def _promising(self) -> list[Candidate]:
         """The best candidate at each joint; or the best one elsewhere, alone, where it gains more than any of these."""
-        allowed = [effect for effect in self.beside(self.best.model) if effect.key not in self.refused]
-        candidates = screen(self.problem, self.best, allowed)
+        if self._looks is None or self._looks[0] is not self.best:
+            self._looks = self.best, screen(self.problem, self.best, self.beside(self.best.model))
+        candidates = [candidate for candidate in self._looks[1] if candidate.effect.key not in self.refused]
         by_place: dict[str, Candidate] = {}
         for candidate in sorted(candidates, key=self.criterion_gain, reverse=True):
             luck = float(chi2.sf(candidate.gain, candidate.strengths)) * self.trials
