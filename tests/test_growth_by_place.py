@@ -11,6 +11,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.search import rivals_by_place
 from drake_cafim.diagnosis.search.growth_by_place import (
     GrowthByPlace,
     residual_without,
@@ -142,3 +143,25 @@ def test_what_is_not_determined_is_told(growth: GrowthByPlace) -> None:
     vague = replace(found, covariance=found.covariance + 100.0 * np.eye(len(found.covariance)))
     told = undetermined(vague, effect)
     assert told is not None and told[0] == "coefficient" and told[1] > told[2] / 3.0
+
+
+def test_what_blocks_of_time_do_not_determine_is_not_named(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nothing, first = growth.best, len(growth.trace.records)
+    assert growth.settle(nothing.model.with_effects([_friction(growth, 0.1)]))
+    try:
+        monkeypatch.setattr(rivals_by_place, "leaves_noise", lambda *given: False)
+        rivals_by_place._drop_undetermined(growth)
+        assert len(growth.best.model.effects) == 1
+        wide = growth.best.std + np.append(np.zeros(len(growth.best.model.unknown)), 10.0)
+        monkeypatch.setattr(rivals_by_place, "blockwise_std", lambda *given: wide)
+        monkeypatch.setattr(rivals_by_place, "leaves_noise", lambda *given: True)
+        rivals_by_place._drop_undetermined(growth)
+        assert len(growth.best.model.effects) == 1, "white noise is correlated in no block"
+        monkeypatch.setattr(rivals_by_place, "leaves_noise", lambda *given: False)
+        rivals_by_place._drop_undetermined(growth)
+        assert not growth.best.model.effects
+        assert [record.test for record in growth.trace.records[first:]][-1] == "undetermined"
+    finally:
+        growth.drop(growth.best.model.effects)

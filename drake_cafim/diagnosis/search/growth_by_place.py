@@ -245,18 +245,20 @@ def strength_at_bound(effect: Effect) -> str | None:
     return None
 
 
-def undetermined(found: Fit, effect: Effect) -> tuple[str, float, float] | None:
+def undetermined(found: Fit, effect: Effect, std: Array | None = None) -> tuple[str, float, float] | None:
     """A strength whose std is too large a share of what it may be: its name, the std and that size.
 
-    That is the width of its bounds or, where they are not finite, the larger of its value and its typical size.
+    That is the width of its bounds or, where they are not finite, the larger of its value and its typical size. `std`
+    (n + k,) are those of the fit unless given.
     """
+    std = found.std if std is None else std
     position = len(found.model.unknown)
     for other in found.model.effects:
         for strength in other.strengths:
             width = strength.upper - strength.lower
             size = width if np.isfinite(width) else max(abs(other.values[strength.name]), strength.typical)
-            if other is effect and found.std[position] > UNDETERMINED_STD_SHARE * size:
-                return strength.name, float(found.std[position]), float(size)
+            if other is effect and std[position] > UNDETERMINED_STD_SHARE * size:
+                return strength.name, float(std[position]), float(size)
             position += 1
     return None
 
