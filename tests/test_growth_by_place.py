@@ -76,6 +76,19 @@ def test_of_problems_that_are_whitened_again_one_is_kept(growth: GrowthByPlace) 
         gc.enable()
 
 
+def test_what_was_forgotten_is_computed_again_alike(growth: GrowthByPlace) -> None:
+    problem, model = growth.nominal, growth.best.model.with_effects([_friction(growth, 0.1)])
+    assert isinstance(problem, WeakProblem)
+    rows, columns = problem.residual(model), problem.jacobian(model)
+    weak = problem.runs[0].weak
+    kept = weakref.ref(weak.terms(model.physics(problem.scene)))
+    problem.forget()
+    gc.collect()
+    assert kept() is None
+    np.testing.assert_array_equal(problem.residual(model), rows)
+    np.testing.assert_allclose(problem.jacobian(model), columns, rtol=1e-9, atol=1e-9)
+
+
 def test_a_fit_with_a_tolerance_ends_early(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:
     start = growth.best.model.with_effects([_friction(growth, 5.0 * VISCOUS)])
     exact = fit(growth.problem, start)

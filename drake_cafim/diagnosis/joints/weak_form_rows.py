@@ -104,6 +104,17 @@ class WeakFormRows(Problem):
         assert isinstance(cached, type(self))
         return cached
 
+    def forget(self) -> None:
+        for cache in (self.found_pushes, self.tried_pulses, self.force_looks, self._sensor_columns):
+            cache.clear()
+        for name in ("noisier", "_by_unknowns"):
+            vars(self).pop(name, None)
+        self._latest.model = self._latest.problem = None
+        for run in self.runs:
+            run.weak.forget()
+            if run.measured is not None:
+                run.measured.forget()
+
     @property
     def regressors_noisy(self) -> bool:
         """Whether efforts are measured: their noise is the only one that is left in the Jacobian."""

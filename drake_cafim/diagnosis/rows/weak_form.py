@@ -73,6 +73,11 @@ class WeakForm:
         """Derivatives of recorded columns with respect to the strengths of sensor effects."""
         return SensorSlopes(self.samples)
 
+    def forget(self) -> None:
+        """Frees what was computed of the samples, which is computed again when it is asked for."""
+        for name in ("_motion_terms", "couplings", "contacts", "sensor_slopes"):
+            vars(self).pop(name, None)
+
     def terms(self, physics: Physics) -> MotionTerms:
         """The measurement, motion and the rows' terms of both under the sensor effects of `physics`."""
         return self._motion_terms.of(physics)
