@@ -74,17 +74,19 @@ class Fit:
         return np.where(_unseen(self.model, self.jacobian), np.sqrt(NOTHING_KNOWN), known)
 
 
-def fit(problem: Problem, model: Model, iterations: int = 12, tolerance: float = 0.0) -> Fit:
+def fit(problem: Problem, model: Model, iterations: int = 12, tolerance: float = 0.0, own_noise: bool = True) -> Fit:
     """The fit at the nearest minimum of χ², by damped Gauss–Newton (Levenberg, Marquardt).
 
     It is quick, but biased towards zero where the regressors are noisy; `unbiased_fit` corrects that. It ends where a
-    step would lower χ² by less than `tolerance`, or by next to nothing.
+    step would lower χ² by less than `tolerance`, or by next to nothing. Without `own_noise` its penalty is not that of
+    another inertia's noise, for which the rows are whitened again.
     """
     start, no_offset = _off_saddle(problem, model), np.zeros(len(model.vector))
     model, residual, jacobian = _minimise(problem, start, no_offset, iterations, tolerance=tolerance)
     seen = jacobian[: problem.rows]
     covariance = _posterior(problem, model, seen.T @ seen)
-    return Fit(model, residual, jacobian, covariance, problem.rows, penalty=problem.penalty(model))
+    paid = problem.penalty(model) if own_noise else problem.start_penalty(model)
+    return Fit(model, residual, jacobian, covariance, problem.rows, penalty=paid)
 
 
 def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:

@@ -151,11 +151,14 @@ class WeakFormRows(Problem):
         return error.T @ change, error.T @ error
 
     def penalty(self, model: Model) -> float:
-        physics = model.physics(self.scene)
-        start = sum(run.marginalise_start(physics).paid for run in self.runs) if has_unknown_start(physics) else 0.0
+        start = self.start_penalty(model)
         if self.has_other_noise(model):
             return start + noise_cost(self, self.rewhitened(model), model)
         return start
+
+    def start_penalty(self, model: Model) -> float:
+        physics = model.physics(self.scene)
+        return sum(run.marginalise_start(physics).paid for run in self.runs) if has_unknown_start(physics) else 0.0
 
     def has_other_noise(self, model: Model) -> bool:
         return is_other_inertia(self.scene, self.runs[0].weak, model, self.under)

@@ -91,9 +91,10 @@ class GrowthByPlace:
         whitened with these forces, and what stood out by the former ones may fail.
         """
         known = self.best.model.keys
-        fitted = fit(self.problem, model, tolerance=CONVERGED)
-        shaped = fit_shapes(self.problem, fitted, model.keys - known, CONVERGED)
-        kept = self._without_failing(self.problem, shaped)
+        # what is kept is then compared under the noise that it has itself
+        fitted = fit(self.problem, model, tolerance=CONVERGED, own_noise=False)
+        shaped = fit_shapes(self.problem, fitted, model.keys - known, CONVERGED, own_noise=False)
+        kept = self._without_failing(self.problem, shaped, own_noise=False)
         if kept.model.keys == known:
             return False
         problem = _under_force_of(self.nominal, kept.model)
@@ -160,8 +161,8 @@ class GrowthByPlace:
         most = max(map(self.criterion_gain, by_place.values()), default=0.0)
         return [elsewhere] if self.criterion_gain(elsewhere) > most else list(by_place.values())
 
-    def _without_failing(self, problem: SearchProblem, found: Fit) -> Fit:
-        """The fit without the effects that fail a test, the clearest failures first."""
+    def _without_failing(self, problem: SearchProblem, found: Fit, own_noise: bool = True) -> Fit:
+        """The fit without the effects that fail a test, the clearest failures first; `own_noise` is as for `fit`."""
         while found.model.effects:
             failed = {effect.key: self._failure(problem, found, effect) for effect in found.model.effects}
             failures = {key: failure for key, failure in failed.items() if failure is not None}
@@ -173,7 +174,8 @@ class GrowthByPlace:
             worst = max(badness for _, badness in failures.values())
             dropped = {key for key, (_, badness) in failures.items() if badness >= min(worst, 1.0)}
             rest = [effect for effect in found.model.effects if effect.key not in dropped]
-            found = fit(problem, Model(found.model.unknown, tuple(rest), found.model.free), tolerance=CONVERGED)
+            fewer = Model(found.model.unknown, tuple(rest), found.model.free)
+            found = fit(problem, fewer, tolerance=CONVERGED, own_noise=own_noise)
         return found
 
     def _failure(self, problem: SearchProblem, found: Fit, effect: Effect) -> tuple[Record, float] | None:
