@@ -171,6 +171,53 @@ def test_inertial_regressor_gives_the_same_rows_as_the_momentum(branched: Multib
         np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-12)
 
 
+def test_rows_are_the_same_with_and_without_their_regressor(branched: MultibodyPlant) -> None:
+    """A regressor is built for the fourth set of masses and gravity only; measured velocities need not be smooth."""
+    from drake_cafim.diagnosis.rows.inertial_regressor import LinkRegressors
+    from drake_cafim.diagnosis.rows.inertial_rows import COMPUTED_ALONE, InertialRows
+    from drake_cafim.diagnosis.rows.test_functions import lay_windows
+
+    tree = tree_of(branched)
+    time = 0.004 * np.arange(100)
+    q = np.stack([np.sin((2 + k) * time) for k in range(4)], axis=1)
+    v = np.stack([(2 + k) * np.cos((2 + k) * time) for k in range(4)], axis=1)
+    measured = v + np.random.default_rng(1).normal(size=v.shape)
+    windows = lay_windows(time, np.ones(100, dtype=bool), 0.08)
+    rows = InertialRows(LinkRegressors(windows), motion(tree, q, v), measured, (q[1:], v[1:]), windows.value[:, 1:])
+    for k in range(COMPUTED_ALONE + 2):
+        gravity = np.array([1.0 + k, -2.0, -9.0])
+        force = momentum_balance(motion(tree, q[1:], v[1:]), gravity).force
+        momentum = momentum_balance(motion(tree, q, measured), gravity).momentum
+        expected = -(windows.rate @ momentum) - windows.value[:, 1:] @ force
+        assert ("regressor" in vars(rows)) == (k > COMPUTED_ALONE)
+        for _ in range(2):
+            np.testing.assert_allclose(rows.of(tree, gravity), expected, rtol=0, atol=1e-11)
+
+
+def test_momenta_and_forces_are_those_of_the_motion_with_followers_too() -> None:
+    from drake_cafim.dynamics.motion import inertial_force, momentum
+
+    plant = MultibodyPlant(0.0)
+    links = "".join(LINK.format(name=name, x=0.1 + 0.05 * k, m=1.0 + k) for k, name in enumerate("abc"))
+    joints = """<link name="base"/>
+      <joint name="one" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
+        <limit lower="-2" upper="2" effort="1" velocity="4"/></joint>
+      <joint name="two" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.3 0 0"/><axis xyz="0 0 1"/>
+        <limit lower="-2" upper="2" effort="1" velocity="4"/></joint>
+      <joint name="three" type="prismatic"><parent link="b"/><child link="c"/><origin xyz="0.2 0 0"/>
+        <axis xyz="1 0 0"/><mimic joint="two" multiplier="-0.4" offset="0.1"/>
+        <limit lower="-2" upper="2" effort="1" velocity="4"/></joint>"""
+    Parser(plant).AddModelsFromString(f"<robot name='follows'>{joints}{links}</robot>", "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    plant.Finalize()
+    tree = tree_of(plant)
+    rng = np.random.default_rng(2)
+    q, v, gravity = rng.normal(size=(5, len(tree.joints))), rng.normal(size=(5, len(tree.joints))), rng.normal(size=3)
+    balance = momentum_balance(motion(tree, q, v), gravity)
+    np.testing.assert_allclose(momentum(tree, q, v), balance.momentum, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(inertial_force(tree, q, v, gravity), balance.force, rtol=0, atol=1e-12)
+
+
 def test_the_regressor_by_parts_is_that_of_all_windows(branched: MultibodyPlant, monkeypatch: MonkeyPatch) -> None:
     from drake_cafim.diagnosis.rows import inertial_regressor
     from drake_cafim.diagnosis.rows.test_functions import lay_windows

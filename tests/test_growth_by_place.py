@@ -1,13 +1,17 @@
 """The tests that an effect must pass beside unknown forces, each broken and kept in turn on a two-joint arm."""
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.search import rivals_by_place
 from drake_cafim.diagnosis.search.growth_by_place import (
     GrowthByPlace,
     residual_without,
@@ -19,6 +23,7 @@ from drake_cafim.diagnosis.search.growth_by_place import (
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
+from drake_cafim.typing import Array
 from tests.concealed.make import simulate
 from tests.concealed_case import written
 
@@ -47,6 +52,62 @@ def _friction(growth: GrowthByPlace, value: float) -> Effect:
 def _fitted(growth: GrowthByPlace) -> tuple[Fit, Effect]:
     found = fit(growth.problem, growth.best.model.with_effects([_friction(growth, VISCOUS)]))
     return found, found.model.effects[0]
+
+
+def test_of_problems_that_are_whitened_again_one_is_kept(growth: GrowthByPlace) -> None:
+    """The first problem lives as long as a search; it must not keep all those that came after it."""
+    first = growth.problem
+    models = [replace(first.nominal()) for _ in range(3)]
+    gc.disable()
+    try:
+        one = first.rewhitened(models[0])
+        assert first.rewhitened(models[0]) is one
+        two = one.rewhitened(models[1])
+        assert one.rewhitened(models[1]) is two
+        gone = weakref.ref(one)
+        del one
+        assert gone() is None
+        gone = weakref.ref(two)
+        three = two.rewhitened(models[2])
+        del two
+        assert gone() is None
+        assert first.rewhitened(models[2]) is three
+    finally:
+        gc.enable()
+
+
+def test_what_was_forgotten_is_computed_again_alike(growth: GrowthByPlace) -> None:
+    problem, model = growth.nominal, growth.best.model.with_effects([_friction(growth, 0.1)])
+    assert isinstance(problem, WeakProblem)
+    rows, columns = problem.residual(model), problem.jacobian(model)
+    weak = problem.runs[0].weak
+    kept = weakref.ref(weak.terms(model.physics(problem.scene)))
+    problem.forget()
+    gc.collect()
+    assert kept() is None
+    np.testing.assert_array_equal(problem.residual(model), rows)
+    np.testing.assert_allclose(problem.jacobian(model), columns, rtol=1e-9, atol=1e-9)
+
+
+def test_a_fit_with_a_tolerance_ends_early(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:
+    start = growth.best.model.with_effects([_friction(growth, 5.0 * VISCOUS)])
+    exact = fit(growth.problem, start)
+    asked: list[float] = []
+    rows_of = WeakProblem.rows_of
+
+    def counted(problem: WeakProblem, model: Model) -> Array:
+        asked.append(1.0)
+        return rows_of(problem, model)
+
+    monkeypatch.setattr(WeakProblem, "rows_of", counted)
+    near = fit(growth.problem, exact.model.at(exact.model.vector + 0.3 * exact.std))
+    without_tolerance, asked = len(asked), []
+    rough = fit(growth.problem, exact.model.at(exact.model.vector + 0.3 * exact.std), tolerance=1.0)
+    assert len(asked) < without_tolerance
+    assert near.chi_square == pytest.approx(exact.chi_square, abs=0.01)
+    assert rough.chi_square == pytest.approx(exact.chi_square, abs=1.0)
+    far = fit(growth.problem, start, tolerance=1.0)
+    assert far.chi_square == pytest.approx(exact.chi_square, abs=1.0)
 
 
 def test_rows_without_an_effect_are_those_of_a_fit_without_it(growth: GrowthByPlace) -> None:
@@ -95,3 +156,25 @@ def test_what_is_not_determined_is_told(growth: GrowthByPlace) -> None:
     vague = replace(found, covariance=found.covariance + 100.0 * np.eye(len(found.covariance)))
     told = undetermined_in(vague, effect)
     assert told is not None and told[0] == "coefficient" and told[1] > told[2] / 3.0
+
+
+def test_what_blocks_of_time_do_not_determine_is_not_named(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nothing, first = growth.best, len(growth.trace.records)
+    assert growth.settle(nothing.model.with_effects([_friction(growth, 0.1)]))
+    try:
+        monkeypatch.setattr(rivals_by_place, "leaves_noise", lambda *given: False)
+        rivals_by_place._drop_undetermined(growth)
+        assert len(growth.best.model.effects) == 1
+        wide = growth.best.std + np.append(np.zeros(len(growth.best.model.unknown)), 10.0)
+        monkeypatch.setattr(rivals_by_place, "blockwise_std", lambda *given: wide)
+        monkeypatch.setattr(rivals_by_place, "leaves_noise", lambda *given: True)
+        rivals_by_place._drop_undetermined(growth)
+        assert len(growth.best.model.effects) == 1, "white noise is correlated in no block"
+        monkeypatch.setattr(rivals_by_place, "leaves_noise", lambda *given: False)
+        rivals_by_place._drop_undetermined(growth)
+        assert not growth.best.model.effects
+        assert [record.test for record in growth.trace.records[first:]][-1] == "undetermined"
+    finally:
+        growth.drop(growth.best.model.effects)

@@ -42,6 +42,10 @@ from drake_cafim.typing import Array
 
 FAR_ALIKE = "with a value far from its prior it changes the measurements alike"
 NOTHING_MOVES = "nothing moves in the recordings beyond its noise, so that no effect was looked for"
+MORE_THAN_NOISE = (
+    "the efficiency of the parameters' intervals is not computed: more than noise remains, so that the likelihood of "
+    "the recordings is not that of any model that was found"
+)
 Progress = Callable[[str], None]
 
 
@@ -71,7 +75,7 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, selection: Se
     whole = replace(kept, model=kept.model.with_effects(laws))
     comparisons = comparisons_of(prepared, [outcome.nominal, whole, *([kept] if laws else [])])
     train, *held_out = comparisons
-    bound, unbounded = bounds_of(prepared, best.model)
+    bound, unbounded = _bounds_where_noise_remains(prepared, judgement)
     explanation, unknown_std = _explanations(scene, judgement, bound)
     notes = (
         *notes,
@@ -120,6 +124,17 @@ def _location(unknown: UnknownParameter, share: float) -> Location:
     kind = unknown.kind if unknown.effect is None else effect_named(unknown.effect).place.value
     kind = "body" if kind == INERTIALS else kind
     return Location(kind, unknown.at, share)
+
+
+def _bounds_where_noise_remains(
+    prepared: PreparedRecordings, judgement: Judgement
+) -> tuple[Array | None, tuple[str, ...]]:
+    """`bounds_of` the judgement's model; none where more than noise remains."""
+    if judgement.kind != "unexplained" or judgement.adequate:
+        return bounds_of(prepared, judgement.best.model)
+    if not len(judgement.best.model.vector):
+        return None, ()
+    return None, (MORE_THAN_NOISE,)
 
 
 def bounds_of(prepared: PreparedRecordings, model: Model) -> tuple[Array | None, tuple[str, ...]]:

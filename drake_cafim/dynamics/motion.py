@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from drake_cafim.dynamics.momentum_rows import inertial_forces, momenta
 from drake_cafim.dynamics.recursions import equations, kinematics, momentum_terms, project_wrenches
 from drake_cafim.dynamics.rotations import rotation_matrices
 from drake_cafim.dynamics.tree import FIXED, Tree
@@ -53,6 +54,7 @@ class Motion:
     _points: dict[tuple[int, bytes], tuple[Array, Array]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
+    _forces: dict[tuple[int, bytes], Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
     def axes_rate(self) -> Array:
@@ -96,20 +98,30 @@ class Motion:
         return position, V[:, 3:] + cross(V[:, :3], position)
 
     def force_at(self, joint: int, p_JP: Array) -> Array:
-        """Transposed Jacobian (N, n, 3): generalized forces of unit forces along the world's axes at a point of J."""
-        p_WP, _ = self.point(joint, p_JP)
-        S = self.twists(joint)
-        return np.asarray(S[..., 3:] + cross(S[..., :3], np.broadcast_to(p_WP[:, None], S[..., :3].shape)))
+        """Transposed Jacobian (N, n, 3): generalized forces of unit forces along the world's axes at a point of J.
+
+        That of the last point is cached.
+        """
+        key = joint, p_JP.tobytes()
+        if key not in self._forces:
+            p_WP, _ = self.point(joint, p_JP)
+            S = self.twists(joint)
+            self._forces.clear()
+            self._forces[key] = S[..., 3:] + cross(S[..., :3], np.broadcast_to(p_WP[:, None], S[..., :3].shape))
+        return self._forces[key]
 
 
 def motion(tree: Tree, q: Array, v: Array) -> Motion:
     """The motion of `tree` at positions `q` and velocities `v`, each (N, n)."""
     # the compiled function expects C-contiguous arrays
     q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
-    if not tree.followers:
-        return Motion(tree, q, v, *kinematics(*tree.frames, q, v))
+    return Motion(tree, q, v, *kinematics(*tree.frames, positions(tree, q), rates(tree, v)))
+
+
+def positions(tree: Tree, q: Array) -> Array:
+    """(N, m) positions of all moving joints, with those that follow, from q (N, n)."""
     G, offset = tree.following
-    return Motion(tree, q, v, *kinematics(*tree.frames, np.ascontiguousarray(q @ G.T + offset), rates(tree, v)))
+    return np.ascontiguousarray(q @ G.T + offset) if tree.followers else q
 
 
 def rates(tree: Tree, v: Array) -> Array:
@@ -150,6 +162,20 @@ def momentum_balance(moving: Motion, gravity: Array) -> MomentumBalance:
     numbers = (np.ascontiguousarray(values, dtype=float) for values in (*places, *moving.tree.lumps, gravity))
     terms = momentum_terms(moving.tree.frames[0], *numbers)
     return MomentumBalance(*(_on_leaders(moving.tree, term) for term in terms))
+
+
+def momentum(tree: Tree, q: Array, v: Array) -> Array:
+    """M(q) v (N, n), without rotor inertias."""
+    q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
+    found = momenta(*tree.frames, tree.inertial_parameters, positions(tree, q), rates(tree, v))
+    return _on_leaders(tree, np.asarray(found, dtype=float))
+
+
+def inertial_force(tree: Tree, q: Array, v: Array, gravity: Array) -> Array:
+    """∂T/∂q + generalized gravity force (N, n); `gravity` (3,) m/s² in the world."""
+    q, v, gravity = (np.ascontiguousarray(values, dtype=float) for values in (q, v, gravity))
+    found = inertial_forces(*tree.frames, tree.inertial_parameters, positions(tree, q), rates(tree, v), gravity)
+    return _on_leaders(tree, np.asarray(found, dtype=float))
 
 
 def equations_of_motion(moving: Motion, gravity: Array) -> tuple[Array, Array]:

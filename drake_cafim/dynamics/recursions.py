@@ -25,49 +25,61 @@ def kinematics(
     S, V = np.zeros((N, n, 6)), np.zeros((N, n, 6))
     F = np.empty((3, 3))
     for i in range(N):
-        for j in range(n):
-            parent, axis = parents[j], joint_axes[j]
-            for r in range(3):
-                p[i, j, r] = p_PF[j, r]
-                for s in range(3):
-                    F[r, s] = R_PF[j, r, s]
-            if parent >= 0:
-                for r in range(3):
-                    p[i, j, r] = p[i, parent, r]
-                    for s in range(3):
-                        p[i, j, r] += R[i, parent, r, s] * p_PF[j, s]
-                        F[r, s] = 0.0
-                        for t in range(3):
-                            F[r, s] += R[i, parent, r, t] * R_PF[j, t, s]
-            ax = F[0, 0] * axis[0] + F[0, 1] * axis[1] + F[0, 2] * axis[2]
-            ay = F[1, 0] * axis[0] + F[1, 1] * axis[1] + F[1, 2] * axis[2]
-            az = F[2, 0] * axis[0] + F[2, 1] * axis[1] + F[2, 2] * axis[2]
-            if prismatic[j]:
-                for r in range(3):
-                    for s in range(3):
-                        R[i, j, r, s] = F[r, s]
-                p[i, j, 0] += ax * q[i, j]
-                p[i, j, 1] += ay * q[i, j]
-                p[i, j, 2] += az * q[i, j]
-                S[i, j, 3], S[i, j, 4], S[i, j, 5] = ax, ay, az
-            else:
-                # Rodrigues' formula: F rotated about the joint's axis
-                sine, versine = np.sin(q[i, j]), 1.0 - np.cos(q[i, j])
-                x, y, z = axis[0], axis[1], axis[2]
-                for r in range(3):
-                    along = (F[r, 0] * x + F[r, 1] * y + F[r, 2] * z) * versine
-                    keep = 1.0 - versine
-                    R[i, j, r, 0] = keep * F[r, 0] + along * x + sine * (F[r, 1] * z - F[r, 2] * y)
-                    R[i, j, r, 1] = keep * F[r, 1] + along * y + sine * (F[r, 2] * x - F[r, 0] * z)
-                    R[i, j, r, 2] = keep * F[r, 2] + along * z + sine * (F[r, 0] * y - F[r, 1] * x)
-                px, py, pz = p[i, j, 0], p[i, j, 1], p[i, j, 2]
-                S[i, j, 0], S[i, j, 1], S[i, j, 2] = ax, ay, az
-                S[i, j, 3], S[i, j, 4], S[i, j, 5] = py * az - pz * ay, pz * ax - px * az, px * ay - py * ax
-            for r in range(6):
-                V[i, j, r] = S[i, j, r] * v[i, j]
-                if parent >= 0:
-                    V[i, j, r] += V[i, parent, r]
+        place(parents, R_PF, p_PF, joint_axes, prismatic, q[i], v[i], R[i], p[i], S[i], V[i], F)
     return R, p, S, V
+
+
+@compiled
+def place(
+    parents: Indices, R_PF: Array, p_PF: Array, joint_axes: Array, prismatic: Indices, q: Array, v: Array,
+    R: Array, p: Array, S: Array, V: Array, F: Array,
+) -> None:  # fmt: skip
+    """Writes R (n, 3, 3), p (n, 3), S and V (n, 6) of one sample `q`, `v` (n,), as `kinematics`.
+
+    `F` (3, 3) is a work array; S must be zero where it is not written.
+    """
+    for j in range(len(parents)):
+        parent, axis = parents[j], joint_axes[j]
+        for r in range(3):
+            p[j, r] = p_PF[j, r]
+            for s in range(3):
+                F[r, s] = R_PF[j, r, s]
+        if parent >= 0:
+            for r in range(3):
+                p[j, r] = p[parent, r]
+                for s in range(3):
+                    p[j, r] += R[parent, r, s] * p_PF[j, s]
+                    F[r, s] = 0.0
+                    for t in range(3):
+                        F[r, s] += R[parent, r, t] * R_PF[j, t, s]
+        ax = F[0, 0] * axis[0] + F[0, 1] * axis[1] + F[0, 2] * axis[2]
+        ay = F[1, 0] * axis[0] + F[1, 1] * axis[1] + F[1, 2] * axis[2]
+        az = F[2, 0] * axis[0] + F[2, 1] * axis[1] + F[2, 2] * axis[2]
+        if prismatic[j]:
+            for r in range(3):
+                for s in range(3):
+                    R[j, r, s] = F[r, s]
+            p[j, 0] += ax * q[j]
+            p[j, 1] += ay * q[j]
+            p[j, 2] += az * q[j]
+            S[j, 3], S[j, 4], S[j, 5] = ax, ay, az
+        else:
+            # Rodrigues' formula: F rotated about the joint's axis
+            sine, versine = np.sin(q[j]), 1.0 - np.cos(q[j])
+            x, y, z = axis[0], axis[1], axis[2]
+            for r in range(3):
+                along = (F[r, 0] * x + F[r, 1] * y + F[r, 2] * z) * versine
+                keep = 1.0 - versine
+                R[j, r, 0] = keep * F[r, 0] + along * x + sine * (F[r, 1] * z - F[r, 2] * y)
+                R[j, r, 1] = keep * F[r, 1] + along * y + sine * (F[r, 2] * x - F[r, 0] * z)
+                R[j, r, 2] = keep * F[r, 2] + along * z + sine * (F[r, 0] * y - F[r, 1] * x)
+            px, py, pz = p[j, 0], p[j, 1], p[j, 2]
+            S[j, 0], S[j, 1], S[j, 2] = ax, ay, az
+            S[j, 3], S[j, 4], S[j, 5] = py * az - pz * ay, pz * ax - px * az, px * ay - py * ax
+        for r in range(6):
+            V[j, r] = S[j, r] * v[j]
+            if parent >= 0:
+                V[j, r] += V[parent, r]
 
 
 @compiled

@@ -19,6 +19,9 @@ MOST_CORRECTIONS, CORRECTION_TOLERANCE = 5, 0.1
 """Largest number of corrections for shared noise, and their size, in standard deviations, at which they end."""
 LARGEST_STEP = 3.0
 """Largest change of a parameter in one step, over its size or, if that is larger, its typical size."""
+ROUGHLY = 1e-2, 100.0
+"""Least damping after a step that failed, and its growth from one to the next, where a fit has a tolerance: what slopes
+that are not exact promise in vain is then found out by few residuals."""
 NOTHING_KNOWN = 1e12
 """Variance of a parameter of which the rows contain no information."""
 LEAST_INFORMATION = 1e-13
@@ -71,15 +74,19 @@ class Fit:
         return np.where(_unseen(self.model, self.jacobian), np.sqrt(NOTHING_KNOWN), known)
 
 
-def fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
+def fit(problem: Problem, model: Model, iterations: int = 12, tolerance: float = 0.0, own_noise: bool = True) -> Fit:
     """The fit at the nearest minimum of χ², by damped Gauss–Newton (Levenberg, Marquardt).
 
-    It is quick, but biased towards zero where the regressors are noisy; `unbiased_fit` corrects that.
+    It is quick, but biased towards zero where the regressors are noisy; `unbiased_fit` corrects that. It ends where a
+    step would lower χ² by less than `tolerance`, or by next to nothing. Without `own_noise` its penalty is not that of
+    another inertia's noise, for which the rows are whitened again.
     """
-    model, residual, jacobian = _minimise(problem, _off_saddle(problem, model), np.zeros(len(model.vector)), iterations)
+    start, no_offset = _off_saddle(problem, model), np.zeros(len(model.vector))
+    model, residual, jacobian = _minimise(problem, start, no_offset, iterations, tolerance=tolerance)
     seen = jacobian[: problem.rows]
     covariance = _posterior(problem, model, seen.T @ seen)
-    return Fit(model, residual, jacobian, covariance, problem.rows, penalty=problem.penalty(model))
+    paid = problem.penalty(model) if own_noise else problem.start_penalty(model)
+    return Fit(model, residual, jacobian, covariance, problem.rows, penalty=paid)
 
 
 def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
@@ -216,7 +223,7 @@ def _inverse(information: Array) -> Array:
 
 
 def _minimise(
-    problem: Problem, model: Model, offset: Array, iterations: int, most: float = np.inf
+    problem: Problem, model: Model, offset: Array, iterations: int, most: float = np.inf, tolerance: float = 0.0
 ) -> tuple[Model, Array, Array]:
     """Model, residual and Jacobian at the nearest minimum of ½ |z|² − bᵀx over the parameters x, b the `offset`.
 
@@ -229,7 +236,9 @@ def _minimise(
     for _ in range(iterations):
         if jacobian.shape[1] == 0:
             break
-        trial, trial_residual, damping = _step(problem, model, residual, jacobian, offset, damping)
+        least = max(_least_gain(problem, residual), 0.5 * tolerance)
+        harder = ROUGHLY if tolerance else (problem.least_damping, 10.0)
+        trial, trial_residual, damping = _step(problem, model, residual, jacobian, offset, damping, least, harder)
         if trial is None:
             break
         if float(offset @ (trial.vector - start)) > most:
@@ -237,7 +246,9 @@ def _minimise(
         gained = residual @ residual - trial_residual @ trial_residual
         model, residual = trial, trial_residual
         jacobian = problem.jacobian(model)
-        if abs(gained) < 2.0 * _least_gain(problem, residual) + 1e-5 * (residual @ residual) / len(residual):
+        if abs(gained) < 2.0 * max(_least_gain(problem, residual), 0.5 * tolerance) + 1e-5 * (
+            residual @ residual
+        ) / len(residual):
             break
     return model, residual, jacobian
 
@@ -259,9 +270,19 @@ def _off_saddle(problem: Problem, model: Model) -> Model:
 
 
 def _step(
-    problem: Problem, model: Model, residual: Array, jacobian: Array, offset: Array, damping: float
+    problem: Problem,
+    model: Model,
+    residual: Array,
+    jacobian: Array,
+    offset: Array,
+    damping: float,
+    least_gain: float,
+    harder: tuple[float, float],
 ) -> tuple[Model | None, Array, float]:
-    """A model with a smaller objective, or None where no damping finds one."""
+    """A model with a smaller objective, or None where no damping finds one, or only one smaller by `least_gain`.
+
+    `harder` is the least damping after a step that failed, and the factor by which it then grows.
+    """
     scale = np.linalg.norm(jacobian, axis=0)
     # a strength that does not move the rows keeps its value: its slope is rounding error
     unseen = _unseen(model, jacobian)
@@ -269,7 +290,7 @@ def _step(
     scaled = np.where(unseen, 0.0, jacobian / scale)
     normal, gradient = scaled.T @ scaled, np.where(unseen, 0.0, scaled.T @ residual - offset / scale)
     start = 0.5 * float(residual @ residual)
-    least_gain, reach = _least_gain(problem, residual), _reach(model)
+    reach = _reach(model)
     for _ in range(8):
         damped = normal + damping * np.eye(len(scale))
         step = -np.linalg.solve(damped, gradient)
@@ -286,13 +307,13 @@ def _step(
             taken[free] = -np.linalg.solve(damped[np.ix_(free, free)], toward)
             trial = _clip_unknowns(problem, model.at(model.vector + taken / scale))
         if not all(effect.plausible() for effect in trial.effects):
-            damping = max(damping * 10.0, problem.least_damping)
+            damping = max(damping * harder[1], harder[0])
             continue
         trial_residual = problem.residual(trial)
         moved = float(offset @ (trial.vector - model.vector))
         if np.all(np.isfinite(trial_residual)) and 0.5 * float(trial_residual @ trial_residual) - moved < start:
             return trial, trial_residual, max(damping * 0.1, 1e-9)
-        damping = max(damping * 10.0, problem.least_damping)
+        damping = max(damping * harder[1], harder[0])
     return None, residual, damping
 
 

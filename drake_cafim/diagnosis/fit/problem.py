@@ -105,6 +105,10 @@ class Problem(ABC):
         """ln det of the covariance by which the rows are whitened; 0 where it is the same for every model."""
         return 0.0
 
+    def start_penalty(self, model: Model) -> float:
+        """The part of `penalty` that unknown initial states have: all of it where the noise is the same."""
+        return 0.0
+
     def penalty(self, model: Model) -> float:
         """Addition to a model's χ²: ln det of the covariance of unknown initial states."""
         return 0.0

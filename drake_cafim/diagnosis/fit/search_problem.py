@@ -47,6 +47,9 @@ class SearchProblem(Problem):
     def pictures(self) -> Pictures:
         """The data of a report's pictures."""
 
+    def forget(self) -> None:
+        """Frees what is cached, which is computed again when it is asked for: of a search that has ended."""
+
     def shape_columns(self, model: Model, position: int) -> Array | None:
         """(R + n, k) columns of the effect at `position`, where another shape's χ² follows from them; else None."""
         return None

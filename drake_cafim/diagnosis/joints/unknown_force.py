@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,11 +12,11 @@ from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.rows.adjustment import without_unmodelled_force
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.thresholds import LAW_ACCURACY, UNKNOWN_FORCE_VARIANCE_SHARE
-from drake_cafim.diagnosis.whitening.covariance import Whitening, unknown_force_factors, whitening
+from drake_cafim.diagnosis.whitening.covariance import Whitening, lower_band, unknown_force_factors, whitening
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.numerics.rounding import rounded
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 MOST_STEPS, TOLERANCE = 12, 0.02
 """Largest number of scoring steps, and the relative change of the densities at which they end."""
@@ -137,11 +138,29 @@ class _Recording:
         """(n,) expectation of `power` by a unit force alone."""
         return np.array([float((factor.data**2).sum()) for factor in self.factors])
 
+    @cached_property
+    def _shares(self) -> list[tuple[Indices, Indices, Array]]:
+        """Entries of each joint's F Fᵀ on and below the diagonal: how far below, in which column, and their values."""
+        found = []
+        for factor in self.factors:
+            entries = sp.coo_matrix(factor @ factor.T)
+            lower = entries.row >= entries.col
+            row, column, value = entries.row[lower], entries.col[lower], entries.data[lower]
+            found.append((row - column, column, value))
+        return found
+
+    @cached_property
+    def _band(self) -> Array:
+        """The noise in lower band storage, with room for the forces."""
+        band, widest = lower_band(self.noise), max(int(below.max()) for below, _, _ in self._shares)
+        return np.concatenate([band, np.zeros((max(0, widest + 1 - len(band)), band.shape[1]))])
+
     def whitened(self, density: Array) -> "_Whitened":
         """The same, whitened with white forces of `density` (n,) as noise."""
-        whiten = Whitening.of(
-            self.noise + sum(d * factor @ factor.T for d, factor in zip(density, self.factors, strict=True))
-        )
+        band = self._band.copy()
+        for d, (below, column, value) in zip(density, self._shares, strict=True):
+            band[below, column] += d * value
+        whiten = Whitening.of_band(band, self.noise)
         slopes = whiten(self.slopes) if self.slopes.shape[1] else self.slopes
         return _Whitened(whiten, whiten(self.rows), slopes, self.factors)
 

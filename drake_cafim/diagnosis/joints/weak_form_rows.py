@@ -1,7 +1,8 @@
 """Recordings of joints as whitened weak-form equations of motion: their residual, Jacobian and noise, for fits."""
 
+import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, Self
 
@@ -32,6 +33,14 @@ from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 
+@dataclass
+class _Latest:
+    """The last `problem` that was whitened again, and the `model` by which it was."""
+
+    model: Model | None = None
+    problem: "WeakFormRows | None" = None
+
+
 @dataclass(frozen=True)
 class WeakFormRows(Problem):
     """The whitened weak-form rows of a scene's recordings."""
@@ -49,7 +58,8 @@ class WeakFormRows(Problem):
     force_looks: dict[tuple[str, str], Any] = field(default_factory=dict, repr=False, compare=False)
     """Cache: the last looks at each joint law, with the samples that they are of."""
     _sensor_columns: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
-    _last_rewhitened: list[tuple[Model, Self]] = field(default_factory=list, repr=False, compare=False)
+    _latest: "_Latest" = field(default_factory=lambda: _Latest(), repr=False, compare=False)
+    _latest_of_first: "weakref.ref[_Latest] | None" = field(default=None, repr=False, compare=False)
 
     @classmethod
     def of(cls, scene: Scene, weak: Sequence[WeakForm], model: Model, unknown_force: Array = NONE) -> Self:
@@ -79,10 +89,31 @@ class WeakFormRows(Problem):
         return cls(scene, tuple(runs), model)
 
     def rewhitened(self, model: Model) -> Self:
-        """The same recordings, whitened under `model`; the last result is cached."""
-        if not self._last_rewhitened or self._last_rewhitened[0][0] is not model:
-            self._last_rewhitened[:] = [(model, self.of(self.scene, self.forms, model, self.unknown_force))]
-        return self._last_rewhitened[0][1]
+        """The same recordings, whitened under `model`.
+
+        The last result is cached, of this problem and of all that were rewhitened from it together: if each kept its
+        own, the first one would keep them all.
+        """
+        latest = (self._latest_of_first() if self._latest_of_first else None) or self._latest
+        if latest.model is not model:
+            latest.model, latest.problem = None, None
+            found = self.of(self.scene, self.forms, model, self.unknown_force)
+            # weak, since a problem that refers to itself stays in memory until cycles are collected
+            latest.model, latest.problem = model, replace(found, _latest_of_first=weakref.ref(latest))
+        cached = latest.problem
+        assert isinstance(cached, type(self))
+        return cached
+
+    def forget(self) -> None:
+        for cache in (self.found_pushes, self.tried_pulses, self.force_looks, self._sensor_columns):
+            cache.clear()
+        for name in ("noisier", "_by_unknowns"):
+            vars(self).pop(name, None)
+        self._latest.model = self._latest.problem = None
+        for run in self.runs:
+            run.weak.forget()
+            if run.measured is not None:
+                run.measured.forget()
 
     @property
     def regressors_noisy(self) -> bool:
@@ -120,11 +151,14 @@ class WeakFormRows(Problem):
         return error.T @ change, error.T @ error
 
     def penalty(self, model: Model) -> float:
-        physics = model.physics(self.scene)
-        start = sum(run.marginalise_start(physics).paid for run in self.runs) if has_unknown_start(physics) else 0.0
+        start = self.start_penalty(model)
         if self.has_other_noise(model):
             return start + noise_cost(self, self.rewhitened(model), model)
         return start
+
+    def start_penalty(self, model: Model) -> float:
+        physics = model.physics(self.scene)
+        return sum(run.marginalise_start(physics).paid for run in self.runs) if has_unknown_start(physics) else 0.0
 
     def has_other_noise(self, model: Model) -> bool:
         return is_other_noise(self.scene, self.runs[0].weak, model, self.under)
@@ -194,7 +228,11 @@ class WeakFormRows(Problem):
                 force = effect.slopes(p_WP, v_WP, moving.lasting)
             else:
                 force = effect.force(p_WP, v_WP, None, None, moving.lasting)[..., None]
-            efforts = np.einsum("nja,nak->njk", moving.force_at(body.joint, body.p_JB), force)
+            # at most times the body does not touch the plane
+            touching = np.flatnonzero(np.any(force, axis=(1, 2)))
+            along = moving.force_at(body.joint, body.p_JB)
+            efforts = np.zeros((*along.shape[:2], force.shape[2]))
+            efforts[touching] = along[touching] @ force[touching]
             result.append(run.whitened(run.pushed(efforts, physics.effort_gains)))
         return np.concatenate(result)
 

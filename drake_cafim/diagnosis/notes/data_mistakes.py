@@ -85,12 +85,14 @@ class _Excerpts:
     def _approximate(self) -> list[tuple[float, list[Suspicion]]]:
         """χ² per row of each correction under the present covariance, and the suspicion in each stretch."""
         physics, joints = _nominal(self.scene), self._glaring_joints()
+        laws = bool(physics.joint_forces or physics.couplings)
         by_stretch = [list(suspicions(self.scene, run.weak.samples.recording, joints)) for run in self.problem.runs]
         result = []
         for suspected in zip(*by_stretch, strict=True):
             rows = []
             for run, suspicion in zip(self.problem.runs, suspected, strict=True):
-                right = with_recording(run.weak.samples, self.scene, suspicion.correct(run.weak.samples.recording))
+                samples = run.weak.samples
+                right = with_recording(samples, self.scene, suspicion.correct(samples.recording), laws)
                 rows.append(run.whitened(WeakForm(right, self.scene.wrench_sensors).residual(physics)))
             result.append((float(np.mean(np.concatenate([part.ravel() for part in rows]) ** 2)), list(suspected)))
         return result

@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from drake_cafim.diagnosis.rows.effort_rows import EffortRows
 from drake_cafim.diagnosis.rows.force_rows import ForceRows
 from drake_cafim.diagnosis.rows.inertial_regressor import InertialRegressor, LinkRegressors
+from drake_cafim.diagnosis.rows.inertial_rows import InertialRows
 from drake_cafim.diagnosis.rows.kinematic_rows import KinematicRows, lags_of
 from drake_cafim.diagnosis.rows.measured_rows import MeasuredRows
 from drake_cafim.diagnosis.rows.measurement import Measurement, corrected_measurement, joint_samples_of
@@ -34,7 +35,8 @@ class MotionTerms:
     """The samples at which the force laws of joint effects are evaluated, for each joint."""
     moving: Motion
     """The smoothed motion."""
-    links: LinkRegressors
+    inertial: InertialRows
+    """The inertial and gravity terms."""
     kinematic: Array
     """(M, n or 0) ∫ ẇ q dt + ∫ w v dt, not corrected for the steps of v̇ yet."""
     driven: EffortRows
@@ -47,17 +49,10 @@ class MotionTerms:
     in_doubt: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False, compare=False)
     """Cached rows of the unknown initial state of sensors' lags, by the sensor and its time constant."""
 
-    @cached_property
+    @property
     def regressor(self) -> InertialRegressor:
         """The regressor of inertial and gravity terms."""
-        points = (self.moving.q, self.moving.v) if self.samples.estimated is None else self._at_points
-        return self.links.regressor(self.moving, self.measured.v, points, self.samples.law_value)
-
-    @property
-    def _at_points(self) -> tuple[Array, Array]:
-        """Positions and velocities (P, n) at the points over which laws are integrated, where motion is estimated."""
-        q, v = (np.stack([getattr(joint, name) for joint in self.acting.joints], axis=1) for name in ("q", "v"))
-        return q, v
+        return self.inertial.regressor
 
     @cached_property
     def moving_at_points(self) -> Motion:
@@ -65,7 +60,9 @@ class MotionTerms:
         estimated = self.samples.estimated
         if estimated is None:
             return self.moving
-        return replace(motion(self.moving.tree, *self._at_points), lasting=estimated.points.lasting(self.samples.time))
+        return replace(
+            motion(self.moving.tree, *self.inertial.at_points), lasting=estimated.points.lasting(self.samples.time)
+        )
 
     def driven_by(self, servos: dict[int, ServoDrive], load: Array, physics: Physics) -> "MotionTerms":
         """The terms with the efforts of `servos` added to the recorded ones, and the `load` (N, n) from outside."""
@@ -164,7 +161,12 @@ class MotionTermsCache:
         driven = EffortRows(rows, Mobility(moving) if samples.velocity_measured else None)
         at_points, value = _law_samples(samples, measured, at_joints)
         acting = ForceRows(windows, samples.recording.name, at_points, value, moving)
-        return MotionTerms(measured, rows, at_joints, moving, self._links, kinematic, driven, acting, louder, samples)
+        places = (moving.q, moving.v)
+        if samples.estimated is not None:
+            q, v = (np.stack([getattr(joint, name) for joint in at_points], axis=1) for name in ("q", "v"))
+            places = (q, v)
+        inertial = InertialRows(self._links, moving, measured.v, places, value)
+        return MotionTerms(measured, rows, at_joints, moving, inertial, kinematic, driven, acting, louder, samples)
 
 
 def _law_samples(

@@ -139,10 +139,10 @@ def add_effort_noise(samples: Samples, rng: np.random.Generator) -> Samples:
     return replace(samples, recording=recording, u=u)
 
 
-def with_recording(samples: Samples, scene: Scene, recording: Recording) -> Samples:
+def with_recording(samples: Samples, scene: Scene, recording: Recording, laws: bool = True) -> Samples:
     """The samples of another `recording` that has the same times and the same noise; operators are shared.
 
-    So are the smoothers of joints that move in both alike.
+    So are the smoothers of joints that move in both alike; and of all joints where no force `laws` are evaluated.
     """
     names, slope = scene.tree.joint_names, samples.differentiate
     q = _filled(recording.matrix("q", names))
@@ -155,7 +155,7 @@ def with_recording(samples: Samples, scene: Scene, recording: Recording) -> Samp
         v=v,
         kinked_v=tuple(
             samples.kinked_v[j]
-            if np.array_equal(q[:, j], samples.q[:, j]) and np.array_equal(v[:, j], samples.v[:, j])
+            if not laws or (np.array_equal(q[:, j], samples.q[:, j]) and np.array_equal(v[:, j], samples.v[:, j]))
             else resting(samples.time, q[:, j], v[:, j], of_joint)
             for j, of_joint in enumerate(noise)
         ),

@@ -74,6 +74,11 @@ class WeakForm:
         """Derivatives of recorded columns with respect to the strengths of sensor effects."""
         return SensorSlopes(self.samples)
 
+    def forget(self) -> None:
+        """Frees what was computed of the samples, which is computed again when it is asked for."""
+        for name in ("_motion_terms", "couplings", "contacts", "sensor_slopes"):
+            vars(self).pop(name, None)
+
     def terms(self, physics: Physics) -> MotionTerms:
         """The measurement, motion and the rows' terms of both under the sensor effects of `physics`."""
         return self._motion_terms.of(physics)
@@ -117,7 +122,7 @@ class WeakForm:
     def residual(self, physics: Physics) -> Array:
         """All rows (M, r) of each window: kinematic, dynamic, then each sensor's wrench."""
         terms = self.terms(physics)
-        dynamic = terms.regressor.rows(physics.tree.inertial_parameters, physics.gravity)
+        dynamic = terms.inertial.of(physics.tree, physics.gravity)
         dynamic = dynamic - terms.rows.rate_of_velocity * physics.rotor_inertias
         dynamic = dynamic - _integrate_joint_forces(physics, terms) - terms.driven.integral(physics)
         if physics.body_forces:

@@ -124,5 +124,17 @@ def record_effect_limit(best: Fit, most: int) -> list[Record]:
     return [Record("another", _number(best), float(size), float(most), False, words, "number of effects", beside)]
 
 
+def record_put_off(best: Fit, most: int) -> Record:
+    """That `best` is left as it is until a search for more effects than `most` has found nothing."""
+    size = float(len(best.model.effects))
+    words = (
+        f"more than {most} rows are left far from noise, and to first order as few effects explain less than half of "
+        "that; this search goes on only where one for more effects finds none"
+    )
+    return Record(
+        "another", _number(best), size, float(most), False, words, "number of effects", model_name(best.model)
+    )
+
+
 def _number(best: Fit) -> str:
     return f"effect number {len(best.model.effects) + 1}"

@@ -54,6 +54,8 @@ class GrowthByPlace:
     progress: Callable[[str], None]
     trace: Trace = field(default_factory=Trace)
     refused: set[Key] = field(default_factory=set)
+    _looks: tuple[Fit, list[Candidate]] | None = None
+    """Cache: the explanation that was looked beyond last, and what was found there."""
 
     @classmethod
     def of(
@@ -89,12 +91,14 @@ class GrowthByPlace:
         whitened with these forces, and what stood out by the former ones may fail.
         """
         known = self.best.model.keys
-        shaped = fit_shapes(self.problem, fit(self.problem, model), model.keys - known)
-        kept = self._without_failing(self.problem, shaped)
+        # what is kept is then compared under the noise that it has itself
+        fitted = fit(self.problem, model, tolerance=CONVERGED, own_noise=False)
+        shaped = fit_shapes(self.problem, fitted, model.keys - known, CONVERGED, own_noise=False)
+        kept = self._without_failing(self.problem, shaped, own_noise=False)
         if kept.model.keys == known:
             return False
         problem = _under_force_of(self.nominal, kept.model)
-        best = self._without_failing(problem, fit(problem, kept.model))
+        best = self._without_failing(problem, fit(problem, kept.model, tolerance=CONVERGED))
         lead = self._evidence(problem, best) - self._evidence(self.problem, self.best)
         self.trace.add(decisions.record_likelihood(best.model, self.best.model, lead))
         if lead < 0.0:
@@ -105,7 +109,7 @@ class GrowthByPlace:
         """Fits the explanation until χ² falls no more: a fit that stopped early would seem worse than another law's."""
         for _ in range(MOST_ROUNDS):
             before = self.best
-            self.best = fit(self.problem, before.model)
+            self.best = fit(self.problem, before.model, tolerance=CONVERGED)
             if before.chi_square - self.best.chi_square < CONVERGED:
                 break
 
@@ -113,8 +117,8 @@ class GrowthByPlace:
         """Takes `effects` out of the explanation, whatever that costs."""
         rest = tuple(effect for effect in self.best.model.effects if effect not in effects)
         model = Model(self.best.model.unknown, rest, self.best.model.free)
-        self.problem = _under_force_of(self.nominal, fit(self.problem, model).model)
-        self.best = fit(self.problem, model)
+        self.problem = _under_force_of(self.nominal, fit(self.problem, model, tolerance=CONVERGED).model)
+        self.best = fit(self.problem, model, tolerance=CONVERGED)
 
     def fails(self, effect: Effect) -> bool:
         """Whether an effect of the explanation fails a test there; recorded in the trace."""
@@ -143,8 +147,9 @@ class GrowthByPlace:
 
     def _promising(self) -> list[Candidate]:
         """The best candidate at each joint; or the best one elsewhere, alone, where it gains more than any of these."""
-        allowed = [effect for effect in self.beside(self.best.model) if effect.key not in self.refused]
-        candidates = screen(self.problem, self.best, allowed)
+        if self._looks is None or self._looks[0] is not self.best:
+            self._looks = self.best, screen(self.problem, self.best, self.beside(self.best.model))
+        candidates = [candidate for candidate in self._looks[1] if candidate.effect.key not in self.refused]
         by_place: dict[str, Candidate] = {}
         for candidate in sorted(candidates, key=self.criterion_gain, reverse=True):
             luck = float(chi2.sf(candidate.gain, candidate.strengths)) * self.trials
@@ -156,8 +161,8 @@ class GrowthByPlace:
         most = max(map(self.criterion_gain, by_place.values()), default=0.0)
         return [elsewhere] if self.criterion_gain(elsewhere) > most else list(by_place.values())
 
-    def _without_failing(self, problem: SearchProblem, found: Fit) -> Fit:
-        """The fit without the effects that fail a test, the clearest failures first."""
+    def _without_failing(self, problem: SearchProblem, found: Fit, own_noise: bool = True) -> Fit:
+        """The fit without the effects that fail a test, the clearest failures first; `own_noise` is as for `fit`."""
         while found.model.effects:
             failed = {effect.key: self._failure(problem, found, effect) for effect in found.model.effects}
             failures = {key: failure for key, failure in failed.items() if failure is not None}
@@ -169,7 +174,8 @@ class GrowthByPlace:
             worst = max(badness for _, badness in failures.values())
             dropped = {key for key, (_, badness) in failures.items() if badness >= min(worst, 1.0)}
             rest = [effect for effect in found.model.effects if effect.key not in dropped]
-            found = fit(problem, Model(found.model.unknown, tuple(rest), found.model.free))
+            fewer = Model(found.model.unknown, tuple(rest), found.model.free)
+            found = fit(problem, fewer, tolerance=CONVERGED, own_noise=own_noise)
         return found
 
     def _failure(self, problem: SearchProblem, found: Fit, effect: Effect) -> tuple[Record, float] | None:
@@ -241,14 +247,15 @@ def strength_at_bound(effect: Effect) -> str | None:
     return None
 
 
-def undetermined_in(found: Fit, effect: Effect) -> tuple[str, float, float] | None:
-    """`undetermined` of an effect of a fit, by the fit's standard deviations."""
+def undetermined_in(found: Fit, effect: Effect, std: Array | None = None) -> tuple[str, float, float] | None:
+    """`undetermined` of an effect of a fit, by the fit's standard deviations or by `std` (n + k,)."""
+    std = found.std if std is None else std
     position = len(found.model.unknown)
     for other in found.model.effects:
-        own = found.std[position : position + len(other.strengths)]
+        own = slice(position, position + len(other.strengths))
         if other is effect:
-            return undetermined(effect, own, own)
-        position += len(own)
+            return undetermined(effect, std[own], found.std[own])
+        position = own.stop
     return None
 
 

@@ -70,15 +70,20 @@ def _judge_searches(
     problem: SearchProblem, settings: Settings, progress: Callable[[str], None], trace: Trace
 ) -> Judgement:
     """`judge` without the check of how far the unknowns are from their priors."""
-    outcome = search(problem, settings, progress, trace=trace)
-    first = _of_search(outcome, settings, trace)
-    if first.kind != "unexplained" or not settings.most_effects:
+    outcome = search(problem, settings, progress, trace=trace, put_off=True)
+    first = _of_search(outcome, settings, trace) if outcome.compare is None else None
+    if first is not None and (first.kind != "unexplained" or not settings.most_effects):
         return first
     again = compute(lambda: _under_unknown_forces(outcome, settings, progress, trace.of_search(UNKNOWN_FORCES)))
+    if isinstance(again, Judgement):
+        return again
+    if first is None:
+        outcome = outcome.compared()
+        first = _of_search(outcome, settings, trace)
+        if first.kind != "unexplained":
+            return first
     if isinstance(again, NotComputable):
         first = _with_note(first, f"a search that counts unknown forces as noise cannot be computed: {again.reason}")
-    elif again is not None:
-        return again
     if first.best.model.effects:
         return first
     wider = compute(lambda: _over_wider_windows(problem, settings, progress, trace))

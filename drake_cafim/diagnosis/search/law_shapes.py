@@ -16,10 +16,17 @@ FINER = (1.5, 1.15, 1.04)
 """Factors by which a shape parameter is then multiplied and divided, as long as χ² falls."""
 
 
-def fit_shapes(problem: SearchProblem, best: Fit, of: Iterable[Key] | None = None) -> Fit:
+def fit_shapes(
+    problem: SearchProblem,
+    best: Fit,
+    of: Iterable[Key] | None = None,
+    tolerance: float = 0.0,
+    own_noise: bool = True,
+) -> Fit:
     """The fit with the best shape of each effect in turn: first from the effect's grid, then between its values.
 
-    Of the effects `of` these keys only, if they are given.
+    Of the effects `of` these keys only, if they are given. A change of χ² by `tolerance` does not matter;
+    `own_noise` is as for `fit`.
 
     With a wrong width, a change of sign looks like a law that falls or rises near rest.
     """
@@ -30,7 +37,7 @@ def fit_shapes(problem: SearchProblem, best: Fit, of: Iterable[Key] | None = Non
         first, before, worst = best.chi_square, np.inf, -np.inf
         while before - best.chi_square > SHAPE_CHI_SQUARE_RANGE:
             before, effect = best.chi_square, best.model.effects[position]
-            best, worst = _best_shape(problem, best, position, effect.restarts())
+            best, worst = _best_shape(problem, best, position, effect.restarts(), tolerance, own_noise)
             if not effect.shapes_about_values:
                 # the grid does not depend on the values: it would be the same again
                 break
@@ -39,32 +46,35 @@ def fit_shapes(problem: SearchProblem, best: Fit, of: Iterable[Key] | None = Non
             continue
         for ratio in FINER:
             before = np.inf
-            while best.chi_square < before:
+            while best.chi_square < before - tolerance:
                 before = best.chi_square
-                best, _ = _best_shape(problem, best, position, best.model.effects[position].between_shapes(ratio))
+                finer = best.model.effects[position].between_shapes(ratio)
+                best, _ = _best_shape(problem, best, position, finer, tolerance, own_noise)
     return best
 
 
-def _best_shape(problem: SearchProblem, best: Fit, position: int, others: Iterable[Effect]) -> tuple[Fit, float]:
+def _best_shape(
+    problem: SearchProblem, best: Fit, position: int, others: Iterable[Effect], tolerance: float, own_noise: bool
+) -> tuple[Fit, float]:
     """The best of the given fit and those with each of `others` at `position`, and the largest χ² of these.
 
     Where the rows are nearly linear in the strengths, χ² to first order selects the shape that is fitted.
     """
     base, worst = best.model, -np.inf
     trials = [replace(base, effects=(*base.effects[:position], it, *base.effects[position + 1 :])) for it in others]
-    expected = [chi for trial in trials if (chi := _expected(problem, best, trial, position)) is not None]
+    expected = [chi for trial in trials if (chi := _expected(problem, best, trial, position, own_noise)) is not None]
     if expected:
         worst = max(expected)
         trials = [trials[int(np.argmin(expected))]] if min(expected) < best.chi_square else []
     for model in trials:
-        trial = fit(problem, model)
+        trial = fit(problem, model, tolerance=tolerance, own_noise=own_noise)
         worst = max(worst, trial.chi_square)
         if trial.chi_square < best.chi_square:
             best = trial
     return best, worst
 
 
-def _expected(problem: SearchProblem, best: Fit, model: Model, position: int) -> float | None:
+def _expected(problem: SearchProblem, best: Fit, model: Model, position: int, own_noise: bool) -> float | None:
     """χ² to first order of a fit started from `model`, whose effect at `position` has another shape than in `best`.
 
     min over bounded d of |z + J d|², by bounded least squares. None where the rows are not linear enough in the effect.
@@ -83,5 +93,7 @@ def _expected(problem: SearchProblem, best: Fit, model: Model, position: int) ->
     )
     left = lsq_linear(triangle, -along, (lower - model.vector, upper - model.vector), method="bvls").cost
     # what lags and unknown starts pay is theirs, and hardly changes with the shape of another law
-    paid = problem.penalty(model) if effects[position].late else best.penalty
+    paid = best.penalty
+    if effects[position].late:
+        paid = problem.penalty(model) if own_noise else problem.start_penalty(model)
     return float(residual @ residual - along @ along + 2.0 * left) + paid

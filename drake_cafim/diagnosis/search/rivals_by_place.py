@@ -7,9 +7,10 @@ import numpy as np
 from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
-from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
+from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.growth_by_place import (
+    CONVERGED,
     GrowthByPlace,
     joint_of,
     residual_without,
@@ -64,8 +65,29 @@ def compare_by_place(growth: GrowthByPlace) -> Compared:
     shared = [effect for effect in growth.best.model.effects if probability[effect.key] < LEAST_PROBABILITY]
     if shared:
         growth.drop(shared)
+    _drop_undetermined(growth)
     _drop_unsupported(growth)
     return Compared(tuple(other for leads in found.values() for _, other, _ in leads), probability)
+
+
+def _drop_undetermined(growth: GrowthByPlace) -> None:
+    """Drops effects of which the recordings do not determine a strength, the least determined first.
+
+    The growth judges that by the stated noise and the unknown forces. Where the residual is correlated, blocks of time
+    determine less, and a load that makes up for what is not known stands out with nothing known of its size.
+    """
+    while growth.best.model.effects:
+        problem, best = growth.problem, growth.best
+        if leaves_noise(problem, best, growth.settings.adequacy_level):
+            return
+        std = np.maximum(best.std, blockwise_std(problem, best))
+        told = [(undetermined_in(best, effect, std), effect) for effect in best.model.effects]
+        wide = [(found[1] / found[2], effect, found) for found, effect in told if found is not None]
+        if not wide:
+            return
+        _, least, found = max(wide, key=lambda entry: entry[0])
+        growth.trace.add(decisions.record_undetermined(best.model, least, *found))
+        growth.drop([least])
 
 
 def _drop_unsupported(growth: GrowthByPlace) -> None:
@@ -115,8 +137,8 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
         if lead > FITTED_LEAD * unit:
             break
         # all else is at its fit already, so few steps suffice
-        added = fit(problem, rest.with_effects([candidate.effect]), CONTENDER_STEPS)
-        other = fit_shapes(problem, added, {candidate.effect.key})
+        added = fit(problem, rest.with_effects([candidate.effect]), CONTENDER_STEPS, CONVERGED)
+        other = fit_shapes(problem, added, {candidate.effect.key}, CONVERGED)
         law = next(law for law in other.model.effects if law.key == candidate.effect.key)
         if strength_at_bound(law) or undetermined_in(other, law) or not problem.plausible(other.model):
             continue

@@ -1,9 +1,13 @@
 """The search for the effects that explain a misfit: detect, grow an explanation, compare it with its rivals."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
-from drake_cafim.diagnosis.fit.evidence import scale_of
+import numpy as np
+
+from drake_cafim.diagnosis.fit.adequacy import by_run
+from drake_cafim.diagnosis.fit.evidence import leaves_inaccuracy, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -14,7 +18,11 @@ from drake_cafim.diagnosis.search.growth import grow
 from drake_cafim.diagnosis.search.posterior import inclusion_probabilities
 from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.search.state import ROUNDS, Settings, State, has_moved
-from drake_cafim.diagnosis.thresholds import UNKNOWN_MOVE_IN_PRIOR_STDS
+from drake_cafim.diagnosis.thresholds import (
+    MISFIT_REDUCED_CHI_SQUARE,
+    NAMED_EXCESS_SHARE,
+    UNKNOWN_MOVE_IN_PRIOR_STDS,
+)
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
 
@@ -37,6 +45,12 @@ class Outcome:
     detection_p_value: float
     probability: Mapping[Key, float]
     """Posterior probability of each effect, and of each unknown without its prior, by (name, place)."""
+    compare: "Callable[[], Outcome] | None" = None
+    """Compares the best fit with its rivals, where that was put off; None where it is done."""
+
+    def compared(self) -> "Outcome":
+        """The outcome with its best fit compared with rivals."""
+        return self if self.compare is None else self.compare()
 
     @property
     def scale(self) -> float:
@@ -50,10 +64,12 @@ def search(
     progress: Callable[[str], None] = lambda text: None,
     initial: Sequence[Effect] = (),
     trace: Trace | None = None,
+    put_off: bool = False,
 ) -> Outcome:
     """The effects that explain the recordings beyond the scene's nominal physics, starting from the `initial` effects.
 
-    `progress` is called with a few words on each stage; each decision is added to `trace`.
+    `progress` is called with a few words on each stage; each decision is added to `trace`. With `put_off`, the best
+    explanation is returned as soon as no few effects can explain the recordings; `Outcome.compared` then goes on.
     """
     trace = Trace() if trace is None else trace
     progress("fitting the nominal model")
@@ -75,30 +91,69 @@ def search(
     state.pool.add(nominal)
     state.screens[nominal.model.keys] = screened
     best = nominal
+    begun = Outcome(problem, problem, nominal, nominal, (), trials, tuple(screened), detection, {})
     if detection <= settings.false_alarm_rate and settings.most_effects:
-        best = _explain(state, _fit_initial(state, nominal, initial))
+        best = _fit_initial(state, nominal, initial)
+        if put_off and lacks_more_effects(state, best):
+            return _put_off(state, begun, best, grown=False)
+        best = grow(state, best)
+        if put_off and lacks_more_effects(state, best):
+            return _put_off(state, begun, best, grown=True)
+        best = _explain(state, best)
     else:
         trace.add(
             *candidate_decisions.record_screening(nominal, screened, effects, trials, settings.false_alarm_rate, None)
         )
+    return _concluded(state, begun, best)
+
+
+def _put_off(state: State, begun: Outcome, best: Fit, grown: bool) -> Outcome:
+    """The outcome `begun` with `best`, from which the search goes on where none for more effects finds any."""
+    state.trace.add(candidate_decisions.record_put_off(best, state.settings.most_effects))
+    compare = partial(_compared, state, begun, best, grown)
+    return replace(begun, problem=state.problem, best=best, compare=compare)
+
+
+def _compared(state: State, begun: Outcome, best: Fit, grown: bool) -> Outcome:
+    """The outcome `begun` with the most probable explanation beside `best`, or grown from it."""
+    return _concluded(state, begun, _explain(state, best if grown else grow(state, best)))
+
+
+def _concluded(state: State, begun: Outcome, best: Fit) -> Outcome:
+    """The outcome `begun` with the explanation `best` and the others of the state, by their probabilities."""
     cost = state.cost(scale_of(best))
     # larger explanations that failed a test may have a smaller criterion: they do not compete
     competing = tuple(found for found in state.pool.fits.values() if found is best or cost(found) > cost(best))
-    trace.add(*decisions.record_choice(competing, best, cost))
+    state.trace.add(*decisions.record_choice(competing, best, cost))
     probability = inclusion_probabilities(competing, cost)
-    looks = tuple(screened)
-    return Outcome(state.problem, problem, nominal, best, competing, trials, looks, detection, probability)
+    return replace(begun, problem=state.problem, best=best, competing=competing, probability=probability)
+
+
+def lacks_more_effects(state: State, best: Fit) -> bool:
+    """Whether as few effects as are allowed will not explain the recordings, by what `best` leaves.
+
+    More rows of a window are left far from noise than there may be effects, and to first order those that may be added
+    and gain most explain less than half of it.
+    """
+    problem, most = state.problem, state.settings.most_effects
+    rows = np.concatenate([z for _, z in by_run(problem, best.residual[: problem.rows])])
+    if np.count_nonzero(np.mean(rows**2, axis=0) > MISFIT_REDUCED_CHI_SQUARE) <= most:
+        return False
+    added = most - len(best.model.effects)
+    gained = sum(candidate.gain for candidate in state.screen(best)[:added]) if added > 0 else 0.0
+    excess = best.chi_square - problem.rows
+    return gained < NAMED_EXCESS_SHARE * excess and not leaves_inaccuracy(problem, best)
 
 
 def _explain(state: State, best: Fit) -> Fit:
-    """The most probable explanation, grown from `best`.
+    """The most probable explanation beside the grown one `best`.
 
-    And grown again if an unknown turns out to be far from its prior, or if another explanation takes its place under
-    which the noise of the rows is another: what stood out of the former noise says nothing of this one.
+    It is grown again where an unknown turns out to be far from its prior, or where another explanation takes its place
+    under which the noise of the rows is another: what stood out of the former noise says nothing of this one.
     """
-    for _ in range(ROUNDS):
+    for number in range(ROUNDS):
         free = best.model.free
-        best = compete(state, grow(state, best))
+        best = compete(state, grow(state, best) if number else best)
         if best.model.free == free and not state.problem.has_other_noise(best.model):
             break
         state.frontier = list(state.pool.fits.values())

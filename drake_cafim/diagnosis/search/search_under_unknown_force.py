@@ -38,6 +38,8 @@ def search_again(
     trace = Trace(UNKNOWN_FORCES) if trace is None else trace
     if outcome.nominal_problem.likeliest_force(outcome.nominal.model) is None:
         return None
+    for ended in (outcome.problem, outcome.nominal_problem):
+        ended.forget()
     growth = GrowthByPlace.of(outcome.nominal_problem, outcome.nominal.model, outcome.hypotheses, settings, progress)
     growth.trace = trace
     if outcome.best.model.effects:
@@ -57,6 +59,7 @@ def search_again(
         best=best,
         competing=(best, *compared.others),
         probability=compared.probability,
+        compare=None,
     )
 
 

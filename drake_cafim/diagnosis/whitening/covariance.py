@@ -34,10 +34,14 @@ class Whitening:
         Raises `numpy.linalg.LinAlgError` where it is not positive definite.
         """
         covariance = sp.csr_matrix(covariance)
-        band = _lower_band(covariance)
+        return cls.of_band(lower_band(covariance), covariance)
+
+    @classmethod
+    def of_band(cls, band: Array, covariance: sp.csr_matrix) -> "Whitening":
+        """The whitening by a covariance in lower band storage, as `lower_band` gives it; `band` is overwritten."""
         # so that rounding does not make the factorisation fail where rows are nearly dependent
         band[0] *= 1.0 + 1e-10
-        return cls(scipy.linalg.cholesky_banded(band, lower=True), covariance)
+        return cls(scipy.linalg.cholesky_banded(band, overwrite_ab=True, lower=True), covariance)
 
     def __call__(self, rows: Array) -> Array:
         """L⁻¹ `rows`, for (R,) or (R, k); raises `ArithmeticError` where L is singular."""
@@ -84,7 +88,7 @@ def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> 
     return Whitening.of(_sampled(weak, jacobian) + beyond), jacobian
 
 
-def _lower_band(symmetric: sp.csr_matrix) -> Array:
+def lower_band(symmetric: sp.csr_matrix) -> Array:
     """(b + 1, R) diagonals on and below the main one of a `symmetric` (R, R) matrix, as LAPACK stores them."""
     entries = sp.coo_matrix(symmetric)
     lower = entries.row >= entries.col
@@ -96,7 +100,7 @@ def _lower_band(symmetric: sp.csr_matrix) -> Array:
 
 def _cholesky(covariance: sp.csr_matrix) -> sp.coo_matrix:
     """The lower Cholesky factor of a banded `covariance` (M, M)."""
-    factor = scipy.linalg.cholesky_banded(_lower_band(covariance), lower=True)
+    factor = scipy.linalg.cholesky_banded(lower_band(covariance), lower=True)
     return sp.coo_matrix(sp.dia_array((factor, -np.arange(len(factor))), shape=covariance.shape))
 
 

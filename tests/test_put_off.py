@@ -1,0 +1,91 @@
+"""When a search for few effects is put off for one for many, and that it goes on where that one finds nothing."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.search import judgement, search, state
+from drake_cafim.diagnosis.search.screening import Candidate
+from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.effects.joint import JointCoulombFriction
+
+WINDOWS, KINDS = 100, 8
+LEFT = 50.0
+"""Mean square of the rows that are far from noise."""
+
+
+def _fit(far: int, effects: int = 0) -> Fit:
+    rows = np.ones((WINDOWS, KINDS))
+    rows[:, :far] = np.sqrt(LEFT)
+    names = [JointCoulombFriction(f"j{k}", {"torque": 1.0}) for k in range(effects)]
+    size = WINDOWS * KINDS
+    return Fit(Model(np.zeros(0), tuple(names)), rows.ravel(), np.zeros((size, effects)), np.eye(effects), size)
+
+
+def _state(gains: list[float]) -> Any:
+    problem: Any = SimpleNamespace(
+        rows=WINDOWS * KINDS,
+        runs=[SimpleNamespace(shape=(WINDOWS, KINDS))],
+        residual=lambda model: np.ones(WINDOWS * KINDS),
+    )
+    under_way = state.State(problem, state.Settings(), (), 10, lambda text: None)
+    candidates = [Candidate(JointCoulombFriction("j1", {"torque": 1.0}), gain, 1, 1) for gain in gains]
+    under_way.screen = lambda parent: candidates  # type: ignore[method-assign]
+    return under_way
+
+
+EXCESS = 7 * WINDOWS * (LEFT - 1.0)
+
+
+@pytest.mark.parametrize(
+    ("far", "effects", "gains", "hopeless"),
+    [
+        (7, 0, [0.15 * EXCESS] * 7, True),
+        (3, 0, [0.01 * EXCESS] * 7, False),  # as many rows as effects
+        (7, 0, [0.6 * EXCESS], False),  # one thing may be behind all rows
+        (7, 0, [0.2 * EXCESS] * 7, False),  # three explain more than half
+        (7, 2, [0.2 * EXCESS] * 7, True),  # one may still be added
+        (7, 3, [0.9 * EXCESS], True),  # none
+        (7, 0, [], True),
+    ],
+)
+def test_many_rows_that_few_effects_hardly_explain(far: int, effects: int, gains: list[float], hopeless: bool) -> None:
+    assert search.lacks_more_effects(_state(gains), _fit(far, effects)) == hopeless
+
+
+def test_small_inaccuracies_of_what_was_found_are_no_sign_of_more() -> None:
+    under_way = _state([])
+    under_way.problem.residual = lambda model: 1e6 * np.ones(WINDOWS * KINDS)
+    assert not search.lacks_more_effects(under_way, _fit(7, 3))
+
+
+@pytest.mark.parametrize("many_found", [True, False])
+def test_a_search_that_was_put_off_goes_on_where_the_other_finds_nothing(
+    monkeypatch: pytest.MonkeyPatch, many_found: bool
+) -> None:
+    nominal, few = _fit(7), _fit(3, 1)
+    finished: list[str] = []
+
+    def compared() -> search.Outcome:
+        finished.append("few")
+        return search.Outcome(Any, Any, nominal, few, (few,), 10, (), 1e-9, {})  # type: ignore[arg-type]
+
+    first = search.Outcome(Any, Any, nominal, nominal, (), 10, (), 1e-9, {}, compared)  # type: ignore[arg-type]
+    many = judgement.Judgement(first, _fit(1, 3), "unexplained")
+    monkeypatch.setattr(judgement, "search", lambda *given, **options: first)
+    monkeypatch.setattr(judgement, "_under_unknown_forces", lambda *given: many if many_found else None)
+    monkeypatch.setattr(
+        judgement,
+        "_of_search",
+        lambda outcome, settings, trace: judgement.Judgement(outcome, outcome.best, "unexplained"),
+    )
+    problem: Any = None
+    found = judgement._judge_searches(problem, state.Settings(), lambda text: None, Trace())
+    if many_found:
+        assert found is many and not finished
+    else:
+        assert finished == ["few"] and found.best is few
