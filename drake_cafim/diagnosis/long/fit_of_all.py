@@ -1,0 +1,174 @@
+"""The fit to all parts of long recordings: Gauss–Newton steps, with one part's equations in memory at a time."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.problem import Problem
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.thresholds import LAW_ACCURACY
+from drake_cafim.scene.scene import Scene
+from drake_cafim.typing import Array
+
+MOST_PASSES, SETTLED = 5, 0.1
+"""Most passes over all parts, and the change, in standard deviations, at which they end."""
+WORSE = 1.0
+"""Rise of χ² that a step may make: one that corrects for noise in the regressors raises it a little."""
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class PartRows:
+    """The whitened rows of one part at one model: `residual` (R,) and `jacobian` (R, n + k).
+
+    `nominal` is Σ z² without the effects, under the same whitening; `law` is Σ of the squared change of the rows by the
+    effects; `offset` (n + k,) and `excess` (n + k, n + k) are those of `shared_noise`.
+    """
+
+    name: str
+    shape: tuple[int, int]
+    time: Array
+    residual: Array
+    jacobian: Array
+    nominal: float
+    law: float
+    penalty: float
+    offset: Array
+    excess: Array
+    noisy: bool
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.shape[0] * self.shape[1]
+
+    @classmethod
+    def of(cls, problem: WeakProblem, model: Model) -> "PartRows":
+        """The rows of the one recording of `problem` at `model`."""
+        run, every = problem.runs[0], problem.residual(model)
+        jacobian = problem.jacobian(model)
+        offset, excess = problem.shared_noise(model, every, jacobian)
+        z = every[: problem.rows]
+        without = problem.rows_of(replace(model, effects=())) if model.effects else z
+        return cls(
+            run.name,
+            run.shape,
+            run.time,
+            z,
+            jacobian[: problem.rows],
+            float(without @ without),
+            float((without - z) @ (without - z)),
+            problem.penalty(model),
+            offset,
+            excess,
+            problem.regressors_noisy,
+        )
+
+
+@dataclass(frozen=True)
+class AllRows(Problem):
+    """The rows of all parts, linear about the model `about` at which they were computed."""
+
+    scene: Scene
+    runs: Sequence[PartRows]
+    about: Model
+    whitened_by_model = False
+    _stacked: list[tuple[Array, Array]] = field(default_factory=list, repr=False, compare=False)
+
+    @property
+    def regressors_noisy(self) -> bool:
+        return any(run.noisy for run in self.runs)
+
+    @property
+    def _rows(self) -> tuple[Array, Array]:
+        if not self._stacked:
+            both = np.concatenate([run.residual for run in self.runs]), np.concatenate([r.jacobian for r in self.runs])
+            self._stacked.append(both)
+        return self._stacked[0]
+
+    def rewhitened(self, model: Model) -> Self:
+        return self
+
+    def plausible(self, model: Model) -> bool:
+        return all(effect.plausible() for effect in model.effects)
+
+    def rows_of(self, model: Model) -> Array:
+        z, J = self._rows
+        return np.asarray(z + J @ (model.vector - self.about.vector))
+
+    def jacobian(self, model: Model) -> Array:
+        n, J = len(model.unknown), self._rows[1]
+        prior = np.zeros((n, J.shape[1]))
+        prior[:, :n] = np.diag(1.0 / self.prior_std(model))
+        return np.concatenate([J, prior])
+
+    def shared_noise(self, model: Model, residual: Array, jacobian: Array) -> tuple[Array, Array]:
+        offsets, excesses = [run.offset for run in self.runs], [run.excess for run in self.runs]
+        return np.sum(offsets, axis=0), np.sum(excesses, axis=0)
+
+    @property
+    def law_inaccuracy(self) -> float:
+        """Largest misfit, as χ², that inaccuracy of the laws may leave, see `evidence.law_inaccuracy`."""
+        return LAW_ACCURACY**2 * sum(run.law for run in self.runs)
+
+
+@dataclass(frozen=True)
+class FitOfAll:
+    """The `fitted` model of all parts, its rows, χ² per row without its effects, and whether the steps `settled`."""
+
+    problem: AllRows
+    fitted: Fit
+    before: float
+    settled: bool
+
+    @property
+    def leaves_inaccuracy(self) -> bool:
+        """Whether the excess of χ² over noise is within what inaccuracy of the laws leaves."""
+        left = self.fitted.chi_square - max(self.fitted.degrees_of_freedom, 0)
+        return bool(self.fitted.model.effects) and left <= self.problem.law_inaccuracy
+
+
+def fit_all(
+    scene: Scene,
+    lay_out: Callable[[int, Model], WeakProblem],
+    numbers: Sequence[int],
+    start: Model,
+    progress: Progress = lambda text: None,
+) -> FitOfAll:
+    """The fit near `start` to the parts with these `numbers`; `lay_out` sets up one of them, whitened under a model.
+
+    Parts are independent given the parameters, each with its own initial state, so that each adds its own rows.
+    """
+    model, kept = start, None
+    for sweep in range(MOST_PASSES):
+        rows = []
+        for done, number in enumerate(numbers, start=1):
+            progress(f"fitting to all parts, pass {sweep + 1}: {done} of {len(numbers)}")
+            rows.append(PartRows.of(lay_out(number, model), model))
+        problem = AllRows(scene, tuple(rows), model)
+        if kept is not None and not _objective(problem, model) < _objective(kept.problem, kept.problem.about) + WORSE:
+            # the last step went too far: the rows are no straight lines over its length
+            model = model.at(0.5 * (model.vector + kept.problem.about.vector))
+            continue
+        found = unbiased_fit(problem, model)
+        moved = np.abs(found.model.vector - model.vector) / np.maximum(found.std, np.finfo(float).tiny)
+        kept = FitOfAll(problem, found, _before(rows), not np.any(moved > SETTLED))
+        if kept.settled:
+            break
+        model = found.model
+    assert kept is not None
+    return kept
+
+
+def _objective(problem: AllRows, model: Model) -> float:
+    """χ² at the model at which the rows were computed, with penalties and priors."""
+    residual = problem.residual(model)
+    return float(residual @ residual) + sum(run.penalty for run in problem.runs)
+
+
+def _before(rows: Sequence[PartRows]) -> float:
+    return float(sum(run.nominal for run in rows) / sum(run.rows for run in rows))
