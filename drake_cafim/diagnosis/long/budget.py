@@ -14,9 +14,9 @@ BYTES_BY_PAIR, BYTES_BY_COLUMN = 280.0, 1000.0
 measured by `tests.benchmarks.growth` on arms of two, four and seven joints at 1 kHz."""
 FIRST_SECONDS = 60.0
 """s of the recordings about which something is said first, where they fit."""
-SEARCHED_SHARE, PART_SHARE = 0.5, 1.0 / 16.0
+SEARCHED_SHARE, PART_SHARE = 0.5, 1.0 / 8.0
 """Shares of the memory for the parts that are searched, where whatever is missing takes more, and for one part."""
-FEWEST_ROWS = 1000
+FEWEST_ROWS = 2000
 """Samples of the smallest part, however little memory there is: of fewer the slow effects say too little."""
 
 

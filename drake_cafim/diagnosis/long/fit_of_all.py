@@ -1,16 +1,18 @@
 """The fit to all parts of long recordings: Gauss–Newton steps, with one part's equations in memory at a time."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
-from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.thresholds import LAW_ACCURACY
+from drake_cafim.errors import InputError
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -47,26 +49,40 @@ class PartRows:
         return self.shape[0] * self.shape[1]
 
     @classmethod
-    def of(cls, problem: WeakProblem, model: Model) -> "PartRows":
-        """The rows of the one recording of `problem` at `model`."""
-        run, every = problem.runs[0], problem.residual(model)
-        jacobian = problem.jacobian(model)
-        offset, excess = problem.shared_noise(model, every, jacobian)
+    def of(cls, problem: WeakProblem, model: Model, acting: frozenset[Key]) -> "PartRows":
+        """The rows of the one recording of `problem` at `model`, of whose effects those `acting` are there."""
+        own, columns = acting_in(model, acting)
+        run, every = problem.runs[0], problem.residual(own)
+        jacobian = problem.jacobian(own)
+        offset, excess = problem.shared_noise(own, every, jacobian)
         z = every[: problem.rows]
-        without = problem.rows_of(replace(model, effects=())) if model.effects else z
+        without = problem.rows_of(replace(own, effects=())) if own.effects else z
+        count = len(model.vector)
+        whole, shared, doubled = np.zeros((problem.rows, count)), np.zeros(count), np.zeros((count, count))
+        whole[:, columns], shared[columns], doubled[np.ix_(columns, columns)] = jacobian[: problem.rows], offset, excess
         return cls(
             run.name,
             run.shape,
             run.time,
             z,
-            jacobian[: problem.rows],
+            whole,
             float(without @ without),
             float((without - z) @ (without - z)),
-            problem.penalty(model),
-            offset,
-            excess,
+            problem.penalty(own),
+            shared,
+            doubled,
             problem.regressors_noisy,
         )
+
+
+def acting_in(model: Model, acting: frozenset[Key]) -> tuple[Model, list[int]]:
+    """The model with those of its effects whose keys are `acting`, and where its numbers stand in `model.vector`."""
+    columns, at = list(range(len(model.unknown))), len(model.unknown)
+    for effect in model.effects:
+        if effect.key in acting:
+            columns += range(at, at + len(effect.strengths))
+        at += len(effect.strengths)
+    return replace(model, effects=tuple(effect for effect in model.effects if effect.key in acting)), columns
 
 
 @dataclass(frozen=True)
@@ -132,23 +148,29 @@ class FitOfAll:
         return bool(self.fitted.model.effects) and left <= self.problem.law_inaccuracy
 
 
+LayOut = Callable[[int, Model], WeakProblem]
+"""Sets up the part of that number, whitened under a model. Raises `InputError` where it cannot be used."""
+
+
 def fit_all(
     scene: Scene,
-    lay_out: Callable[[int, Model], WeakProblem],
-    numbers: Sequence[int],
+    lay_out: LayOut,
+    acting: Sequence[frozenset[Key]],
     start: Model,
     progress: Progress = lambda text: None,
 ) -> FitOfAll:
-    """The fit near `start` to the parts with these `numbers`; `lay_out` sets up one of them, whitened under a model.
+    """The fit near `start` to as many parts as `acting` has sets: of the effects that are there in each.
 
-    Parts are independent given the parameters, each with its own initial state, so that each adds its own rows.
+    Parts are independent given the parameters, each with its own initial state, so that each adds its own rows. One
+    that cannot be used adds none.
     """
     model, kept = start, None
     for sweep in range(MOST_PASSES):
         rows = []
-        for done, number in enumerate(numbers, start=1):
-            progress(f"fitting to all parts, pass {sweep + 1}: {done} of {len(numbers)}")
-            rows.append(PartRows.of(lay_out(number, model), model))
+        for number, there in enumerate(acting):
+            progress(f"fitting to all parts, pass {sweep + 1}: {number + 1} of {len(acting)}")
+            with suppress(InputError):
+                rows.append(PartRows.of(lay_out(number, acting_in(model, there)[0]), model, there))
         problem = AllRows(scene, tuple(rows), model)
         if kept is not None and not _objective(problem, model) < _objective(kept.problem, kept.problem.about) + WORSE:
             # the last step went too far: the rows are no straight lines over its length

@@ -8,46 +8,57 @@ from drake_cafim.recordings.recording import Recording
 
 
 @dataclass(frozen=True)
+class Part:
+    """Samples from `begin` to `end` s, in the recording's own time, within part `k` of recording `index`."""
+
+    index: int
+    k: int
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True)
 class Parts:
-    """All parts of `recordings`, numbered through."""
+    """Parts of `recordings`, numbered through."""
 
     recordings: Sequence[LongRecording]
+    items: tuple[Part, ...]
 
-    @property
-    def places(self) -> list[tuple[int, int]]:
-        """The recording of each part, and its number there."""
-        return [(index, k) for index, recording in enumerate(self.recordings) for k in range(len(recording))]
+    @classmethod
+    def of(cls, recordings: Sequence[LongRecording]) -> "Parts":
+        """All parts of `recordings`."""
+        return cls(
+            recordings,
+            tuple(Part(index, k, *span) for index, own in enumerate(recordings) for k, span in enumerate(own.spans)),
+        )
 
     def __len__(self) -> int:
         """The number of parts."""
-        return sum(map(len, self.recordings))
+        return len(self.items)
 
     def read(self, number: int) -> Recording:
         """The samples of one part."""
-        index, k = self.places[number]
-        return self.recordings[index].part(k)
-
-    def span(self, number: int) -> tuple[float, float]:
-        """s, first and last stamp of a part, in its recording's time."""
-        index, k = self.places[number]
-        return self.recordings[index].spans[k]
+        part = self.items[number]
+        recording = self.recordings[part.index]
+        found = recording.part(part.k)
+        return found if (part.begin, part.end) == recording.spans[part.k] else found.window(part.begin, part.end)
 
     def name(self, number: int) -> str:
         """The name of the recording that a part is of."""
-        return self.recordings[self.places[number][0]].name
+        return self.recordings[self.items[number].index].name
 
     def words(self, numbers: Sequence[int]) -> str:
         """Which seconds of which recordings these parts are, those that follow each other joined."""
-        found: list[tuple[str, float, float]] = []
+        spans: list[tuple[str, float, float]] = []
         last = -2
         for number in sorted(numbers):
-            start, stop = self.span(number)
-            if found and number == last + 1 and found[-1][0] == self.name(number):
-                found[-1] = (found[-1][0], found[-1][1], stop)
+            part, name = self.items[number], self.name(number)
+            if spans and number == last + 1 and spans[-1][0] == name:
+                spans[-1] = (name, spans[-1][1], part.end)
             else:
-                found.append((self.name(number), start, stop))
+                spans.append((name, part.begin, part.end))
             last = number
         by_name: dict[str, list[str]] = {}
-        for name, start, stop in found:
-            by_name.setdefault(name, []).append(f"{start:.4g} to {stop:.4g} s")
-        return "; ".join(f"{', '.join(spans)} of {name}" for name, spans in by_name.items())
+        for name, begin, end in spans:
+            by_name.setdefault(name, []).append(f"{begin:.4g} to {end:.4g} s")
+        return "; ".join(f"{', '.join(own)} of {name}" for name, own in by_name.items())
