@@ -216,6 +216,7 @@ def diagnose(
             levels=levels,
             cuts=CutOptions(seed, jobs) if cuts else None,
             memory=memory * 2**30,
+            jobs=jobs,
         )
     print_result(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
 

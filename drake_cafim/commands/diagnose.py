@@ -42,10 +42,12 @@ def diagnose_command(
     levels: Levels = USUAL,
     cuts: CutOptions | None = None,
     memory: float = DEFAULT_MEMORY,
+    jobs: int = 1,
 ) -> dict[str, Any]:
     """The report, written into `out` with its page, the corrected scenario, and replay and MCAP files if wanted.
 
-    Recordings that take more than `memory` bytes to diagnose at once are diagnosed in parts, see `diagnosis.long`.
+    Recordings that take more than `memory` bytes to diagnose at once are diagnosed in parts, by `jobs` processes, see
+    `diagnosis.long`.
 
     With `cuts` the recordings are also cut and each cut is diagnosed, see `diagnosis.search.cuts`. With `resume`, a
     finished diagnosis by the same command is read from `out` instead of being repeated. Raises `InputError` where `out`
@@ -64,7 +66,9 @@ def diagnose_command(
     (out / FINISHED).unlink(missing_ok=True)
     with open_inputs(scene, recordings, held_out, memory) as inputs:
         if isinstance(inputs, LongInputs):
-            found = examine_parts(scene, inputs.recordings, inputs.held_out, inputs.budget, levels.settings(), progress)
+            found = examine_parts(
+                scene, inputs.recordings, inputs.held_out, inputs.budget, levels.settings(), progress, jobs
+            )
             verdict, outcome, train, held = found.verdict, found.outcome, list(found.searched), list(found.held_out)
         else:
             train, held = inputs

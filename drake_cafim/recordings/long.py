@@ -1,7 +1,9 @@
 """Recordings that are longer than memory should hold: read once in pieces, kept on disk in parts that fit."""
 
+import mmap
 import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import IO
@@ -28,7 +30,8 @@ class LongRecording:
     spans: tuple[tuple[float, float], ...]
     """First and last stamp of each part, s, in the recording's own time."""
     columns: tuple[str, ...]
-    disk: IO[bytes]
+    disk: mmap.mmap
+    """The parts, each a row group of a Parquet file; mapped, so that copies of this process read it independently."""
 
     def __len__(self) -> int:
         """The number of parts."""
@@ -36,14 +39,16 @@ class LongRecording:
 
     def part(self, k: int) -> Recording:
         """The samples of part `k` under the recording's own name and time; `notes` are those of the whole recording."""
-        with pyarrow.parquet.ParquetFile(self.disk) as file:
+        with pyarrow.parquet.ParquetFile(pyarrow.BufferReader(pyarrow.py_buffer(self.disk))) as file:
             table = file.read_row_group(k, use_threads=False)
+        self.disk.madvise(mmap.MADV_DONTNEED)  # else the whole file stays in memory once it has been read
         columns = {name: np.asarray(table[name], dtype=np.float64) for name in self.columns}
         return Recording(self.name, np.asarray(table["time"], dtype=np.float64), columns)
 
     def close(self) -> None:
-        """Give the disk back."""
-        self.disk.close()
+        """Give the disk back, once nothing reads from it any more."""
+        with suppress(BufferError):
+            self.disk.close()
 
 
 def in_parts(pieces: Pieces, rows: int) -> LongRecording:
@@ -57,41 +62,37 @@ def in_parts(pieces: Pieces, rows: int) -> LongRecording:
     fresh = np.concatenate([[True], np.diff(time) > 0.0])
     count = max(1, -(-len(stamps) // rows))
     edges = [round(k * len(stamps) / count) for k in range(count + 1)]
-    disk = tempfile.TemporaryFile()  # noqa: SIM115, closed by `LongRecording.close`
     gone: dict[str, Flags] = {}
-    columns: tuple[str, ...] = ()
     try:
-        writer: pyarrow.parquet.ParquetWriter | None = None
-        for part in _regrouped(_kept(pieces, fresh, gone), edges):
-            table = pyarrow.table(part)
-            if writer is None:
-                columns = tuple(name for name in table.column_names if name != "time")
-                writer = pyarrow.parquet.ParquetWriter(disk, table.schema, compression="lz4")
-            writer.write_table(table, row_group_size=max(len(table), 1))
-        if writer is not None:
-            writer.close()
+        with tempfile.TemporaryFile() as file:
+            columns = _write(_regrouped(_kept(pieces, fresh, gone), edges), file)
+            file.flush()
+            # the file stays on disk as long as it is mapped
+            disk = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     except OSError as error:
-        disk.close()
         raise InputError(
             f"{pieces.name}: its parts cannot be kept in {tempfile.gettempdir()} ({describe_error(error)}), expected "
             "room for them, or another folder in TMPDIR"
         ) from error
-    except BaseException:
-        disk.close()
-        raise
     missing = [note for name, mask in gone.items() for note in describe_missing(name, stamps.time, mask)]
     spans = tuple((float(stamps.time[a]), float(stamps.time[b - 1])) for a, b in pairwise(edges))
     notes = tuple(dict.fromkeys((*pieces.notes, *stamps.notes, *missing)))
     return LongRecording(pieces.name, notes, spans, columns, disk)
 
 
-def whole(recording: Recording) -> LongRecording:
-    """A recording of one part, kept in memory's file as the others are."""
-    disk = tempfile.TemporaryFile()  # noqa: SIM115, closed by `LongRecording.close`
-    table = pyarrow.table({"time": recording.time, **recording.columns})
-    pyarrow.parquet.write_table(table, disk, row_group_size=len(recording), compression="lz4")
-    span = (float(recording.time[0]), float(recording.time[-1]))
-    return LongRecording(recording.name, recording.notes, (span,), tuple(recording.columns), disk)
+def _write(parts: Iterator[dict[str, Array]], file: IO[bytes]) -> tuple[str, ...]:
+    """Writes each part as a row group; returns the names of the columns but `time`."""
+    writer: pyarrow.parquet.ParquetWriter | None = None
+    columns: tuple[str, ...] = ()
+    for part in parts:
+        table = pyarrow.table(part)
+        if writer is None:
+            columns = tuple(name for name in table.column_names if name != "time")
+            writer = pyarrow.parquet.ParquetWriter(file, table.schema, compression="lz4")
+        writer.write_table(table, row_group_size=max(len(table), 1))
+    if writer is not None:
+        writer.close()
+    return columns
 
 
 def _kept(pieces: Pieces, fresh: Flags, gone: dict[str, Flags]) -> Iterator[dict[str, Array]]:

@@ -9,9 +9,9 @@ from drake_cafim.scene.scene import Scene
 GIB = 2**30
 DEFAULT_MEMORY = 4 * GIB
 """bytes that a diagnosis may take unless it is told otherwise."""
-BYTES_BY_PAIR, BYTES_BY_COLUMN = 280.0, 1000.0
-"""bytes of a sample by each pair of measured columns (the rows' derivatives by the noise of each) and by each column;
-measured by `tests.benchmarks.growth` on arms of two, four and seven joints at 1 kHz."""
+BYTES_BY_PAIR, BYTES_BY_COLUMN = 350.0, 1200.0
+"""bytes of a sample by each pair of measured columns (the rows' derivatives by the noise of each) and by each column:
+what a search that finds an effect took, on arms of two, four and seven joints at 1 kHz."""
 FIRST_SECONDS = 60.0
 """s of the recordings about which something is said first, where they fit."""
 SEARCHED_SHARE, PART_SHARE = 0.5, 1.0 / 8.0

@@ -1,5 +1,6 @@
 """Diagnoses recordings in parts: the first minute, a look at all, a search on those that tell most, a fit to all."""
 
+import gc
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -54,31 +55,39 @@ def examine_parts(
     budget: Budget,
     settings: Settings | None = None,
     progress: Progress = lambda text: None,
+    jobs: int = 1,
 ) -> LongDiagnosis:
     """The diagnosis of recordings of joints that together are longer than `budget` allows to hold at once.
 
     Strengths, their intervals, parameters and the test of what remains are of all parts; which effects there are, and
-    figures of simulations, of those that were searched. Raises `InputError` as `diagnose` does.
+    figures of simulations, of those that were searched. `jobs` processes look at parts and fit to them. Raises
+    `InputError` as `diagnose` does.
     """
     settings, parts = settings or Settings(), Parts.of(recordings)
     held = tuple(_spread(Parts.of(held_out), max(1, budget.most(budget.part) // 2)))
-    prepared, judgement = _first(scene, parts, budget, settings, progress)
-    seen, unused = scan(parts, prepared, judgement.best.model, progress)
+    seen, unused = scan(parts, *_first(scene, parts, budget, settings, progress), progress, jobs)
     if not seen:
         raise InputError(f"{parts.name(0)}: no part of it can be used: {unused[0]}")
     most = budget.most(max(part.samples for part in seen))
     searches: list[_Search] = []
+    state: tuple[Prepared, Judgement, Trace] | None = None
     for stretch in stretches_of(seen, settings.false_alarm_rate):
         chosen = choose(stretch.seen, most)
         words = parts.words(chosen)
         progress(f"searching {words}")
+        # what an earlier search had in memory goes before the next one begins
+        state = None
+        gc.collect()
         searched = tuple(parts.read(number) for number in chosen)
-        prepared, judgement, trace = _judge(scene, searched, held, settings, progress)
-        probability = dict(judgement.outcome.probability)
-        searches.append(_Search(stretch.numbers, words, len(chosen), judgement.best.model, judgement.kind, probability))
+        state = _judge(scene, searched, held, settings, progress)
+        best = state[1].best.model
+        probability = dict(state[1].outcome.probability)
+        searches.append(_Search(stretch.numbers, words, len(chosen), best, state[1].kind, probability))
+    assert state is not None
+    prepared, judgement, trace = state
     selection, unselected = select_findings(prepared, judgement, progress)
     lay_out = _LayOut(parts, prepared, judgement)
-    whole, changes = _fit_whole(lay_out, searches, progress)
+    whole, changes = _fit_whole(lay_out, searches, progress, jobs)
     judgement = _judged(judgement, searches, whole, settings)
     notes = [*_reading_notes(searches, changes, len(parts), whole, len(held)), *unused]
     notes += [f"{recording.name}: {note}" for recording in recordings for note in recording.notes]
@@ -134,7 +143,7 @@ class _LayOut:
 
 
 def _fit_whole(
-    lay_out: _LayOut, searches: Sequence[_Search], progress: Progress
+    lay_out: _LayOut, searches: Sequence[_Search], progress: Progress, jobs: int
 ) -> tuple[FitOfAll, tuple[Change, ...]]:
     """The fit to all parts, cut where stretches meet, and where that is."""
 
@@ -152,13 +161,13 @@ def _fit_whole(
     acting = {number: search.effects for search, own in zip(searches, numbers, strict=True) for number in own}
     there = [acting[number] for number in range(len(parts))]
     lay_out = replace(lay_out, parts=parts)
-    return fit_all(lay_out.prepared.scene, lay_out, there, last.with_effects(earlier), progress), changes
+    return fit_all(lay_out.prepared.scene, lay_out, there, last.with_effects(earlier), progress, jobs), changes
 
 
 def _first(
     scene: Scene, parts: Parts, budget: Budget, settings: Settings, progress: Progress
-) -> tuple[Prepared, Judgement]:
-    """What the beginning says alone, told on the way; it sets the noise under which the other parts are looked at."""
+) -> tuple[Prepared, Model]:
+    """The model and the noise under which the other parts are looked at: what the beginning says, told on the way."""
     numbers: list[int] = []
     for number in range(min(len(parts), budget.most(budget.part))):
         if numbers and parts.items[number].end - parts.items[0].begin > FIRST_SECONDS:
@@ -171,7 +180,8 @@ def _first(
     named = judgement.best.model.effects
     names = spoken(names_of(effect.key for effect in named)) if named else "no effect"
     progress(f"{words} alone say: {judgement.kind}, {names}; reading on\n")
-    return first, judgement
+    # only its noise is needed, and not what it had in memory
+    return replace(first, weak=[]), judgement.best.model
 
 
 def _spread(parts: Parts, most: int) -> list[Recording]:

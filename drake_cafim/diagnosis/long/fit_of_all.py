@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -13,11 +14,14 @@ from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.thresholds import LAW_ACCURACY
 from drake_cafim.errors import InputError
+from drake_cafim.parallel.forked import map_forked
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 MOST_PASSES, SETTLED = 5, 0.1
 """Most passes over all parts, and the change, in standard deviations, at which they end."""
+CHECKED = 8
+"""Parts whose gradient is computed after a step."""
 WORSE = 1.0
 """Rise of χ² that a step may make: one that corrects for noise in the regressors raises it a little."""
 Progress = Callable[[str], None]
@@ -158,32 +162,66 @@ def fit_all(
     acting: Sequence[frozenset[Key]],
     start: Model,
     progress: Progress = lambda text: None,
+    jobs: int = 1,
 ) -> FitOfAll:
     """The fit near `start` to as many parts as `acting` has sets: of the effects that are there in each.
 
-    Parts are independent given the parameters, each with its own initial state, so that each adds its own rows. One
-    that cannot be used adds none.
+    Parts are independent given the parameters, each with its own initial state, so that each adds its own rows; `jobs`
+    processes compute them. One that cannot be used adds none. Steps end where one is small, or where the gradient that
+    remains after it is: that of `CHECKED` parts, spread evenly, stands for all.
     """
+
+    def rows_of(number: int, model: Model) -> PartRows | None:
+        with suppress(InputError):
+            return PartRows.of(lay_out(number, acting_in(model, acting[number])[0]), model, acting[number])
+        return None
+
     model, kept = start, None
     for sweep in range(MOST_PASSES):
-        rows = []
-        for number, there in enumerate(acting):
-            progress(f"fitting to all parts, pass {sweep + 1}: {number + 1} of {len(acting)}")
-            with suppress(InputError):
-                rows.append(PartRows.of(lay_out(number, acting_in(model, there)[0]), model, there))
-        problem = AllRows(scene, tuple(rows), model)
+        rows: list[PartRows | None] = []
+        for found in map_forked(partial(rows_of, model=model), len(acting), jobs):
+            rows.append(found)
+            progress(f"fitting to all parts, pass {sweep + 1}: {len(rows)} of {len(acting)}")
+        problem = AllRows(scene, tuple(own for own in rows if own is not None), model)
         if kept is not None and not _objective(problem, model) < _objective(kept.problem, kept.problem.about) + WORSE:
             # the last step went too far: the rows are no straight lines over its length
             model = model.at(0.5 * (model.vector + kept.problem.about.vector))
             continue
-        found = unbiased_fit(problem, model)
-        moved = np.abs(found.model.vector - model.vector) / np.maximum(found.std, np.finfo(float).tiny)
-        kept = FitOfAll(problem, found, _before(rows), not np.any(moved > SETTLED))
+        fitted = unbiased_fit(problem, model)
+        kept = FitOfAll(problem, fitted, _before(problem.runs), not np.any(_in_stds(fitted, model.vector) > SETTLED))
+        if not kept.settled:
+            kept = replace(kept, settled=_is_straight(kept, rows, rows_of))
         if kept.settled:
             break
-        model = found.model
+        model = fitted.model
     assert kept is not None
     return kept
+
+
+def _in_stds(fitted: Fit, vector: Array) -> Array:
+    """(n + k,) how far each parameter is from `vector`, in standard deviations."""
+    return np.asarray(np.abs(fitted.model.vector - vector) / np.maximum(fitted.std, np.finfo(float).tiny))
+
+
+def _is_straight(
+    found: FitOfAll, rows: Sequence[PartRows | None], rows_of: Callable[[int, Model], PartRows | None]
+) -> bool:
+    """Whether the gradient at the fit is as the rows' slopes before the step predict, so that another step is small.
+
+    That of some parts, in proportion, and what it moves by the covariance.
+    """
+    model = found.fitted.model
+    step = model.vector - found.problem.about.vector
+    usable = [k for k, own in enumerate(rows) if own is not None]
+    change, count = np.zeros(len(step)), 0
+    for k in sorted({usable[round(at)] for at in np.linspace(0, len(usable) - 1, min(CHECKED, len(usable)))}):
+        before, after = rows[k], rows_of(k, model)
+        if before is None or after is None or before.shape != after.shape:
+            continue
+        change += after.jacobian.T @ after.residual - before.jacobian.T @ (before.residual + before.jacobian @ step)
+        count += before.rows
+    moved = found.fitted.covariance @ change * (sum(run.rows for run in found.problem.runs) / max(count, 1))
+    return bool(np.all(np.abs(moved) < SETTLED * found.fitted.std))
 
 
 def _objective(problem: AllRows, model: Model) -> float:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.effect import Effect
 from drake_cafim.errors import InputError
 from drake_cafim.numerics.computation import NotComputable, compute
+from drake_cafim.parallel.forked import map_forked
 from drake_cafim.typing import Array
 
 Progress = Callable[[str], None]
@@ -38,13 +38,13 @@ class Seen:
 
 
 def scan(
-    parts: Parts, prepared: Prepared, model: Model, progress: Progress = lambda text: None
+    parts: Parts, prepared: Prepared, model: Model, progress: Progress = lambda text: None, jobs: int = 1
 ) -> tuple[list[Seen], list[str]]:
-    """A look at every part under `model`, refitted to each, and a note for each that cannot be used."""
+    """A look at each part under `model`, refitted to it, by `jobs` processes; a note on each that cannot be used."""
     found, notes = [], []
-    for number in range(len(parts)):
-        progress(f"looking at part {number + 1} of {len(parts)}")
-        seen = compute(partial(_look, parts, prepared, model, number))
+    looks = map_forked(lambda number: compute(lambda: _look(parts, prepared, model, number)), len(parts), jobs)
+    for number, seen in enumerate(looks):
+        progress(f"looked at part {number + 1} of {len(parts)}")
         if isinstance(seen, Seen):
             found.append(seen)
             continue
