@@ -24,7 +24,7 @@ BLOCK = 20_000
 """Samples that are written at once."""
 Q_STD, V_STD = 2e-4, 2e-3
 """rad, rad/s: noise of a sample."""
-PLACE = np.array([0.06, 0.08, -0.05])
+PLACE = np.array([0.1, 0.0, 0.0])
 """m, in the last link's axes: where a payload hangs."""
 
 

@@ -28,44 +28,46 @@ class Stretch:
 
 
 def stretches_of(seen: Sequence[Seen], rate: float) -> tuple[Stretch, ...]:
-    """The parts in their order, divided where the excess of a row steps, the clearest steps first.
+    """The parts in their order, divided where the excess of a row steps, or steps up and down again.
 
-    A step is tested by Student's t of the logarithms of the mean squares before and after, with the number of rows and
-    places tried as the number of tests, at a false-alarm `rate`; the larger mean square must be more than twice the
-    smaller, so that more begins (or ends) than stays.
+    The logarithms of the mean squares inside and outside an interval of parts are compared by Student's t, at a
+    false-alarm `rate` over all intervals and rows. The larger mean square must be more than twice the smaller, so that
+    more begins (or ends) than stays.
     """
     found = [tuple(seen)]
     while len(found) < MOST_STRETCHES:
-        steps = [(*step, index) for index, own in enumerate(found) if (step := _step(own)) is not None]
-        steps = [step for step in steps if step[0] < rate]
-        if not steps:
+        steps = [(*step, index) for index, own in enumerate(found) if (step := _step(own, MOST_STRETCHES - len(found)))]
+        if not steps or not min(steps)[0] < rate:
             break
-        _, at, index = min(steps)
-        found[index : index + 1] = [found[index][:at], found[index][at:]]
+        _, begin, end, index = min(steps)
+        own = found[index]
+        found[index : index + 1] = [part for part in (own[:begin], own[begin:end], own[end:]) if part]
     return tuple(map(Stretch, found))
 
 
-def _step(seen: Sequence[Seen]) -> tuple[float, int] | None:
-    """p-value and place of the clearest step; None where there is none large enough."""
-    if len(seen) < 2 * FEWEST_PARTS:
-        return None
+def _step(seen: Sequence[Seen], cuts: int) -> tuple[float, int, int] | None:
+    """p-value, begin and end of the interval that differs most clearly, by at most so many `cuts`; None without one."""
+    count = len(seen)
     logs = np.log(np.maximum([part.excess + 1.0 for part in seen], np.finfo(float).tiny))
-    places = range(FEWEST_PARTS, len(seen) - FEWEST_PARTS + 1)
-    best: tuple[float, int] | None = None
-    for at in places:
-        before, after = logs[:at], logs[at:]
-        change = np.mean(after, axis=0) - np.mean(before, axis=0)
-        left = np.sum((before - np.mean(before, axis=0)) ** 2, axis=0) + np.sum(
-            (after - np.mean(after, axis=0)) ** 2, axis=0
-        )
-        freedom = len(seen) - 2
-        scatter = np.sqrt(np.maximum(left, 1e-12) / freedom * (1.0 / at + 1.0 / (len(seen) - at)))
-        p = 2.0 * student.sf(np.abs(change) / scatter, freedom) * len(places) * logs.shape[1]
-        p = np.where(np.abs(change) > -np.log(1.0 - NAMED_EXCESS_SHARE), p, np.inf)
-        row = int(np.argmin(p))
-        if np.isfinite(p[row]) and (best is None or p[row] < best[0]):
-            best = float(p[row]), at
-    return best
+    sums = np.concatenate([np.zeros((1, logs.shape[1])), np.cumsum(logs, axis=0)])
+    mean, scatter = np.mean(logs, axis=0), np.sum((logs - np.mean(logs, axis=0)) ** 2, axis=0)
+    least = -np.log(1.0 - NAMED_EXCESS_SHARE)
+    best: tuple[float, int, int] | None = None
+    tests = 0
+    for begin in range(FEWEST_PARTS, count - FEWEST_PARTS + 1):
+        ends = np.array([*range(begin + FEWEST_PARTS, count - FEWEST_PARTS + 1), count])
+        ends = ends if cuts > 1 else ends[-1:]
+        tests += len(ends)
+        size = (ends - begin)[:, None]
+        inside = (sums[ends] - sums[begin]) / size
+        change = (inside - mean) * count / (count - size)
+        left = np.maximum(scatter - change**2 * size * (count - size) / count, 1e-12 * (1.0 + scatter))
+        statistic = np.abs(change) / np.sqrt(left / (count - 2) * (1.0 / size + 1.0 / (count - size)))
+        p = np.where(np.abs(change) > least, 2.0 * student.sf(statistic, count - 2), np.inf)
+        at = int(np.argmin(np.min(p, axis=1)))
+        if np.isfinite(np.min(p)) and (best is None or np.min(p) < best[0]):
+            best = float(np.min(p)), begin, int(ends[at])
+    return None if best is None else (best[0] * tests * logs.shape[1], *best[1:])
 
 
 Costs = Callable[[int, int], tuple[Array, Array]]
