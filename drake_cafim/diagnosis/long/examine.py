@@ -3,13 +3,14 @@
 import gc
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
 from drake_cafim.diagnosis.assembly import parameters_of, verdict_of
 from drake_cafim.diagnosis.diagnose import judge_prepared, select_findings
 from drake_cafim.diagnosis.fit.adequacy import adequacy
-from drake_cafim.diagnosis.fit.evidence import scale_of
+from drake_cafim.diagnosis.fit.evidence import leaves_inaccuracy, scale_of
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
@@ -72,7 +73,7 @@ def examine_parts(
     searches: list[_Search] = []
     state: tuple[Prepared, Judgement, Trace] | None = None
     for stretch in stretches_of(seen, settings.false_alarm_rate):
-        chosen = choose(stretch.seen, most)
+        chosen = choose(stretch.inner, most)
         words = parts.words(chosen)
         progress(f"searching {words}")
         # what an earlier search had in memory goes before the next one begins
@@ -121,8 +122,8 @@ def _judge(
     scene: Scene, searched: Sequence[Recording], held: Sequence[Recording], settings: Settings, progress: Progress
 ) -> tuple[Prepared, Judgement, Trace]:
     prepared, judgement, trace = judge_prepared(prepare(scene, searched, held), settings, progress)
-    assert isinstance(prepared, Prepared)  # throws are never in parts
-    return prepared, judgement, trace
+    # throws are never in parts
+    return cast(Prepared, prepared), judgement, trace
 
 
 @dataclass(frozen=True)
@@ -134,8 +135,8 @@ class _LayOut:
     judgement: Judgement
 
     def __call__(self, number: int, model: Model) -> WeakProblem:
-        searched, form = self.judgement.outcome.problem, self.prepared.laid_out(self.parts.read(number))
-        assert isinstance(searched, WeakProblem)
+        searched = cast(WeakProblem, self.judgement.outcome.problem)
+        form = self.prepared.laid_out(self.parts.read(number))
         problem = WeakProblem.of(self.prepared.scene, [form], model, searched.unknown_force)
         times = searched.runs[0].weak.samples.windows.width / form.samples.windows.width
         wider = problem.over_wider_windows(times) if times > 1.5 else None
@@ -169,10 +170,19 @@ def _first(
 ) -> tuple[Prepared, Model]:
     """The model and the noise under which the other parts are looked at: what the beginning says, told on the way."""
     numbers: list[int] = []
-    for number in range(min(len(parts), budget.most(budget.part))):
-        if numbers and parts.items[number].end - parts.items[0].begin > FIRST_SECONDS:
+    reasons: list[InputError] = []
+    for number in range(len(parts)):
+        if numbers and parts.items[number].end - parts.items[numbers[0]].begin > FIRST_SECONDS:
             break
-        numbers.append(number)
+        try:
+            prepare(scene, [parts.read(number)])
+            numbers.append(number)
+        except InputError as error:
+            reasons.append(error)
+        if len(numbers) == budget.most(budget.part):
+            break
+    if not numbers:
+        raise reasons[0]
     words = parts.words(numbers)
     progress(f"diagnosing {words} first")
     read = [parts.read(number) for number in numbers]
@@ -197,9 +207,10 @@ def _judged(judgement: Judgement, searches: Sequence[_Search], whole: FitOfAll, 
     fitted = whole.fitted
     left = adequacy(whole.problem, fitted.residual, fitted.strengths).p_value
     fine = left > (settings.false_alarm_rate if kind == "none" else settings.adequacy_level)
-    if kind == judgement.kind and (kind == "unexplained" or fine or whole.leaves_inaccuracy):
+    fine = fine or (kind == "explained" and leaves_inaccuracy(whole.problem, fitted))
+    if kind == judgement.kind and (kind == "unexplained" or fine):
         return judgement
-    kind = kind if fine or whole.leaves_inaccuracy else "unexplained"
+    kind = kind if fine else "unexplained"
     return replace(judgement, kind=kind, adequate=False)
 
 

@@ -12,7 +12,6 @@ from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.thresholds import LAW_ACCURACY
 from drake_cafim.errors import InputError
 from drake_cafim.parallel.forked import map_forked
 from drake_cafim.scene.scene import Scene
@@ -31,8 +30,8 @@ Progress = Callable[[str], None]
 class PartRows:
     """The whitened rows of one part at one model: `residual` (R,) and `jacobian` (R, n + k).
 
-    `nominal` is Σ z² without the effects, under the same whitening; `law` is Σ of the squared change of the rows by the
-    effects; `offset` (n + k,) and `excess` (n + k, n + k) are those of `shared_noise`.
+    `without` (R,) is the residual without the effects, under the same whitening; `offset` (n + k,) and `excess`
+    (n + k, n + k) are those of `shared_noise`.
     """
 
     name: str
@@ -40,8 +39,7 @@ class PartRows:
     time: Array
     residual: Array
     jacobian: Array
-    nominal: float
-    law: float
+    without: Array
     penalty: float
     offset: Array
     excess: Array
@@ -70,8 +68,7 @@ class PartRows:
             run.time,
             z,
             whole,
-            float(without @ without),
-            float((without - z) @ (without - z)),
+            without,
             problem.penalty(own),
             shared,
             doubled,
@@ -118,6 +115,10 @@ class AllRows(Problem):
 
     def rows_of(self, model: Model) -> Array:
         z, J = self._rows
+        if self.about.effects and not model.effects:
+            n = len(model.unknown)
+            bare = np.concatenate([run.without for run in self.runs])
+            return np.asarray(bare + J[:, :n] @ (model.unknown - self.about.unknown))
         return np.asarray(z + J @ (model.vector - self.about.vector))
 
     def jacobian(self, model: Model) -> Array:
@@ -130,11 +131,6 @@ class AllRows(Problem):
         offsets, excesses = [run.offset for run in self.runs], [run.excess for run in self.runs]
         return np.sum(offsets, axis=0), np.sum(excesses, axis=0)
 
-    @property
-    def law_inaccuracy(self) -> float:
-        """Largest misfit, as χ², that inaccuracy of the laws may leave, see `evidence.law_inaccuracy`."""
-        return LAW_ACCURACY**2 * sum(run.law for run in self.runs)
-
 
 @dataclass(frozen=True)
 class FitOfAll:
@@ -144,12 +140,6 @@ class FitOfAll:
     fitted: Fit
     before: float
     settled: bool
-
-    @property
-    def leaves_inaccuracy(self) -> bool:
-        """Whether the excess of χ² over noise is within what inaccuracy of the laws leaves."""
-        left = self.fitted.chi_square - max(self.fitted.degrees_of_freedom, 0)
-        return bool(self.fitted.model.effects) and left <= self.problem.law_inaccuracy
 
 
 LayOut = Callable[[int, Model], WeakProblem]
@@ -231,4 +221,4 @@ def _objective(problem: AllRows, model: Model) -> float:
 
 
 def _before(rows: Sequence[PartRows]) -> float:
-    return float(sum(run.nominal for run in rows) / sum(run.rows for run in rows))
+    return float(sum(run.without @ run.without for run in rows) / sum(run.rows for run in rows))

@@ -11,7 +11,6 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.long.parts import Parts
 from drake_cafim.diagnosis.preparation import Prepared
-from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.effect import Effect
 from drake_cafim.errors import InputError
 from drake_cafim.numerics.computation import NotComputable, compute
@@ -72,7 +71,7 @@ def _look(parts: Parts, prepared: Prepared, model: Model, number: int) -> Seen |
 
 def is_scanned(effect: Effect) -> bool:
     """Whether an effect enters the rows linearly and all the time, so that one look tells its information."""
-    return all(strength.amplitude for strength in effect.strengths) and not isinstance(effect, ExternalDisturbance)
+    return effect.episode is None and all(strength.amplitude for strength in effect.strengths)
 
 
 def _informations(problem: WeakProblem, fitted: Fit) -> list[tuple[Key, float]]:

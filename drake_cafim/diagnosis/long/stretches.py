@@ -20,6 +20,17 @@ class Stretch:
     """Neighbouring parts, by their looks, over which the same is missing."""
 
     seen: tuple[Seen, ...]
+    begins: bool = False
+    """Whether another stretch is before it."""
+    ends: bool = False
+    """Whether another stretch is after it."""
+
+    @property
+    def inner(self) -> tuple[Seen, ...]:
+        """Those of its parts in which nothing changes: where another stretch meets it, the change may lie in the last
+        part before or in the first part after.
+        """
+        return self.seen[int(self.begins) : len(self.seen) - int(self.ends)]
 
     @property
     def numbers(self) -> tuple[int, ...]:
@@ -42,7 +53,8 @@ def stretches_of(seen: Sequence[Seen], rate: float) -> tuple[Stretch, ...]:
         _, begin, end, index = min(steps)
         own = found[index]
         found[index : index + 1] = [part for part in (own[:begin], own[begin:end], own[end:]) if part]
-    return tuple(map(Stretch, found))
+    last = len(found) - 1
+    return tuple(Stretch(own, index > 0, index < last) for index, own in enumerate(found))
 
 
 def _step(seen: Sequence[Seen], cuts: int) -> tuple[float, int, int] | None:
