@@ -17,7 +17,7 @@ from drake_cafim.parallel.forked import map_forked
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
-MOST_PASSES, SETTLED = 5, 0.1
+MOST_PASSES, SETTLED = 3, 0.1
 """Most passes over all parts, and the change, in standard deviations, at which they end."""
 CHECKED = 8
 """Parts whose gradient is computed after a step."""

@@ -71,7 +71,7 @@ def _look(parts: Parts, prepared: Prepared, model: Model, number: int) -> Seen |
 
 def is_scanned(effect: Effect) -> bool:
     """Whether an effect enters the rows linearly and all the time, so that one look tells its information."""
-    return effect.episode is None and all(strength.amplitude for strength in effect.strengths)
+    return not effect.brief and all(strength.amplitude for strength in effect.strengths)
 
 
 def _informations(problem: WeakProblem, fitted: Fit) -> list[tuple[Key, float]]:
