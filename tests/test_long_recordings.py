@@ -16,7 +16,7 @@ from drake_cafim.diagnosis.long.choice import choose
 from drake_cafim.diagnosis.long.examine import examine_parts
 from drake_cafim.diagnosis.long.fit_of_all import fit_all
 from drake_cafim.diagnosis.long.parts import Parts
-from drake_cafim.diagnosis.long.scan import Seen
+from drake_cafim.diagnosis.long.scan import Seen, scan
 from drake_cafim.diagnosis.long.stretches import cut_at_changes, stretches_of
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.effects.joint import JointViscousFriction
@@ -177,6 +177,21 @@ def test_a_change_is_placed_between_the_windows_where_it_is(tmp_path: Path) -> N
         assert len(cut) == len(parts) + 1 and sorted([*numbers[0], *numbers[1]]) == list(range(len(cut)))
         assert cut.items[numbers[0][-1]].end == change.time == cut.items[numbers[1][0]].begin
         assert sum(len(cut.read(k)) for k in range(len(cut))) == 2000
+
+
+def test_a_part_in_which_a_sensor_was_off_is_left_out_with_a_note(tmp_path: Path) -> None:
+    whole = two_links.recording("log", 4, duration=2.0, friction=(0.8, 0.3))
+    columns = dict(whole.columns) | {"q.elbow": np.where(whole.time < 0.67, np.nan, whole["q.elbow"])}
+    recordings.write(Recording("log", whole.time, columns), tmp_path / "log.parquet")
+    long, scene = in_parts(pieces_of(tmp_path / "log.parquet"), 167), two_links.scene(tmp_path)
+    prepared = prepare(scene, [long.part(1)])
+    assert isinstance(prepared, Prepared)
+    seen, (note,) = scan(Parts.of([long]), prepared, Model(prepared.scene.priors.mean))
+    assert [part.number for part in seen] == [1, 2]
+    assert note.startswith("0 to 0.664 s of ") and "q.elbow holds nothing but NaN" in note
+    told = {effect for part in seen for effect, _ in part.information}
+    assert {"joint_viscous_friction", "payload"} & told and "external_disturbance" not in told
+    assert all(part.excess.max() > 1.0 for part in seen)  # the friction
 
 
 def prepared_parts(folder: Path, count: int, effort_std: float = 0.0) -> tuple[Scene, Prepared, list[Recording]]:
