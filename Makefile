@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long descriptions descriptions-concealed prove thresholds ablations recoveries confusable servo served efficiency bench growth fuzz faults fleet cluster exports wheels lint clean
+.PHONY: all demo test ci long descriptions descriptions-concealed prove thresholds ablations recoveries confusable servo served efficiency bench growth hour fuzz faults fleet cluster exports wheels lint clean
 
 all: demo
 
@@ -95,6 +95,11 @@ bench: $(STAMPS)/test
 # `GROWTH=--short` takes about ten minutes.
 growth: $(STAMPS)/test
 	$(RUN)/python -m tests.benchmarks.growth $(GROWTH)
+
+# An hour of seven joints at 1 kHz, made and diagnosed: time, peak memory, the verdict beside the truth. It says
+# beforehand how long that takes; HOUR="--minutes 10" for less.
+hour: $(STAMPS)/test
+	$(RUN)/python -m tests.benchmarks.hour $(HOUR)
 
 # Hostile recordings, models, scenarios and command lines by the hundred thousand: hours, which it says beforehand;
 # resumable; FUZZ="--minutes 10" for a short form.

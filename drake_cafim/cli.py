@@ -144,6 +144,13 @@ def run(
     type=float,
     help="p-value above which what remains counts as noise, so that a verdict is `explained`.  [default: 0.01]",
 )
+@click.option(
+    "--memory",
+    type=click.FloatRange(min=0.25),
+    default=4.0,
+    show_default=True,
+    help="GiB that recordings may take; longer ones are diagnosed in parts.",
+)
 @click.option("--cuts", is_flag=True, help="Diagnose the recordings cut in other ways too: what holds in each?")
 @click.option("--replay/--no-replay", default=True, help="Draw replay.html, which takes some seconds.")
 @click.option("--mcap", is_flag=True, help="Write each recording as MCAP too, with its residuals as channels.")
@@ -157,6 +164,7 @@ def diagnose(
     shard: tuple[int, int] | None,
     false_alarm_rate: float | None,
     adequacy_level: float | None,
+    memory: float,
     cuts: bool,
     replay: bool,
     mcap: bool,
@@ -207,6 +215,8 @@ def diagnose(
             resume=resume,
             levels=levels,
             cuts=CutOptions(seed, jobs) if cuts else None,
+            memory=memory * 2**30,
+            jobs=jobs,
         )
     print_result(report, as_json, f"{report['sentence']}\n{folder / 'report.html'}")
 

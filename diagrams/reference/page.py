@@ -35,7 +35,12 @@ NEEDS = """The time grows with the number of hypotheses (places times effects), 
 missing: where nothing is, it ends after one screening. Measured by `python -m drake_cafim.diagrams.reference.needs`, on
 the tutorials' arm of two joints with viscous friction that its model lacks, 4 s at 250 Hz a recording, on one of two
 cores of a virtual machine (AMD EPYC); memory is that of the whole process. The first diagnosis takes some seconds more,
-to compile."""
+to compile.
+
+Recordings that would need more than `--memory` GiB (4 by default: about 50 s of seven joints at 1 kHz, some minutes of
+two) are diagnosed in parts, so that memory grows with their length by some bytes a row only: each part is looked at,
+effects are looked for in those that tell most, and strengths and intervals are of all. The program itself takes half a
+GiB besides. Throws are never in parts, nor are recordings for `cafim estimate` or for `drake_cafim.diagnose`."""
 PROOF = """In the proof of 920 cases, arms and throws (`make prove PROVE="--size 920"`, see the README), making a case
 and diagnosing it took 22 s of a core in the mean, and two had no verdict after 600 s. Thrown boxes take minutes."""
 EXPORT = """`cafim export SCENARIO --to urdf|sdf|mjcf` writes the unknowns' means and the effects into a copy of the

@@ -33,12 +33,22 @@ def open_folder(out: Path | None, command: str, *, resume: bool, overwrite: bool
 
 @contextmanager
 def progress_line() -> Iterator[Callable[[str], None]]:
-    """A function that shows progress on stderr: one line that changes, or a line per stage where it is no terminal."""
+    """A function that shows progress on stderr: one line that changes, or a line per stage where it is no terminal.
+
+    A text that ends with a line break stays where it is written.
+    """
     if not sys.stderr.isatty():
-        yield lambda text: click.echo(f"cafim: {text} ...", err=True)
+        yield lambda text: click.echo(f"cafim: {text} ..." if text[-1:] != "\n" else f"cafim: {text[:-1]}", err=True)
         return
     with tqdm(bar_format="{elapsed} {desc}", file=sys.stderr, leave=False) as bar:
-        yield bar.set_description_str
+
+        def show(text: str) -> None:
+            if text.endswith("\n"):
+                bar.write(text[:-1], file=sys.stderr)
+            else:
+                bar.set_description_str(text)
+
+        yield show
 
 
 def print_result(result: Any, as_json: bool, text: str) -> None:

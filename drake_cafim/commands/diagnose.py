@@ -3,14 +3,18 @@
 import json
 import shlex
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from drake_cafim.commands.cuts import CutOptions, CutWork, named_by_cuts
-from drake_cafim.commands.inputs import read_all, refuse_repeats
+from drake_cafim.commands.inputs import refuse_repeats
 from drake_cafim.commands.levels import USUAL, Levels
+from drake_cafim.commands.long_inputs import LongInputs, open_inputs
 from drake_cafim.commands.reports import read_record, read_report
 from drake_cafim.diagnosis.diagnose import examine
+from drake_cafim.diagnosis.long.budget import DEFAULT_MEMORY, GIB
+from drake_cafim.diagnosis.long.examine import examine_parts
 from drake_cafim.diagnosis.search.cuts import with_cuts
 from drake_cafim.errors import InputError
 from drake_cafim.output import write_text
@@ -19,6 +23,9 @@ from drake_cafim.scene.scene import Scene
 
 FINISHED = "diagnosis.json"
 """Written last, with the command line: where it exists, all other files are complete."""
+
+UNCUT = "recordings that are diagnosed in parts are not cut in other ways: --cuts has no effect"
+"""The note on cuts of long recordings."""
 
 
 def diagnose_command(
@@ -34,8 +41,13 @@ def diagnose_command(
     resume: bool = False,
     levels: Levels = USUAL,
     cuts: CutOptions | None = None,
+    memory: float = DEFAULT_MEMORY,
+    jobs: int = 1,
 ) -> dict[str, Any]:
     """The report, written into `out` with its page, the corrected scenario, and replay and MCAP files if wanted.
+
+    Recordings that take more than `memory` bytes to diagnose at once are diagnosed in parts, by `jobs` processes, see
+    `diagnosis.long`.
 
     With `cuts` the recordings are also cut and each cut is diagnosed, see `diagnosis.search.cuts`. With `resume`, a
     finished diagnosis by the same command is read from `out` instead of being repeated. Raises `InputError` where `out`
@@ -45,15 +57,25 @@ def diagnose_command(
     command += ["--held-out", *held_out] if held_out else []
     command += [f"--package={name}={place}" for name, place in (packages or {}).items()]
     command += levels.words
+    command += [f"--memory={memory / GIB:g}"] if memory != DEFAULT_MEMORY else []
     command += ["--cuts", "--seed", str(cuts.seed)] if cuts else []
     if resume and _is_finished(out, command):
         return read_report(out / "report.json", str(out / "report.json"))
     scene = Scene.load(address, packages=packages)
     refuse_repeats(recordings, held_out)
-    train, held = read_all(scene, recordings), read_all(scene, held_out)
     (out / FINISHED).unlink(missing_ok=True)
-    verdict, outcome = examine(scene, train, held_out=held, settings=levels.settings(), progress=progress)
-    if cuts:
+    with open_inputs(scene, recordings, held_out, memory) as inputs:
+        if isinstance(inputs, LongInputs):
+            found = examine_parts(
+                scene, inputs.recordings, inputs.held_out, inputs.budget, levels.settings(), progress, jobs
+            )
+            verdict, outcome, train, held = found.verdict, found.outcome, list(found.searched), list(found.held_out)
+        else:
+            train, held = inputs
+            verdict, outcome = examine(scene, train, held_out=held, settings=levels.settings(), progress=progress)
+    if cuts and isinstance(inputs, LongInputs):
+        verdict = replace(verdict, notes=(*verdict.notes, UNCUT))
+    elif cuts:
         work = CutWork(address, tuple(recordings), tuple((packages or {}).items()), cuts, levels)
         verdict = with_cuts(verdict, *named_by_cuts(work, scene, train, out, progress, resume))
     report = write_artifacts(out, verdict, outcome, train, held, command, replay=replay, mcap=mcap, progress=progress)

@@ -84,6 +84,18 @@ def examine(
     settings = settings or Settings()
     progress("estimating the noise and setting up the equations")
     prepared = prepare(scene.with_effect_classes(effects), recordings, held_out)
+    prepared, judgement, trace = judge_prepared(prepared, settings, progress)
+    selection, unselected = select_findings(prepared, judgement, progress)
+    judgement = replace(judgement, notes=(*judgement.notes, *unselected))
+    verdict = verdict_of(prepared, judgement, selection, progress)
+    trace.of_search(judgement.search).add(*selection.records, *record_conclusion(verdict, judgement))
+    return replace(verdict, trace=trace.records), judgement.outcome
+
+
+def judge_prepared(
+    prepared: PreparedRecordings, settings: Settings, progress: Progress
+) -> tuple[PreparedRecordings, Judgement, Trace]:
+    """The judgement on recordings, the noise of efforts under which it was made, and its decisions."""
     trace = Trace()
     if prepared.mistakes or not prepared.moves:
         # an effect that compensates for wrong data is no physics, and without motion none can be told apart
@@ -98,15 +110,10 @@ def examine(
         if again is None or isinstance(again, NotComputable):
             break
         prepared, judgement, trace = again
-    judgement = withhold_unsupported(judgement, trace)
-    selection, unselected = _select(prepared, judgement, progress)
-    judgement = replace(judgement, notes=(*judgement.notes, *unselected))
-    verdict = verdict_of(prepared, judgement, selection, progress)
-    trace.of_search(judgement.search).add(*selection.records, *record_conclusion(verdict, judgement))
-    return replace(verdict, trace=trace.records), judgement.outcome
+    return prepared, withhold_unsupported(judgement, trace), trace
 
 
-def _select(
+def select_findings(
     prepared: PreparedRecordings, judgement: Judgement, progress: Progress
 ) -> tuple[Selection, tuple[str, ...]]:
     """What goes into the corrected scene, and a note where that cannot be computed."""

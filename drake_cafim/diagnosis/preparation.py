@@ -15,6 +15,7 @@ from drake_cafim.diagnosis.joints.quality import qualities, surprisal
 from drake_cafim.diagnosis.likelihood.efficiency import bounds
 from drake_cafim.diagnosis.likelihood.finish import finish
 from drake_cafim.diagnosis.noise.coloured import (
+    CorrelatedNoise,
     Memory,
     estimate_memories,
     stated_memories,
@@ -117,6 +118,23 @@ class PreparedRecordings(Protocol):
 
 
 @dataclass(frozen=True)
+class Layout:
+    """How recordings of joints become weak forms: the noise's `std` and its memories `known` by column."""
+
+    scene: Scene
+    std: Mapping[str, float]
+    known: Mapping[str, CorrelatedNoise]
+
+    def of(self, recording: Recording) -> WeakForm:
+        """The weak form of a recording without velocities that its maker filtered."""
+        std = dict(self.std)
+        memories = quantised_memories(recording, std) | dict(self.known)
+        recording, bridges = bridge_slow_channels(recording)
+        samples = samples_of(self.scene, recording, std, memories=memories, bridges=bridges)
+        return WeakForm(samples, self.scene.wrench_sensors)
+
+
+@dataclass(frozen=True)
 class Prepared:
     """Recordings of joints as weak forms, with notes on them."""
 
@@ -128,6 +146,14 @@ class Prepared:
     noise_remarks: tuple[str, ...]
     effort_noise: Mapping[str, float]
     """Estimated std by column of the efforts without a stated one, N m or N."""
+    layout: Layout
+
+    def laid_out(self, recording: Recording) -> WeakForm:
+        """Another recording of the same robot, under the same noise. Raises `InputError` where it lacks something."""
+        check_usable(recording, needed_columns(self.scene))
+        (own,), _ = without_filtered_velocities(self.scene, [recording])
+        form = self.layout.of(own)
+        return with_std(form, self.effort_noise) if self.effort_noise else form
 
     def with_noise_beside(self, model: Model) -> "Prepared | None":
         """The same recordings with the noise of efforts estimated again; None where it has hardly changed.
@@ -219,14 +245,9 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
     known = stated | from_spectra
     std = correct_for_memory(std, known, estimated, step_of(recordings))
 
-    def lay_out(recording: Recording, std: dict[str, float]) -> WeakForm:
-        memories = quantised_memories(recording, std) | known
-        recording, bridges = bridge_slow_channels(recording)
-        samples = samples_of(scene, recording, std, memories=memories, bridges=bridges)
-        return WeakForm(samples, scene.wrench_sensors)
-
+    layout = Layout(scene, std, known)
     even = [bridge_slow_channels(recording)[0] for recording in recordings]
-    forms = [lay_out(recording, std) for recording in recordings]
+    forms = [layout.of(recording) for recording in recordings]
     servos = {name for recording in recordings for name in driven_by_servo(scene, recording)}
     names = scene.tree.joint_names
     measured = [j for j, name in enumerate(names) if f"u.{name}" in estimated and name not in servos]
@@ -235,11 +256,12 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
         # the noise of efforts is estimated from the residual of the equations, set up first with exact efforts
         noise = effort_noise(scene, forms, Model(scene.priors.mean), measured)
         std, notes = std | noise, (*notes, *effort_notes(scene, noise))
-        forms = [lay_out(recording, std) for recording in recordings]
+        layout = replace(layout, std=std)
+        forms = [layout.of(recording) for recording in recordings]
     return Prepared(
         scene,
         forms,
-        [lay_out(recording, std) for recording in held_out],
+        [layout.of(recording) for recording in held_out],
         (
             *scene.stated.notes,
             *notes,
@@ -250,6 +272,7 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
         mistakes_of(scene, recordings, std),
         remarks,
         noise,
+        layout,
     )
 
 

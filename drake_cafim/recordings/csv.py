@@ -24,7 +24,7 @@ def read_csv(path: Path) -> tuple[dict[str, Array], list[str]]:
     The first line names the columns. A truncated last line is left out, with a note; any other line of a wrong
     length, and text in a signal's column, raise `InputError`.
     """
-    names, delimiter = _header(path)
+    names, delimiter = csv_header(path)
     cut: list[str] = []
     table = _parse(path, names, delimiter, cut)
     numeric, notes = numeric_columns(str(path), table.schema)
@@ -41,7 +41,7 @@ def write_csv(recording: Recording, path: Path) -> None:
     pyarrow.csv.write_csv(pyarrow.table(cells), path, options)
 
 
-def _header(path: Path) -> tuple[list[str], str]:
+def csv_header(path: Path) -> tuple[list[str], str]:
     """The column names and the delimiter, from the first line, without a leading # or %."""
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         line = file.readline().strip("\r\n")

@@ -115,7 +115,7 @@ def sentences(found: Sequence[Corrected]) -> tuple[str, ...]:
         for mistake in recording.mistakes:
             if mistake.key in shared or not clean or recording.left <= max(MISTAKE_CHI_SQUARE_PER_ROW, clean):
                 files.setdefault(mistake.key, []).append(recording.name)
-    return tuple(f"{subject} of {listed(names)} {words}" for (subject, words), names in files.items())
+    return tuple(f"{subject} of {listed([*dict.fromkeys(names)])} {words}" for (subject, words), names in files.items())
 
 
 def listed(names: Sequence[str]) -> str:

@@ -47,7 +47,7 @@ class Excess:
         found = []
         for place in sorted(self.chi_square, key=lambda place: -self.chi_square[place]):
             share = self.chi_square[place] / total if total > 0.0 else 0.0
-            shown = [name for name in recordings if (place, name) in self.shown]
+            shown = [name for name in dict.fromkeys(recordings) if (place, name) in self.shown]
             if not shown or share <= LOCATION_EXCESS_SHARE:
                 continue
             words = condition(place)

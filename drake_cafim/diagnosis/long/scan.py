@@ -1,0 +1,90 @@
+"""A look at each part of long recordings: how far its residual exceeds noise, and what it tells of each hypothesis."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.adequacy import adequacy
+from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.long.parts import Parts
+from drake_cafim.diagnosis.preparation import Prepared
+from drake_cafim.effects.effect import Effect
+from drake_cafim.errors import InputError
+from drake_cafim.numerics.computation import NotComputable, compute
+from drake_cafim.parallel.forked import map_forked
+from drake_cafim.typing import Array
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a look at part `number` shows, its unknowns and strengths fitted to it alone.
+
+    `excess` (r,) is the mean square less 1 of each row of a window; `p_value` that of the residual being noise;
+    `information` by hypothesis its Fisher information, that of the fitted parameters taken out, in units of its typical
+    strength.
+    """
+
+    number: int
+    samples: int
+    excess: Array
+    p_value: float
+    information: dict[Key, float]
+
+
+def scan(
+    parts: Parts, prepared: Prepared, model: Model, progress: Progress = lambda text: None, jobs: int = 1
+) -> tuple[list[Seen], list[str]]:
+    """A look at each part under `model`, refitted to it, by `jobs` processes; a note on each that cannot be used."""
+    found, notes = [], []
+    looks = map_forked(lambda number: compute(lambda: _look(parts, prepared, model, number)), len(parts), jobs)
+    for number, seen in enumerate(looks):
+        progress(f"looked at part {number + 1} of {len(parts)}")
+        if isinstance(seen, Seen):
+            found.append(seen)
+            continue
+        reason = seen.reason if isinstance(seen, NotComputable) else seen
+        notes.append(f"{parts.words([number])}: left out, {reason}")
+    return found, notes
+
+
+def _look(parts: Parts, prepared: Prepared, model: Model, number: int) -> Seen | str:
+    try:
+        form = prepared.laid_out(parts.read(number))
+    except InputError as error:
+        return str(error)
+    problem = WeakProblem.of(prepared.scene, [form], model)
+    fitted = unbiased_fit(problem, model)
+    rows = fitted.residual[: problem.rows].reshape(problem.runs[0].shape)
+    return Seen(
+        number,
+        len(form.samples.time),
+        np.mean(rows**2, axis=0) - 1.0,
+        adequacy(problem, fitted.residual, fitted.strengths).p_value,
+        dict(_informations(problem, fitted)),
+    )
+
+
+def is_scanned(effect: Effect) -> bool:
+    """Whether an effect enters the rows linearly and all the time, so that one look tells its information."""
+    return not effect.brief and all(strength.amplitude for strength in effect.strengths)
+
+
+def _informations(problem: WeakProblem, fitted: Fit) -> list[tuple[Key, float]]:
+    basis = np.linalg.qr(fitted.jacobian)[0][: problem.rows] if fitted.jacobian.shape[1] else None
+    found = []
+    for effect in problem.hypotheses():
+        if effect.key in fitted.model.keys or not is_scanned(effect):
+            continue
+        look = next(iter(problem.looks(fitted, effect).found), None)
+        if look is None:
+            continue
+        columns = look[0]
+        left = columns if basis is None else columns - basis @ (basis.T @ columns)
+        size = float(np.sum(left**2))
+        found.append((effect.key, size if np.isfinite(size) else 0.0))
+    return found

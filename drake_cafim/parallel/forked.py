@@ -1,0 +1,45 @@
+"""Many small results of one function on copies of this process, which share what it has in memory.
+
+For work on objects that cannot be sent to another process, as a scene with Drake's own: a fork has them already.
+"""
+
+import multiprocessing
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from typing import Any, TypeVar
+
+from joblib import effective_n_jobs
+
+Found = TypeVar("Found")
+AHEAD = 2
+"""Calls that wait for each process, so that none is idle."""
+_function: list[Callable[[int], Any]] = []
+"""What the copies call; a fork inherits it."""
+
+
+def map_forked(function: Callable[[int], Found], count: int, jobs: int = 1) -> Iterator[Found]:
+    """function(0), function(1), ... in this order, by `jobs` copies of this process, -1 for one per core.
+
+    What it changes in memory is lost with the copies; with one job it is called here. Its exceptions are passed on.
+    """
+    workers = min(effective_n_jobs(jobs), count)
+    if workers < 2 or "fork" not in multiprocessing.get_all_start_methods():
+        yield from map(function, range(count))
+        return
+    _function.append(function)
+    try:
+        with ProcessPoolExecutor(workers, multiprocessing.get_context("fork")) as executor:
+            waiting: deque[Future[Found]] = deque()
+            for number in range(count):
+                waiting.append(executor.submit(_call, number))
+                if len(waiting) > AHEAD * workers:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+    finally:
+        _function.pop()
+
+
+def _call(number: int) -> Any:
+    return _function[-1](number)
