@@ -60,18 +60,18 @@ def test_of_problems_that_are_whitened_again_one_is_kept(growth: GrowthByPlace) 
     models = [replace(first.nominal()) for _ in range(3)]
     gc.disable()
     try:
-        one = first.rewhitened(models[0])
-        assert first.rewhitened(models[0]) is one
-        two = one.rewhitened(models[1])
-        assert one.rewhitened(models[1]) is two
-        gone = weakref.ref(one)
-        del one
+        second = first.rewhitened(models[0])
+        assert first.rewhitened(models[0]) is second
+        third = second.rewhitened(models[1])
+        assert second.rewhitened(models[1]) is third
+        gone = weakref.ref(second)
+        del second
         assert gone() is None
-        gone = weakref.ref(two)
-        three = two.rewhitened(models[2])
-        del two
+        gone = weakref.ref(third)
+        fourth = third.rewhitened(models[2])
+        del third
         assert gone() is None
-        assert first.rewhitened(models[2]) is three
+        assert first.rewhitened(models[2]) is fourth
     finally:
         gc.enable()
 

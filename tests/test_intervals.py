@@ -41,7 +41,7 @@ class Curve(OneWindow):
         along = np.log(c) if self.flat else c - 1.0
         return np.array([along / STD + x, x])
 
-    def penalty(self, model: Model) -> float:
+    def penalty(self, model: Model, own_noise: bool = True) -> float:
         return 0.0
 
     def prior_std(self, model: Model) -> Any:
@@ -82,7 +82,7 @@ class Plateau(OneWindow):
         off = float(model.vector[0]) - self.delay
         return self.seen * 1.5 * np.tanh(np.array([off / 0.02]) / 1.5)
 
-    def penalty(self, model: Model) -> float:
+    def penalty(self, model: Model, own_noise: bool = True) -> float:
         return 0.0
 
     def fit(self) -> Fit:
@@ -111,7 +111,7 @@ class Wandering:
         noise = np.repeat(np.random.default_rng(0).normal(size=self.rows // length), length)
         return noise - noise.mean() - (model.vector[0] - 1.0)
 
-    def penalty(self, model: Model) -> float:
+    def penalty(self, model: Model, own_noise: bool = True) -> float:
         return 0.0
 
     def fit(self) -> Fit:

@@ -23,7 +23,7 @@ FOLDER = Path(drake_cafim.diagnosis.__file__).parent
 
 ITERATIONS = {
     # at most so many steps of an iteration, and what ends it
-    "fit/fitting.py": "MOST_CORRECTIONS CORRECTION_TOLERANCE LARGEST_STEP",
+    "fit/fitting.py": "MOST_CORRECTIONS CORRECTION_TOLERANCE LARGEST_STEP ROUGHLY",
     "fit/intervals.py": "DOUBLINGS REFINEMENTS",
     "search/cuts.py": "MOST_LEFT_OUT DRAWS",
     "joints/linearised_contact_effects.py": "IMPROVEMENTS",
@@ -101,6 +101,7 @@ MEMORY = {
     "rows/filtered_windows.py": "ROWS_TOGETHER",
     "rows/force_rows.py": "CACHED_TERMS",
     "rows/inertial_regressor.py": "CACHED_REGRESSORS WINDOWS_AT_ONCE",
+    "rows/inertial_rows.py": "COMPUTED_ALONE",
     "rows/initial_uncertainty.py": "CACHED_LAGS",
     "rows/mobility.py": "CACHED",
     "tosses/pulses.py": "TOGETHER",

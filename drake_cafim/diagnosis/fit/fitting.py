@@ -85,7 +85,7 @@ def fit(problem: Problem, model: Model, iterations: int = 12, tolerance: float =
     model, residual, jacobian = _minimise(problem, start, no_offset, iterations, tolerance=tolerance)
     seen = jacobian[: problem.rows]
     covariance = _posterior(problem, model, seen.T @ seen)
-    paid = problem.penalty(model) if own_noise else problem.start_penalty(model)
+    paid = problem.penalty(model, own_noise)
     return Fit(model, residual, jacobian, covariance, problem.rows, penalty=paid)
 
 

@@ -105,12 +105,11 @@ class Problem(ABC):
         """ln det of the covariance by which the rows are whitened; 0 where it is the same for every model."""
         return 0.0
 
-    def start_penalty(self, model: Model) -> float:
-        """The part of `penalty` that unknown initial states have: all of it where the noise is the same."""
-        return 0.0
+    def penalty(self, model: Model, own_noise: bool = True) -> float:
+        """Addition to a model's χ²: ln det of the covariance of unknown initial states.
 
-    def penalty(self, model: Model) -> float:
-        """Addition to a model's χ²: ln det of the covariance of unknown initial states."""
+        With `own_noise`, also what whitening under the model's own noise changes, where that is another one.
+        """
         return 0.0
 
 

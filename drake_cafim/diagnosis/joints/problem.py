@@ -35,6 +35,17 @@ class WeakProblem(WeakFormRows, SearchProblem):
     def locate(self, lacking: Model) -> tuple[Location, ...]:
         return locate(self, lacking)
 
+    def forget(self) -> None:
+        for cache in (self.found_pushes, self.tried_pulses, self.force_looks, self._sensor_columns):
+            cache.clear()
+        for name in ("noisier", "_by_unknowns"):
+            vars(self).pop(name, None)
+        self._latest.model = self._latest.problem = None
+        for run in self.runs:
+            run.weak.forget()
+            if run.measured is not None:
+                run.measured.forget()
+
     @cached_property
     def pictures(self) -> Pictures:
         return JointPictures(self)

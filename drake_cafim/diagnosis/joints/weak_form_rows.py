@@ -104,17 +104,6 @@ class WeakFormRows(Problem):
         assert isinstance(cached, type(self))
         return cached
 
-    def forget(self) -> None:
-        for cache in (self.found_pushes, self.tried_pulses, self.force_looks, self._sensor_columns):
-            cache.clear()
-        for name in ("noisier", "_by_unknowns"):
-            vars(self).pop(name, None)
-        self._latest.model = self._latest.problem = None
-        for run in self.runs:
-            run.weak.forget()
-            if run.measured is not None:
-                run.measured.forget()
-
     @property
     def regressors_noisy(self) -> bool:
         """Whether efforts are measured: their noise is the only one that is left in the Jacobian."""
@@ -150,15 +139,12 @@ class WeakFormRows(Problem):
         error = (self.noisier.jacobian(model) - jacobian) * noisy_parameters(model)
         return error.T @ change, error.T @ error
 
-    def penalty(self, model: Model) -> float:
-        start = self.start_penalty(model)
-        if self.has_other_noise(model):
+    def penalty(self, model: Model, own_noise: bool = True) -> float:
+        physics = model.physics(self.scene)
+        start = sum(run.marginalise_start(physics).paid for run in self.runs) if has_unknown_start(physics) else 0.0
+        if own_noise and self.has_other_noise(model):
             return start + noise_cost(self, self.rewhitened(model), model)
         return start
-
-    def start_penalty(self, model: Model) -> float:
-        physics = model.physics(self.scene)
-        return sum(run.marginalise_start(physics).paid for run in self.runs) if has_unknown_start(physics) else 0.0
 
     def has_other_noise(self, model: Model) -> bool:
         return is_other_noise(self.scene, self.runs[0].weak, model, self.under)

@@ -95,5 +95,5 @@ def _expected(problem: SearchProblem, best: Fit, model: Model, position: int, ow
     # what lags and unknown starts pay is theirs, and hardly changes with the shape of another law
     paid = best.penalty
     if effects[position].late:
-        paid = problem.penalty(model) if own_noise else problem.start_penalty(model)
+        paid = problem.penalty(model, own_noise)
     return float(residual @ residual - along @ along + 2.0 * left) + paid

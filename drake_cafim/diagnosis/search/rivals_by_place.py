@@ -74,7 +74,7 @@ def _drop_undetermined(growth: GrowthByPlace) -> None:
     """Drops effects of which the recordings do not determine a strength, the least determined first.
 
     The growth judges that by the stated noise and the unknown forces. Where the residual is correlated, blocks of time
-    determine less, and a load that makes up for what is not known stands out with nothing known of its size.
+    determine less, and what makes up for something unknown may stand out with nothing known of its size.
     """
     while growth.best.model.effects:
         problem, best = growth.problem, growth.best
