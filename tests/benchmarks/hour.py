@@ -2,7 +2,7 @@
 
 MuJoCo simulates an arm whose second joint has viscous friction that its model lacks, and whose last link takes up a
 payload half-way. Printed are wall and processor time, the peak memory of all processes together (what forks share
-counted once, sampled twice a second), and the verdict beside the truth.
+counted once, sampled every two seconds), and the verdict beside the truth.
 """
 
 import argparse
@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> int:
         began, peak, alone, said = time.monotonic(), 0.0, None, Path(place) / "said"
         with said.open("wb") as errors, subprocess.Popen(command, stderr=errors, stdout=errors) as process:
             while process.poll() is None:
-                time.sleep(0.5)
+                time.sleep(2.0)
                 peak = max(peak, memory_of(process.pid))
                 if alone is None and b"alone say" in said.read_bytes():
                     alone = time.monotonic() - began
