@@ -34,8 +34,6 @@ def _judgement(monkeypatch: pytest.MonkeyPatch, effect: Effect, std: list[float]
     k = len(effect.strengths)
     best = Fit(Model(np.zeros(0), (effect,)), np.ones(1000), np.zeros((1000, k)), np.eye(k), 1000, unbiased=True)
     monkeypatch.setattr(support, "standard_deviations", lambda *of: np.array(std[: len(of[1].model.vector)]))
-    size = float(np.sum((best.model.vector / np.array(std)) ** 2))
-    monkeypatch.setattr(support, "wald_statistic", lambda *of: (size, k))
     monkeypatch.setattr(support, "mean_square", lambda *of: 2.0)
     nominal = Fit(Model(np.zeros(0)), np.ones(1000), np.zeros((1000, 0)), np.eye(0), 1000)
     outcome: Any = SimpleNamespace(
@@ -54,7 +52,6 @@ ADHESION = ContactAdhesion("ball/ground", {"force": 1.0, "range": 0.003})
     [
         (COULOMB, [0.01], 0.49, "probability"),
         (COULOMB, [0.34], 1.0, "undetermined"),
-        (JointCoulombFriction("j1", {"torque": 0.02}), [0.01], 1.0, "standard deviations"),
         (STRIBECK, [0.01, 0.5, 0.01], 1.0, "undetermined"),
     ],
 )

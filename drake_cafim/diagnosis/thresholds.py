@@ -232,9 +232,6 @@ calibrated: chosen."""
 UNDETERMINED_STD_SHARE = 1.0 / 3.0
 """Standard deviation of a strength, as a share of the width of its bounds (of its size where they are infinite), beyond
 which it is not determined. Unit: 1. Source: three standard deviations."""
-LEAST_STRENGTH_IN_STDS = 3.0
-"""Distance of an effect from no effect, the root of its Wald statistic, below which it is not named.
-Unit: standard deviations. Source: three standard deviations."""
 LEAST_PROBABILITY = 0.5
 """Probability of an effect among the laws that explain the same, below which it is a rival and not named. Unit: 1.
 Source: above it no other law can be as probable."""

@@ -152,15 +152,17 @@ def _relaxing(rate: Array) -> tuple[Array, Array, Array]:
     With the share p = (1 − e^{−λ s})/(1 − e^{−λ}) of its whole change that has come at s, these are, `rate` λ,
     ∫ p ds − 1/2, ∫ (1 − s) p ds − 1/6 and ∫ (s − 1/2) p ds − 1/12.
     """
-    # to first order below a size at which the differences cancel; a joint that relaxes at once does so at 50
-    little, small, rate = rate, rate < 1e-3, np.clip(rate, 1e-3, 50.0)
+    # a linear force shows an inertia λ²/12 too large; within the accuracy of laws that is nothing
+    linear = rate**2 < 12.0 * LAW_ACCURACY
+    # a joint that relaxes at once does so at 50
+    rate = np.clip(rate, 1e-3, 50.0)
     lost = -np.expm1(-rate)
     mean = 1.0 / lost - 1.0 / rate
     falling = (0.5 - 1.0 / rate + lost / rate**2) / lost
     return (
-        np.where(small, little / 12.0, mean - 0.5),
-        np.where(small, little / 24.0, falling - 1.0 / 6.0),
-        np.where(small, 0.0, 0.5 * mean - falling - 1.0 / 12.0),
+        np.where(linear, 0.0, mean - 0.5),
+        np.where(linear, 0.0, falling - 1.0 / 6.0),
+        np.where(linear, 0.0, 0.5 * mean - falling - 1.0 / 12.0),
     )
 
 

@@ -69,15 +69,6 @@ def record_undetermined(model: Model, effect: Effect, strength: str, std: float,
     return _record("admit", model, effect, std, size, False, words, "undetermined")
 
 
-def record_insignificant(model: Model, effect: Effect, significance: float, least: float) -> Record:
-    """A law whose strengths, all together, are too near to nothing."""
-    words = (
-        f"its parameters together are {short(significance)} standard deviations from no effect, by the residual that "
-        f"remains; at least {short(least)} is required, so it is not named"
-    )
-    return _record("prune", model, effect, significance, least, False, words, "standard deviations")
-
-
 def record_support(model: Model, effect: Effect, share: float, least: float) -> Record:
     """Whether an effect explains more at its place than is left there."""
     passed = share >= least

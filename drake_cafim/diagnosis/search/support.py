@@ -1,4 +1,4 @@
-"""Withholds names that the recordings do not support: not determined, not significant, or no more probable than others.
+"""Withholds names that the recordings do not support: not determined, or no more probable than others.
 
 An explanation may leave nothing but noise and yet share that with another law, or hold a strength that may be
 anything. Then no law has earned its name: the place is told, and the laws that may act there stand as rivals.
@@ -8,16 +8,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from drake_cafim.diagnosis.fit.fitting import unbiased_fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
-from drake_cafim.diagnosis.fit.robust_covariance import wald_statistic
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import undetermined
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.search_under_unknown_force import mean_square
-from drake_cafim.diagnosis.thresholds import LEAST_PROBABILITY, LEAST_STRENGTH_IN_STDS
+from drake_cafim.diagnosis.thresholds import LEAST_PROBABILITY
 from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.computation import NotComputable, compute
@@ -59,8 +56,8 @@ def withhold_unsupported(judgement: Judgement, trace: Trace) -> Judgement:
 def failures(judgement: Judgement, std: Array) -> Iterator[tuple[Effect, Record]]:
     """The named effects that lack support, with the record of the first test that each fails.
 
-    `std` (n + k,) are the standard deviations of unknowns and strengths. A name needs every amplitude determined, the
-    effect significant, and half of the probability that it shares with other laws. What only shapes a law,
+    `std` (n + k,) are the standard deviations of unknowns and strengths. A name needs every amplitude determined and
+    half of the probability that it shares with other laws. What only shapes a law,
     such as the range of an adhesion, may be known by its bounds alone.
     """
     best, position = judgement.best, len(judgement.best.model.unknown)
@@ -78,11 +75,6 @@ def _failure(judgement: Judgement, effect: Effect, std: Array, linear_std: Array
     wide = undetermined(effect, std, linear_std, amplitudes)
     if wide is not None:
         return decisions.record_undetermined(model, effect, *wide)
-    # of all strengths together: of a brief push the impulse is known, and neither its height nor its duration
-    statistic, _ = wald_statistic(judgement.outcome.problem, judgement.best, effect.key)
-    significance = float(np.sqrt(statistic))
-    if significance < LEAST_STRENGTH_IN_STDS:
-        return decisions.record_insignificant(model, effect, significance, LEAST_STRENGTH_IN_STDS)
     probability = judgement.outcome.probability.get(effect.key, 1.0)
     if probability < LEAST_PROBABILITY:
         return decisions.record_shared(model, effect, probability, LEAST_PROBABILITY)
