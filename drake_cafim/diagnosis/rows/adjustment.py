@@ -120,7 +120,7 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
     halfway = physics.free_response(motion(physics.tree, q_middle, v_middle))
     middle = _accelerate(halfway, effort[:-1] - halfway.bias)
     own = np.diagonal(response.mobility, axis1=1, axis2=2)
-    mean, first, second = _relaxing(h * own[:-1] * _slower(by_v))
+    mean, first, second = _relaxing(h * own[:-1] * _damping(physics))
     gain = h / 6.0 * (after[:-1] + 4.0 * middle + before[1:]) + 0.5 * h * (by_law[:-1] + by_law[1:])
     # laws that relax within an interval are not linear in time there
     turn = np.diff(law, axis=0)
@@ -138,12 +138,12 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
     return transition, change, np.mean(own, axis=0)
 
 
-def _slower(by_v: Array) -> Array:
-    """(N − 1, n) the smaller of a damping −∂law/∂v at both ends of each sample interval, 0 where a law drives.
-
-    Dry friction is steep near rest alone, and the motion before it comes there does not relax.
-    """
-    return np.maximum(np.minimum(-by_v[:-1], -by_v[1:]), 0.0)
+def _damping(physics: Physics) -> Array:
+    """(n,) the coefficients of viscous friction at the joints, of the model and of effects, N m s/rad or N s/m."""
+    total = np.array(physics.dampings, dtype=float)
+    for effect in physics.joint_forces:
+        total[physics.tree.joint_index(effect.at)] += effect.damping or 0.0
+    return total
 
 
 def _relaxing(rate: Array) -> tuple[Array, Array, Array]:

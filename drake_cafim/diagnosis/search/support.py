@@ -56,9 +56,9 @@ def withhold_unsupported(judgement: Judgement, trace: Trace) -> Judgement:
 def failures(judgement: Judgement, std: Array) -> Iterator[tuple[Effect, Record]]:
     """The named effects that lack support, with the record of the first test that each fails.
 
-    `std` (n + k,) are the standard deviations of unknowns and strengths. A name needs every amplitude determined and
-    half of the probability that it shares with other laws. What only shapes a law,
-    such as the range of an adhesion, may be known by its bounds alone.
+    `std` (n + k,) are the standard deviations of unknowns and strengths. A name needs an amplitude that is determined,
+    and half of the probability that it shares with other laws. What else a law has, such as the damping of a contact
+    or the range of an adhesion, may be known by its bounds alone.
     """
     best, position = judgement.best, len(judgement.best.model.unknown)
     for effect in best.model.effects:
@@ -72,9 +72,9 @@ def failures(judgement: Judgement, std: Array) -> Iterator[tuple[Effect, Record]
 def _failure(judgement: Judgement, effect: Effect, std: Array, linear_std: Array) -> Record | None:
     model = judgement.best.model
     amplitudes = [s for s in effect.strengths if s.amplitude and not s.through and not s.inverse]
-    wide = undetermined(effect, std, linear_std, amplitudes)
-    if wide is not None:
-        return decisions.record_undetermined(model, effect, *wide)
+    wide = [undetermined(effect, std, linear_std, [strength]) for strength in amplitudes]
+    if wide and wide[0] is not None and all(found is not None for found in wide):
+        return decisions.record_undetermined(model, effect, *wide[0])
     probability = judgement.outcome.probability.get(effect.key, 1.0)
     if probability < LEAST_PROBABILITY:
         return decisions.record_shared(model, effect, probability, LEAST_PROBABILITY)
