@@ -1,4 +1,4 @@
-"""What is named although another law explains as much, or with any strength, has not earned its name."""
+"""What is named although other laws explain as much has not earned its name."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -13,10 +13,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.search import support
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.trace import Trace
-from drake_cafim.effects.effect import Effect
-from drake_cafim.effects.friction import JointStribeckFriction
 from drake_cafim.effects.joint import JointCoulombFriction
-from drake_cafim.effects.normal_contact import ContactAdhesion
 
 TURNTABLE = """
 <robot name="turntable">
@@ -29,55 +26,32 @@ TURNTABLE = """
 """
 
 
-def _judgement(monkeypatch: pytest.MonkeyPatch, effect: Effect, std: list[float], probability: float) -> Judgement:
-    """An explained verdict by `effect`, known to `std`."""
-    k = len(effect.strengths)
-    best = Fit(Model(np.zeros(0), (effect,)), np.ones(1000), np.zeros((1000, k)), np.eye(k), 1000, unbiased=True)
-    monkeypatch.setattr(support, "standard_deviations", lambda *of: np.array(std[: len(of[1].model.vector)]))
-    monkeypatch.setattr(support, "mean_square", lambda *of: 2.0)
+COULOMB = JointCoulombFriction("j1", {"torque": 1.0})
+
+
+def _judgement(monkeypatch: pytest.MonkeyPatch, probability: float) -> Judgement:
+    """An explained verdict by a friction of that probability."""
     nominal = Fit(Model(np.zeros(0)), np.ones(1000), np.zeros((1000, 0)), np.eye(0), 1000)
+    best = Fit(Model(np.zeros(0), (COULOMB,)), np.ones(1000), np.zeros((1000, 1)), np.eye(1), 1000, unbiased=True)
+    monkeypatch.setattr(support, "mean_square", lambda *of: 2.0)
     outcome: Any = SimpleNamespace(
-        problem=None, nominal_problem=None, nominal=nominal, scale=1.0, probability={effect.key: probability}
+        problem=None, nominal_problem=None, nominal=nominal, scale=1.0, probability={COULOMB.key: probability}
     )
     return Judgement(outcome, best, "explained")
 
 
-COULOMB = JointCoulombFriction("j1", {"torque": 1.0})
-STRIBECK = JointStribeckFriction("j1", {"coulomb": 1.0, "static": 1.2, "velocity": 0.1})
-ADHESION = ContactAdhesion("ball/ground", {"force": 1.0, "range": 0.003})
-
-
-@pytest.mark.parametrize(
-    ("effect", "std", "probability", "reason"),
-    [
-        (COULOMB, [0.01], 0.49, "probability"),
-        (COULOMB, [0.34], 1.0, "undetermined"),
-        (STRIBECK, [0.4, 0.5, 0.01], 1.0, "undetermined"),
-    ],
-)
-def test_a_name_without_support_is_withheld_and_told_why(
-    monkeypatch: pytest.MonkeyPatch, effect: Effect, std: list[float], probability: float, reason: str
-) -> None:
+def test_a_name_that_shares_its_evidence_is_withheld_and_told_why(monkeypatch: pytest.MonkeyPatch) -> None:
     trace = Trace()
-    found = support.withhold_unsupported(_judgement(monkeypatch, effect, std, probability), trace)
-    assert found.kind == "unexplained" and found.withheld == (effect,) and not found.best.model.effects
+    found = support.withhold_unsupported(_judgement(monkeypatch, 0.49), trace)
+    assert found.kind == "unexplained" and found.withheld == (COULOMB,) and found.best is found.outcome.nominal
     assert found.left == 2.0
     (record,) = trace.records
-    assert record.test == reason and not record.passed
+    assert record.test == "probability" and not record.passed
 
 
-@pytest.mark.parametrize(
-    ("effect", "std", "probability"),
-    [(COULOMB, [0.01], 0.5), (COULOMB, [0.33], 1.0), (ADHESION, [0.01, 0.05], 1.0), (STRIBECK, [0.01, 0.5, 0.01], 0.6)],
-)
-def test_what_is_determined_keeps_its_name(
-    monkeypatch: pytest.MonkeyPatch, effect: Effect, std: list[float], probability: float
-) -> None:
-    """The range of an adhesion only shapes it."""
-    judgement = _judgement(monkeypatch, effect, std, probability)
-    found = support.withhold_unsupported(judgement, Trace())
-    assert found.kind == "explained" and found.best is judgement.best and not found.withheld
-    assert found.std is not None and list(found.std) == std
+def test_what_has_half_of_the_probability_keeps_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    judgement, trace = _judgement(monkeypatch, 0.5), Trace()
+    assert support.withhold_unsupported(judgement, trace) is judgement and not trace.records
 
 
 def test_a_steady_turn_does_not_tell_which_friction(tmp_path: Any) -> None:

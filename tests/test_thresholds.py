@@ -28,6 +28,8 @@ ITERATIONS = {
     "search/cuts.py": "MOST_LEFT_OUT DRAWS",
     "joints/linearised_contact_effects.py": "IMPROVEMENTS",
     "joints/plane_candidates.py": "IMPROVEMENTS",
+    "long/fit_of_all.py": "MOST_PASSES SETTLED CHECKED WORSE",
+    "long/stretches.py": "MOST_STRETCHES FEWEST_PARTS",
     "joints/unknown_force.py": "MOST_STEPS TOLERANCE PART REACH",
     "likelihood/flow.py": "TOLERANCE MOST_STEPS",
     "likelihood/whole_recordings.py": "ITERATIONS SETTLED FREEDOMS NEAR WORSE SMALL_DAMPING LARGE_DAMPING",
@@ -94,6 +96,8 @@ APPROXIMATION = {
 MEMORY = {
     # how much is kept from one call to the next, or reckoned at once
     "joints/inertial_columns.py": "CACHED",
+    "long/budget.py": "GIB DEFAULT_MEMORY BYTES_BY_PAIR BYTES_BY_COLUMN FIRST_SECONDS SEARCHED_SHARE "
+    "PART_SHARE FEWEST_ROWS",
     "joints/linearised_effects.py": "CACHED_ROWS",
     "joints/pulses.py": "CACHED_ROWS",
     "noise/coloured.py": "CACHED_ENTRIES",

@@ -38,7 +38,8 @@ def test_own_servo_from_commands_and_positions_to_a_corrected_simulation(tmp_pat
     run("stand_in_servo", "robot", folder=tmp_path)
     tables = [f"robot/run_{number}.csv" for number in (1, 2, 3)]
     said = run("own_servo", "robot/arm.urdf", *tables, folder=tmp_path)
-    assert said.startswith("The model lacks joint coulomb friction at elbow (torque 0.4")
+    told = re.match(r"The model lacks joint coulomb friction at elbow \(torque ([0-9.]+) N m\)\. With that", said)
+    assert told is not None and float(told[1]) == pytest.approx(0.4, rel=0.02)
     found = dict(re.findall(r"(servo_\w+ of \w+): ([0-9.]+)", said))
     assert float(found["servo_stiffness of shoulder"]) == pytest.approx(60.0, rel=0.02)
     assert float(found["servo_stiffness of elbow"]) == pytest.approx(25.0, rel=0.02)

@@ -16,7 +16,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints import quality as prediction
 from drake_cafim.diagnosis.predict.innovations import Innovations, _update
 from drake_cafim.diagnosis.preparation import Prepared, prepare
-from drake_cafim.diagnosis.search import judgement, support
+from drake_cafim.diagnosis.search import judgement
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record, stiff_grease
 from drake_cafim.numerics.computation import NotComputable, compute
@@ -81,8 +81,7 @@ def test_places_and_predictions_that_fail_leave_the_verdict(
     monkeypatch.setattr(assembly, "locate_named", SINGULAR)
     monkeypatch.setattr(prediction, "innovations", SINGULAR)
     monkeypatch.setattr(prediction, "forecasts", _fail(OverflowError("math range error")))
-    for module in (assembly, support):
-        monkeypatch.setattr(module, "standard_deviations", _fail(FloatingPointError("invalid value")))
+    monkeypatch.setattr(assembly, "standard_deviations", _fail(FloatingPointError("invalid value")))
     verdict, outcome = examine(scene, [recording])
     assert verdict.kind == "explained" and verdict.explanation[0].effect.name == "joint_viscous_friction"
     report = write_artifacts(tmp_path, verdict, outcome, [recording], [], ["a command"], replay=False)

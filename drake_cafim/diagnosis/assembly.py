@@ -152,8 +152,7 @@ def _explanations(
 ) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
     """The accepted effects, and a note where their standard deviations cannot be computed."""
     outcome, best = judgement.outcome, judgement.best
-    known = judgement.std
-    std = compute(lambda: standard_deviations(outcome.problem, best, outcome.scale)) if known is None else known
+    std = compute(lambda: standard_deviations(outcome.problem, best, outcome.scale))
     notes: tuple[str, ...] = ()
     if isinstance(std, NotComputable):
         notes = (f"the std of the named effects' parameters cannot be computed: {std.reason}",)

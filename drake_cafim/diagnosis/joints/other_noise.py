@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.rows.weak_form import WeakForm, acting_effort
 from drake_cafim.diagnosis.thresholds import OTHER_NOISE_RATIO
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.dynamics.motion import mass_matrix, motion
@@ -86,4 +86,4 @@ def _joint_inertias(weak: WeakForm, physics: Physics) -> Array:
 
 def _joint_efforts(weak: WeakForm, physics: Physics) -> Array:
     """(n,) root mean squares of the efforts that act, over their gains, by which the rows are divided."""
-    return np.asarray(np.sqrt(np.mean(weak.acting_effort(physics) ** 2, axis=0)) / np.abs(physics.effort_gains))
+    return np.asarray(np.sqrt(np.mean(acting_effort(weak, physics) ** 2, axis=0)) / np.abs(physics.effort_gains))

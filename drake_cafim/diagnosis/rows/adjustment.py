@@ -18,7 +18,7 @@ from drake_cafim.diagnosis.rows.law_points import lay_points
 from drake_cafim.diagnosis.rows.measurement import corrected_measurement
 from drake_cafim.diagnosis.rows.samples import EstimatedMotion, Samples
 from drake_cafim.diagnosis.rows.trajectory import PASSES, SETTLED, Trajectory, Transition, smooth
-from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.rows.weak_form import WeakForm, acting_effort
 from drake_cafim.diagnosis.thresholds import LAW_ACCURACY
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.effects.sensor import SensorEffect
@@ -172,7 +172,7 @@ def _unmodelled_force(weak: WeakForm, physics: Physics, found: Trajectory, mobil
     At most as large as a model that is right to `LAW_ACCURACY` may miss: that share of a joint's effort, anew in each
     test function.
     """
-    effort = weak.acting_effort(physics)
+    effort = acting_effort(weak, physics)
     most = (LAW_ACCURACY**2) * np.mean(effort**2, axis=0) * weak.samples.windows.spacing
     return np.asarray(np.minimum(found.density / np.maximum(mobility, 1e-300) ** 2, most), dtype=float)
 

@@ -103,14 +103,6 @@ class WeakForm:
         """(N, n) mean effort that acts at each joint from one sample to the next, rotor inertia not subtracted."""
         return self.terms(physics).driven.mean_effort(physics)
 
-    def acting_effort(self, physics: Physics) -> Array:
-        """(N, n) the mean effort, without what force laws of the actuators take off, as a speed limit does."""
-        effort, joints = self.mean_effort(physics).copy(), self.joint_samples(physics)
-        for effect in physics.joint_forces:
-            if effect.place is Place.ACTUATOR:
-                effort[:, physics.tree.joint_index(effect.at)] += physics.joint_force(effect, joints).value
-        return effort
-
     def effort_at_samples(self, physics: Physics) -> Array:
         """(N, n) effort that acts at each joint at the samples; of a held one, what acts from there on."""
         return self.terms(physics).driven.at_samples(physics)
@@ -156,6 +148,15 @@ class WeakForm:
         if estimated is not None:
             memory = estimated.points.between(memory)
         return moving.project(physics.contact_wrenches(moving, memory))
+
+
+def acting_effort(weak: WeakForm, physics: Physics) -> Array:
+    """(N, n) the mean effort, without what force laws of the actuators take off, as a speed limit does."""
+    effort, joints = weak.mean_effort(physics).copy(), weak.joint_samples(physics)
+    for effect in physics.joint_forces:
+        if effect.place is Place.ACTUATOR:
+            effort[:, physics.tree.joint_index(effect.at)] += physics.joint_force(effect, joints).value
+    return effort
 
 
 def _integrate_joint_forces(physics: Physics, terms: MotionTerms) -> Array:

@@ -43,8 +43,6 @@ class Judgement:
     """Mean square of the rows that `best` leaves, in units of the channels' noise; None where its χ² says that."""
     adequate: bool = False
     """Whether `best` leaves only noise, and only an unknown far from its prior makes the verdict `unexplained`."""
-    std: Array | None = None
-    """(n + k,) standard deviations of the unknowns and strengths of `best`, where they have been computed."""
     withheld: tuple[Effect, ...] = ()
     """Effects that the search accepted and that are not named, since the recordings support others as much."""
 
