@@ -4,7 +4,7 @@ import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -13,10 +13,8 @@ from drake_cafim.command_line.fleet import FleetArguments, diagnose_as_fleet
 from drake_cafim.command_line.group import Cafim
 from drake_cafim.command_line.options import common, package_option, parse_share
 from drake_cafim.command_line.output import open_folder, print_result, progress_line
+from drake_cafim.command_line.run import run
 from drake_cafim.errors import InputError
-
-if TYPE_CHECKING:
-    pass
 
 
 @click.group(cls=Cafim, context_settings={"help_option_names": ["-h", "--help"]})
@@ -25,97 +23,7 @@ def main() -> None:
     """A robot that touches things learns what they are made of, and names the physics its model left out."""
 
 
-@main.command()
-@click.argument("scenario")
-@click.option(
-    "--world", default="drake", show_default=True, help="Contact: drake (hydroelastic) or model (the planner's)."
-)
-@click.option("--experiments", type=int, help="How many; by default the scenario's number.")
-@click.option("--until-std", type=float, help="Stop when every std is below this fraction of its estimate.")
-@click.option(
-    "--policy", default="contact-aware", show_default=True, help="Or finite-difference, asid, random, scripted, hold."
-)
-@click.option("--planner", default="predictive-sampling", show_default=True, help="Or cem, mppi, gradient.")
-@click.option(
-    "--criterion", default="logdet", show_default=True, help="Or trace, scaled_trace, a_optimal, min_eigenvalue."
-)
-@click.option(
-    "--belief-samples",
-    type=int,
-    default=1,
-    show_default=True,
-    help="Points of the belief over which a plan's score is averaged.",
-)
-@click.option(
-    "--force-guard/--no-force-guard",
-    default=None,
-    help="Reduce commands so that forces stay within the limit.  [default: contact-aware, where there is a limit]",
-)
-@click.option("--fisher", default="tangent", show_default=True, help="Or autodiff, finite-difference.")
-@click.option(
-    "--estimator", default="shooting", show_default=True, help="Or joint: parameters and forces in one program."
-)
-@click.option("--as-printed", is_flag=True, help="The paper's own choices, where they can be made.")
-@click.option(
-    "--place-std",
-    type=float,
-    default=0.0,
-    show_default=True,
-    help="How far the contact may be from where it is planned, m, learned beside the unknowns.",
-)
-@click.option(
-    "--law",
-    help="Contact law of the planner: kelvin_voigt, hunt_crossley, hydroelastic, paper, or all, between which the "
-    "measurements decide.  [default: all in world drake, else the scenario's]",
-)
-@click.option(
-    "--prior-scale", type=float, default=1.3, show_default=True, help="The prior's mean as a multiple of the truth."
-)
-@click.option(
-    "--conceal",
-    multiple=True,
-    help="EFFECT@PLACE parameter=value ...: an effect of the world that the planner's model lacks; repeatable.",
-)
-@click.option("--no-diagnosis", is_flag=True, help="Leave out the diagnosis of the run's own recordings at its end.")
-@common
-def run(
-    scenario: str,
-    world: Any,
-    prior_scale: float,
-    law: str | None,
-    place_std: float,
-    as_printed: bool,
-    conceal: tuple[str, ...],
-    no_diagnosis: bool,
-    out: Path | None,
-    as_json: bool,
-    resume: bool,
-    overwrite: bool,
-    **chosen: Any,
-) -> None:
-    """Plan motions that touch, carry them out, and learn the scenario's unknowns."""
-    from drake_cafim.commands.run import RunRequest, check_request, parse_concealed, run_command, table
-    from drake_cafim.experiment.closed_loop import Options
-
-    options = Options(**{name: value for name, value in chosen.items() if name not in ("jobs", "scheduler")})
-    request = RunRequest(
-        scenario,
-        world,
-        options,
-        prior_scale,
-        parse_concealed(conceal),
-        as_printed,
-        place_std,
-        law,
-        diagnosed=not no_diagnosis,
-    )
-    check_request(request)
-    folder = open_folder(out, "run", resume=resume, overwrite=overwrite)
-    with progress_line() as progress:
-        record = run_command(request, folder, progress, resume=resume)
-    report = record.get("diagnosis", {}).get("report")
-    written = [folder / "replay.html", *([(folder / report).with_suffix(".html")] if report else [])]
-    print_result(record, as_json, "\n".join([table(record), *map(str, written)]))
+main.add_command(run)
 
 
 @main.command()

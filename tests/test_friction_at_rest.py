@@ -7,29 +7,11 @@ import pandas as pd
 import pytest
 import scipy.sparse as sp
 
-from drake_cafim import recordings
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.whitening.friction_at_rest import _lasting, friction_at_rest_covariance
-from drake_cafim.scene.scene import Scene
+from tests.turntable import problem_of, write_turntable
 
 INERTIA, FRICTION = 0.01, 0.05
-URDF = f"""
-<robot name="turntable">
-  <link name="base"/>
-  <link name="plate">
-    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="{INERTIA}" ixy="0" ixz="0" iyz="0"/></inertial>
-  </link>
-  <joint name="axis" type="continuous">
-    <parent link="base"/><child link="plate"/><axis xyz="0 0 1"/><dynamics friction="{FRICTION}"/>
-  </joint>
-</robot>
-"""
-SCENARIO = """
-model: turntable.urdf
-weld: [{body: base}]
-channels: {q: {std: 1.0e-5}, v: {std: 1.0e-3}, u: {std: 0.0}}
-"""
 
 
 def _held_and_let_go(seconds: float) -> pd.DataFrame:
@@ -53,17 +35,13 @@ def _held_and_let_go(seconds: float) -> pd.DataFrame:
 
 
 def _problem(folder: Path) -> WeakProblem:
-    (folder / "turntable.urdf").write_text(URDF)
-    (folder / "scenario.yaml").write_text(SCENARIO)
-    _held_and_let_go(6.0).to_parquet(folder / "held.parquet")
-    scene = Scene.load(folder / "scenario.yaml")
-    problem = prepare(scene, [recordings.read(folder / "held.parquet")]).problem()
-    assert isinstance(problem, WeakProblem)
-    return problem
+    write_turntable(folder, _held_and_let_go(6.0), (1e-5, 1e-3), INERTIA, friction=FRICTION)
+    return problem_of(folder)
 
 
 def test_what_holds_a_joint_is_noise_while_it_rests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    left = [float(np.mean(problem.residual(problem.nominal()) ** 2)) for problem in [_problem(tmp_path)]]
+    problem = _problem(tmp_path)
+    left = [float(np.mean(problem.residual(problem.nominal()) ** 2))]
     nothing = "drake_cafim.diagnosis.whitening.covariance.friction_at_rest_covariance"
     monkeypatch.setattr(nothing, lambda weak, physics: sp.csr_matrix(friction_at_rest_covariance(weak, physics).shape))
     bare = _problem(tmp_path)

@@ -22,8 +22,8 @@ from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.diagnosis.search.goodness_of_fit import GoodnessOfFit, goodness_of_fit
 from drake_cafim.diagnosis.search.judgement import Judgement, judge
 from drake_cafim.diagnosis.search.search import Outcome
+from drake_cafim.diagnosis.search.shared_evidence import withhold_shared
 from drake_cafim.diagnosis.search.state import Settings
-from drake_cafim.diagnosis.search.support import withhold_unsupported
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_ROUNDS, UNKNOWN_FAR_IN_PRIOR_STDS
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.verdict import (
@@ -110,7 +110,7 @@ def judge_prepared(
         if again is None or isinstance(again, NotComputable):
             break
         prepared, judgement, trace = again
-    return prepared, withhold_unsupported(judgement, trace), trace
+    return prepared, withhold_shared(judgement, trace), trace
 
 
 def select_findings(

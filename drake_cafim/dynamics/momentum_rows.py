@@ -6,7 +6,7 @@ Notation and arguments are those of `recursions`; inertial parameters are those 
 
 import numpy as np
 
-from drake_cafim.dynamics.recursions import place
+from drake_cafim.dynamics.recursions import into_frame, place
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array, Indices
 
@@ -19,14 +19,7 @@ def momenta(
     """M(q) v (N, n), without rotor inertias, for `parameters` (n, 10): S_k · h of the subtree beyond joint k."""
     N, n = q.shape
     momentum = np.empty((N, n))
-    R, p, S, V, F, h = (
-        np.empty((n, 3, 3)),
-        np.empty((n, 3)),
-        np.zeros((n, 6)),
-        np.empty((n, 6)),
-        np.empty((3, 3)),
-        np.empty((n, 6)),
-    )
+    R, p, S, V, F, h = _work_arrays(n)
     local = np.empty(6)
     for i in range(N):
         place(parents, R_PF, p_PF, joint_axes, prismatic, q[i], v[i], R, p, S, V, F)
@@ -49,14 +42,7 @@ def inertial_forces(
     """∂T/∂q + gravity (N, n) under `gravity` (3,) m/s²: Ṡ_k · h + S_k · w, w the weight of the subtree beyond k."""
     N, n = q.shape
     force = np.empty((N, n))
-    R, p, S, V, F, h = (
-        np.empty((n, 3, 3)),
-        np.empty((n, 3)),
-        np.zeros((n, 6)),
-        np.empty((n, 6)),
-        np.empty((3, 3)),
-        np.empty((n, 6)),
-    )
+    R, p, S, V, F, h = _work_arrays(n)
     local, lump = np.empty(6), np.empty((n, 4))
     for i in range(N):
         place(parents, R_PF, p_PF, joint_axes, prismatic, q[i], v[i], R, p, S, V, F)
@@ -84,17 +70,25 @@ def inertial_forces(
 
 
 @compiled
+def _work_arrays(n: int) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """R, p, S, V and the work array F of `place`, and h (n, 6)."""
+    return (
+        np.empty((n, 3, 3)),
+        np.empty((n, 3)),
+        np.zeros((n, 6)),
+        np.empty((n, 6)),
+        np.empty((3, 3)),
+        np.empty((n, 6)),
+    )
+
+
+@compiled
 def _momentum(R: Array, p: Array, V: Array, parameters: Array, local: Array, h: Array) -> None:
     """Writes the momentum h (6,) about the world's origin of a link with these `parameters` (10,) in its frame (R, p).
 
     `local` (6,) is a work array.
     """
-    x = V[3] + V[1] * p[2] - V[2] * p[1]
-    y = V[4] + V[2] * p[0] - V[0] * p[2]
-    z = V[5] + V[0] * p[1] - V[1] * p[0]
-    for r in range(3):
-        local[r] = R[0, r] * V[0] + R[1, r] * V[1] + R[2, r] * V[2]
-        local[3 + r] = R[0, r] * x + R[1, r] * y + R[2, r] * z
+    into_frame(R, p, V, local)
     wx, wy, wz, ux, uy, uz = local[0], local[1], local[2], local[3], local[4], local[5]
     m, cx, cy, cz = parameters[0], parameters[1], parameters[2], parameters[3]
     fx, fy, fz = m * ux + wy * cz - wz * cy, m * uy + wz * cx - wx * cz, m * uz + wx * cy - wy * cx

@@ -83,6 +83,17 @@ def place(
 
 
 @compiled
+def into_frame(R: Array, p: Array, V_W: Array, V: Array) -> None:
+    """Transforms a spatial vector V_W (6,) about the world's origin into `V` about the origin of the frame (R, p)."""
+    x = V_W[3] + V_W[1] * p[2] - V_W[2] * p[1]
+    y = V_W[4] + V_W[2] * p[0] - V_W[0] * p[2]
+    z = V_W[5] + V_W[0] * p[1] - V_W[1] * p[0]
+    for r in range(3):
+        V[r] = R[0, r] * V_W[0] + R[1, r] * V_W[1] + R[2, r] * V_W[2]
+        V[3 + r] = R[0, r] * x + R[1, r] * y + R[2, r] * z
+
+
+@compiled
 def _momentum(inertia: Array, V: Array, h: Array) -> None:
     """Writes h (6,) = I V for an inertia I of ten numbers."""
     m, x, y, z = inertia[0], inertia[1], inertia[2], inertia[3]

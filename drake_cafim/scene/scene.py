@@ -43,7 +43,6 @@ from drake_cafim.scenario.model_physics import (
 from drake_cafim.scenario.names import check_names, naming
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.schema import (
-    OF_HARDWARE_SIM,
     UNRECORDED,
     Channel,
     EffectEntry,
@@ -65,6 +64,7 @@ from drake_cafim.scenario.unknown import (
 )
 from drake_cafim.scenario.unknown_effects import effects_of_unknowns
 from drake_cafim.scene.address import split_address
+from drake_cafim.scene.supported import check_supported, notes_on_unused
 from drake_cafim.typing import Array
 
 PHYSICS_CACHED = 128
@@ -153,7 +153,7 @@ class Scene:
         with naming(name):
             plant, scene_graph, statements = add_plant(scenario, folder, builder, time_step=0.0)
             diagram = builder.Build()
-            _check_supported(plant, name)
+            check_supported(plant, name)
             scenario = replace(scenario, lock=resolve_lock(scenario.lock, plant, statements))
             tree = tree_of(plant, locked_positions(scenario.lock), followed_joints(statements))
             tree = with_effort_limits(tree, statements)
@@ -162,7 +162,7 @@ class Scene:
                 check_mimics(tree, statements)
                 check_inertias(tree, statements, scenario.model or name)
             check_names(scenario, plant, tree)
-            statements = replace(statements, notes=(*statements.notes, *_unused(scenario)))
+            statements = replace(statements, notes=(*statements.notes, *notes_on_unused(scenario)))
         physics = Physics(tree, np.array(scenario.gravity, dtype=float))
         vocabulary = vocabulary_with(effects)
         scene = cls(
@@ -371,12 +371,6 @@ class Scene:
         return tuple(sensors)
 
 
-def _unused(scenario: Scenario) -> list[str]:
-    """A note on keys of Drake's hardware_sim that say what a recording says already."""
-    given = [key for key in OF_HARDWARE_SIM if getattr(scenario, key)]
-    return [f"not used of the scenario: {', '.join(given)}; efforts are those at the joints"] if given else []
-
-
 def _entry(effect: Effect) -> EffectEntry:
     """The entry of `effects:` that states the effect."""
     values = {name: float(value) for name, value in effect.values.items()}
@@ -385,19 +379,3 @@ def _entry(effect: Effect) -> EffectEntry:
         interval = [values.pop("start"), values.pop("stop")]
         return EffectEntry(effect.name, effect.at, values, interval, episode.recording)
     return EffectEntry(effect.name, effect.at, values, law=law, table=effect.table or None)
-
-
-def _check_supported(plant: MultibodyPlant, name: str) -> None:
-    """Raises `InputError` for a floating body with joints, and for constraints between bodies."""
-    free = plant.GetFloatingBaseBodies()
-    for body in [plant.get_body(index) for index in free]:
-        joints = [plant.get_joint(index) for index in plant.GetJointIndices(body.model_instance())]
-        if any(joint.num_velocities() > 0 and joint.child_body().index() not in free for joint in joints):
-            raise InputError(
-                f"{name}: nothing holds {body.name()}, which carries the joints, and a floating base with joints is "
-                f"not supported; expected it under `weld: [{{body: {body.name()}}}]` of a scenario if it stands still"
-            )
-    if plant.num_constraints() > 0:
-        raise InputError(
-            f"{name}: constraints of the model close a chain of joints, and closed chains are not supported"
-        )

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.test_functions import Windows
 from drake_cafim.dynamics.motion import Motion, motion, rates
+from drake_cafim.dynamics.recursions import into_frame
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.numerics.compiled import compiled
@@ -176,9 +177,9 @@ def momenta_of(j: int, carriers: Indices, R: Array, p: Array, axes: Array, v: Ar
         for c in carriers:
             for r in range(6):
                 together[r] += axes[i, c, r] * v[i, c]
-        _in_frame(R[i, j], p[i, j], together, V)
+        into_frame(R[i, j], p[i, j], together, V)
         for k in range(K):
-            _in_frame(R[i, j], p[i, j], axes[i, carriers[k]], S)
+            into_frame(R[i, j], p[i, j], axes[i, carriers[k]], S)
             _product(S, V, momenta[i, k])
     return momenta
 
@@ -197,11 +198,11 @@ def forces_of(
     forces, weights = np.empty((P, K, INERTIAL)), np.empty((P, K, 4, 3))
     S, W = np.empty(6), np.empty(6)
     for i in range(P):
-        _in_frame(R[i, j], p[i, j], velocities[i, j], W)
+        into_frame(R[i, j], p[i, j], velocities[i, j], W)
         for k in range(K):
-            _in_frame(R[i, j], p[i, j], rates[i, carriers[k]], S)
+            into_frame(R[i, j], p[i, j], rates[i, carriers[k]], S)
             _product(S, W, forces[i, k])
-            _in_frame(R[i, j], p[i, j], axes[i, carriers[k]], S)
+            into_frame(R[i, j], p[i, j], axes[i, carriers[k]], S)
             for x in range(3):
                 gx, gy, gz = R[i, j, x, 0], R[i, j, x, 1], R[i, j, x, 2]
                 weights[i, k, 0, x] = S[3] * gx + S[4] * gy + S[5] * gz
@@ -209,17 +210,6 @@ def forces_of(
                 weights[i, k, 2, x] = gz * S[0] - gx * S[2]
                 weights[i, k, 3, x] = gx * S[1] - gy * S[0]
     return forces, weights
-
-
-@compiled
-def _in_frame(R: Array, p: Array, V_W: Array, V: Array) -> None:
-    """Transforms a spatial vector V_W (6,) about the world's origin into `V` about the origin of the frame (R, p)."""
-    x = V_W[3] + V_W[1] * p[2] - V_W[2] * p[1]
-    y = V_W[4] + V_W[2] * p[0] - V_W[0] * p[2]
-    z = V_W[5] + V_W[0] * p[1] - V_W[1] * p[0]
-    for r in range(3):
-        V[r] = R[0, r] * V_W[0] + R[1, r] * V_W[1] + R[2, r] * V_W[2]
-        V[3 + r] = R[0, r] * x + R[1, r] * y + R[2, r] * z
 
 
 @compiled

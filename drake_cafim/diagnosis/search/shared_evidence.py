@@ -16,7 +16,7 @@ from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.effects.effect import Effect
 
 
-def withhold_unsupported(judgement: Judgement, trace: Trace) -> Judgement:
+def withhold_shared(judgement: Judgement, trace: Trace) -> Judgement:
     """The judgement without the names that fail `failures`, which are its `withheld`; each failure is added to `trace`.
 
     Its kind is then `unexplained`, since what these effects explained has no name.
