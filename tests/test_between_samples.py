@@ -56,3 +56,46 @@ def test_exact_samples_of_a_damped_joint_leave_nothing(tmp_path: Path, damping: 
     problem = problem_of(tmp_path)
     # 1.1 at .1 N m s/rad with the velocities' cubics in place of the motion between samples
     assert float(np.mean(problem.residual(problem.nominal()) ** 2)) < most
+
+
+WRIST_ARM = """
+<robot name="wrist">
+  <link name="base"/>
+  <link name="hand">
+    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="2e-4" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>
+  <link name="tip">
+    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>
+  <joint name="roll" type="continuous">
+    <parent link="base"/><child link="hand"/><axis xyz="0 0 1"/><dynamics damping="1" friction="1"/>
+  </joint>
+  <joint name="twist" type="continuous">
+    <parent link="hand"/><child link="tip"/><axis xyz="0 0 1"/><dynamics damping="1" friction="1"/>
+  </joint>
+</robot>
+"""
+
+
+def test_light_joints_with_the_friction_of_large_ones_are_estimated_by_their_samples(tmp_path: Path) -> None:
+    """Two coaxial joints of a wrist whose model states 1 N m and 1 N m s/rad, as makers do for all joints alike.
+
+    Each moves the other, and their velocities relax in a tenth of a millisecond: estimated joint by joint, the motion
+    would leave the samples.
+    """
+    (tmp_path / "wrist.urdf").write_text(WRIST_ARM)
+    channels = "{q: {std: 1.0e-4}, u: {std: 0.03, hold: first_order}}"
+    (tmp_path / "scenario.yaml").write_text(f"model: wrist.urdf\nweld: [{{body: base}}]\nchannels: {channels}\n")
+    rng, time = np.random.default_rng(3), np.arange(0.0, 6.0, 0.01)
+    table = {"time": time}
+    moves = [(0.5, 1.7, 0.3), (0.4, 2.9, 1.1)]
+    v = [size * rate * np.cos(rate * time + phase) for size, rate, phase in moves]
+    a = [-size * rate**2 * np.sin(rate * time + phase) for size, rate, phase in moves]
+    forces = [3e-4 * a[0] + 1e-4 * a[1], 1e-4 * (a[0] + a[1])]
+    for name, (size, rate, phase), velocity, force in zip(("roll", "twist"), moves, v, forces, strict=True):
+        table[f"q.{name}"] = size * np.sin(rate * time + phase) + rng.normal(0.0, 1e-4, time.size)
+        effort = force + velocity + np.tanh(velocity / 0.005)
+        table[f"u.{name}"] = effort + rng.normal(0.0, 0.03, time.size)
+    pd.DataFrame(table).to_parquet(tmp_path / "run.parquet")
+    problem = problem_of(tmp_path)
+    assert float(np.mean(problem.residual(problem.nominal()) ** 2)) < 2.0

@@ -27,6 +27,10 @@ from drake_cafim.typing import Array
 
 POSITION_STEP, VELOCITY_STEP = 1e-6, 1e-5
 """Steps of central differences, rad and rad/s (m and m/s)."""
+CONTRADICTED = 5.0
+"""Distance of a joint's velocities under the model from those by the samples alone, in standard deviations of the
+latter, from which on the model's acceleration says nothing of the joint's motion: stiff laws of light joints that are
+coupled with each other cannot be integrated joint by joint."""
 LEAST_STD = 1e-12
 """rad or rad/s (m or m/s): exact samples would leave the filter without a scale."""
 
@@ -40,7 +44,8 @@ def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
     if samples.velocity_measured:
         variance_v = np.stack([_variance(samples, physics, f"v.{name}") for name in names], axis=1)
     read = (samples.time, as_read.q, as_read.v, variance_q, variance_v)
-    found = smooth(*read, Transition.unknown(samples.time, len(names)))
+    free = found = smooth(*read, Transition.unknown(samples.time, len(names)))
+    contradicted = np.zeros(len(names), dtype=bool)
     nothing = np.zeros((len(samples.time) - 1, len(names)))
     current = _with_trajectory(weak, physics, found, nothing, np.zeros(len(names)))
     # efforts that their maker filtered are not those that made the motion
@@ -49,7 +54,10 @@ def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
         transition, bend, mobility = _transition(current, physics, found)
         if not (np.all(np.isfinite(transition.rise_v)) and np.all(np.isfinite(transition.rise_q))):
             break
-        before, found = found, smooth(*read, transition)
+        before, found = found, smooth(*read, transition.without_model(contradicted))
+        contradicted |= found.distance(free) > CONTRADICTED
+        found = found.with_joints(contradicted, free)
+        bend = np.where(contradicted, 0.0, bend)
         current = _with_trajectory(weak, physics, found, bend, _unmodelled_force(current, physics, found, mobility))
         if np.sqrt(np.mean(((found.v - before.v) / np.maximum(found.v_std, LEAST_STD)) ** 2)) < SETTLED:
             break
@@ -131,7 +139,7 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
     way = h**2 / 6.0 * (after[:-1] + 2.0 * middle + 2.0 * by_law[:-1] + by_law[1:]) + h**2 * (by_way - ringing / 12.0)
     by_contact = _contact_slopes(weak, physics, found)
     slopes = (own * (by_q + by_contact[0]), own * (by_v + by_contact[1]))
-    transition = Transition.of(time, found.q, found.v, gain, way, *slopes)
+    transition = Transition.of(time, found.q, found.v, gain, way, *slopes, (0.5 + mean, 1.0 / 6.0 + first))
     # of ramped efforts the rows know the slopes
     ramps = np.where(samples.ramped, at_samples, 0.0)
     change = change + ringing + 12.0 * bent + np.diff(by_law, axis=0) - np.diff(_accelerate(response, ramps), axis=0)

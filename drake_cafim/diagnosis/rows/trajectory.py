@@ -10,13 +10,13 @@ recording tells where the joint is, and large where something is missing, so tha
 that of Rauch, Tung and Striebel (AIAA Journal 3(8), 1965).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drake_cafim.diagnosis.thresholds import LONGEST_PAUSE_OF_WINDOW
 from drake_cafim.numerics.compiled import compiled
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Flags
 
 DENSITIES = 10.0 ** np.arange(-12.0, 7.0, 1.0)
 """Densities S that are tried, times the square of 1 rad/s (or m/s) over 1 s; those around the likeliest are refined."""
@@ -47,6 +47,16 @@ class Trajectory:
     v_std: Array
     density: Array
 
+    def distance(self, other: "Trajectory") -> Array:
+        """(n,) root mean square difference of the velocities from those of `other`, in its standard deviations."""
+        apart = np.clip((self.v - other.v) / np.maximum(other.v_std, np.finfo(float).tiny), -1e100, 1e100)
+        return np.asarray(np.sqrt(np.mean(apart**2, axis=0)))
+
+    def with_joints(self, chosen: Flags, other: "Trajectory") -> "Trajectory":
+        """The same with the `chosen` joints (n,) as in `other`."""
+        names = ("q", "v", "q_std", "v_std", "density")
+        return Trajectory(*(np.where(chosen, getattr(other, name), getattr(self, name)) for name in names))
+
 
 @dataclass(frozen=True)
 class Transition:
@@ -63,20 +73,43 @@ class Transition:
     rise_q: Array
     rise_v: Array
     about: Array
+    interval: Array
+    """(N − 1, n) s, the sample intervals."""
 
     @staticmethod
     def unknown(time: Array, joints: int) -> "Transition":
         """That of a joint of which no acceleration is known."""
         nothing = np.zeros((len(time) - 1, joints))
         h = np.diff(time)[:, None] + nothing
-        return Transition(h, nothing, 1.0 + nothing, nothing, nothing, np.zeros((2, len(time), joints)))
+        return Transition(h, nothing, 1.0 + nothing, nothing, nothing, np.zeros((2, len(time), joints)), h)
+
+    def without_model(self, joints: Flags) -> "Transition":
+        """The same about the same motion, where nothing is known of the acceleration of these `joints` (n,)."""
+        if not np.any(joints):
+            return self
+        q, v = self.about
+        # where the acceleration is not known either, a velocity lasts, and a position changes by it
+        h = self.interval
+        free = Transition(h, 0.0 * h, 1.0 + 0.0 * h, q[:-1] + h * v[:-1] - q[1:], v[:-1] - v[1:], self.about, h)
+        names = ("q_by_v", "v_by_q", "v_by_v", "rise_q", "rise_v")
+        return replace(self, **{name: np.where(joints, getattr(free, name), getattr(self, name)) for name in names})
 
     @staticmethod
-    def of(time: Array, q: Array, v: Array, gain: Array, way: Array, by_q: Array, by_v: Array) -> "Transition":
+    def of(
+        time: Array,
+        q: Array,
+        v: Array,
+        gain: Array,
+        way: Array,
+        by_q: Array,
+        by_v: Array,
+        ends: tuple[Array | float, Array | float] = (0.5, 1.0 / 6.0),
+    ) -> "Transition":
         """That of a model about the motion `q`, `v` (N, n).
 
         `gain` and `way` (N − 1, n) are the integral and the double integral of its acceleration over each sample
-        interval; `by_q` and `by_v` (N, n) its derivatives by the joint's own position and velocity.
+        interval; `by_q` and `by_v` (N, n) its derivatives by the joint's own position and velocity. `ends` are the
+        weights of the acceleration at an interval's end in both, over h and over h².
         """
         h = np.diff(time)[:, None]
         rate, pull = (0.5 * (slope[:-1] + slope[1:]) for slope in (by_v, by_q))
@@ -84,7 +117,11 @@ class Transition:
         # exact for a constant rate: a stiff friction takes a deviation away within an interval
         lasting = h * np.where(decay < -1e-6, np.expm1(decay) / np.where(decay < -1e-6, decay, 1.0), 1.0 + 0.5 * decay)
         missed_q, missed_v = q[:-1] + h * v[:-1] + way - q[1:], v[:-1] + gain - v[1:]
-        return Transition(lasting, pull * lasting, np.exp(decay), missed_q, missed_v, np.stack([q, v]))
+        # what is missed at the interval's end changes the law there, which opposes it: (1 + w λ) δv = missed
+        braking = np.maximum(-by_v[1:], 0.0) * h
+        rise_v = missed_v / (1.0 + ends[0] * braking)
+        rise_q = missed_q - h * ends[1] * braking * rise_v
+        return Transition(lasting, pull * lasting, np.exp(decay), rise_q, rise_v, np.stack([q, v]), h + 0.0 * q[1:])
 
 
 def smooth(time: Array, q: Array, v: Array, variance_q: Array, variance_v: Array, transition: Transition) -> Trajectory:
