@@ -74,9 +74,9 @@ def test_seal_holds_and_breaks() -> None:
 
 
 def test_full_composition_has_every_effect_ten_times_and_the_short_one_every_family() -> None:
-    slots = plan.composition(np.random.default_rng(1), 920)
+    slots = plan.composition(np.random.default_rng(1), 1150)
     kinds = [kind.partition(":")[0] for kind, _ in slots]
-    assert len(slots) >= 900
+    assert len(slots) == 1150 and kinds.count("many") == 230
     assert [
         kinds.count(kind) >= least for kind, least in (("single", 390), ("null", 300), ("odd", 100), ("pair", 100))
     ] == [True] * 4
@@ -85,7 +85,8 @@ def test_full_composition_has_every_effect_ten_times_and_the_short_one_every_fam
     assert len({kind for kind, _ in slots if kind.startswith("odd")}) >= 6
     short = plan.composition(np.random.default_rng(2), 60)
     assert {FAMILY[kind.partition(":")[2]] for kind, _ in short if kind.startswith("single")} == set(FAMILY.values())
-    assert {kind.partition(":")[0] for kind, _ in short} == {"single", "null", "odd", "pair"}
+    assert {kind.partition(":")[0] for kind, _ in short} == {"single", "null", "odd", "pair", "many"}
+    assert len(short) == 60 and [kind for kind, _ in short].count("many") == 6
     assert len(VOCABULARY) == 39
 
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from . import excitation, odd_arm, timing
+from . import excitation, odd_arm, timing, wrong_inertials
 from .arm_context import ArmContext
 from .case import RECORDINGS, Case, World
 from .draw_arm import DRAWS, draw_arm
+from .draw_many import draw_many
 from .laws import Laws
 from .mujoco_arm import ArmInverse, ArmPlant
 from .noise import KINDS, ChannelNoise, Clock, loguniform
@@ -23,6 +24,8 @@ from .urdf import arm_urdf
 MEMBERS = len(RECORDINGS)
 OF_COMMANDS = ("actuator_saturation", "actuator_dead_zone")
 """What an effort that is measured has been through, and what only a commanded one can show."""
+PROCESS_TIME = 0.02
+"""s, the correlation time of efforts that nobody knows of."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ def random_settings(rng: np.random.Generator, kind: str) -> Settings:
     noise = str(rng.choice(KINDS))
     if kind == "null" and rng.random() < 0.15:
         noise = "coloured_undeclared"
-    return Settings(
+    settings = Settings(
         step=0.002,
         samples=int(rng.integers(3000, 3501)),
         skip=int(rng.integers(300, 600)) if rng.random() < 0.25 else 0,
@@ -60,6 +63,10 @@ def random_settings(rng: np.random.Generator, kind: str) -> Settings:
         process=loguniform(rng, 1e-5, 3e-4) if kind.startswith("single") and rng.random() < 0.08 else 0.0,
         noisy_feedback=bool(rng.random() < 0.5),
     )
+    if kind != "many":
+        return settings
+    efforts, process = loguniform(rng, 1e-4, 3e-3), loguniform(rng, 2e-3, 2e-2)
+    return replace(settings, excitation="rich", states_std=True, effort_std=efforts, process=process)
 
 
 def random_unknown(rng: np.random.Generator, robot: Robot) -> tuple[Robot, list[dict[str, object]], dict[str, float]]:
@@ -131,14 +138,14 @@ def simulate_arm(
 
 
 def make_arm(rng: np.random.Generator, size: int, kind: str, only: int | None = None) -> Case:
-    """A case on a random arm; kind: null, single:<effect>, pair[:<effect>,<effect>], odd[:<name>].
+    """A case on a random arm; kind: null, single:<effect>, pair[:<effect>,<effect>], odd[:<name>], many.
 
     `only` conceals one of the drawn effects and leaves all else as it is, to reckon its strength by itself.
     """
     settings = random_settings(rng, kind)
     branch = bool(size >= 6 and rng.random() < 0.25)
     base = random_arm(rng, size, branch)
-    true, entries, values = random_unknown(rng, base)
+    true, entries, values = wrong_inertials.wrong(rng, base) if kind == "many" else random_unknown(rng, base)
     nominal = nominal_of(base, entries)
     total = settings.samples + settings.skip
     linear = np.array([joint.kind == "prismatic" for joint in nominal.joints])
@@ -167,7 +174,9 @@ def make_arm(rng: np.random.Generator, size: int, kind: str, only: int | None = 
     inertia = np.diag(inverse.mass_matrix(desired.q[0, 0]))
     command = controller(desired, feedforward, inertia, rng.uniform(4.0, 8.0), seen * drawn_q, seen * drawn_v)
     scale = np.array([context.effort(j) for j in range(size)])
-    process = settings.process * scale * ChannelNoise(1.0, 0.02).draw(rng, time, size) if settings.process else None
+    process = (
+        settings.process * scale * ChannelNoise(1.0, PROCESS_TIME).draw(rng, time, size) if settings.process else None
+    )
     motion, world = simulate_arm(true, effects, time, desired, command, process, settings.skip)
     channels = sensed(motion, nominal, effects)
     measured = {name: curve(motion.time) for name, curve in channels.columns.items()}
@@ -183,7 +192,7 @@ def make_arm(rng: np.random.Generator, size: int, kind: str, only: int | None = 
         "settings": settings.__dict__,
     }
     study = {"world": World(nominal, world, motion, measured, effects), "settings": settings, "entries": entries}
-    study |= {"noise_q": noise_q, "noise_v": noise_v}
+    study |= {"noise_q": noise_q, "noise_v": noise_v, "unaffected": true, "scale": scale}
     return Case(kind, nominal.name, scenario, f"{nominal.name}.urdf", arm_urdf(nominal), tables, truth, study)
 
 
@@ -197,6 +206,8 @@ def draw_effects(rng: np.random.Generator, context: ArmContext, kind: str) -> tu
     head, _, names = kind.partition(":")
     if head == "null":
         return ()
+    if head == "many":
+        return draw_many(rng, context)
     if head == "odd":
         return (odd_arm.draw(rng, context, names or str(rng.choice(sorted(odd_arm.DRAWS)))),)
     chosen = names.split(",") if names else [str(rng.choice(sorted(DRAWS)))]

@@ -16,7 +16,7 @@ from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.scene.scene import Scene
 
-from .score import same_place
+from .alike import same_place
 
 ROUNDS = 2
 """Of reckoning the noise anew, which the effects move."""

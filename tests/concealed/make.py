@@ -1,7 +1,7 @@
 """`python -m tests.concealed.make --kind KIND --rig RIG --seed S --out DIR`: one case, its truth beside the folder.
 
-KIND: null | single:<effect> | pair | pair:<effect>,<effect> | odd | odd:<name>.
-RIG: arm2 | arm3 | arm6 | arm7 | press | toss.
+KIND: null | single:<effect> | pair | pair:<effect>,<effect> | odd | odd:<name> | many.
+RIG: arm2 to arm7 | press | toss; of many, an arm.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ from .case import Case, write_truth
 from .press_case import make_press
 from .strength import Excess, Rows, reckoned
 from .strength_arm import ArmRows
+from .strength_many import reckoned_many
 from .strength_press import PressRows
 from .strength_toss import TossRows
 from .toss_case import make_toss
 
-RIGS = ("arm2", "arm3", "arm6", "arm7", "press", "toss")
+RIGS = ("arm2", "arm3", "arm4", "arm5", "arm6", "arm7", "press", "toss")
 _ATTEMPTS = 6
 
 
@@ -84,6 +85,8 @@ def make(kind: str, rig: str, seed: int) -> Case:
             continue
         if kind.startswith("pair"):
             return paired(case, [simulate(kind, rig, seed, attempt, only) for only in (0, 1)])
+        if kind == "many":
+            return replace(case, truth=case.truth | reckoned_many(case), study={})
         case = studied(case)
         if not kind.startswith("odd") or case.truth["strengths"][0]["clear"]:  # type: ignore[index]
             return case

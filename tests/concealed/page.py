@@ -14,6 +14,7 @@ from jinja2 import Environment
 from matplotlib.figure import Figure
 
 from .summary import calibration, confusion, curve, figures, held_out_gains, part
+from .summary_many import by_effect, by_sigma
 from .truth import FAMILY
 
 Scores = Sequence[dict[str, Any]]
@@ -178,6 +179,7 @@ def _composition(scores: Scores, rigs: Sequence[str]) -> list[dict[str, Any]]:
         ("null", "nothing concealed"),
         ("odd", "outside the vocabulary"),
         ("pair", "two effects"),
+        ("many", "5 to 20 effects"),
     ):
         items = [item for item in scores if item["kind"] == kind]
         counts = [sum(item["rig"] == rig for item in items) for rig in rigs]
@@ -208,6 +210,8 @@ def write_page(path: Path, about: dict[str, Any], scores: Scores, elapsed: float
         curve_svg=curve_svg(scores),
         calibration_svg=calibration_svg(scores),
         groups=_groups(scores),
+        many_by_effect=by_effect(scores),
+        many_by_sigma=by_sigma(scores),
         matrices=[
             _matrix(scores, "Confusion, clear cases (true names down, told names across)", True),
             _matrix(scores, "Confusion, all cases", False),

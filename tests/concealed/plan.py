@@ -11,8 +11,10 @@ from .press_case import ON_STAGE
 from .toss_case import ODD_TOSS, ON_TOSS
 from .truth import FAMILY, VOCABULARY
 
-FULL = {"single": 400, "null": 310, "odd": 105, "pair": 105}
+FULL = {"single": 400, "null": 310, "odd": 105, "pair": 105, "many": 230}
+MANY_AT_LEAST = 6
 ARMS = ("arm2", "arm3", "arm6", "arm7")
+EVERY_ARM = ("arm2", "arm3", "arm4", "arm5", "arm6", "arm7")
 _ARM_WEIGHTS = (0.25, 0.3, 0.2, 0.25)
 
 Slot = tuple[str, str]  # kind, rig
@@ -52,13 +54,18 @@ def _any_rig(rng: np.random.Generator) -> str:
 
 
 def counts(size: int) -> dict[str, int]:
-    """Numbers of cases a kind: in the proportions of the full proof, at least one of each kind and each family."""
+    """Numbers of cases a kind: in the proportions of the full proof, at least one of each kind and each family.
+
+    Of cases with many effects, which take as long as ten others, a short form has half as many, yet six from 40 on.
+    """
     total = sum(FULL.values())
     if size >= 900:
         grown = {kind: max(count, round(size * count / total)) for kind, count in FULL.items()}
         return grown
     shares = {kind: max(1, round(size * count / total)) for kind, count in FULL.items()}
-    shares["single"] = max(len(set(FAMILY.values())), size - shares["null"] - shares["odd"] - shares["pair"])
+    shares["many"] = max(MANY_AT_LEAST if size >= 40 else 1, round(0.5 * size * FULL["many"] / total))
+    others = sum(count for kind, count in shares.items() if kind != "single")
+    shares["single"] = max(len(set(FAMILY.values())), size - others)
     return shares
 
 
@@ -69,6 +76,7 @@ def composition(rng: np.random.Generator, size: int) -> list[Slot]:
     slots += [("null", _any_rig(rng)) for _ in range(number["null"])]
     slots += [_odd(rng, index) for index in range(number["odd"])]
     slots += [("pair", _any_rig(rng)) for _ in range(number["pair"])]
+    slots += [("many", str(rng.choice(EVERY_ARM))) for _ in range(number["many"])]
     return [slots[index] for index in rng.permutation(len(slots))]
 
 

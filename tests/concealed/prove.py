@@ -28,7 +28,7 @@ from drake_cafim.parallel.task import Task
 
 from .again import run_again
 from .page import write_page
-from .plan import composition
+from .plan import FULL, composition
 from .seal import canonical, case_seed, fresh_seed
 from .summary import figures
 from .trial import Trial, attempt
@@ -106,6 +106,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--limit", type=float, default=600.0, help="s that one diagnosis may take")
     parser.add_argument("--seed", help="for debugging only; the page says so")
     parser.add_argument("--only", type=int, nargs="*", help="these slots only")
+    parser.add_argument("--kinds", nargs="+", choices=list(FULL), help="cases of these kinds only")
     cafim = str(Path(sys.executable).parent / "cafim")
     parser.add_argument(
         "--again", type=Path, metavar="DIR", help="diagnose the cases that are kept in DIR, and compare"
@@ -115,8 +116,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     diagnose = [str(Path(part).absolute()) if Path(part).exists() else part for part in options.diagnose]
     if options.again is not None:
-        if options.keep or options.seed or options.only:
-            parser.error("--again takes its cases from DIR: --keep, --seed and --only are of new ones")
+        if options.keep or options.seed or options.only or options.kinds:
+            parser.error("--again takes its cases from DIR: --keep, --seed, --only and --kinds are of new ones")
         return run_again(
             options.again,
             options.out,
@@ -137,7 +138,9 @@ def main(arguments: list[str] | None = None) -> int:
     master = options.seed or fresh_seed()
     slots = composition(np.random.default_rng(int(known["composition"], 0)), options.size)
     done = {item["slot"] for item in opened(options.out)}
-    wanted = [i for i in range(len(slots)) if i not in done and (options.only is None or i in options.only)]
+    kinds = options.kinds or list(FULL)
+    asked = [i for i in range(len(slots)) if slots[i][0].partition(":")[0] in kinds]
+    wanted = [i for i in asked if i not in done and (options.only is None or i in options.only)]
     print(f"diagnosis at commit {known['starts'][-1]['commit']}", flush=True)
     print(
         f"{len(slots)} trials, {len(done)} ended before, {len(wanted)} to run; seeds sealed under {_digest(master)}",

@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
+from .alike import Json, covered_by, equivalent, matches, same_place
+from .score_many import score_many
 from .truth import FAMILY
-
-Json = Mapping[str, Any]
-NORMAL_95 = 1.959964
-
-
-def same_place(place: str, other: str) -> bool:
-    """Equal, or the same contact pair in the other order."""
-    return place == other or ("/" in place and sorted(place.split("/")) == sorted(other.split("/")))
 
 
 def same_region(location: str, place: str) -> bool:
@@ -33,15 +25,18 @@ def score(truth: Json, report: Json | None, failure: str = "") -> dict[str, Any]
     """What was right and what was wrong; `report` None where the diagnosis failed."""
     effects = truth["effects"]
     kind = str(truth["kind"]).partition(":")[0]
+    clear = [bool(item["clear"]) for item in truth.get("strengths", [])]
     result: dict[str, Any] = {
         "kind": kind,
         "rig": truth["rig"],
         "truth": [[item["effect"], item["at"]] for item in effects],
         "failure": failure,
         "strengths": [item["value"] for item in truth.get("strengths", [])],
-        "clear": bool(effects) and all(item["clear"] for item in truth.get("strengths", [])),
+        "clear": bool(effects) and (any(clear) if kind == "many" else all(clear)),
         "process": bool(truth.get("settings", {}).get("process")),
     }
+    if kind == "many":
+        return result | {"verdict": "failed" if report is None else report["verdict"]} | score_many(truth, report)
     if report is None:
         return result | {"verdict": "failed", "named": [], "right": False, "right_as_before": False, "wrong_names": []}
     named = [[item["effect"], item["at"]] for item in report.get("explanation", [])]
@@ -95,10 +90,6 @@ def _located(place: str, report: Json) -> bool:
     return same_region(top, place) or any(same_region(item["at"], place) for item in report.get("explanation", []))
 
 
-def matches(named: Sequence[str], effect: Json) -> bool:
-    return named[0] == effect["effect"] and same_place(named[1], effect["at"])
-
-
 def _replaces(other: Json, effects: Sequence[Json], named: Sequence[Sequence[str]], report: Json) -> bool:
     """Whether what is named is the truth with one effect, the `of`-th, under the acceptable name; never two at once."""
     wanted = [effect for k, effect in enumerate(effects) if k != other.get("of", 0)]
@@ -129,29 +120,6 @@ def _score_effects(truth: Json, report: Json, named: Sequence[Sequence[str]]) ->
     }
 
 
-def equivalent(effect: str, told: dict[str, float], true: dict[str, float]) -> dict[str, float]:
-    """The told parameters in that of their equal forms that lies nearest to the truth."""
-    forms = [told]
-    if effect == "torque_ripple" and {"phase", "amplitude"} <= told.keys():
-        turns = [2.0 * np.pi * k for k in (-2, -1, 0, 1, 2)]
-        forms = [told | {"phase": told["phase"] + turn} for turn in turns]
-        forms += [told | {"phase": told["phase"] + np.pi + turn, "amplitude": -told["amplitude"]} for turn in turns]
-    if effect == "contact_anisotropic_friction" and {"angle", "friction_1", "friction_2"} <= told.keys():
-        swapped = told | {
-            "friction_1": told["friction_2"],
-            "friction_2": told["friction_1"],
-            "angle": told["angle"] + 0.5 * np.pi,
-        }
-        forms = [form | {"angle": form["angle"] + np.pi * k} for form in (told, swapped) for k in (-2, -1, 0, 1, 2)]
-    key = "phase" if effect == "torque_ripple" else "angle"
-    return min(
-        forms,
-        key=lambda form: sum(
-            abs(form[name] - true[name]) for name in true if name in form and (name == key or len(forms) > 1)
-        ),
-    )
-
-
 def _score_numbers(truth: Json, report: Json) -> dict[str, Any]:
     """Errors of strengths, coverage of 95 % intervals, transients' intervals, held-out likelihood."""
     errors, covered = [], []
@@ -174,19 +142,6 @@ def _score_numbers(truth: Json, report: Json) -> dict[str, Any]:
         "held_out_gain": None if all("interval" in effect for effect in truth["effects"]) else _gain(report),
         "transient": _transient(truth, report),
     }
-
-
-def covered_by(effect: Json, told: Mapping[str, tuple[float, float]]) -> list[list[Any]]:
-    """Of each number of the effect: its name, whether its 95 % interval holds the truth, and how many stds off it is.
-
-    `told` holds values and stds. Laws that the vocabulary does not state exactly have no true numbers.
-    """
-    if not effect.get("exact", True):
-        return []
-    true = {name: float(value[0]) for name, value in effect["parameters"].items()}
-    values = equivalent(effect["effect"], {name: value for name, (value, _) in told.items()}, true)
-    off = {name: (values[name] - true[name]) / told[name][1] for name in true if name in told and told[name][1]}
-    return [[name, abs(z) <= NORMAL_95, z] for name, z in off.items()]
 
 
 def _relative(effect: str, told: float, true: float) -> float:

@@ -203,8 +203,8 @@ def with_true_unknown(robot: Robot, entries: list[dict[str, object]], values: di
     return robot
 
 
-def _late(rows: ArmRows, j: int, seconds: float) -> Array:
-    """u(t - d) - u(t) of the staircase."""
+def late(rows: ArmRows, j: int, seconds: float) -> Array:
+    """u(t - d) - u(t) of the staircase (B, N)."""
     u = rows.u[:, :, j]
     shift = seconds / rows.windows.step
     whole, part = int(shift), shift - int(shift)
@@ -212,7 +212,8 @@ def _late(rows: ArmRows, j: int, seconds: float) -> Array:
     return (1.0 - part) * early[:, 1:] + part * early[:, :-1] - u
 
 
-def _slow(rows: ArmRows, j: int, seconds: float) -> Array:
+def slow(rows: ArmRows, j: int, seconds: float) -> Array:
+    """What a first-order lag of u takes from u (B, N)."""
     u = rows.u[:, :, j]
     keep = float(np.exp(-rows.windows.step / seconds))
     late, _ = lfilter([0.0, 1.0 - keep], [1.0, -keep], u, axis=1, zi=u[:, :1])
@@ -241,8 +242,8 @@ def joint_alternatives(rows: ArmRows, j: int) -> Iterator[tuple[str, int, list[A
     for part in (0.5, 0.65, 0.8, 0.9, 0.95):
         yield "actuator_saturation", 1, [np.clip(u, -part * largest, part * largest) - u]
     for seconds in (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016):
-        yield "actuator_delay", 1, [_late(rows, j, seconds)]
-        yield "actuator_lag", 1, [_slow(rows, j, seconds)]
+        yield "actuator_delay", 1, [late(rows, j, seconds)]
+        yield "actuator_lag", 1, [slow(rows, j, seconds)]
     curve = np.gradient(np.gradient(u, rows.windows.step, axis=1), rows.windows.step, axis=1)
     yield "joint_elasticity", 2, [curve]
     span = max(float(np.ptp(q)), 1e-3)

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from .summary_many import shares
+
 Scores = Sequence[dict[str, Any]]
 
 BEFORE = "as counted in 0.1.0"
@@ -70,6 +72,8 @@ def figures(scores: Scores) -> list[Figure]:
     renamed = part(true, lambda item: item.get("second_name", False) and len(item["named"]) >= len(item["truth"]))
     left_out = part(true, lambda item: item.get("second_name", False) and len(item["named"]) < len(item["truth"]))
     second_answers = part(true, lambda item: item.get("second_name", False))
+    many = shares(scores)
+    alone_or_none = [item for item in scores if item["kind"] != "many"]
     alarms = part(nulls, lambda item: not item["right"])
     alarms_before = part(nulls, lambda item: not item["right_as_before"])
     return [
@@ -113,7 +117,16 @@ def figures(scores: Scores) -> list[Figure]:
         Figure(
             "of these, too faint to be seen by the maker's reckoning, and not named", left_out, len(true), "–", None
         ),
-        Figure("all cases: a wrong name in the explanation", part(scores, "wrong_names"), len(scores), "–", None),
+        Figure(
+            "these cases: a wrong name in the explanation",
+            part(alone_or_none, "wrong_names"),
+            len(alone_or_none),
+            "–",
+            None,
+        ),
+        _at_least("many effects at once: clear ones named", *many["named"], 0.90),
+        _at_most("many effects at once: names that are false", *many["false"], 0.05),
+        Figure("many effects at once: 95 % intervals that hold the truth", *many["covered"], "–", None),
         _at_most(
             "diagnoses that failed or timed out",
             part(scores, lambda item: item["verdict"] == "failed"),
@@ -157,10 +170,10 @@ def curve(
 
 
 def confusion(scores: Scores, clear_only: bool = False) -> tuple[list[str], list[str], dict[tuple[str, str], int]]:
-    """True names (rows), told names (columns) and counts; pairs are left out."""
+    """True names (rows), told names (columns) and counts; cases of several effects are left out."""
     counts: dict[tuple[str, str], int] = {}
     for item in scores:
-        if item["kind"] == "pair" or (clear_only and item["kind"] != "null" and not item["clear"]):
+        if item["kind"] in ("pair", "many") or (clear_only and item["kind"] != "null" and not item["clear"]):
             continue
         true = item["truth"][0][0] if item["truth"] else "none"
         told = (

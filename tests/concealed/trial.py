@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 
+from .alike import covered_by, matches
 from .assumed import assumed
 from .case import RECORDINGS
 from .fork_server import run_cafim
 from .make import make
-from .score import covered_by, matches, score
+from .score import score
 from .seal import Seal
 
 
