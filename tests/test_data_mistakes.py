@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.multibody.tree import MultibodyForces
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.diagnose import diagnose, estimate
@@ -87,6 +88,39 @@ def test_efforts_without_gravity_are_told(arm: tuple[Scene, list[Recording]]) ->
         changed.append(replace(run, columns={**run.columns, **without}))
     efforts = " and ".join(f"u.{name}" for name in scene.tree.joint_names)
     assert _told(scene, changed) == (f"{efforts} of {_files(changed)} have gravity already taken out",)
+
+
+def test_a_bias_is_not_told_as_gravity_where_an_arm_moves_little(links: tuple[Scene, list[Recording]]) -> None:
+    """Hung out to one side, where gravity hardly changes; the other file, in which it does, knows the same bias."""
+    scene, _ = links
+    name = scene.tree.joint_names
+    wide, narrow = two_links.recording("wide.parquet", 1), _held_out_to_one_side(scene)
+    bias = 0.9 * _gravity(scene, narrow).mean(axis=0)
+    biased = [
+        _with(run, {f"u.{joint}": run[f"u.{joint}"] + bias[j] for j, joint in enumerate(name)})
+        for run in (wide, narrow)
+    ]
+    assert _told(scene, biased) == ()
+
+
+def _held_out_to_one_side(scene: Scene) -> Recording:
+    """A recording of a small motion about 1.2 rad, its efforts by Drake's inverse dynamics at each sample."""
+    rng, time = np.random.default_rng(7), two_links.STEP * np.arange(750)
+    wave = np.stack([0.02 * np.sin(5.0 * time), 0.02 * np.sin(7.0 * time)], axis=1)
+    q = np.array([1.2, 0.1]) + wave
+    v = np.stack([0.1 * np.cos(5.0 * time), 0.14 * np.cos(7.0 * time)], axis=1)
+    a = -wave * np.array([25.0, 49.0])
+    plant, context = scene.plant, scene.plant.CreateDefaultContext()
+    u = _gravity(scene, Recording("", time, {f"q.{joint}": q[:, j] for j, joint in enumerate(two_links.JOINTS)}))
+    for k in range(len(time)):
+        plant.SetPositions(context, q[k])
+        plant.SetVelocities(context, v[k])
+        u[k] = plant.CalcInverseDynamics(context, a[k], MultibodyForces(plant)) - u[k]
+    columns: Columns = {}
+    for kind, values, std in (("q", q, 2e-4), ("v", v, 2e-3), ("u", u, 0.0)):
+        read = values + std * rng.standard_normal(values.shape)
+        columns |= {f"{kind}.{joint}": read[:, j] for j, joint in enumerate(two_links.JOINTS)}
+    return Recording("narrow.parquet", time, columns)
 
 
 def _gravity(scene: Scene, run: Recording) -> Array:

@@ -6,7 +6,7 @@ tested on its own, since the files of a robot need not come from one program.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import Generic, Protocol, Self, TypeVar
 
 from drake_cafim.diagnosis.thresholds import (
     MISTAKE_CHI_SQUARE_PER_ROW,
@@ -63,19 +63,28 @@ class Excerpt(Protocol):
         ...
 
 
+E = TypeVar("E", bound=Excerpt)
+
+
 @dataclass(frozen=True)
-class Corrected:
-    """The `mistakes` of the recording `name`, and the χ² per row that is `left` once they are corrected."""
+class Corrected(Generic[E]):
+    """The `mistakes` of the recording `name`, its corrected `excerpt`, and the χ² per row that is `left` of it."""
 
     name: str
     mistakes: tuple[Suspicion, ...]
     left: float
+    excerpt: E
+
+    @property
+    def keys(self) -> set[tuple[str, str]]:
+        """Of the mistakes."""
+        return {mistake.key for mistake in self.mistakes}
 
 
-def correct(name: str, excerpt: Excerpt) -> Corrected:
+def correct(name: str, excerpt: E) -> Corrected[E]:
     """Corrects mistakes one after the other, while each explains most of the χ² that the ones before it leave."""
     supposed: list[Suspicion] = []
-    left, accepted = [excerpt.chi_square], 0
+    left, accepted, right = [excerpt.chi_square], 0, excerpt
     while len(supposed) < MISTAKES_A_RECORDING and left[-1] >= MISTAKE_CHI_SQUARE_PER_ROW:
         better = excerpt.best_correction()
         if better is None:
@@ -85,11 +94,11 @@ def correct(name: str, excerpt: Excerpt) -> Corrected:
         left.append(excerpt.chi_square)
         agrees = all(_agrees(excerpt, suspicion) for suspicion in supposed if suspicion.scale != 1.0)
         if agrees and left[-1] < MISTAKE_CHI_SQUARE_SHARE_LEFT * left[accepted]:
-            accepted = len(supposed)
+            accepted, right = len(supposed), excerpt
         # a correction that removes a part may need the next one: of two equal mistakes the first leaves half
         elif left[-1] > MISTAKE_PART_SHARE_LEFT * left[-2]:
             break
-    return Corrected(name, tuple(supposed[:accepted]), left[accepted])
+    return Corrected(name, tuple(supposed[:accepted]), left[accepted], right)
 
 
 def _agrees(excerpt: Excerpt, suspicion: Suspicion) -> bool:
@@ -102,13 +111,18 @@ def _agrees(excerpt: Excerpt, suspicion: Suspicion) -> bool:
     return excerpt.chi_square < MISTAKE_CHI_SQUARE_SHARE_LEFT * excerpt.scaled_again(suspicion)
 
 
-def sentences(found: Sequence[Corrected]) -> tuple[str, ...]:
+def shared_by_all(found: Sequence[Corrected[E]]) -> set[tuple[str, str]]:
+    """The keys of the mistakes that every recording has."""
+    return set.intersection(*(recording.keys for recording in found))
+
+
+def sentences(found: Sequence[Corrected[E]]) -> tuple[str, ...]:
     """A sentence for each mistake, with the files that have it; empty where there is none.
 
     Unless all recordings share a mistake, correcting it must lower χ² to that of the recordings without mistakes: else
     it may stand for physics that only this recording shows.
     """
-    shared = set.intersection(*({mistake.key for mistake in recording.mistakes} for recording in found))
+    shared = shared_by_all(found)
     clean = max((recording.left for recording in found if not recording.mistakes), default=0.0)
     files: dict[tuple[str, str], list[str]] = {}
     for recording in found:

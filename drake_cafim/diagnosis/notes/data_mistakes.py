@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_cafim.diagnosis.fit.data_mistakes import Suspicion, correct, sentences
+from drake_cafim.diagnosis.fit.data_mistakes import Corrected, Suspicion, correct, sentences, shared_by_all
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.notes.suspicions import suspicions
@@ -14,6 +14,7 @@ from drake_cafim.diagnosis.rows.samples import samples_of, with_recording
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import (
     MISTAKE_CHI_SQUARE_PER_ROW,
+    MISTAKE_CHI_SQUARE_SHARE_LEFT,
     MISTAKE_EXCERPT_SAMPLES,
     MISTAKE_EXCERPT_TRAVEL_SHARE,
     MISTAKE_MODEL_ACCURACY,
@@ -25,13 +26,58 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
+COMMON = ("joint_viscous_friction", "joint_coulomb_friction", "actuator_bias")
+"""What joints lack so often that a mistake of one file must explain more than it."""
+
 
 def data_mistakes(scene: Scene, recordings: Sequence[Recording], std: dict[str, float]) -> tuple[str, ...]:
     """A sentence for each mistake, with the files that have it; empty where there is none (see `sentences`).
 
     χ² is of the whitened rows under the model as given.
     """
-    return sentences([correct(recording.name, _Excerpts.of(scene, recording, std)) for recording in recordings])
+    given = [_Excerpts.of(scene, recording, std) for recording in recordings]
+    found = [correct(recording.name, excerpt) for recording, excerpt in zip(recordings, given, strict=True)]
+    return sentences(_beyond_physics(scene, given, found))
+
+
+def _beyond_physics(
+    scene: Scene, given: "Sequence[_Excerpts]", found: "Sequence[Corrected[_Excerpts]]"
+) -> "list[Corrected[_Excerpts]]":
+    """`found`, less what one file is said to have wrong and physics that all files share explains as well.
+
+    Where a robot lacks much, or its masses are unknown, one file may by chance agree with the model better once it is
+    taken for wrong. The unknowns, and a friction and a bias of each joint, are then the same for all files.
+    """
+    shared = shared_by_all(found)
+    if all(item.keys <= shared for item in found):
+        return list(found)
+    before = _fitted_together(scene, given)
+    after = _fitted_together(scene, [item.excerpt for item in found])
+    return [
+        item
+        if item.keys <= shared or right < MISTAKE_CHI_SQUARE_SHARE_LEFT * left
+        else replace(item, mistakes=(), left=excerpt.chi_square, excerpt=excerpt)
+        for item, excerpt, left, right in zip(found, given, before, after, strict=True)
+    ]
+
+
+def _fitted_together(scene: Scene, excerpts: "Sequence[_Excerpts]") -> list[float]:
+    """χ² per row of each file, once what is `COMMON` and the unknowns are fitted to all of them to first order."""
+    named = [effect for effect in excerpts[0].problem.hypotheses() if effect.name in COMMON]
+    effects = [effect.with_values(np.array([strength.nominal for strength in effect.strengths])) for effect in named]
+    model = Model(scene.priors.mean, tuple(effects))
+    problems = [excerpt.problem for excerpt in excerpts]
+    rows = [problem.rows_of(model) for problem in problems]
+    columns = [problem.jacobian(model) for problem in problems]
+    priors = columns[0][problems[0].rows :]
+    stacked = np.concatenate([*(own[: len(left)] for own, left in zip(columns, rows, strict=True)), priors])
+    size = np.maximum(np.linalg.norm(stacked, axis=0), np.finfo(float).tiny)
+    wanted = np.concatenate([*rows, problems[0].prior_rows(model)])
+    amounts = np.linalg.lstsq(stacked / size, wanted, rcond=None)[0] / size
+    return [
+        float(np.mean((left - own[: len(left)] @ amounts) ** 2)) if len(left) else 0.0
+        for own, left in zip(columns, rows, strict=True)
+    ]
 
 
 @dataclass(frozen=True)
