@@ -157,7 +157,7 @@ def test_each_clear_effect_and_each_name_counts() -> None:
     assert rows["joint_viscous_friction"] == {
         "name": "joint_viscous_friction",
         "there": 2,
-        "clear": 2,
+        "clear_count": 2,
         "named": 2,
         "false": 0,
     }
@@ -223,6 +223,7 @@ def test_the_proof_runs_cases_of_one_kind_and_tells_of_them(tmp_path: Path) -> N
     (trial,) = json.loads((out / "scores.json").read_text())["trials"]
     assert trial["kind"] == "many" and len(trial["found"]) == len(trial["truth"]) >= FEWEST
     page = (out / "proof.html").read_text()
+    assert "built-in method" not in page and "None" not in page
     assert "Many effects at once" in page and "5 to 20 effects" in page
     slots = plan.composition(np.random.default_rng(0x5), 8)
     assert slots[trial["slot"]] == ("many", trial["case_rig"])

@@ -118,7 +118,7 @@ def figures(scores: Scores) -> list[Figure]:
             "of these, too faint to be seen by the maker's reckoning, and not named", left_out, len(true), "–", None
         ),
         Figure(
-            "these cases: a wrong name in the explanation",
+            "all of these kinds: a wrong name in the explanation",
             part(alone_or_none, "wrong_names"),
             len(alone_or_none),
             "–",

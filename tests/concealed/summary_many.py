@@ -34,12 +34,12 @@ def by_effect(scores: Scores) -> list[dict[str, Any]]:
     counts: dict[str, dict[str, int]] = {}
 
     def row(name: str) -> dict[str, int]:
-        return counts.setdefault(name, dict.fromkeys(("there", "clear", "named", "false"), 0))
+        return counts.setdefault(name, dict.fromkeys(("there", "clear_count", "named", "false"), 0))
 
     for item in of_many(scores):
         for (name, _), there, sure in zip(item["truth"], item["found"], item["clear_effects"], strict=True):
             row(name)["there"] += 1
-            row(name)["clear"] += sure
+            row(name)["clear_count"] += sure
             row(name)["named"] += sure and there
         for name, _ in item["wrong_names"]:
             row(name)["false"] += 1
