@@ -96,9 +96,9 @@ def test_footprints_add_up_to_what_the_true_arm_without_its_effects_leaves(
     rows = ManyRows(simulate("many", "arm2", seed))
     left = flat(rows.excess().rows[None])[:, 0]
     prints = footprints(rows)
-    rest = left - sum(one.rows for one in prints)
+    rest = left - sum(footprint.rows for footprint in prints)
     assert np.linalg.norm(rest) < 0.05 * np.linalg.norm(left)
-    assert min(np.linalg.norm(left - one.rows) for one in prints) > 0.1 * np.linalg.norm(left)
+    assert min(np.linalg.norm(left - footprint.rows) for footprint in prints) > 0.1 * np.linalg.norm(left)
 
 
 def test_sigma_is_that_of_a_least_squares_fit() -> None:
@@ -143,17 +143,17 @@ def report(*names: tuple[str, str], **values: tuple[float, float]) -> dict[str, 
 
 def test_each_clear_effect_and_each_name_counts() -> None:
     told = report(("joint_viscous_friction", "elbow"), ("actuator_lag", "elbow"), coefficient=(0.52, 0.02))
-    one = score(truth(VISCOUS, COULOMB, LAG, sigmas=(40.0, 5.0, 12.0)), told)
-    assert one["found"] == [True, False, False] and one["clear_effects"] == [True, False, True]
-    assert one["wrong_names"] == [["actuator_lag", "elbow"]] and not one["right"]
-    assert [entry[1] for entry in one["covered"]] == [True]
+    first = score(truth(VISCOUS, COULOMB, LAG, sigmas=(40.0, 5.0, 12.0)), told)
+    assert first["found"] == [True, False, False] and first["clear_effects"] == [True, False, True]
+    assert first["wrong_names"] == [["actuator_lag", "elbow"]] and not first["right"]
+    assert [entry[1] for entry in first["covered"]] == [True]
     other = score(truth(VISCOUS, COULOMB, sigmas=(40.0, 5.0)), report(("joint_viscous_friction", "elbow")))
     assert other["right"]  # what is faint need not be named
-    table = {figure.name: figure for figure in figures([one, other])}
+    table = {figure.name: figure for figure in figures([first, other])}
     named, false = (table[f"many effects at once: {name}"] for name in ("clear ones named", "names that are false"))
     assert (named.value, named.count, named.kept) == (pytest.approx(2.0 / 3.0), 3, False)
     assert (false.value, false.count, false.kept) == (pytest.approx(1.0 / 3.0), 3, False)
-    rows = {row["name"]: row for row in by_effect([one, other])}
+    rows = {row["name"]: row for row in by_effect([first, other])}
     assert rows["joint_viscous_friction"] == {
         "name": "joint_viscous_friction",
         "there": 2,
@@ -162,7 +162,13 @@ def test_each_clear_effect_and_each_name_counts() -> None:
         "false": 0,
     }
     assert rows["actuator_lag"]["false"] == 1
-    assert [(row["there"], row["named"]) for row in by_sigma([one, other])] == [(0, 0), (2, 0), (1, 0), (2, 2), (0, 0)]
+    assert [(row["there"], row["named"]) for row in by_sigma([first, other])] == [
+        (0, 0),
+        (2, 0),
+        (1, 0),
+        (2, 2),
+        (0, 0),
+    ]
 
 
 def test_a_sealed_second_name_counts_for_its_own_effect_alone() -> None:
@@ -200,8 +206,8 @@ def test_the_fit_beside_the_others_takes_what_they_share(case: Case) -> None:
     rows = ManyRows(case)
     prints, unknown = footprints(rows), inertial_columns(rows)
     sigmas = [item["value"] for item in reckoned_many(case)["strengths"]]  # type: ignore[attr-defined]
-    for one, sigma in zip(prints, sigmas, strict=True):
-        assert 0.0 < sigma < np.linalg.norm(one.rows)
+    for footprint, sigma in zip(prints, sigmas, strict=True):
+        assert 0.0 < sigma < np.linalg.norm(footprint.rows)
     same = Leftover(np.column_stack([unknown, prints[0].rows]), unknown.shape[1])
     assert np.linalg.norm(same.of(prints[0].rows[:, None])) < 1e-6
 

@@ -18,11 +18,11 @@ def in_words_of(effects: Sequence[Json], named: Names) -> list[list[str]]:
     """
     true, told = {(item["effect"], item["at"]) for item in effects}, {(name, at) for name, at in named}
     for at in {at for _, at in told}:
-        both, one = {(COULOMB, at), (BIAS, at)}, (ASYMMETRIC, at)
-        if one in told and both <= true and one not in true and not both & told:
-            told = (told - {one}) | both
-        elif both <= told and one in true and not both & true and one not in told:
-            told = (told - both) | {one}
+        both, unequal = {(COULOMB, at), (BIAS, at)}, (ASYMMETRIC, at)
+        if unequal in told and both <= true and unequal not in true and not both & told:
+            told = (told - {unequal}) | both
+        elif both <= told and unequal in true and not both & true and unequal not in told:
+            told = (told - both) | {unequal}
     return sorted([name, at] for name, at in told)
 
 

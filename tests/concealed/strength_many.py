@@ -43,15 +43,15 @@ def reckoned_many(case: Case) -> dict[str, object]:
     rows = ManyRows(case)
     prints = footprints(rows)
     unknown, excess = inertial_columns(rows), rows.excess()
-    there = {(one.item.effect, one.item.at) for one in prints}
+    there = {(footprint.item.effect, footprint.item.at) for footprint in prints}
     strengths, accept = [], []
-    for own, one in enumerate(prints):
-        others = np.hstack([unknown, *(other.tangents for other in prints if other is not one)])
+    for own, footprint in enumerate(prints):
+        others = np.hstack([unknown, *(other.tangents for other in prints if other is not footprint)])
         left = Leftover(others, unknown.shape[1])
-        sigma = float(np.linalg.norm(left.of(one.rows[:, None])))
+        sigma = float(np.linalg.norm(left.of(footprint.rows[:, None])))
         strengths.append({"value": sigma, "clear": sigma >= CLEAR_SIGMA})
-        looks = [look for look in arm_alternatives(rows, one.item, excess) if (look.effect, look.at) not in there]
-        accept += [name | {"of": own} for name in other_names(one, looks, left)]
+        looks = [look for look in arm_alternatives(rows, footprint.item, excess) if (look.effect, look.at) not in there]
+        accept += [name | {"of": own} for name in other_names(footprint, looks, left)]
     return {"strengths": strengths, "accept": accept}
 
 
@@ -210,16 +210,16 @@ def joint_torque(rows: ManyRows, j: int, effects: Mapping[str, Values]) -> Array
     return total
 
 
-def other_names(one: Footprint, looks: Sequence[Alternative], left: Leftover) -> Iterator[dict[str, object]]:
+def other_names(footprint: Footprint, looks: Sequence[Alternative], left: Leftover) -> Iterator[dict[str, object]]:
     """Names that explain as well what this effect does, all others being there: expected log Bayes factors under 3."""
-    mine, count = left.of(one.rows[:, None])[:, 0], len(one.rows)
+    mine, count = left.of(footprint.rows[:, None])[:, 0], len(footprint.rows)
     best: dict[tuple[str, str], float] = {}
     for look in looks:
         columns = left.of(flat(look.regressors))
         columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
         taken, *_ = np.linalg.lstsq(columns, mine, rcond=1e-8)
         remains = 0.5 * float(np.sum((mine - columns @ taken) ** 2))
-        factor = remains + 0.5 * (look.parameters - len(one.item.parameters)) * np.log(count)
+        factor = remains + 0.5 * (look.parameters - len(footprint.item.parameters)) * np.log(count)
         name = (look.effect, look.at)
         best[name] = min(factor, best.get(name, np.inf))
     for (effect, at), factor in best.items():
