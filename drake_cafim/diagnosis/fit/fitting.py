@@ -234,7 +234,8 @@ def _minimise(
     residual, jacobian = problem.residual(model), problem.jacobian(model)
     start, damping = model.vector, 1e-6
     for _ in range(iterations):
-        if jacobian.shape[1] == 0:
+        if jacobian.shape[1] == 0 or not np.all(np.isfinite(residual)):
+            # where the rows diverge they have no slopes
             break
         least = max(_least_gain(problem, residual), 0.5 * tolerance)
         harder = ROUGHLY if tolerance else (problem.least_damping, 10.0)

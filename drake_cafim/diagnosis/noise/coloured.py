@@ -32,6 +32,31 @@ CACHED_ENTRIES = 10_000_000
 _COVARIANCES: dict[tuple[bytes, "CorrelatedNoise"], sp.csr_matrix] = {}
 
 
+@dataclass(frozen=True)
+class NoiseProcess:
+    """Noise of unit variance as a linear system of p states x that white noise drives: `output` (p,) times x.
+
+    From sample to sample x is multiplied by `transition` (N − 1, p, p), and noise of covariance `fresh` (N − 1, p, p)
+    is added, so that the covariance `lasting` (p, p) stays.
+    """
+
+    output: Array
+    transition: Array
+    fresh: Array
+    lasting: Array
+
+    @classmethod
+    def of(cls, output: Array, transition: Array, lasting: Array) -> "NoiseProcess":
+        """That in which `lasting` stays the covariance."""
+        fresh = lasting - transition @ lasting @ np.swapaxes(transition, 1, 2)
+        return cls(output, transition, fresh, lasting)
+
+    @property
+    def states(self) -> int:
+        """The number p of states."""
+        return len(self.output)
+
+
 class CorrelatedNoise(ABC):
     """Noise of unit variance: a fraction `share` is correlated in time, a fraction `white` is white."""
 
@@ -45,6 +70,10 @@ class CorrelatedNoise(ABC):
     @abstractmethod
     def correlation(self, apart: Array) -> Array:
         """Autocorrelation of the correlated part at a difference `apart` of ages; at most e^−apart."""
+
+    @abstractmethod
+    def process(self, time: Array) -> NoiseProcess:
+        """The linear system whose output is the correlated part, of unit variance, at `time` (N,) s."""
 
     @abstractmethod
     def drawn(self, rng: np.random.Generator, time: Array) -> Array:
@@ -64,6 +93,10 @@ class Memory(CorrelatedNoise):
 
     def correlation(self, apart: Array) -> Array:
         return np.exp(-apart)
+
+    def process(self, time: Array) -> NoiseProcess:
+        decay = self.correlation(np.diff(self.age(time)))
+        return NoiseProcess.of(np.ones(1), decay[:, None, None], np.ones((1, 1)))
 
     def drawn(self, rng: np.random.Generator, time: Array) -> Array:
         decay = np.concatenate([[0.0], self.correlation(np.diff(self.age(time)))])

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.diagnosis.noise.coloured import CorrelatedNoise
+from drake_cafim.diagnosis.noise.coloured import CorrelatedNoise, NoiseProcess
 from drake_cafim.diagnosis.thresholds import LATTICE_DEVIATION, LONGEST_ROUNDING_DWELL, QUANTISED_WAY_INTERVAL
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.recordings.recording import Recording
@@ -36,13 +36,16 @@ class Rounding(CorrelatedNoise):
         turned = ROTATION / DECAY * apart
         return np.asarray(np.exp(-apart) * (np.cos(turned) - DECAY / ROTATION * np.sin(turned)))
 
-    def drawn(self, rng: np.random.Generator, time: Array) -> Array:
+    def process(self, time: Array) -> NoiseProcess:
         phi = np.ascontiguousarray(np.moveaxis(_oscillation(np.diff(self.age(time))), 2, 0))
-        lasting = np.diag([1.0 / (DECAY**2 + ROTATION**2), 1.0])
-        # process noise Q = P − Φ P Φᵀ keeps the stationary covariance P
-        fresh, axes = np.linalg.eigh(lasting - phi @ lasting @ np.swapaxes(phi, 1, 2))
+        return NoiseProcess.of(np.array([0.0, 1.0]), phi, np.diag([1.0 / (DECAY**2 + ROTATION**2), 1.0]))
+
+    def drawn(self, rng: np.random.Generator, time: Array) -> Array:
+        process = self.process(time)
+        fresh, axes = np.linalg.eigh(process.fresh)
         pushes = np.einsum("nij,nj->ni", axes * np.sqrt(np.maximum(fresh, 0.0))[:, None], rng.normal(size=fresh.shape))
-        return np.asarray(_propagate(phi, np.sqrt(lasting) @ rng.normal(size=2), pushes)[:, 1])
+        start = np.sqrt(process.lasting) @ rng.normal(size=2)
+        return np.asarray(_propagate(process.transition, start, pushes)[:, 1])
 
 
 @compiled

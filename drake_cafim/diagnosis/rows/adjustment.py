@@ -17,7 +17,7 @@ from drake_cafim.diagnosis.rows.filtered_windows import FilteredWindows
 from drake_cafim.diagnosis.rows.law_points import lay_points
 from drake_cafim.diagnosis.rows.measurement import corrected_measurement
 from drake_cafim.diagnosis.rows.samples import EstimatedMotion, Samples
-from drake_cafim.diagnosis.rows.trajectory import PASSES, SETTLED, Trajectory, Transition, smooth
+from drake_cafim.diagnosis.rows.trajectory import PASSES, SETTLED, ChannelNoise, Trajectory, Transition, smooth
 from drake_cafim.diagnosis.rows.weak_form import WeakForm, acting_effort
 from drake_cafim.diagnosis.thresholds import LAW_ACCURACY
 from drake_cafim.dynamics.motion import motion
@@ -39,11 +39,8 @@ def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
     """The recording of `weak` with its positions and velocities as estimated under `physics`; efforts as recorded."""
     samples, names = weak.samples, physics.tree.joint_names
     as_read = weak.measurement(physics)
-    variance_q = np.stack([_variance(samples, physics, f"q.{name}") for name in names], axis=1)
-    variance_v = np.full_like(variance_q, np.inf)
-    if samples.velocity_measured:
-        variance_v = np.stack([_variance(samples, physics, f"v.{name}") for name in names], axis=1)
-    read = (samples.time, as_read.q, as_read.v, variance_q, variance_v)
+    of_q, of_v = ([_noise(samples, physics, f"{kind}.{name}") for name in names] for kind in "qv")
+    read = (samples.time, as_read.q, as_read.v, of_q, of_v)
     free = found = smooth(*read, Transition.unknown(samples.time, len(names)))
     contradicted = np.zeros(len(names), dtype=bool)
     nothing = np.zeros((len(samples.time) - 1, len(names)))
@@ -73,26 +70,31 @@ def without_unmodelled_force(weak: WeakForm) -> WeakForm:
     return WeakForm(replace(weak.samples, estimated=estimated), weak.sensors)
 
 
-def _variance(samples: Samples, physics: Physics, column: str) -> Array:
-    """(N,) variance of white noise that averages as slowly as that of `column` does; infinite where not recorded.
+def _noise(samples: Samples, physics: Physics, column: str) -> ChannelNoise:
+    """The noise of `column` as corrected for the sensor effects of `physics`, by which it may grow.
 
-    It is that of the column as corrected for the sensor effects of `physics`, by which its noise may grow.
+    What interpolation, or a correction, adds to correlated noise counts as white.
     """
-    memory, bridge = samples.memories.get(column), samples.bridges.get(column)
-    ones = np.ones(len(samples.time))
-    total = ones
+    time, memory, bridge = samples.time, samples.memories.get(column), samples.bridges.get(column)
+    if column.startswith("v.") and not samples.velocity_measured:
+        return ChannelNoise(np.full(len(time), np.inf))
     if bridge is not None:
-        alike = bridge @ (bridge.T if memory is None else covariance(samples.time, memory) @ bridge.T)
-        total = alike @ ones
-    elif memory is not None:
-        total = covariance(samples.time, memory) @ ones
+        # white noise that averages as slowly
+        alike = bridge @ (bridge.T if memory is None else covariance(time, memory) @ bridge.T)
+        total, memory = alike @ np.ones(len(time)), None
+    else:
+        total = np.full(len(time), 1.0 if memory is None else memory.share + memory.white)
     for effect in physics.sensors:
-        correction = effect.correction(samples.time) if effect.channels((column,)) else None
+        correction = effect.correction(time) if effect.channels((column,)) else None
         if correction is not None:
-            total = total * np.asarray(correction.multiply(correction).sum(axis=1)).ravel()
+            spread = correction if memory is None else correction @ covariance(time, memory)
+            total = total * np.asarray(spread.multiply(correction).sum(axis=1)).ravel()
     recorded = np.isfinite(samples.recording[column])
     std = max(samples.std[column], LEAST_STD)
-    return np.where(recorded, std**2 * np.maximum(total, 1e-6), np.inf)
+    if memory is None:
+        return ChannelNoise(np.where(recorded, std**2 * np.maximum(total, 1e-6), np.inf))
+    white = np.where(recorded, std**2 * np.maximum(total - memory.share, 1e-6), np.inf)
+    return ChannelNoise(white, std * np.sqrt(memory.share), memory.process(time))
 
 
 def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Transition, Array, Array]:

@@ -7,13 +7,16 @@ that no model knows, of spectral density S:
 
 S is the likeliest (the innovations' likelihood is maximised): nearly zero where the model is right, so that the whole
 recording tells where the joint is, and large where something is missing, so that the samples nearby do. The smoother is
-that of Rauch, Tung and Striebel (AIAA Journal 3(8), 1965).
+the modified one of Bryson and Frazier (Bierman, Automatica 9, 1973). Noise of the samples that lasts, such as
+coloured noise, has states of its own beside the joint's.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drake_cafim.diagnosis.noise.coloured import NoiseProcess
 from drake_cafim.diagnosis.thresholds import LONGEST_PAUSE_OF_WINDOW
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array, Flags
@@ -124,31 +127,71 @@ class Transition:
         return Transition(lasting, pull * lasting, np.exp(decay), rise_q, rise_v, np.stack([q, v]), h + 0.0 * q[1:])
 
 
-def smooth(time: Array, q: Array, v: Array, variance_q: Array, variance_v: Array, transition: Transition) -> Trajectory:
-    """The trajectory of all joints from samples `q`, `v` (N, n) with these variances (N, n); infinite where missing."""
+@dataclass(frozen=True)
+class ChannelNoise:
+    """The noise of one channel's samples: white of `variance` (N,), infinite where there is no sample, SI units.
+
+    Beside it `std` times unit noise that the states of `process` make, where there is one.
+    """
+
+    variance: Array
+    std: float = 0.0
+    process: NoiseProcess | None = None
+
+
+def smooth(
+    time: Array, q: Array, v: Array, of_q: Sequence[ChannelNoise], of_v: Sequence[ChannelNoise], transition: Transition
+) -> Trajectory:
+    """The trajectory of all joints from samples `q`, `v` (N, n) with the noise of each joint's two channels."""
     columns = []
     h = np.ascontiguousarray(np.diff(time))
-    away = (q - transition.about[0], v - transition.about[1], variance_q, variance_v)
-    steps = (transition.q_by_v, transition.v_by_q, transition.v_by_v, transition.rise_q, transition.rise_v)
-    for j in range(q.shape[1]):
-        numbers = tuple(np.ascontiguousarray(part[:, j], dtype=float) for part in (*away, *steps))
-        density = _likeliest_density(h, numbers)
-        columns.append((*_smoothed(h, *numbers, density), density))
+    for j, noises in enumerate(zip(of_q, of_v, strict=True)):
+        read = np.stack([q[:, j] - transition.about[0, :, j], v[:, j] - transition.about[1, :, j]], axis=1)
+        numbers = (h, read, *_state_space(transition, j, noises))
+        density = _likeliest_density(numbers)
+        columns.append((*_smoothed(*numbers, density), density))
     q_hat, v_hat, q_std, v_std = (np.stack([column[k] for column in columns], axis=1) for k in range(4))
     q_hat, v_hat = q_hat + transition.about[0], v_hat + transition.about[1]
     return Trajectory(q_hat, v_hat, q_std, v_std, np.array([column[4] for column in columns]))
 
 
-def _likeliest_density(h: Array, samples: tuple[Array, ...]) -> float:
+def _state_space(transition: Transition, j: int, noises: Sequence[ChannelNoise]) -> tuple[Array, ...]:
+    """The linear model of joint `j` and of its channels' noise: a state of position, velocity and m − 2 of noise.
+
+    The samples' white variances (N, 2) and rows (2, m) that make a sample of a state; the transition (N − 1, m, m), its
+    rise (N − 1, 2), the covariance (N − 1, m, m) that noise adds; that of the first state (m, m).
+    """
+    variance = np.ascontiguousarray(np.stack([noise.variance for noise in noises], axis=1), dtype=float)
+    m, N = 2 + sum(noise.process.states for noise in noises if noise.process), len(variance)
+    seen, steps, fresh, start = np.eye(2, m), np.zeros((N - 1, m, m)), np.zeros((N - 1, m, m)), np.zeros((m, m))
+    steps[:, 0, 0] = 1.0
+    steps[:, 0, 1], steps[:, 1, 0] = transition.q_by_v[:, j], transition.v_by_q[:, j]
+    steps[:, 1, 1] = transition.v_by_v[:, j]
+    scale_q, scale_v = (float(variance[:, k].min()) + noise.std**2 for k, noise in enumerate(noises))
+    scale_q = scale_q if np.isfinite(scale_q) else 1.0
+    start[0, 0], start[1, 1] = DIFFUSE * scale_q, DIFFUSE * (scale_v if np.isfinite(scale_v) else 1e4 * scale_q)
+    first = 2
+    for k, noise in enumerate(noises):
+        if noise.process is not None:
+            own = slice(first, first + noise.process.states)
+            seen[k, own] = noise.std * noise.process.output
+            steps[:, own, own], fresh[:, own, own] = noise.process.transition, noise.process.fresh
+            start[own, own] = noise.process.lasting
+            first = own.stop
+    rise = np.stack([transition.rise_q[:, j], transition.rise_v[:, j]], axis=1)
+    return variance, seen, steps, rise, fresh, start
+
+
+def _likeliest_density(numbers: tuple[Array, ...]) -> float:
     """The smallest density that the innovations do not refuse against the likeliest one."""
     exponents = np.log10(DENSITIES)
-    costs = [_cost(h, *samples, 10.0**exponent) for exponent in exponents]
+    costs = [_cost(*numbers, 10.0**exponent) for exponent in exponents]
     best, step = int(np.argmin(costs)), 1.0
     exponent, cost = float(exponents[best]), costs[best]
     for _ in range(REFINEMENTS):
         step *= 0.5
         for near in (exponent - step, exponent + step):
-            found = _cost(h, *samples, 10.0**near)
+            found = _cost(*numbers, 10.0**near)
             if found < cost:
                 exponent, cost = near, found
     for smaller, own in zip(exponents, costs, strict=True):
@@ -160,136 +203,168 @@ def _likeliest_density(h: Array, samples: tuple[Array, ...]) -> float:
 @compiled
 def _filtered(
     h: Array,
-    q: Array,
-    v: Array,
-    variance_q: Array,
-    variance_v: Array,
-    q_by_v: Array,
-    v_by_q: Array,
-    v_by_v: Array,
-    rise_q: Array,
-    rise_v: Array,
+    read: Array,
+    variance: Array,
+    seen: Array,
+    steps: Array,
+    rise: Array,
+    fresh: Array,
+    start: Array,
     density: float,
     means: Array,
     covariances: Array,
+    innovations: Array,
+    gains: Array,
 ) -> float:
-    """Twice the negative log likelihood of the innovations; fills the filtered `means` (N, 2), `covariances` (N, 3)."""
-    N, cost, started = len(q), 0.0, 0
+    """Twice the negative log likelihood of the innovations.
+
+    Fills the filtered `means` (N, m), `covariances` (N, m, m), the `innovations` (N, 2, 2) with their variances, and
+    the `gains` (N, 2, m) of the samples.
+    """
+    N, m, cost, started = len(read), len(start), 0.0, 0
     longest = LONGEST_PAUSE * np.median(h)
-    scale_q, scale_v = np.inf, np.inf
+    x, P = np.zeros(m), np.zeros((m, m))
+    moved, carried = np.zeros(m), np.zeros((m, m))
     for k in range(N):
-        scale_q, scale_v = min(scale_q, variance_q[k]), min(scale_v, variance_v[k])
-    if not np.isfinite(scale_q):
-        scale_q = 1.0
-    if not np.isfinite(scale_v):
-        scale_v = 1e4 * scale_q
-    x, y, a, b, c = q[0], v[0] if np.isfinite(variance_v[0]) else 0.0, DIFFUSE * scale_q, 0.0, DIFFUSE * scale_v
-    for k in range(N):
-        if k > 0:
-            dt, f, g, r = h[k - 1], q_by_v[k - 1], v_by_q[k - 1], v_by_v[k - 1]
-            x, y = x + f * y + rise_q[k - 1], g * x + r * y + rise_v[k - 1]
-            if h[k - 1] > longest:
-                # nobody knows what happened in between: the joint starts anew
-                x, y = q[k], v[k] if np.isfinite(variance_v[k]) else 0.0
-                a, b, c, started = DIFFUSE * scale_q, 0.0, DIFFUSE * scale_v, k
-            else:
-                a, b, c = (
-                    a + f * (2.0 * b + f * c) + density * dt**3 / 3.0,
-                    g * a + (r + f * g) * b + f * r * c + density * dt**2 / 2.0,
-                    g * g * a + 2.0 * g * r * b + r * r * c + density * dt,
-                )
-        if np.isfinite(variance_q[k]):
-            s, e = a + variance_q[k], q[k] - x
+        if k == 0 or h[k - 1] > longest:
+            # nobody knows what happened in between: the joint starts anew
+            started = k
+            for i in range(m):
+                x[i] = read[k, i] if i < 2 and np.isfinite(variance[k, i]) else 0.0
+                for j in range(m):
+                    P[i, j] = start[i, j]
+        else:
+            dt, F = h[k - 1], steps[k - 1]
+            for i in range(m):
+                moved[i] = rise[k - 1, i] if i < 2 else 0.0
+                for j in range(m):
+                    moved[i] += F[i, j] * x[j]
+                    carried[i, j] = 0.0
+                    for p in range(m):
+                        carried[i, j] += F[i, p] * P[p, j]
+            for i in range(m):
+                x[i] = moved[i]
+                for j in range(i + 1):
+                    total = fresh[k - 1, i, j]
+                    for p in range(m):
+                        total += carried[i, p] * F[j, p]
+                    P[i, j] = P[j, i] = total
+            P[0, 0] += density * dt**3 / 3.0
+            P[0, 1] += density * dt**2 / 2.0
+            P[1, 0] = P[0, 1]
+            P[1, 1] += density * dt
+        for c in range(2):
+            if not np.isfinite(variance[k, c]):
+                continue
+            s, e = variance[k, c], read[k, c]
+            for i in range(m):
+                e -= seen[c, i] * x[i]
+                moved[i] = 0.0
+                for j in range(m):
+                    moved[i] += P[i, j] * seen[c, j]
+                s += seen[c, i] * moved[i]
             if k > started + 1:
                 cost += e * e / s + np.log(s)
-            g, f = a / s, b / s
-            x, y = x + g * e, y + f * e
-            c -= f * b
-            a, b = a * variance_q[k] / s, b * variance_q[k] / s
-        if np.isfinite(variance_v[k]):
-            s, e = c + variance_v[k], v[k] - y
-            if k > started + 1:
-                cost += e * e / s + np.log(s)
-            g, f = b / s, c / s
-            x, y = x + g * e, y + f * e
-            a -= g * b
-            b, c = b * variance_v[k] / s, c * variance_v[k] / s
-        means[k, 0], means[k, 1] = x, y
-        covariances[k, 0], covariances[k, 1], covariances[k, 2] = a, b, c
+            innovations[k, c, 0], innovations[k, c, 1] = e, s
+            for i in range(m):
+                gains[k, c, i] = moved[i] / s
+                x[i] += gains[k, c, i] * e
+                for j in range(m):
+                    P[i, j] -= gains[k, c, i] * moved[j]
+        for i in range(m):
+            means[k, i] = x[i]
+            for j in range(m):
+                covariances[k, i, j] = P[i, j]
     return cost
 
 
 @compiled
 def _cost(
     h: Array,
-    q: Array,
-    v: Array,
-    variance_q: Array,
-    variance_v: Array,
-    q_by_v: Array,
-    v_by_q: Array,
-    v_by_v: Array,
-    rise_q: Array,
-    rise_v: Array,
+    read: Array,
+    variance: Array,
+    seen: Array,
+    steps: Array,
+    rise: Array,
+    fresh: Array,
+    start: Array,
     density: float,
 ) -> float:
-    means, covariances = np.empty((len(q), 2)), np.empty((len(q), 3))
-    steps = (q_by_v, v_by_q, v_by_v, rise_q, rise_v)
-    cost: float = _filtered(h, q, v, variance_q, variance_v, *steps, density, means, covariances)
+    N, m = len(read), len(start)
+    model = (variance, seen, steps, rise, fresh, start)
+    found = (np.empty((N, m)), np.empty((N, m, m)), np.empty((N, 2, 2)), np.empty((N, 2, m)))
+    cost: float = _filtered(h, read, *model, density, *found)
     return cost
 
 
 @compiled
 def _smoothed(
     h: Array,
-    q: Array,
-    v: Array,
-    variance_q: Array,
-    variance_v: Array,
-    q_by_v: Array,
-    v_by_q: Array,
-    v_by_v: Array,
-    rise_q: Array,
-    rise_v: Array,
+    read: Array,
+    variance: Array,
+    seen: Array,
+    steps: Array,
+    rise: Array,
+    fresh: Array,
+    start: Array,
     density: float,
 ) -> tuple[Array, Array, Array, Array]:
     """Smoothed q, v and their standard deviations, (N,) each."""
-    N = len(q)
+    N, m = len(read), len(start)
     longest = LONGEST_PAUSE * np.median(h)
-    means, covariances = np.empty((N, 2)), np.empty((N, 3))
-    steps = (q_by_v, v_by_q, v_by_v, rise_q, rise_v)
-    _filtered(h, q, v, variance_q, variance_v, *steps, density, means, covariances)
-    q_std, v_std = np.empty(N), np.empty(N)
-    q_std[N - 1], v_std[N - 1] = np.sqrt(max(covariances[N - 1, 0], 0.0)), np.sqrt(max(covariances[N - 1, 2], 0.0))
-    x, y = means[N - 1, 0], means[N - 1, 1]
-    A, B, C = covariances[N - 1, 0], covariances[N - 1, 1], covariances[N - 1, 2]
-    for k in range(N - 2, -1, -1):
-        dt, f, g, r = h[k], q_by_v[k], v_by_q[k], v_by_v[k]
-        a, b, c = covariances[k, 0], covariances[k, 1], covariances[k, 2]
-        if h[k] > longest:
-            x, y, A, B, C = means[k, 0], means[k, 1], a, b, c
-            q_std[k], v_std[k] = np.sqrt(max(A, 0.0)), np.sqrt(max(C, 0.0))
+    means, covariances = np.empty((N, m)), np.empty((N, m, m))
+    innovations, gains = np.empty((N, 2, 2)), np.empty((N, 2, m))
+    model = (variance, seen, steps, rise, fresh, start)
+    _filtered(h, read, *model, density, means, covariances, innovations, gains)
+    q, v, q_std, v_std = np.empty(N), np.empty(N), np.empty(N), np.empty(N)
+    # what the samples after k say: the state is x − P a, its covariance P − P A P
+    a, A = np.zeros(m), np.zeros((m, m))
+    turned, product = np.zeros(m), np.zeros((m, m))
+    for k in range(N - 1, -1, -1):
+        x, P = means[k], covariances[k]
+        for c in range(2):
+            mean, spread = x[c], P[c, c]
+            for i in range(m):
+                mean -= P[c, i] * a[i]
+                for j in range(m):
+                    spread -= P[c, i] * A[i, j] * P[j, c]
+            if c == 0:
+                q[k], q_std[k] = mean, np.sqrt(max(spread, 0.0))
+            else:
+                v[k], v_std[k] = mean, np.sqrt(max(spread, 0.0))
+        if k == 0:
+            break
+        for c in (1, 0):
+            if not np.isfinite(variance[k, c]):
+                continue
+            e, s = innovations[k, c]
+            along, twice = e / s, 1.0 / s
+            for i in range(m):
+                along += gains[k, c, i] * a[i]
+                turned[i] = 0.0
+                for j in range(m):
+                    turned[i] += A[i, j] * gains[k, c, j]
+                twice += gains[k, c, i] * turned[i]
+            for i in range(m):
+                a[i] -= seen[c, i] * along
+                for j in range(m):
+                    A[i, j] += twice * seen[c, i] * seen[c, j] - seen[c, i] * turned[j] - turned[i] * seen[c, j]
+        if h[k - 1] > longest:
+            a[:] = 0.0
+            A[:] = 0.0
             continue
-        # what the filter predicts at k + 1
-        px = means[k, 0] + f * means[k, 1] + rise_q[k]
-        py = g * means[k, 0] + r * means[k, 1] + rise_v[k]
-        pa = a + f * (2.0 * b + f * c) + density * dt**3 / 3.0
-        pb = g * a + (r + f * g) * b + f * r * c + density * dt**2 / 2.0
-        pc = g * g * a + 2.0 * g * r * b + r * r * c + density * dt
-        det = pa * pc - pb * pb
-        if det <= 0.0:
-            det = 1e-300
-        # G = P Fᵀ P₊⁻¹
-        u11, u12, u21, u22 = a + f * b, g * a + r * b, b + f * c, g * b + r * c
-        g11, g12 = (u11 * pc - u12 * pb) / det, (u12 * pa - u11 * pb) / det
-        g21, g22 = (u21 * pc - u22 * pb) / det, (u22 * pa - u21 * pb) / det
-        dx, dy = x - px, y - py
-        x, y = means[k, 0] + g11 * dx + g12 * dy, means[k, 1] + g21 * dx + g22 * dy
-        dA, dB, dC = A - pa, B - pb, C - pc
-        nA = a + g11 * (g11 * dA + g12 * dB) + g12 * (g11 * dB + g12 * dC)
-        nB = b + g11 * (g21 * dA + g22 * dB) + g12 * (g21 * dB + g22 * dC)
-        nC = c + g21 * (g21 * dA + g22 * dB) + g22 * (g21 * dB + g22 * dC)
-        A, B, C = nA, nB, nC
-        means[k, 0], means[k, 1] = x, y
-        q_std[k], v_std[k] = np.sqrt(max(A, 0.0)), np.sqrt(max(C, 0.0))
-    return means[:, 0].copy(), means[:, 1].copy(), q_std, v_std
+        F = steps[k - 1]
+        for i in range(m):
+            turned[i] = 0.0
+            for j in range(m):
+                turned[i] += F[j, i] * a[j]
+                product[i, j] = 0.0
+                for p in range(m):
+                    product[i, j] += F[p, i] * A[p, j]
+        for i in range(m):
+            a[i] = turned[i]
+            for j in range(m):
+                A[i, j] = 0.0
+                for p in range(m):
+                    A[i, j] += product[i, p] * F[p, j]
+    return q, v, q_std, v_std
