@@ -274,6 +274,10 @@ calibrated: chosen."""
 GAIN_SIGNAL_IN_NOISE_STDS = 10.0
 """Standard deviation of a channel over that of its noise, from which on an error of its gain is looked for. Unit: 1.
 Not calibrated: chosen."""
+RESTING_SCATTER_IN_NOISE_STDS = 3.0
+"""Standard deviation of a joint's positions, and of its velocities, over that of their noise, up to which the joint
+counts as moved by noise that a controller feeds back. Unit: 1. Not calibrated: chosen, as feedback follows its noise;
+resting joints of simulated arms scatter by 2 at most, moving ones by 50 and more."""
 LOCATION_EXCESS_SHARE = 0.01
 """Share of the excess below which a place is not reported. Unit: 1. Not calibrated: chosen."""
 LOCATION_P_VALUE = 1e-3

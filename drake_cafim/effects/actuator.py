@@ -149,6 +149,7 @@ class ActuatorDelay(ActuatorEffect):
     """u(t − delay) acts; before t₀ + delay the first effort is taken to act."""
 
     name: ClassVar[str] = "actuator_delay"
+    needs_motion: ClassVar[bool] = True
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("delay", "s", 0.005, lower=0.0, upper=0.2),)
     reference: ClassVar[str] = "Niemeyer, Slotine, IEEE J. Oceanic Engineering 16(1), 1991 (delayed efforts)"
     formula: ClassVar[str] = "<i>u</i>(<i>t</i> − τ) acts"
@@ -183,6 +184,7 @@ class ActuatorLag(ActuatorEffect):
     """τ ẏ = u − y, and y acts; it starts in steady state, y = u."""
 
     name: ClassVar[str] = "actuator_lag"
+    needs_motion: ClassVar[bool] = True
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("time_constant", "s", 0.005, lower=1e-5, upper=0.5),)
     reference: ClassVar[str] = "Swevers, Verdonck, De Schutter, IEEE Control Systems 27(5), 2007 (drive dynamics)"
     formula: ClassVar[str] = "τ <i>ẏ</i> = <i>u</i> − <i>y</i>, <i>y</i> acts"

@@ -51,6 +51,7 @@ class JointCoupling(Effect):
     place: ClassVar[Place] = Place.JOINT
     family: ClassVar[str] = "joint"
     kind: ClassVar[str] = "coupling"
+    needs_motion: ClassVar[bool] = True
     shapes_about_values: ClassVar[bool] = True
 
     def add_to(self, physics: P) -> P:

@@ -182,6 +182,9 @@ class Effect(ABC):
     """Whether it changes contact forces and nothing else."""
     late: ClassVar[bool] = False
     """Whether it is a sensor effect that records values, and their noise, at a shifted or filtered time."""
+    needs_motion: ClassVar[bool] = False
+    """Whether it acts through changes of a motion or an effort alone: at a joint that rests, these are noise that a
+    controller feeds back, and go with the noise of the samples."""
     impacts: ClassVar[bool] = False
     """Whether it acts by impacts: a change of any parameter shifts their times, so that linearization is poor."""
 

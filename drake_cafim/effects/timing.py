@@ -80,6 +80,7 @@ class TimingEffect(SensorEffect):
     """A sensor effect that is a linear filter of a channel, or of all channels of a sensor."""
 
     late: ClassVar[bool] = True
+    needs_motion: ClassVar[bool] = True
 
     @classmethod
     def sites(cls, columns: Sequence[str]) -> Iterator[str]:

@@ -14,7 +14,7 @@ from drake_cafim.diagnosis.joints.plane_candidates import plane_looks
 from drake_cafim.diagnosis.joints.pulses import strongest_pushes
 from drake_cafim.diagnosis.joints.servo_looks import driving, servo_looks
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
-from drake_cafim.diagnosis.thresholds import GAIN_SIGNAL_IN_NOISE_STDS
+from drake_cafim.diagnosis.thresholds import GAIN_SIGNAL_IN_NOISE_STDS, RESTING_SCATTER_IN_NOISE_STDS
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.body import BodyForce, ExternalDisturbance, pulse
@@ -47,7 +47,9 @@ def hypotheses(problem: WeakFormRows) -> tuple[Effect, ...]:
 
 
 def looks(problem: WeakFormRows, at: Fit, effect: Effect) -> Looks:
-    """First-order tests of `effect` beyond the fitted model `at`."""
+    """First-order tests of `effect` beyond the fitted model `at`; none where the recordings cannot tell of it."""
+    if effect.needs_motion and _rests(problem, effect):
+        return Looks(iter(()))
     return _LooksByKind(problem, at)(effect)
 
 
@@ -128,6 +130,20 @@ def _moves(problem: WeakFormRows, column: str) -> bool:
     pieces = [run.weak.samples.recording[column] for run in problem.runs]
     spread = max(float(np.nanstd(piece)) for piece in pieces)
     return spread > GAIN_SIGNAL_IN_NOISE_STDS * problem.runs[0].weak.samples.std[column]
+
+
+def _rests(problem: WeakFormRows, effect: Effect) -> bool:
+    """Whether the joint of `effect`, or of its channel, moves by little more than noise in all recordings."""
+    kind, _, joint = effect.at.rpartition(".")
+    if joint not in problem.scene.tree.joint_names or kind not in ("", "q", "v"):
+        return False
+    samples = [run.weak.samples if run.measured is None else run.measured.samples for run in problem.runs]
+    columns = [f"{kind}.{joint}" for kind in ("qv" if samples[0].velocity_measured else "q")]
+    return all(
+        float(np.nanstd(own.recording[column])) <= RESTING_SCATTER_IN_NOISE_STDS * own.std[column]
+        for own in samples
+        for column in columns
+    )
 
 
 def _force_looks(problem: WeakFormRows, physics: Physics, effect: JointForce) -> Iterator[Look]:
