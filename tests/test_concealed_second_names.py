@@ -10,8 +10,9 @@ from test_concealed_proof import COULOMB, report, truth
 
 from tests.concealed.make import paired, seen_in, simulate
 from tests.concealed.score import score
-from tests.concealed.strength import Alternative, Excess, acceptable, reckoned
+from tests.concealed.strength import Alternative, Excess, Leftovers, reckoned
 from tests.concealed.strength_arm import ArmRows, arm_alternatives
+from tests.concealed.summary import curve
 
 VISCOUS = {"effect": "joint_viscous_friction", "at": "wrist", "parameters": {"coefficient": [0.1, ""]}}
 
@@ -45,11 +46,11 @@ def test_what_strains_a_prior_pays_for_it_and_the_truth_only_for_its_own() -> No
     rng = np.random.default_rng(3)
     mass = 30.0 * rng.normal(size=(3, 200))
     effect = 2.0 * mass  # as if the mass were two prior std off
-    [found] = acceptable(of_shapes(effect, mass, offset=(1.0,)), 1, [])
+    [found] = Leftovers.of(of_shapes(effect, mass, offset=(1.0,)), []).acceptable(1)
     # The nominal moves the mass by two std, from one below its mean to one above: it pays the same as the truth.
     assert found["effect"] == "none" and found["log_bayes_factor"] == pytest.approx(-0.5 * np.log(600), abs=0.01)
-    assert acceptable(of_shapes(effect, mass, offset=(-4.0,)), 1, []) == []
-    assert acceptable(of_shapes(effect, mass, offset=(2.0,)), 1, []) != []
+    assert Leftovers.of(of_shapes(effect, mass, offset=(-4.0,)), []).acceptable(1) == []
+    assert Leftovers.of(of_shapes(effect, mass, offset=(2.0,)), []).acceptable(1) != []
 
 
 def test_what_is_fitted_beside_may_make_another_name_as_good() -> None:
@@ -57,9 +58,44 @@ def test_what_is_fitted_beside_may_make_another_name_as_good() -> None:
     effect, other = 3.0 * rng.normal(size=(3, 200)), rng.normal(size=(3, 200))
     rival = Alternative("actuator_bias", "elbow", (effect + other)[None, :, :, None], 1)
     excess = of_shapes(effect)
-    assert acceptable(excess, 1, [rival]) == []
-    [found] = acceptable(excess, 1, [rival], beside=other[None, :, :, None])
+    assert Leftovers.of(excess, [rival]).acceptable(1) == []
+    [found] = Leftovers.of(excess, [rival], beside=other[None, :, :, None]).acceptable(1)
     assert (found["effect"], found["at"]) == ("actuator_bias", "elbow")
+
+
+def test_sigma_is_the_distance_from_nothing_and_from_the_nearest_rival_that_is_as_simple() -> None:
+    rng = np.random.default_rng(5)
+    effect, other = rng.normal(size=(2, 3, 200))
+    other -= effect * np.sum(effect * other) / np.sum(effect**2)
+    size = float(np.linalg.norm(effect))
+    near = Alternative("joint_spring", "elbow", (effect + 0.1 * other)[None, :, :, None], 1)
+    far = Alternative("actuator_bias", "elbow", other[None, :, :, None], 1)
+    wider = Alternative("joint_stribeck_friction", "elbow", effect[None, :, :, None], 3)
+    found = Leftovers.of(of_shapes(effect), [far, wider, near]).sigmas(1)
+    angle = np.arctan(0.1 * float(np.linalg.norm(other)) / size)
+    assert found["sigma"] == pytest.approx(size)
+    assert found["sigma_beside_rival"] == pytest.approx(size * np.sin(angle))
+    assert Leftovers.of(of_shapes(effect), [far, wider]).sigmas(1)["sigma_beside_rival"] == pytest.approx(size)
+    assert Leftovers.of(of_shapes(effect), [wider]).sigmas(3)["sigma_beside_rival"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_curve_tells_how_single_effects_end_by_sigma() -> None:
+    def single(sigma: float, verdict: str, *, right: bool = False, wrong: bool = False) -> dict[str, object]:
+        names = [["joint_spring", "elbow"]] if wrong else []
+        return {"kind": "single", "sigmas": [sigma], "verdict": verdict, "right": right, "wrong_names": names}
+
+    items = [
+        single(0.3, "none"),
+        single(12.0, "explained", right=True),
+        single(12.0, "unexplained"),
+        single(15.0, "unexplained", wrong=True),
+        single(18.0, "explained", wrong=True),
+        {"kind": "null", "sigmas": [], "verdict": "none", "right": True, "wrong_names": []},
+    ]
+    faint, clear = curve(items)
+    assert (faint["low"], faint["count"], faint["nothing"]) == (0.0, 1, 1.0)
+    assert (clear["low"], clear["count"]) == (10.0, 4)
+    assert (clear["named"], clear["misnamed"], clear["unexplained"]) == (0.25, 0.5, 0.25)
 
 
 def test_arms_are_reckoned_about_their_true_masses() -> None:
@@ -88,7 +124,7 @@ def test_a_pulse_is_compared_with_one_on_the_other_links() -> None:
     looks = {look.at: look for look in rows.alternatives(item, excess) if look.effect == item.effect}
     assert set(looks) == {"link1", "link2", "link3"} and item.at == "link2"
     assert excess.cost(looks["link2"].regressors) < 1e-3 * excess.cost()
-    [other] = acceptable(excess, 3, [looks["link1"], looks["link3"]], [looks["link2"]])
+    [other] = Leftovers.of(excess, [looks["link1"], looks["link3"]], [looks["link2"]]).acceptable(3)
     assert other["at"] == "link3" and abs(float(str(other["log_bayes_factor"]))) < 1.0
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jinja2 import Environment
 from matplotlib.figure import Figure
 
-from .summary import calibration, confusion, curve, figures, held_out_gains, part
+from .summary import CLEAR_SIGMA, calibration, confusion, curve, figures, held_out_gains, part
 from .summary_many import by_effect, by_sigma
 from .truth import FAMILY
 
@@ -29,29 +29,29 @@ def _svg(figure: Figure) -> str:
     return text[text.index("<svg") :]
 
 
+ENDS = {"named": "#17743b", "misnamed": "#c4453c", "unexplained": "#c9a227", "nothing": "#8a97a5"}
+"""How a diagnosis of a single effect may end, and the colour of each."""
+
+
 def curve_svg(scores: Scores) -> str:
-    """Shares named, placed and detected against strength."""
+    """Shares of single effects that end in each way against sigma."""
     points = curve(scores)
-    figure = Figure(figsize=(6.6, 3.9), layout="constrained")
+    figure = Figure(figsize=(8.6, 3.9), layout="constrained")
     axes = figure.add_subplot()
-    if points:
-        middle = [np.sqrt(max(p["low"], 0.003) * min(p["high"], 3e3)) for p in points]
-        for key, colour, label in (
-            ("detected", "#8a97a5", "something found"),
-            ("place", "#2b6cb0", "place right"),
-            ("right", "#17743b", "name and place right, or an acceptable second name"),
-        ):
-            axes.plot(middle, [p[key] for p in points], "o-", color=colour, label=label, markersize=4)
-        for x, p in zip(middle, points, strict=True):
-            axes.annotate(f"{p['count']}", (x, -0.07), ha="center", fontsize=8, color="#53626f", annotation_clip=False)
-        axes.legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.1))
-    axes.axvline(3.0, color="#c9a227", linestyle="--", linewidth=1)
+    middle = [float(np.sqrt(max(p["low"], 0.5) * min(p["high"], 5e3))) for p in points]
+    for end, colour in ENDS.items():
+        axes.plot(middle, [p[end] for p in points], "o-", color=colour, label=end, markersize=4)
+    for x, p in zip(middle, points, strict=True):
+        axes.annotate(f"{p['count']}", (x, -0.07), ha="center", fontsize=8, color="#53626f", annotation_clip=False)
+    axes.axvline(CLEAR_SIGMA, color="#53626f", linestyle="--", linewidth=1)
     axes.set(
         xscale="log",
+        xlim=(0.4, 4e3),
         ylim=(-0.12, 1.05),
-        xlabel="strength: mean square per whitened row",
+        xlabel="sigma beside the nearest rival, and below the number of cases",
         ylabel="share of single effects",
     )
+    axes.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     axes.spines[["top", "right"]].set_visible(False)
     return _svg(figure)
 

@@ -32,6 +32,7 @@ def score(truth: Json, report: Json | None, failure: str = "") -> dict[str, Any]
         "truth": [[item["effect"], item["at"]] for item in effects],
         "failure": failure,
         "strengths": [item["value"] for item in truth.get("strengths", [])],
+        "sigmas": [item["sigma_beside_rival"] for item in truth.get("strengths", []) if "sigma_beside_rival" in item],
         "clear": bool(effects) and (any(clear) if kind == "many" else all(clear)),
         "process": bool(truth.get("settings", {}).get("process")),
     }

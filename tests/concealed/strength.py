@@ -6,6 +6,10 @@ refitted (their priors as extra rows), what remains is the excess that a diagnos
 channel, over the number of the channel's rows, is the strength; `clear` is 3 or more (a root-mean-square residual of
 1.7 std a row). Rows are taken as independent: neighbours correlate at about -0.3, which is left out.
 
+An effect's `sigma` is the root of the sum of squares that its removal leaves in all rows beyond what the truth leaves,
+the unknown parameters refitted; `sigma_beside_rival` what another explanation of no more parameters leaves, the one
+that leaves least. Half-overlapping windows keep less than whole recordings tell: the bound's own sigma is larger.
+
 The expected log Bayes factor of the truth over another explanation is half of what the other, fitted best, leaves over,
 plus (k_other - k_true)/2 ln(rows). Under 3 another name is acceptable. All of it is reckoned about the true unknown
 parameters: what the nominal leaves is then the effect's own, and each explanation, the true one too, pays for the
@@ -167,33 +171,60 @@ def strength(
     return {"value": value, "total": total, "clear": bool(value >= CLEAR), "channels": per}
 
 
-def acceptable(
-    excess: Excess,
-    own: int,
-    rivals: Sequence[Alternative],
-    same: Sequence[Alternative] = (),
-    beside: Array | None = None,
-) -> list[dict[str, object]]:
-    """Explanations whose expected log Bayes factor against the truth is under 3; for faint effects `none` is one.
+@dataclass(frozen=True)
+class Leftovers:
+    """Half the squares, beyond those of the truth, that are left by the nominal model and by each rival (name, place).
 
-    `same` are looks at the truth itself, whose own strengths may relieve the priors; `beside` (Q, B, W, C) is fitted
-    with every explanation.
+    `count` rows and prior rows are compared; each rival stands with its number of parameters.
     """
-    count = excess.rows[TRAINED].size
-    silent = np.zeros_like(excess.rows)
-    own_looks = [alternative.regressors for alternative in same] if len(excess.unknown) else []
-    truth = min(excess.cost(_joined(beside, look), silent) for look in (None, *own_looks))
-    nominal = excess.cost(beside) - truth - 0.5 * own * np.log(count)
-    if nominal < ACCEPT:
-        return [{"effect": "none", "at": "", "log_bayes_factor": float(nominal)}]
-    found: dict[tuple[str, str], float] = {}
-    for other in rivals:
-        left = excess.cost(_joined(beside, other.regressors)) - truth
-        factor = left + 0.5 * (other.parameters - own) * np.log(count)
-        if factor < ACCEPT:
-            name = (other.effect, other.at)
-            found[name] = min(float(factor), found.get(name, np.inf))
-    return [{"effect": effect, "at": at, "log_bayes_factor": factor} for (effect, at), factor in found.items()]
+
+    nominal: float
+    rivals: Sequence[tuple[tuple[str, str], int, float]]
+    count: int
+
+    @classmethod
+    def of(
+        cls,
+        excess: Excess,
+        rivals: Sequence[Alternative],
+        same: Sequence[Alternative] = (),
+        beside: Array | None = None,
+    ) -> Leftovers:
+        """`same` are looks at the truth itself, whose own strengths may relieve the priors.
+
+        `beside` (Q, B, W, C) is fitted with every explanation.
+        """
+        silent = np.zeros_like(excess.rows)
+        own_looks = [alternative.regressors for alternative in same] if len(excess.unknown) else []
+        truth = min(excess.cost(_joined(beside, look), silent) for look in (None, *own_looks))
+        left = [
+            ((it.effect, it.at), it.parameters, excess.cost(_joined(beside, it.regressors)) - truth) for it in rivals
+        ]
+        return cls(excess.cost(beside) - truth, left, excess.rows[TRAINED].size)
+
+    def sigmas(self, own: int) -> dict[str, object]:
+        """How many standard deviations of all rows the effect is away from nothing, and from its nearest rival.
+
+        Rivals with more than the truth's `own` parameters do not count: laws that contain it would all be at zero.
+        """
+        least = min((left for _, parameters, left in self.rivals if parameters <= own), default=self.nominal)
+        names = (("sigma", self.nominal), ("sigma_beside_rival", min(least, self.nominal)))
+        return {name: float(np.sqrt(2.0 * max(left, 0.0))) for name, left in names}
+
+    def acceptable(self, own: int) -> list[dict[str, object]]:
+        """Explanations whose expected log Bayes factor against the truth is under 3; for faint effects `none` is one.
+
+        The truth has `own` parameters.
+        """
+        nominal = self.nominal - 0.5 * own * np.log(self.count)
+        if nominal < ACCEPT:
+            return [{"effect": "none", "at": "", "log_bayes_factor": float(nominal)}]
+        found: dict[tuple[str, str], float] = {}
+        for name, parameters, left in self.rivals:
+            factor = left + 0.5 * (parameters - own) * np.log(self.count)
+            if factor < ACCEPT:
+                found[name] = min(float(factor), found.get(name, np.inf))
+        return [{"effect": effect, "at": at, "log_bayes_factor": factor} for (effect, at), factor in found.items()]
 
 
 def _joined(first: Array | None, second: Array | None) -> Array | None:
@@ -236,11 +267,12 @@ def reckoned(rows: Rows, excess: Excess, beside: tuple[Concealed, Array] | None 
         told.append(strength(excess, rows.shown_in(item), item.interval, member))
     result: dict[str, object] = {"strengths": told, "accept": []}
     if len(rows.effects) == 1 and not rows.effects[0].effect.startswith("odd_"):
-        result["accept"] = _second_names(rows, excess, beside)
+        own, left = len(rows.effects[0].parameters), _leftovers(rows, excess, beside)
+        result = {"strengths": [told[0] | left.sigmas(own)], "accept": left.acceptable(own)}
     return result
 
 
-def _second_names(rows: Rows, excess: Excess, beside: tuple[Concealed, Array] | None) -> list[dict[str, object]]:
+def _leftovers(rows: Rows, excess: Excess, beside: tuple[Concealed, Array] | None) -> Leftovers:
     own = rows.effects[0]
     looks = rows.alternatives(own, excess)
     taken, fitted = {(own.effect, own.at)}, None
@@ -250,7 +282,7 @@ def _second_names(rows: Rows, excess: Excess, beside: tuple[Concealed, Array] | 
         fitted = _fitted_beside(rows.alternatives(other, excess), other, footprint, excess)
     same = [look for look in looks if (look.effect, look.at) == (own.effect, own.at)]
     rivals = [look for look in looks if (look.effect, look.at) not in taken]
-    return acceptable(excess, len(own.parameters), rivals, same, fitted)
+    return Leftovers.of(excess, rivals, same, fitted)
 
 
 def _fitted_beside(looks: Sequence[Alternative], other: Concealed, footprint: Array, excess: Excess) -> Array:

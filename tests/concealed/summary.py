@@ -58,6 +58,7 @@ def figures(scores: Scores) -> list[Figure]:
     """The proof's table."""
     single = [item for item in scores if item["kind"] == "single"]
     clear = [item for item in single if item["clear"]]
+    seen = [item for item in single if item.get("sigmas") and item["sigmas"][0] >= CLEAR_SIGMA]
     nulls = [item for item in scores if item["kind"] == "null"]
     odd = [item for item in scores if item["kind"] == "odd" and item["clear"]]
     pairs = [item for item in scores if item["kind"] == "pair" and item["clear"]]
@@ -81,6 +82,15 @@ def figures(scores: Scores) -> list[Figure]:
         _at_least("clear single effects: family", part(clear, "family"), len(clear), 0.96),
         _at_least("clear single effects: place", part(clear, "place"), len(clear), 0.96),
         _at_most("clear single effects that end unexplained", part(clear, "ended_unexplained"), len(clear), 0.05),
+        _at_least(
+            f"single effects of {CLEAR_SIGMA:g} sigma or more beside the nearest rival: named right",
+            part(seen, "right"),
+            len(seen),
+            0.95,
+        ),
+        _at_most(
+            "of these: a wrong name, under any verdict", part(seen, lambda i: end_of(i) == "misnamed"), len(seen), 0.03
+        ),
         _at_least("clear pairs: both right", part(pairs, "right"), len(pairs), 0.75),
         _at_most("nulls: false alarms", alarms, len(nulls), 0.02),
         Figure(f"nulls: false alarms, {BEFORE}", alarms_before, len(nulls), "–", None),
@@ -146,26 +156,30 @@ def held_out_gains(scores: Scores) -> list[float]:
     return [float(item["held_out_gain"]) for item in single if item.get("held_out_gain") is not None]
 
 
-def curve(
-    scores: Scores, edges: Sequence[float] = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0, np.inf)
-) -> list[dict[str, float]]:
-    """Of single effects: share named exactly, detected, and placed, by strength."""
-    single = [item for item in scores if item["kind"] == "single" and item["strengths"]]
+SIGMAS = (0.0, 1.0, 2.0, 4.0, 7.0, 10.0, 20.0, 50.0, 100.0, 300.0, 1000.0, np.inf)
+"""Ranges of sigma of which the shares are told."""
+CLEAR_SIGMA = 10.0
+
+
+def end_of(item: dict[str, Any]) -> str:
+    """How the diagnosis of a single effect ended: named, misnamed, unexplained or nothing."""
+    if item["right"]:
+        return "named"
+    if item["wrong_names"]:
+        return "misnamed"
+    return "unexplained" if item["verdict"] == "unexplained" else "nothing"
+
+
+def curve(scores: Scores, edges: Sequence[float] = SIGMAS) -> list[dict[str, Any]]:
+    """Of single effects: shares that end in each way, by sigma beside the nearest rival."""
+    single = [item for item in scores if item["kind"] == "single" and item.get("sigmas")]
     out = []
     for low, high in pairwise(edges):
-        inside = [item for item in single if low <= item["strengths"][0] < high]
+        inside = [end_of(item) for item in single if low <= item["sigmas"][0] < high]
         if inside:
-            out.append(
-                {
-                    "low": low,
-                    "high": high,
-                    "count": len(inside),
-                    "right": part(inside, "right") or 0.0,
-                    "exact": part(inside, "exact") or 0.0,
-                    "place": part(inside, "place") or 0.0,
-                    "detected": part(inside, lambda item: item["verdict"] not in ("none", "failed")) or 0.0,
-                }
-            )
+            ends = ("named", "misnamed", "unexplained", "nothing")
+            shares = {end: inside.count(end) / len(inside) for end in ends}
+            out.append({"low": low, "high": high, "count": len(inside), **shares})
     return out
 
 
