@@ -163,7 +163,7 @@ def test_nulls_pairs_and_oddities() -> None:
     assert table["clear, outside the vocabulary: misnamed, as counted in 0.1.0"].value == 0.0
     assert table["nulls: false alarms"].value == 0.5
     assert table["nulls: false alarms, as counted in 0.1.0"].value == 0.0
-    assert table["all cases: a wrong name in the explanation"].value == pytest.approx(1.0 / 3.0)
+    assert table["all of these kinds: a wrong name in the explanation"].value == pytest.approx(1.0 / 3.0)
 
 
 def test_names_of_the_truth_and_sealed_second_names_are_no_wrong_names() -> None:
