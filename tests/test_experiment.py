@@ -66,7 +66,7 @@ def test_a_run_ends_when_it_is_sure():
 
 
 def test_online_estimation_has_a_history():
-    result = run(replace(contouring(), periods=24), Options(seed=1))
+    result = run(replace(contouring(), periods=24), Options(seed=1, search=False))
     (experiment,) = result.experiments
     times = [time for time, _ in experiment.history]
     np.testing.assert_allclose(times, 0.05 * np.arange(4, 25, 4))

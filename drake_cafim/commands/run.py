@@ -64,10 +64,10 @@ class RunRequest:
 
     @property
     def chosen(self) -> Options:
-        """The options of the run; as printed, with the trace and without a force guard."""
+        """The options of the run; as printed, with the trace, without a force guard and without a search."""
         if not self.as_printed:
             return self.options
-        return replace(self.options, criterion="trace", force_guard=False)
+        return replace(self.options, criterion="trace", force_guard=False, search=False)
 
 
 def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: bool = False) -> dict[str, Any]:
@@ -164,9 +164,12 @@ def table(record: dict[str, Any]) -> str:
             f"reversals {row['reversals']}, largest force {row['max_force']:.1f} N, "
             f"planning {row['planning_ms']['median']:.1f} ms"
         )
+        lines += ["    it searched for what the experiments before had not found"] if row.get("searching") else []
         lines += _solver_remarks(row.get("solver", {}))
     note = record.get("laws_note")
-    lines += [*_unidentified(record["experiments"][-1]), *([f"    {note}"] if note else [])]
+    last = record["experiments"][-1]
+    lines += [f"    {reason}" for reason in last.get("not_found", {}).values()]
+    lines += [*_unidentified(last), *([f"    {note}"] if note else [])]
     return "\n".join([*lines, *([record["diagnosis"]["sentence"]] if "diagnosis" in record else [])])
 
 
@@ -194,6 +197,8 @@ def _unidentified(row: dict[str, Any]) -> list[str]:
     """Where the measurements do not determine all unknowns, a line with the combinations that they do determine."""
     known = [c for c in row.get("combinations", []) if c["identified"]]
     if len(known) == len(row["estimate"]) or "combinations" not in row:
+        return []
+    if all(c["text"] in row["estimate"] for c in known):  # the others were not found, and that is said
         return []
     products = " and ".join(f"{c['text']}, to {c['std_percent']:.2g} %" for c in known) or "nothing"
     unknowns = ", ".join(row["estimate"])

@@ -30,7 +30,8 @@ class Situation:
     `information` P (n, n), of the prior and all data so far, including those after the estimate; `touched`, the
     predicted state of the touched object; `knots` (K, nu), the last plan shifted to the present (zero at the start);
     `forces`, the force guard's belief, if there is a guard; `hypotheses`, where several contact laws are candidates:
-    `theta` and the like are then those of the law that the scenario names.
+    `theta` and the like are then those of the law that the scenario names; `unfound`, in an experiment that searches,
+    the parameters of which the data so far have told little.
     """
 
     step: int
@@ -43,6 +44,7 @@ class Situation:
     knots: Array
     forces: ForceBelief | None = None
     hypotheses: tuple[Hypothesis, ...] = ()
+    unfound: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteStateIndex, DiscreteValues, LeafSystem
 
-from drake_cafim.belief import LawBelief
+from drake_cafim.belief import Belief, LawBelief, not_found
 from drake_cafim.design.force_belief import ForceBelief
 from drake_cafim.design.policies import Policy
 from drake_cafim.design.situation import Hypothesis, Situation
@@ -24,7 +24,7 @@ from drake_cafim.typing import Array
 class _Slots:
     """Indices of the discrete state groups of `CaOed`."""
 
-    counters: int  # experiment, step
+    counters: int  # experiment, step, whether the experiment searches
     robot: int  # measured robot state of the last step
     belief: int  # belief of the last step
     # of each law, one after the other
@@ -95,7 +95,7 @@ class CaOed(LeafSystem):
         # policies compare different numbers of candidates, but the port has a fixed size, see `_padded`
         self._candidate_count = config.candidates
         sizes = _Slots(
-            counters=2,
+            counters=3,
             robot=2 * axes,
             belief=belief_size,
             gained=sum(n**2 for n in sizes_of_laws),
@@ -114,12 +114,15 @@ class CaOed(LeafSystem):
         self.DeclareStateOutputPort("planning_ms", DiscreteStateIndex(self._slots.milliseconds))
         self.DeclarePeriodicDiscreteUpdateEvent(model.period, 0.0, self._decide)
 
-    def begin_experiment(self, context: Context, experiment: int) -> None:
-        """Reset the plan in `context`, this system's context, and start experiment number `experiment`."""
+    def begin_experiment(self, context: Context, experiment: int, *, searching: bool = False) -> None:
+        """Reset the plan in `context`, this system's context, and start experiment number `experiment`.
+
+        With `searching`, the policy hears which parameters earlier experiments did not find.
+        """
         state: Any = context.get_mutable_discrete_state()
         for index in range(state.num_groups()):
             state.get_mutable_vector(index).SetZero()
-        counters: Any = np.array([float(experiment), 0.0])
+        counters: Any = np.array([float(experiment), 0.0, float(searching)])
         state.get_mutable_vector(self._slots.counters).SetFromVector(counters)
 
     def _decide(self, context: Context, update: DiscreteValues) -> None:
@@ -129,7 +132,7 @@ class CaOed(LeafSystem):
         vector = np.array(self._input(context, 1))
         over_laws = LawBelief.from_vector(tuple(self._laws), self._names, vector)
         belief = over_laws.beliefs[0]
-        experiment, step = (int(value) for value in read(self._slots.counters))
+        experiment, step, searching = (int(value) for value in read(self._slots.counters))
         passed = self._advance(read, step, robot, over_laws)
         touched, gained = passed[0]
         knots = read(self._slots.knots).reshape(self._policy.config.knots, self._axes)
@@ -144,13 +147,14 @@ class CaOed(LeafSystem):
             knots=knots,
             forces=self._forces(context),
             hypotheses=_hypotheses(over_laws, passed) if len(self._laws) > 1 else (),
+            unfound=self._unfound(over_laws) if searching else (),
         )
         decision = self._policy(situation, np.random.default_rng([self._seed, experiment, step]))
         carried = decision.knots
         if self._policy.shifts:
             carried = shift(decision.knots, self._policy.config.horizon)
         values: dict[str, Any] = {
-            "counters": np.array([experiment, step + 1.0]),
+            "counters": np.array([experiment, step + 1.0, searching]),
             "robot": robot,
             "belief": vector,
             "gained": np.concatenate([each.ravel() for _, each in passed]),
@@ -165,6 +169,10 @@ class CaOed(LeafSystem):
         }
         for name, value in values.items():
             update.get_mutable_vector(getattr(self._slots, name)).SetFromVector(value.ravel())
+
+    def _unfound(self, over_laws: LawBelief) -> tuple[str, ...]:
+        parameters = list(self._laws.values())[over_laws.best].parameters
+        return not_found(Belief.prior(parameters), over_laws.beliefs[over_laws.best], parameters.sought)
 
     def _forces(self, context: Context) -> ForceBelief | None:
         if self._hypotheses == 0:

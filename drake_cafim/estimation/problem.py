@@ -13,6 +13,9 @@ from drake_cafim.sensitivity.finite_difference import predict
 from drake_cafim.sensitivity.model import PlanningModel, Rollout, Start
 from drake_cafim.typing import Array
 
+LARGEST = 2**18
+"""Measurements predicted at once."""
+
 
 @dataclass(frozen=True)
 class Data:
@@ -67,6 +70,22 @@ class MapProblem:
             rollout = predict(self.model, group.motion, theta, start.state)
             total += 0.5 * float((self._residual(group, rollout) ** 2).sum())
         return total
+
+    def costs(self, points: Array) -> Array:
+        """ℓ (m,) at the points θ (m, n); all at once where the touched object has no state."""
+        if self.model.state_size or not self.groups:
+            return np.array([self.cost(point) for point in points])
+        samples = sum(group.measurements.size for group in self.groups)
+        parts = np.array_split(points, int(np.ceil(len(points) * samples / LARGEST)))
+        return np.concatenate([self._stateless_costs(part) for part in parts])
+
+    def _stateless_costs(self, points: Array) -> Array:
+        away = points - self.prior.mean
+        total = 0.5 * np.einsum("mi,ij,mj->m", away, self.prior.information, away)
+        for group in self.groups:
+            rollout = predict(self.model, group.motion, points[:, np.newaxis, np.newaxis], np.zeros(0))
+            total = total + 0.5 * (self._residual(group, rollout) ** 2).sum(axis=(1, 2, 3))
+        return np.asarray(total)
 
     def cost_and_gradient(self, theta: Array) -> tuple[float, Array]:
         """ℓ(θ) and dℓ/dθ = −Σ Gᵀ (y − ŷ)/σ² + Σ₀⁻¹ (θ − θ₀), (n,), with the evaluator's sensitivities G."""

@@ -147,7 +147,7 @@ def _starts(problem: MapProblem, config: ShootingConfig) -> list[Array]:
         reach = config.grid_width * std if np.isfinite(std) else max(abs(mean), 1.0)
         axes.append(np.linspace(max(low, mean - reach), min(high, mean + reach), count))
     points = [problem.prior.mean, *(np.array(point) for point in product(*axes))]
-    costs = np.array([problem.cost(point) for point in points])
+    costs = problem.costs(np.array(points))
     return [points[index] for index in np.argsort(costs, kind="stable")[: config.starts]]
 
 

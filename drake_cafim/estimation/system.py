@@ -12,6 +12,7 @@ from drake_cafim.estimation.evidence import log_evidence
 from drake_cafim.estimation.joint import refine_jointly
 from drake_cafim.estimation.problem import Data, make_problem
 from drake_cafim.estimation.shooting import MapEstimate, ShootingConfig, SolverReport, solve
+from drake_cafim.estimation.support import with_moments
 from drake_cafim.sensitivity.evaluator import Evaluator
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.sensitivity.tangent import TangentEvaluator
@@ -38,7 +39,8 @@ class CaMap(LeafSystem):
     parameters and the laws' probabilities, from the evidence of each; `belief` is then `LawBelief.vector`.
 
     `method` is `shooting`, over the parameters alone, or `joint`, which then solves for parameters and contact forces
-    together (paper, Def. 4).
+    together (paper, Def. 4). After each experiment, and while one searches, a belief that rests on no contact has the
+    mean and covariance of the posterior, see `estimation/support.py`.
 
     `model` predicts the measurements, for your own plant a `DiagramModel`; `config` holds the settings of the search;
     `evaluator` computes the sensitivities, by default the `TangentEvaluator`. All samples and the belief are in the
@@ -68,7 +70,7 @@ class CaMap(LeafSystem):
         self._prior = LawBelief.prior({law: each.parameters for law, each in self._laws.items()})
         self.DeclareVectorInputPort("measured_state", 2 * self._axes)
         self.DeclareVectorInputPort("measured_force", self._readings)
-        self._counters = int(self.DeclareDiscreteState(2))  # experiment, samples of it
+        self._counters = int(self.DeclareDiscreteState(3))  # experiment, samples of it, whether it searches
         self._samples = int(self.DeclareDiscreteState(int(np.prod(self._shape))))
         belief: Any = self._prior.vector()
         self._belief = int(self.DeclareDiscreteState(belief))
@@ -81,11 +83,11 @@ class CaMap(LeafSystem):
         """Numbers kept of each law's solver: solved, status, and which parameters are on a bound."""
         return 2 + max(len(names) for names in self._prior.names)
 
-    def begin_experiment(self, context: Context, experiment: int) -> None:
+    def begin_experiment(self, context: Context, experiment: int, *, searching: bool = False) -> None:
         """Begin experiment number `experiment`, from 0, in `context` (this system's own); all samples are kept."""
         if experiment >= self._shape[0]:
             raise InputError(f"CaMap: experiment {experiment + 1} of a system made for {self._shape[0]}")
-        counters: Any = np.array([float(experiment), 0.0])
+        counters: Any = np.array([float(experiment), 0.0, float(searching)])
         state: Any = context.get_mutable_discrete_state()
         state.get_mutable_vector(self._counters).SetFromVector(counters)
 
@@ -93,7 +95,7 @@ class CaMap(LeafSystem):
         """The data of the experiments so far in `context` (this system's own); the last may be unfinished."""
         state: Any = context.get_discrete_state()
         samples = np.array(state.get_vector(self._samples).get_value()).reshape(self._shape)
-        experiment, count = (int(v) for v in state.get_vector(self._counters).get_value())
+        experiment, count, _ = (int(v) for v in state.get_vector(self._counters).get_value())
         lengths = [self._shape[1]] * experiment + [min(count, self._shape[1])]
         return [self._unpack(samples[i, :length]) for i, length in enumerate(lengths) if length > 1]
 
@@ -125,7 +127,7 @@ class CaMap(LeafSystem):
 
     def _sample(self, context: Context, update: DiscreteValues) -> None:
         state: Any = context.get_discrete_state()
-        experiment, count = (int(v) for v in state.get_vector(self._counters).get_value())
+        experiment, count, searching = (int(v) for v in state.get_vector(self._counters).get_value())
         if count >= self._shape[1]:
             return
         samples = np.array(state.get_vector(self._samples).get_value()).reshape(self._shape)
@@ -133,15 +135,15 @@ class CaMap(LeafSystem):
         samples[experiment, count] = np.concatenate(inputs)
         written: Any = update
         written.get_mutable_vector(self._samples).SetFromVector(samples.ravel())
-        written.get_mutable_vector(self._counters).SetFromVector(np.array([experiment, count + 1.0]))
+        written.get_mutable_vector(self._counters).SetFromVector(np.array([experiment, count + 1.0, searching]))
         if self._due(count):
             lengths = [self._shape[1]] * experiment + [count + 1]
             data = [self._unpack(samples[i, :length]) for i, length in enumerate(lengths)]
-            belief, status = self._estimate(data)
+            belief, status = self._estimate(data, doubting=bool(searching) or count == self._shape[1] - 1)
             written.get_mutable_vector(self._belief).SetFromVector(belief.vector())
             written.get_mutable_vector(self._solver).SetFromVector(status)
 
-    def _estimate(self, data: list[Data]) -> tuple[LawBelief, Array]:
+    def _estimate(self, data: list[Data], *, doubting: bool) -> tuple[LawBelief, Array]:
         """The belief over the laws after all `data`, and the numbers of each law's solver, one law after the other."""
         beliefs, weights = [], []
         status = np.zeros((len(self._laws), self._solver_size))
@@ -151,7 +153,7 @@ class CaMap(LeafSystem):
             estimate = solve(problem, self._config)
             if self._method == "joint":
                 estimate = refine_jointly(problem, estimate)
-            beliefs.append(estimate.belief)
+            beliefs.append(with_moments(problem, estimate).belief if doubting else estimate.belief)
             weights.append(log_evidence(problem, estimate) if len(self._laws) > 1 else 0.0)
             _fill_status(row, estimate)
         return LawBelief(self._prior.laws, tuple(beliefs), np.array(weights)), status.ravel()

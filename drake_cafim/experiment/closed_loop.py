@@ -9,10 +9,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import LogVectorOutput
 
-from drake_cafim.belief import Belief, LawBelief
+from drake_cafim.belief import Belief, LawBelief, not_found
 from drake_cafim.design.guard_system import ForceGuard
 from drake_cafim.design.planner import PlannerConfig, PlannerName
 from drake_cafim.design.policies import PolicyName, make_policy
+from drake_cafim.design.searching import Searchable, SearchingPolicy
 from drake_cafim.design.system import CaOed
 from drake_cafim.errors import InputError
 from drake_cafim.estimation.problem import make_problem
@@ -27,6 +28,9 @@ from drake_cafim.sensitivity.tangent import TangentEvaluator
 from drake_cafim.tasks.point import PointModel
 from drake_cafim.tasks.task import Candidate, Task
 from drake_cafim.typing import Array
+
+MOST_SEARCHES = 2
+"""Experiments, beyond those asked for, that look for what was not found."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,7 @@ class Options:
     # simulated robot executes, for a task with a limit
     force_guard: bool | None = None
     experiments: int | None = None  # None: the task's own number
+    search: bool = True  # for what the experiments did not find, in more of them
     until_std: float | None = None  # stop when every std is below this fraction of its estimate
     seed: int = 0
 
@@ -56,8 +61,9 @@ class ExperimentResult:
     `fisher` (n, n) is this experiment's information alone, at the estimate after it. `history` is the belief after
     each estimate within the experiment, with its time. Where several contact laws are candidates, `over_laws` holds the
     belief over each, and all other fields are those of the most probable one. `solver` is the solver's status, and
-    `on_bound` names the parameters whose estimate is at a bound. `recorded` holds the world's recorded outputs, (N,
-    size) each, and their `time` (N,), from 0 on.
+    `on_bound` names the parameters whose estimate is at a bound. `not_found` are the sought parameters of which all
+    data so far have told little, each with the reason; `searching`, whether this experiment looked for such. `recorded`
+    holds the world's recorded outputs, (N, size) each, and their `time` (N,), from 0 on.
     """
 
     belief: Belief
@@ -78,6 +84,8 @@ class ExperimentResult:
     over_laws: LawBelief
     solver: SolverReport = field(default_factory=lambda: SolverReport(True, 0))
     on_bound: tuple[str, ...] = ()
+    not_found: Mapping[str, str] = field(default_factory=dict)
+    searching: bool = False
     recorded: Mapping[str, Array] = field(default_factory=dict)
 
 
@@ -116,7 +124,9 @@ def run(
     """Run Algorithm 1 on `task` in `world`, by default the kinematic one.
 
     It ends after the task's number of experiments, or `options.experiments`, or when all stds are below
-    `options.until_std` times the estimates. `progress` is called after each experiment with its number, from 0.
+    `options.until_std` times the estimates. Where something was not found by then, up to `MOST_SEARCHES` experiments of
+    a planning policy search for it, if the model knows where (`Searchable`). `progress` is called after each experiment
+    with its number, from 0.
     """
     options = Options() if options is None else options
     world = kinematic_world(task, seed=options.seed) if world is None else world
@@ -131,6 +141,10 @@ def run(
             progress(number, results[-1])
         if options.until_std is not None and _is_confident(results[-1].belief, options.until_std):
             break
+    while loop.searches and len(results) < total + MOST_SEARCHES and results[-1].not_found:
+        results.append(loop.execute(len(results), searching=True))
+        if progress is not None:
+            progress(len(results) - 1, results[-1])
     return RunResult(task, options, world.name, prior, tuple(results))
 
 
@@ -191,6 +205,10 @@ class _Loop:
             force_limit=force_limit(task) if options.force_guard else None,
             laws=planned,
         )
+        planning = options.policy in ("contact-aware", "finite-difference")
+        self.searches = options.search and planning and isinstance(model, Searchable)
+        if self.searches:
+            policy = SearchingPolicy(careful[0], policy)
         builder = DiagramBuilder()
         self.plant: System = builder.AddNamedSystem("world", world.system)
         self.guard = _add_guard(builder, task, options)
@@ -207,7 +225,7 @@ class _Loop:
         self.estimator = CaMap(
             model,
             periods=task.periods,
-            experiments=total,
+            experiments=total + (MOST_SEARCHES if self.searches else 0),
             estimate_every=task.estimate_every,
             laws=laws,
             method=options.estimator,
@@ -242,15 +260,18 @@ class _Loop:
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
 
-    def execute(self, number: int) -> ExperimentResult:
-        """Run experiment `number` from the start state; the estimator keeps the data of the experiments before."""
+    def execute(self, number: int, *, searching: bool = False) -> ExperimentResult:
+        """Run experiment `number` from the start state; the estimator keeps the data of the experiments before.
+
+        With `searching` it looks for what these did not find.
+        """
         root = self.simulator.get_mutable_context()
         root.SetTime(0.0)
         start: Context = self.world.start_context(number)
         self.plant.GetMyMutableContextFromRoot(root).SetStateAndParametersFrom(start)
-        self.design.begin_experiment(self.design.GetMyMutableContextFromRoot(root), number)
+        self.design.begin_experiment(self.design.GetMyMutableContextFromRoot(root), number, searching=searching)
         estimating = self.estimator.GetMyMutableContextFromRoot(root)
-        self.estimator.begin_experiment(estimating, number)
+        self.estimator.begin_experiment(estimating, number, searching=searching)
         if self.guard is not None and number == 0:  # its force belief carries over to the following experiments
             belief = self.estimator.law_belief(estimating).beliefs[0]  # the guard has the scenario's own law
             self.guard.begin(self.guard.GetMyMutableContextFromRoot(root), belief)
@@ -265,7 +286,7 @@ class _Loop:
         recorded = {name: np.array(log.data().T) for name, log in recorders.items()}
         if recorders:
             recorded["time"] = np.array(next(iter(recorders.values())).sample_times())
-        return self._result(root, rows, recorded)
+        return replace(self._result(root, rows, recorded), searching=searching)
 
     def _rows(self, log: Any) -> Array:
         """The log's samples at the ends of the periods, (T+1, size), each taken before the updates of that instant.
@@ -308,6 +329,7 @@ class _Loop:
             over_laws=over_laws,
             solver=solver,
             on_bound=on_bound,
+            not_found=reasons_not_found(model, belief),
             recorded=recorded,
         )
 
@@ -330,6 +352,22 @@ def errors(belief: Belief, candidate: Candidate) -> dict[str, float]:
     for name, mean in zip(belief.names, belief.mean.tolist(), strict=True):
         if name in candidate.truth:
             found[name] = 100.0 * (mean - candidate.truth[name]) / candidate.truth[name]
+    return found
+
+
+def reasons_not_found(model: PlanningModel, belief: Belief) -> dict[str, str]:
+    """By name the sought parameters of which the data have told little, each with a sentence that says how little."""
+    prior, found = Belief.prior(model.parameters), {}
+    units = {parameter.name: parameter.unit for parameter in model.parameters.free}
+    for name in not_found(prior, belief, model.parameters.sought):
+        index = belief.names.index(name)
+        low, high = np.clip(belief.interval()[index], *(bound[index] for bound in model.parameters.bounds))
+        share = 100.0 * belief.std[index] / prior.std[index]
+        unit = "" if units[name] == "1" else f" {units[name]}"
+        found[name] = (
+            f"{name} was not found: what was felt says only that it is between {low:.3g} and {high:.3g}{unit}, "
+            f"{share:.0f} % of the prior's std"
+        )
     return found
 
 

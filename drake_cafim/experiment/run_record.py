@@ -68,6 +68,8 @@ def _experiment(experiment: ExperimentResult, candidate: Candidate, recording: s
             "message": experiment.solver.message,
             "on_bound": list(experiment.on_bound),
         },
+        "not_found": dict(experiment.not_found),
+        "searching": experiment.searching,
         "tracking_error": experiment.tracking_error,
         "history": [
             {"time": time, **_estimate(over_laws), **_laws(over_laws)} for time, over_laws in experiment.history

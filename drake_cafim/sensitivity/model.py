@@ -113,7 +113,7 @@ class PlanningModel(Protocol):
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
         """Contact force λ (..., nλ) in N; scalar-generic, so that AutoDiffXd passes through.
 
-        Behind a force guard θ is (..., n), its leading axes broadcasting with the motion's.
+        Without a state, and behind a force guard, θ may be (..., n), its leading axes broadcasting with the motion's.
         """
         ...
 

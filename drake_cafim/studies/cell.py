@@ -101,6 +101,7 @@ def measure(cell: Cell) -> dict[str, Any]:
         experiments=cell.experiments,
         belief_samples=cell.belief_samples,
         force_guard=False if cell.as_printed else cell.force_guard,
+        search=not cell.as_printed,
     )
     result = run(task, options, world)
     kept = {} if cell.scenario != POINT else {"laws": other_laws(result)}

@@ -19,6 +19,7 @@ from drake_cafim.typing import Array
 TRUE_LENGTH, TRUE_WIDTH = 0.126, 0.05  # m, paper
 FACES = ("+x", "-x", "+y", "-y")
 LAW_PARAMETERS = ("stiffness", "dissipation")
+CLEARANCE = 0.02  # m, kept from where a face is expected on the way around the box
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,6 +218,32 @@ class Contouring(PointModel):
             if time < until - 1e-9:
                 return np.array(velocity)
         return np.zeros(2)
+
+    def approach(self, name: str, robot_state: Array, theta: Array, std: Array) -> Array | None:
+        """The way (2,) m/s, round the box, to the nearer of the two faces that `name`, length or width, lies between.
+
+        Then slowly against that face, as deep as half the force limit presses where it is expected; None there.
+        """
+        named, spread = self._named(theta), self._named(std)
+        along = ("length", "width").index(name)
+        place, half = robot_state[:2] - self._centre(named), 0.5 * self._size(named)
+        clear = half + self._size(spread) + self.tip_radius + CLEARANCE
+        outward = np.where(place >= 0.0, 1.0, -1.0)
+        beyond = np.abs(place)
+        way, across = np.zeros(2), 1 - along
+        if beyond[across] < 0.8 * half[across]:  # it faces it
+            deepest = half[along] + self.tip_radius - 0.5 * self.force_limit / self.stiffness
+            if beyond[along] <= deepest:
+                return None
+            most = self.period * min(self.careful_speed, self.speed_limit)
+            way[along] = -outward[along] * most
+        elif beyond[along] >= clear[along]:
+            way[across] = -place[across]
+        elif beyond[across] >= clear[across] - CLEARANCE:
+            way[along] = outward[along] * (clear[along] - beyond[along] + 0.5 * CLEARANCE)
+        else:
+            way[across] = outward[across] * (clear[across] - beyond[across])
+        return np.clip(way / self.period, *self.velocity_bounds)
 
     def faces(self, motion: Array, forces: Array) -> list[str]:
         """The touched faces, of `FACES`, by the larger component of each of the forces (T, 2)."""

@@ -108,7 +108,7 @@ class Hefting:
 
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
         """λ = max(0, m (a + g)), (..., 1)."""
-        return np.asarray(theta[0] * np.maximum(0.0, motion[..., 2:3] + self.gravity))
+        return np.asarray(theta[..., :1] * np.maximum(0.0, motion[..., 2:3] + self.gravity))
 
     def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
         force = self.contact(state, motion, theta)

@@ -65,21 +65,23 @@ class Rubbing(PointModel):
 
     def _contact_parameters(self, theta: Array) -> ContactParameters:
         numbers: dict[str, Any] = {name: getattr(self, name) for name in self._numbers}
-        numbers.update(zip(self.parameters.names, theta, strict=True))
+        numbers.update(zip(self.parameters.names, np.moveaxis(theta, -1, 0), strict=True))
         numbers.pop("offset", None)
         return ContactParameters(**numbers, radius=self.tip_radius, resolution=self.resolution)
 
     def _penetration(self, motion: Array, theta: Array) -> Array:
         penetration = self.tip_radius - motion[..., 0]
         if "offset" in self.parameters.names:
-            penetration = penetration + theta[self.parameters.names.index("offset")]
+            penetration = penetration + theta[..., self.parameters.names.index("offset")]
         return np.asarray(penetration)
 
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
         parameters, law = self._contact_parameters(theta), ContactLaw(self.law)
         normal = law.normal_force(self._penetration(motion, theta), -motion[..., 2], parameters)
         tangential = law.tangential_force(normal, motion[..., 3:4], parameters)
-        return np.concatenate([normal[..., np.newaxis], tangential], axis=-1)
+        # with several θ that have one normal law, as many tangential forces are of one normal force
+        along = np.broadcast_to(normal[..., np.newaxis], tangential.shape)
+        return np.concatenate([along, tangential], axis=-1)
 
     def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
         exact = ContactLaw(self.law).derivatives(
