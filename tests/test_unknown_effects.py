@@ -9,6 +9,9 @@ import pytest
 import yaml
 
 from drake_cafim.diagnosis.diagnose import diagnose, estimate
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.report.report_json import parameters_of
@@ -111,6 +114,20 @@ def test_a_parameter_of_an_effect_is_estimated(
     assert found.effect == effect["effect"] and found.parameter == unknown["parameter"]
     assert abs(found.value - truth) < max(5.0 * found.std, 0.01 * truth)
     assert found.std < 0.1 * abs(unknown["std"])
+
+
+@pytest.mark.parametrize(("case", "again"), [(CASES[1], True), (CASES[2], False)], ids=["delay", "bias"])
+def test_slopes_by_an_unknown_are_taken_once_where_rows_are_nearly_linear_in_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: tuple[Any, ...], again: bool
+) -> None:
+    model, effect, unknown, recording, truth = case
+    problem = prepare(scene_of(tmp_path, model, effect, unknown), [recording]).problem()
+    problem.jacobian(problem.nominal())
+    computed = []
+    residual = WeakForm.residual
+    monkeypatch.setattr(WeakForm, "residual", lambda form, physics: computed.append(1) or residual(form, physics))
+    problem.jacobian(Model(np.array([truth])))
+    assert bool(computed) == again
 
 
 def test_a_diagnosis_fits_it_reports_it_and_puts_it_back(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ class Differences:
 
     def by_unknown(self, model: Model, i: int) -> Array:
         """(R + n,) derivative by the unknown with index `i`."""
-        if any(unknown.kind == "effect" for unknown in self.scene.unknown):
+        if self._bent_by_unknowns:
             # the rows are not linear in a delay or a gap: each model has its own slopes
             return self._difference(model, i, 1e-2 * self.scene.priors.std[i])
         if self.scene.unknown[i].kind == "contact" and any(effect.of_contact for effect in model.effects):
@@ -46,6 +47,12 @@ class Differences:
             smooth = replace(model, effects=tuple(effect for effect in model.effects if not effect.impacts))
             self._unknown_columns[i] = kind, self._difference(smooth, i, 1e-2 * self.scene.priors.std[i])
         return self._unknown_columns[i][1]
+
+    @cached_property
+    def _bent_by_unknowns(self) -> bool:
+        """Whether a number of an effect is unknown in which the rows are not nearly linear."""
+        nearly = {effect.key for effect in self.scene.physics.sensors if not effect.late}
+        return any(u.kind == "effect" and (u.effect, u.at) not in nearly for u in self.scene.unknown)
 
     def by_strength(self, model: Model, position: int, k: int) -> Array:
         """(R + n,) derivative by strength `k` of the effect at `position`."""
