@@ -24,7 +24,7 @@ from tests.concealed.strength_arm import ArmRows
 from tests.concealed.summary import figures
 from tests.concealed.timing import first_order, position_curve
 from tests.concealed.trial import command, covered_unnamed, scrubbed
-from tests.concealed.truth import FAMILY, VOCABULARY
+from tests.concealed.truth import FAMILY, SERVO, VOCABULARY
 
 
 def truth(effects: list[dict[str, object]], kind: str = "single", **more: object) -> dict[str, object]:
@@ -74,15 +74,21 @@ def test_seal_holds_and_breaks() -> None:
 
 
 def test_full_composition_has_every_effect_ten_times_and_the_short_one_every_family() -> None:
-    slots = plan.composition(np.random.default_rng(1), 1150)
+    slots = plan.composition(np.random.default_rng(1), 1440)
     kinds = [kind.partition(":")[0] for kind, _ in slots]
-    assert len(slots) == 1150 and kinds.count("many") == 230
+    assert len(slots) == 1440 and kinds.count("many") == 230
     assert [
         kinds.count(kind) >= least for kind, least in (("single", 390), ("null", 300), ("odd", 100), ("pair", 100))
     ] == [True] * 4
     named = [kind.partition(":")[2] for kind, _ in slots if kind.startswith("single")]
     assert min(named.count(effect) for effect in VOCABULARY) >= 10
     assert len({kind for kind, _ in slots if kind.startswith("odd")}) >= 6
+    served = [kind.partition(":")[2] for kind, rig in slots if rig.startswith("served")]
+    assert (
+        len(served) >= 0.2 * len(slots)
+        and min(served.count(effect) for effect in SERVO) >= 10
+        and served.count("") >= 50
+    )
     short = plan.composition(np.random.default_rng(2), 60)
     assert {FAMILY[kind.partition(":")[2]] for kind, _ in short if kind.startswith("single")} == set(FAMILY.values())
     assert {kind.partition(":")[0] for kind, _ in short} == {"single", "null", "odd", "pair", "many"}

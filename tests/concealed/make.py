@@ -1,7 +1,7 @@
 """`python -m tests.concealed.make --kind KIND --rig RIG --seed S --out DIR`: one case, its truth beside the folder.
 
 KIND: null | single:<effect> | pair | pair:<effect>,<effect> | odd | odd:<name> | many.
-RIG: arm2 to arm7 | press | toss; of many, an arm.
+RIG: arm2 to arm7 | press | toss; of many, an arm; of null and single also served2 | served3.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ import numpy as np
 from .arm_case import make_arm
 from .case import Case, write_truth
 from .press_case import make_press
+from .served_case import RIGS as SERVED_RIGS
+from .served_case import make_served
 from .strength import Excess, Rows, reckoned
 from .strength_arm import ArmRows
 from .strength_many import reckoned_many
@@ -24,7 +26,7 @@ from .strength_press import PressRows
 from .strength_toss import TossRows
 from .toss_case import make_toss
 
-RIGS = ("arm2", "arm3", "arm4", "arm5", "arm6", "arm7", "press", "toss")
+RIGS = ("arm2", "arm3", "arm4", "arm5", "arm6", "arm7", "press", "toss", *SERVED_RIGS)
 _ATTEMPTS = 6
 
 
@@ -40,6 +42,8 @@ def simulate(kind: str, rig: str, seed: int, attempt: int = 0, only: int | None 
         return make_press(rng, kind, only)
     if rig == "toss":
         return make_toss(rng, kind, only)
+    if rig in SERVED_RIGS:
+        return make_served(rng, int(rig.removeprefix("served")), kind)
     if rig in RIGS:
         return make_arm(rng, int(rig[3:]), kind, only)
     raise ValueError(f"rig {rig!r}: expected one of {', '.join(RIGS)}")
@@ -87,7 +91,7 @@ def make(kind: str, rig: str, seed: int) -> Case:
             return paired(case, [simulate(kind, rig, seed, attempt, only) for only in (0, 1)])
         if kind == "many":
             return replace(case, truth=case.truth | reckoned_many(case), study={})
-        case = studied(case)
+        case = case if "strengths" in case.truth else studied(case)
         if not kind.startswith("odd") or case.truth["strengths"][0]["clear"]:  # type: ignore[index]
             return case
     if not calm(case):

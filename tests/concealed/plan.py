@@ -8,10 +8,12 @@ from .draw_arm import DRAWS
 from .draw_contact import ODD_CONTACT
 from .odd_arm import DRAWS as ODD_ARM
 from .press_case import ON_STAGE
+from .served_case import RIGS as SERVED_RIGS
+from .served_case import UNITS as SERVED_EFFECTS
 from .toss_case import ODD_TOSS, ON_TOSS
 from .truth import FAMILY, VOCABULARY
 
-FULL = {"single": 400, "null": 310, "odd": 105, "pair": 105, "many": 230}
+FULL = {"single": 400, "null": 310, "odd": 105, "pair": 105, "many": 230, "served": 290}
 MANY_AT_LEAST = 6
 ARMS = ("arm2", "arm3", "arm6", "arm7")
 EVERY_ARM = ("arm2", "arm3", "arm4", "arm5", "arm6", "arm7")
@@ -57,6 +59,7 @@ def counts(size: int) -> dict[str, int]:
     """Numbers of cases a kind: in the proportions of the full proof, at least one of each kind and each family.
 
     Of cases with many effects, which take as long as ten others, a short form has half as many, yet six from 40 on.
+    `served` counts the cases that are commanded by position, whatever they conceal.
     """
     total = sum(FULL.values())
     if size >= 900:
@@ -65,7 +68,7 @@ def counts(size: int) -> dict[str, int]:
     shares = {kind: max(1, round(size * count / total)) for kind, count in FULL.items()}
     shares["many"] = max(MANY_AT_LEAST if size >= 40 else 1, round(0.5 * size * FULL["many"] / total))
     others = sum(count for kind, count in shares.items() if kind != "single")
-    shares["single"] = max(len(set(FAMILY.values())), size - others)
+    shares["single"] = max(len({FAMILY[effect] for effect in VOCABULARY}), size - others)
     return shares
 
 
@@ -77,13 +80,22 @@ def composition(rng: np.random.Generator, size: int) -> list[Slot]:
     slots += [_odd(rng, index) for index in range(number["odd"])]
     slots += [("pair", _any_rig(rng)) for _ in range(number["pair"])]
     slots += [("many", str(rng.choice(EVERY_ARM))) for _ in range(number["many"])]
+    slots += _served(rng, number["served"])
     return [slots[index] for index in rng.permutation(len(slots))]
+
+
+def _served(rng: np.random.Generator, count: int) -> list[Slot]:
+    """Arms that are commanded by position: a quarter of them nulls, the others go round what these conceal."""
+    lap = [f"single:{effect}" for effect in rng.permutation(sorted(SERVED_EFFECTS))]
+    kinds = ["null" if index % 4 == 3 else lap[(index - index // 4) % len(lap)] for index in range(count)]
+    return [(kind, str(rng.choice(SERVED_RIGS))) for kind in kinds]
 
 
 def _round(rng: np.random.Generator, count: int) -> list[str]:
     """Effects, each as often as the others; first of all one of each family."""
     families = [
-        [effect for effect in VOCABULARY if FAMILY[effect] == family] for family in dict.fromkeys(FAMILY.values())
+        [effect for effect in VOCABULARY if FAMILY[effect] == family]
+        for family in dict.fromkeys(FAMILY[effect] for effect in VOCABULARY)
     ]
     first = [str(rng.choice(family)) for family in families]
     rest = [effect for effect in VOCABULARY if effect not in first]

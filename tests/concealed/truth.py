@@ -93,6 +93,16 @@ SENSOR = (
     "sensor_misalignment",
     "clock_skew",
 )
+SERVO = (
+    "servo_gain_error",
+    "servo_dead_band",
+    "supply_sag",
+    "command_delay",
+    "command_lag",
+    "command_rate_limit",
+    "actuator_speed_limit",
+)
+"""What only arms that are commanded by position show."""
 VOCABULARY = JOINT + ACTUATOR + LINK + CONTACT + SENSOR
 FAMILY = {
     **dict.fromkeys(JOINT, "joint"),
@@ -100,6 +110,7 @@ FAMILY = {
     **dict.fromkeys(LINK, "link"),
     **dict.fromkeys(CONTACT, "contact"),
     **dict.fromkeys(SENSOR, "sensor"),
+    **dict.fromkeys(SERVO, "servo"),
 }
 ODD = (
     "odd_warming_viscosity",
