@@ -56,6 +56,12 @@ _WORLDS: Mapping[str, _Packaged] = {
 _UNDECIDED = {"hefting": "what a ball weighs that lies in a hand depends on no contact law"}
 
 
+_CONTACTLESS = {
+    "hefting": "its ball is free in the hand, and contacts here are of the robot with something fixed",
+    "contouring": "its box is touched round its edges, and contacts here are of a sphere with one plane",
+}
+
+
 @dataclass(frozen=True)
 class Stage:
     """A scenario that `cafim run` can carry out: its task, its world's configuration, and the view of its replay."""
@@ -94,7 +100,8 @@ class Stage:
     ) -> Diagram:
         """A world of this kind, see `build_world` of the scenario's module.
 
-        Raises `InputError` for an effect on a contact in world `model`, where contact is the planner's law.
+        Raises `InputError` for an effect on a contact in world `model`, where contact is the planner's law, and in a
+        scenario that names none.
         """
         together = [replace(effect, contacts=self.contacts) for effect in (*self.effects, *concealed)]
         for effect in together:
@@ -102,6 +109,9 @@ class Stage:
                 raise InputError(
                     f"{effect.address}: found --world {kind}, expected drake: effects on contacts need Drake's contact"
                 )
+            if effect.touches and not self.contacts:
+                why = _CONTACTLESS.get(self.name, "its file has nothing under contact:")
+                raise InputError(f"{effect.address}: {self.name} names no contact that it could act on: {why}")
         build = _WORLDS[self.name].build
         return build(self.config, self.task.truth, kind, seed=seed, concealed=together, meshcat=meshcat)
 

@@ -150,10 +150,7 @@ def _check_place(concealed: Concealed, kind: type[Effect], tree: Tree) -> None:
     if issubclass(kind, OF_CONTACTS):
         if not any(kind(concealed.at).meets(contact) for contact in concealed.contacts):
             if not concealed.contacts:
-                raise InputError(
-                    f"{concealed.address}: the scenario names no contact (contact:) that it could act on, expected one "
-                    "that does, as pinching"
-                )
+                raise InputError(f"{concealed.address}: found no contact under contact:, expected one")
             sites = dict.fromkeys(kind.site(contact) for contact in concealed.contacts)
             raise InputError(f"{concealed.address}: the scenario's contacts (contact:) have it at {', '.join(sites)}")
         return

@@ -154,7 +154,7 @@ def test_concealed_effect_is_in_the_world_and_in_no_model(
         (["hefting", "--conceal", "sensor_misalignment@wrist"], "expected one of joint_viscous_friction"),
         (
             ["hefting", "--conceal", "surface_offset@wall"],
-            "surface_offset@wall: the scenario names no contact (contact:) that it could act on",
+            "surface_offset@wall: hefting names no contact that it could act on: its ball is free in the hand",
         ),
         (["pinching_point", "--conceal", "contact_adhesion@jaw/ball"], "have it at left_tip/ball, right_tip/ball"),
         (

@@ -271,3 +271,26 @@ def test_planners_contact_pushes_the_tool() -> None:
     np.testing.assert_allclose(applied.F_Bq_W.translational(), [800.0 * 0.005, 0.0, 0.0])
     np.testing.assert_allclose(applied.p_BoBq_B, p_BT)
     assert applied.body_index == body
+
+
+@pytest.mark.parametrize("name", ["rubbing", "rubbing_two", "rubbing_tangential", "contouring"])
+def test_the_scenarios_robot_is_the_worlds(name: str) -> None:
+    """What is recorded is diagnosed against the scenario's model: the rod in the flange is there once in both."""
+    stage, scene = stage_of(scenario_file(resolve(name)), name), Scene.load(name)
+    world = stage.diagram("drake", 0).GetSubsystemByName("plant")
+    plants = (world, scene.plant)
+    for q in np.random.default_rng(1).uniform(-1.0, 1.0, (3, 7)):
+        matrices = []
+        for plant in plants:
+            context = plant.CreateDefaultContext()
+            plant.SetPositions(context, plant.GetModelInstanceByName("arm7"), q)
+            matrices.append((plant.CalcMassMatrix(context), plant.CalcGravityGeneralizedForces(context)))
+        np.testing.assert_allclose(matrices[0][0], matrices[1][0], atol=1e-6)
+        np.testing.assert_allclose(matrices[0][1], matrices[1][1], atol=1e-6)
+
+
+@pytest.mark.parametrize("name, why", [("hefting", "its ball is free"), ("contouring", "round its edges")])
+def test_why_no_contact_effect_acts_is_said(name: str, why: str) -> None:
+    adhesion = Concealed("contact_adhesion", "tip/box", {"force": 2.0, "range": 0.001})
+    with pytest.raises(InputError, match=f"contact_adhesion@tip/box: {name} names no contact .*{why}"):
+        stage_of(scenario_file(resolve(name)), name).diagram("drake", 0, concealed=[adhesion])
