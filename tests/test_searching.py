@@ -129,3 +129,14 @@ def test_a_face_that_was_not_found_is_found():
     first, last = result.experiments[0], result.experiments[-1]
     assert set(first.not_found) == {"length"} and abs(first.error_percent["length"]) > 30.0
     assert not last.not_found and abs(last.error_percent["length"]) < 15.0
+
+
+@pytest.mark.long
+def test_no_run_is_lost():
+    """From a prior 50 % too high, behind the guard, a third of the runs touch no end of the box at first."""
+    task = contouring()
+    task = replace(task, model=replace(task.model, workspace_upper=(0.7, 0.15))).with_prior_mean(1.5)
+    ends = [run(task, Options(seed=seed, force_guard=True)).experiments[-1] for seed in range(40)]
+    assert not any(end.not_found for end in ends)
+    errors = np.abs([list(end.error_percent.values()) for end in ends])
+    assert (np.percentile(errors, 95, axis=0) <= 15.0).all(), np.percentile(errors, 95, axis=0)
