@@ -9,7 +9,6 @@ import scipy.sparse as sp
 
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
-from drake_cafim.diagnosis.rows.adjustment import without_unmodelled_force
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.thresholds import LAW_ACCURACY, UNKNOWN_FORCE_VARIANCE_SHARE
 from drake_cafim.diagnosis.whitening.covariance import Whitening, lower_band, unknown_force_factors, whitening
@@ -36,7 +35,7 @@ def force_density(problem: WeakFormRows, model: Model) -> Array:
     starts = np.cumsum([run.rows for run in problem.runs])[:-1]
     recordings = []
     for run, slopes in zip(problem.runs, np.split(_slopes(problem, model), starts), strict=True):
-        noise = whitening(without_unmodelled_force(run.weak), physics)[0].covariance
+        noise = whitening(run.weak, physics)[0].covariance
         factors = unknown_force_factors(run.weak, physics)
         recordings.append(_Recording(run.noisy_rows(physics).ravel(), run.whiten.unwhiten(slopes), noise, factors))
     # start from an upper bound: as if the rows held no noise of the channels

@@ -14,13 +14,14 @@ from drake_cafim.diagnosis.joints.differences import Differences
 from drake_cafim.diagnosis.joints.more_noise import noisy_parameters, with_more_effort_noise
 from drake_cafim.diagnosis.joints.other_noise import is_other_noise, noise_cost
 from drake_cafim.diagnosis.joints.unknown_columns import UnknownColumns
-from drake_cafim.diagnosis.rows.adjustment import adjust, without_unmodelled_force
+from drake_cafim.diagnosis.rows.adjustment import adjust
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.whitening.covariance import NONE, whitening
 from drake_cafim.diagnosis.whitening.noise_jacobian import NoiseJacobian
 from drake_cafim.diagnosis.whitening.servo_noise import read_by_servos
+from drake_cafim.diagnosis.whitening.unmodelled_force import with_unmodelled_force
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
@@ -68,11 +69,10 @@ class WeakFormRows(Problem):
         runs = []
         for form in weak:
             estimated = adjust(form, physics)
-            if np.any(unknown_force):
-                # these are all the forces that count as noise
-                estimated = without_unmodelled_force(estimated)
             whiten, jacobian = whitening(estimated, physics, unknown_force)
-            runs.append(Run(estimated, whiten, jacobian, form, _noise(form, estimated, jacobian)))
+            run = Run(estimated, whiten, jacobian, form, _noise(form, estimated, jacobian))
+            # unknown forces are all the forces that count as noise
+            runs.append(run if np.any(unknown_force) else with_unmodelled_force(run, physics))
         return cls(scene, tuple(runs), model, unknown_force)
 
     @classmethod

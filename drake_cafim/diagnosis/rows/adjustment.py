@@ -61,15 +61,6 @@ def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
     return current
 
 
-def without_unmodelled_force(weak: WeakForm) -> WeakForm:
-    """The same recording, where no force within the model's accuracy counts as noise."""
-    if weak.samples.estimated is None:
-        return weak
-    none = np.zeros_like(weak.samples.estimated.unmodelled_force)
-    estimated = replace(weak.samples.estimated, unmodelled_force=none)
-    return WeakForm(replace(weak.samples, estimated=estimated), weak.sensors)
-
-
 def _noise(samples: Samples, physics: Physics, column: str) -> ChannelNoise:
     """The noise of `column` as corrected for the sensor effects of `physics`, by which it may grow.
 

@@ -46,7 +46,7 @@ class EstimatedMotion:
     missed_v: Array
     """(N, n): what the motion has beyond that which sensor effects, undone, make of the recorded channels."""
     unmodelled_force: Array
-    """(n,) density of white forces at the joints that no model knows, (N m)² s or N² s, within its accuracy."""
+    """(n,) largest density of white forces at the joints that no model knows, (N m)² s or N² s, within its accuracy."""
     bend: Array
     """(N − 1, n): what the model's acceleration, its efforts' left out, changes over each sample interval."""
 

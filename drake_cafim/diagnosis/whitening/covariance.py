@@ -60,6 +60,13 @@ class Whitening:
         """The whitening of the rows from `start` to `stop` − 1, given those before."""
         return Whitening(self.factor[:, start:stop], self.covariance)
 
+    def transposed(self, rows: Array) -> Array:
+        """L⁻ᵀ `rows`, for (R, k): of whitened rows L⁻¹ r it makes C⁻¹ r."""
+        solved, info = lapack.dtbtrs(self.factor, rows, uplo="L", trans="T")
+        if info != 0:
+            raise ArithmeticError(f"the covariance of the residual is singular at row {info}")
+        return np.asarray(solved, dtype=float)
+
     @property
     def log_determinant(self) -> float:
         """ln det C."""
@@ -79,8 +86,6 @@ def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> 
         + impact_covariance(weak, physics)
         + mobility_covariance(weak, physics)
     )
-    if weak.samples.estimated is not None:
-        beyond = beyond + _unmodelled(weak, physics, weak.samples.estimated.unmodelled_force)
     for density, part in (
         zip(unknown_force, unknown_force_factors(weak, physics), strict=True) if np.any(unknown_force) else ()
     ):
@@ -102,20 +107,6 @@ def _cholesky(covariance: sp.csr_matrix) -> sp.coo_matrix:
     """The lower Cholesky factor of a banded `covariance` (M, M)."""
     factor = scipy.linalg.cholesky_banded(lower_band(covariance), lower=True)
     return sp.coo_matrix(sp.dia_array((factor, -np.arange(len(factor))), shape=covariance.shape))
-
-
-def _unmodelled(weak: WeakForm, physics: Physics, density: Array) -> sp.csr_matrix:
-    """(R, R) covariance of the rows by white forces of `density` (n,) at the joints."""
-    windows, r = weak.samples.windows, weak.rows_per_window
-    weighed = windows.value @ sp.diags_array(1.0 / np.sqrt(np.gradient(weak.samples.time)))
-    shared = sp.coo_matrix(weighed @ weighed.T)
-    size = r * len(windows)
-    total = sp.csr_matrix((size, size))
-    for j, (own, gain) in enumerate(zip(density, physics.effort_gains, strict=True)):
-        at = weak.dynamic.start + j
-        places = (r * shared.row + at, r * shared.col + at)
-        total = total + sp.csr_matrix((own / gain**2 * shared.data, places), shape=(size, size))
-    return sp.csr_matrix(total)
 
 
 def unknown_force_factors(weak: WeakForm, physics: Physics) -> list[sp.csr_matrix]:
