@@ -7,13 +7,16 @@ import pytest
 import yaml
 from scipy.signal import butter, sosfilt, sosfiltfilt
 
-from drake_cafim.diagnosis.diagnose import diagnose
+from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.diagnosis.noise.filters import end_of_spectrum
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.rows.filtered_windows import RESPONSE_SHARE, FilteredWindows, response
 from drake_cafim.diagnosis.rows.test_functions import lay_windows
+from drake_cafim.diagnosis.whitening.noise_jacobian import noise_jacobian
+from drake_cafim.diagnosis.whitening.sampled_noise import sampled_noise
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
+from drake_cafim.report.artifacts import replay_of
 from drake_cafim.scenario.schema import Lowpass
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
@@ -79,12 +82,30 @@ STATED = {"order": MAKERS.order, "cutoff": MAKERS.cutoff, "zero_phase": True}
 
 def test_with_the_filter_stated_the_friction_is_found_and_nothing_else(tmp_path: Path) -> None:
     scene = _scene(tmp_path, v={"lowpass": STATED}, u={"lowpass": STATED})
-    verdict = diagnose(scene, [Recording("run", *_made(True))])
+    recording = Recording("run", *_made(True))
+    verdict, outcome = examine(scene, [recording])
     [accepted] = verdict.explanation
     assert accepted.effect.name == "joint_viscous_friction"
     assert accepted.effect.values["coefficient"] == pytest.approx(FRICTION, rel=0.02)
     assert any(note.startswith("v.pivot: filtered after") for note in verdict.notes)
     assert not any("nothing is left above" in note for note in verdict.notes)
+    # the replay reads the recording anew, with the velocities that are not used
+    assert replay_of(verdict, outcome, recording) is not None
+
+
+def test_noise_is_propagated_through_narrow_windows_as_through_the_filtered_ones(tmp_path: Path) -> None:
+    scene = _scene(tmp_path, v={"lowpass": STATED}, u={"std": 0.05, "lowpass": STATED})
+    [form] = prepare(scene, [Recording("run", *_made(True))]).weak
+    physics = scene.physics
+    covariance, jacobian = sampled_noise(form, physics)
+    whole = noise_jacobian(form, physics)
+    assert jacobian.keys() == whole.keys() == {"q.pivot", "u.pivot"}
+    expected = sum(form.samples.std[name] ** 2 * (block @ block.T).toarray() for name, block in whole.items())
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(covariance.toarray() / size / size[:, None], expected / size / size[:, None], atol=1e-4)
+    change = np.sin(2.0 * np.pi * 0.5 * form.samples.time)
+    for name, block in whole.items():
+        np.testing.assert_allclose(jacobian[name] @ change, block @ change, atol=1e-3 * np.abs(block @ change).max())
 
 
 def test_a_filter_that_nobody_states_is_told_and_an_unfiltered_channel_is_not(tmp_path: Path) -> None:

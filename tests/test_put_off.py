@@ -26,14 +26,20 @@ def _fit(far: int, effects: int = 0) -> Fit:
     return Fit(Model(np.zeros(0), tuple(names)), rows.ravel(), np.zeros((size, effects)), np.eye(effects), size)
 
 
-def _state(gains: list[float]) -> Any:
+def _state(gains: list[float], places: list[str] | None = None, rows: list[int] | None = None) -> Any:
+    """A search whose candidates have these `gains`, each in its own of the `rows` or, without, in the first seven."""
     problem: Any = SimpleNamespace(
         rows=WINDOWS * KINDS,
         runs=[SimpleNamespace(shape=(WINDOWS, KINDS))],
         residual=lambda model: np.ones(WINDOWS * KINDS),
     )
     under_way = state.State(problem, state.Settings(), (), 10, lambda text: None)
-    candidates = [Candidate(JointCoulombFriction("j1", {"torque": 1.0}), gain, 1, 1) for gain in gains]
+    places = places or [f"j{k}" for k in range(len(gains))]
+    by_row = [np.eye(KINDS)[row] for row in rows] if rows else [(np.arange(KINDS) < 7) / 7.0] * len(gains)
+    candidates = [
+        Candidate(JointCoulombFriction(place, {"torque": 1.0}), gain, 1, 1, gains=gain * shares)
+        for gain, place, shares in zip(gains, places, by_row, strict=True)
+    ]
     under_way.screen = lambda parent: candidates  # type: ignore[method-assign]
     return under_way
 
@@ -55,6 +61,17 @@ EXCESS = 7 * WINDOWS * (LEFT - 1.0)
 )
 def test_many_rows_that_few_effects_hardly_explain(far: int, effects: int, gains: list[float], hopeless: bool) -> None:
     assert search.lacks_more_effects(_state(gains), _fit(far, effects)) == hopeless
+
+
+def test_effects_at_one_place_explain_the_same() -> None:
+    assert search.lacks_more_effects(_state([0.2 * EXCESS] * 7, places=["j1"] * 7), _fit(7, 0))
+
+
+def test_rows_that_are_further_from_noise_do_not_hide_the_others() -> None:
+    # three joints have nearly all of the misfit, and four others are far from noise as well
+    gains = [0.3 * EXCESS, 0.3 * EXCESS, 0.3 * EXCESS]
+    assert search.lacks_more_effects(_state(gains, rows=[0, 1, 2]), _fit(7, 0))
+    assert not search.lacks_more_effects(_state(gains), _fit(7, 0))
 
 
 def test_small_inaccuracies_of_what_was_found_are_no_sign_of_more() -> None:

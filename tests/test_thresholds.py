@@ -104,7 +104,7 @@ MEMORY = {
     "joints/pulses.py": "CACHED_ROWS",
     "noise/coloured.py": "CACHED_ENTRIES",
     "rows/effort_rows.py": "CACHED_TERMS",
-    "rows/filtered_windows.py": "ROWS_TOGETHER",
+    "rows/filtered_windows.py": "LEAST_COEFFICIENT NARROWEST NARROW_PER_PERIOD ROWS_TOGETHER",
     "rows/force_rows.py": "CACHED_TERMS",
     "rows/inertial_regressor.py": "CACHED_REGRESSORS WINDOWS_AT_ONCE",
     "rows/inertial_rows.py": "COMPUTED_ALONE",

@@ -43,18 +43,17 @@ def write_artifacts(
     channels. What cannot be drawn or written is a sentence in the report's notes.
     """
     progress("writing the report")
-    shown = compute(lambda: replay_of(verdict, outcome, [*held_out, *recordings][0])) if replay or mcap else None
     notes: list[str] = []
+    files = {"corrected_scenario": CORRECTED, "html": PAGE}
+    write_scene(verdict.corrected, out)
+    # the report is written before the pictures, so that a failure to draw them cannot lose the verdict
+    write_text(out / REPORT, as_text(report_of(verdict, (), None, files)))
+    shown = compute(lambda: replay_of(verdict, outcome, [*held_out, *recordings][0])) if replay or mcap else None
     if isinstance(shown, NotComputable):
         notes.append(f"{REPLAY} cannot be drawn: {shown.reason}")
         shown = None
     # a thrown body has no joints to draw a replay from
     replay, mcap = replay and shown is not None, mcap and shown is not None
-    scene = verdict.corrected
-    files = {"corrected_scenario": CORRECTED, "html": PAGE}
-    write_scene(scene, out)
-    # the report is written before the pictures, so that a failure to draw them cannot lose the verdict
-    write_text(out / REPORT, as_text(report_of(verdict, (), None, files, notes=notes)))
     notes += write_report_page(out / PAGE, verdict, outcome, held_out, command)
     if replay and shown is not None:
         progress("drawing the replay")

@@ -10,6 +10,7 @@ from drake_cafim.diagnosis.fit.pictures import Channel, Evidence, Pictures, Rema
 from drake_cafim.diagnosis.joints.location import places_of, standardised
 from drake_cafim.diagnosis.joints.missing_forces import channels, missing_force, missing_force_std, window_means
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
+from drake_cafim.diagnosis.noise.filters import without_filtered_velocities
 from drake_cafim.diagnosis.predict.forecast import Forecast, forecast
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
@@ -105,4 +106,5 @@ class JointPictures(Pictures):
             if form.samples.recording is recording:
                 return form
         scene = self.problem.scene
-        return WeakForm(samples_of(scene, recording, self.problem.forms[0].samples.std), scene.wrench_sensors)
+        (own,), _ = without_filtered_velocities(scene, [recording])
+        return WeakForm(samples_of(scene, own, self.problem.forms[0].samples.std), scene.wrench_sensors)

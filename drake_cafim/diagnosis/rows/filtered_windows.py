@@ -12,8 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.signal import butter, fftconvolve, sosfilt, sosfiltfilt
 from scipy.signal.windows import tukey
+from scipy.sparse.linalg import splu
 
-from drake_cafim.diagnosis.rows.test_functions import Windows
+from drake_cafim.diagnosis.rows.test_functions import OVERLAPPING, Windows, lay_windows
 from drake_cafim.scenario.schema import Lowpass
 from drake_cafim.typing import Array
 
@@ -23,6 +24,12 @@ FADING_SHARE = 0.5
 """Share of the response over which its two ends are faded out."""
 ROWS_TOGETHER = 256
 """Number of windows that are filtered at once, to limit memory."""
+NARROW_PER_PERIOD = 20.0
+"""Narrow windows in a period of the cutoff: cubic splines this close follow a filtered window to a share of 1e-4."""
+NARROWEST = 12.0
+"""Least width of a narrow window, in sampling periods."""
+LEAST_COEFFICIENT = 1e-6
+"""Coefficient of a narrow window, over the largest one, that counts as rounding error."""
 
 
 def apply_filter(lowpass: Lowpass, values: Array, rate: float) -> Array:
@@ -90,9 +97,38 @@ class FilteredWindows(Windows):
     def rate(self) -> sp.csr_matrix:
         return self._filtered(self._product(self._slope))
 
+    @cached_property
+    def narrow(self) -> Windows:
+        """Narrow windows over the same samples and their responses, of which the filtered ones are combinations."""
+        covered = np.zeros(len(self.time), dtype=bool)
+        for first, stop in zip(self.first, self.stop, strict=True):
+            covered[max(first - self._reach, 0) : stop + self._reach] = True
+        width = OVERLAPPING / (NARROW_PER_PERIOD * self.lowpass.cutoff)
+        return lay_windows(self.time, covered, max(width, NARROWEST * self._period))
+
+    @cached_property
+    def of_narrow(self) -> sp.csr_matrix:
+        """(M, M') F: `value` ≈ F `narrow.value` and `rate` ≈ F `narrow.rate`, the nearest by least squares.
+
+        The noise of samples is propagated to the narrow windows first, which cover few samples each.
+        """
+        narrow = self.narrow.value
+        solve = splu(sp.csc_matrix(narrow @ narrow.T)).solve
+        found = np.asarray(solve((narrow @ self.value.T).toarray()))
+        found[np.abs(found) < LEAST_COEFFICIENT * np.max(np.abs(found), axis=0)] = 0.0
+        return sp.csr_matrix(found.T)
+
+    @property
+    def _period(self) -> float:
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def _reach(self) -> int:
+        return reach_of(self.lowpass, 1.0 / self._period)
+
     def _filtered(self, rows: sp.csr_matrix) -> sp.csr_matrix:
         """`rows` (M, N) times the filter's matrix: each row filtered by Fᵀ, which runs backwards in time."""
-        kernel = response(self.lowpass, 1.0 / float(np.median(np.diff(self.time))))
+        kernel = response(self.lowpass, 1.0 / self._period)
         reach, index = len(kernel) // 2, np.arange(len(self.time))
         parts = []
         for start in range(0, len(self), ROWS_TOGETHER):

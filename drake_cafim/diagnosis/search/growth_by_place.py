@@ -15,6 +15,7 @@ from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import undetermined
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
+from drake_cafim.diagnosis.search.places import ELSEWHERE, place_of
 from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import (
@@ -23,7 +24,7 @@ from drake_cafim.diagnosis.thresholds import (
     RECORDINGS_SHARE_IMPROVED,
 )
 from drake_cafim.diagnosis.trace import Record, Trace
-from drake_cafim.effects.effect import Effect, Place
+from drake_cafim.effects.effect import Effect
 from drake_cafim.typing import Array
 
 MOST_ROUNDS = 12
@@ -36,8 +37,6 @@ AT_BOUND = 1e-9
 """Distance from a bound, relative to the strength's size, up to which it counts as reached."""
 QUARTERS = 4
 """Number of parts into which recordings are cut where there are fewer."""
-ELSEWHERE = ""
-"""The place of what moves the rows of many joints: loads on bodies, contacts, gravity."""
 
 
 @dataclass
@@ -225,16 +224,6 @@ class GrowthByPlace:
     def threshold(self, freedom: int) -> float:
         """Wald statistic that noise alone exceeds in the best of all looks at the false-alarm rate."""
         return float(chi2.isf(self.settings.false_alarm_rate / self.trials, freedom))
-
-
-def place_of(effect: Effect) -> str:
-    """The joint at which an effect acts, or the channel that it changes; `ELSEWHERE` where it is neither."""
-    return effect.at if effect.place in (Place.JOINT, Place.ACTUATOR, Place.CHANNEL) else ELSEWHERE
-
-
-def joint_of(effect: Effect) -> str:
-    """The joint at which an effect acts or whose channel it changes; the channel's sensor, or `ELSEWHERE`."""
-    return effect.at.partition(".")[2] if effect.place is Place.CHANNEL else place_of(effect)
 
 
 def strength_at_bound(effect: Effect) -> str | None:

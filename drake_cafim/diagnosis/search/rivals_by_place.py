@@ -12,13 +12,13 @@ from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.growth_by_place import (
     CONVERGED,
     GrowthByPlace,
-    joint_of,
     residual_without,
     share_removed,
     strength_at_bound,
     undetermined_in,
 )
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
+from drake_cafim.diagnosis.search.places import joint_of
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import (
     LEAST_PROBABILITY,

@@ -1,10 +1,11 @@
 """Score tests: the first-order decrease of χ² by each effect, with the fitted parameters projected out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.effects.effect import Effect
@@ -20,6 +21,8 @@ class Candidate:
     strengths: int
     trials: int
     """How many looks (shapes, places, times) were tried to find this one."""
+    gains: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
+    """(r,) decrease of χ² in each row of a window, to first order."""
 
 
 DIVERGED = 1e100
@@ -42,6 +45,7 @@ def screen(problem: SearchProblem, at: Fit, effects: Sequence[Effect]) -> list[C
 
 def _best_look(problem: SearchProblem, at: Fit, effect: Effect, basis: Array, residual: Array) -> Candidate | None:
     best: Candidate | None = None
+    change = np.zeros(0)
     looks = problem.looks(at, effect)
     trials = looks.tried
     for columns, build in looks.found:
@@ -55,8 +59,18 @@ def _best_look(problem: SearchProblem, at: Fit, effect: Effect, basis: Array, re
         built = build(coefficients)
         # a friction that drives, or a negative inertia, is no explanation, however well it fits
         if built is not None and built.plausible():
-            best = Candidate(built, gain, len(effect.strengths), 0)
-    return None if best is None else Candidate(best.effect, best.gain, best.strengths, trials)
+            best, change = Candidate(built, gain, len(effect.strengths), 0), columns @ coefficients
+    if best is None:
+        return None
+    adapted = change - basis[: len(change)] @ (basis[: len(change)].T @ change)
+    return replace(
+        best, trials=trials, gains=_by_row(problem, residual) - _by_row(problem, residual[: len(change)] + adapted)
+    )
+
+
+def _by_row(problem: SearchProblem, residual: Array) -> Array:
+    """(r,) χ² in each row of a window."""
+    return np.asarray(np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, residual[: problem.rows])], axis=0))
 
 
 def _projected(columns: Array, basis: Array, residual: Array) -> tuple[Array, float] | None:

@@ -15,6 +15,7 @@ from drake_cafim.diagnosis.search import candidate_decisions, decisions
 from drake_cafim.diagnosis.search.competition import compete
 from drake_cafim.diagnosis.search.detection import detection_p_value
 from drake_cafim.diagnosis.search.growth import grow
+from drake_cafim.diagnosis.search.places import place_of
 from drake_cafim.diagnosis.search.posterior import inclusion_probabilities
 from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.search.state import ROUNDS, Settings, State, has_moved
@@ -132,17 +133,24 @@ def _concluded(state: State, begun: Outcome, best: Fit) -> Outcome:
 def lacks_more_effects(state: State, best: Fit) -> bool:
     """Whether as few effects as are allowed will not explain the recordings, by what `best` leaves.
 
-    More rows of a window are left far from noise than there may be effects, and to first order those that may be added
-    and gain most explain less than half of it.
+    More rows of a window are left far from noise than there may be effects. And to first order those that may be added,
+    the best at each place, explain less than half of the misfit, or halve it in fewer than half of these rows: two
+    effects at one place explain the same, and a joint is not explained by others that are further from noise.
     """
     problem, most = state.problem, state.settings.most_effects
     rows = np.concatenate([z for _, z in by_run(problem, best.residual[: problem.rows])])
-    if np.count_nonzero(np.mean(rows**2, axis=0) > MISFIT_REDUCED_CHI_SQUARE) <= most:
+    misfit = np.mean(rows**2, axis=0)
+    far = misfit > MISFIT_REDUCED_CHI_SQUARE
+    if np.count_nonzero(far) <= most or leaves_inaccuracy(problem, best):
         return False
-    added = most - len(best.model.effects)
-    gained = sum(candidate.gain for candidate in state.screen(best)[:added]) if added > 0 else 0.0
-    excess = best.chi_square - problem.rows
-    return gained < NAMED_EXCESS_SHARE * excess and not leaves_inaccuracy(problem, best)
+    by_place: dict[str, Candidate] = {}
+    for candidate in state.screen(best) if most > len(best.model.effects) else ():
+        by_place.setdefault(place_of(candidate.effect), candidate)
+    added = list(by_place.values())[: most - len(best.model.effects)]
+    explained = sum((candidate.gains for candidate in added), np.zeros(len(far)))
+    halved = explained >= NAMED_EXCESS_SHARE * len(rows) * (misfit - 1.0)
+    gained, excess = sum(candidate.gain for candidate in added), best.chi_square - problem.rows
+    return gained < NAMED_EXCESS_SHARE * excess or np.mean(halved[far]) < NAMED_EXCESS_SHARE
 
 
 def _explain(state: State, best: Fit) -> Fit:

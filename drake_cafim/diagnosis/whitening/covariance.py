@@ -7,13 +7,13 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.linalg import lapack
 
-from drake_cafim.diagnosis.noise.coloured import covariance
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.friction_at_rest import friction_at_rest_covariance
 from drake_cafim.diagnosis.whitening.impact_noise import impact_covariance
 from drake_cafim.diagnosis.whitening.kinked_law_noise import kinked_law_covariance
 from drake_cafim.diagnosis.whitening.mobility_noise import mobility_covariance
-from drake_cafim.diagnosis.whitening.noise_jacobian import NoiseJacobian, noise_jacobian
+from drake_cafim.diagnosis.whitening.noise_jacobian import NoiseJacobian
+from drake_cafim.diagnosis.whitening.sampled_noise import sampled_noise
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -78,7 +78,7 @@ def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> 
 
     `unknown_force` (n,) is the spectral density of unmodelled white forces at the joints, (N m)² s or N² s.
     """
-    jacobian = noise_jacobian(weak, physics)
+    of_samples, jacobian = sampled_noise(weak, physics)
     # what the first-order Jacobian leaves out: kinks and jumps within the noise
     beyond = (
         kinked_law_covariance(weak, physics)
@@ -90,7 +90,7 @@ def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> 
         zip(unknown_force, unknown_force_factors(weak, physics), strict=True) if np.any(unknown_force) else ()
     ):
         beyond = beyond + density * (part @ part.T)
-    return Whitening.of(_sampled(weak, jacobian) + beyond), jacobian
+    return Whitening.of(of_samples + beyond), jacobian
 
 
 def lower_band(symmetric: sp.csr_matrix) -> Array:
@@ -119,18 +119,3 @@ def unknown_force_factors(weak: WeakForm, physics: Physics) -> list[sp.csr_matri
         sp.csr_matrix((factor.data / gain, (r * factor.row + row, factor.col)), shape=(r * len(windows), len(windows)))
         for row, gain in zip(rows, physics.effort_gains, strict=True)
     ]
-
-
-def _sampled(weak: WeakForm, jacobian: NoiseJacobian) -> sp.csr_matrix:
-    """Σ std² J Σ Jᵀ (R, R) over the noise `jacobian` J (R, N) of each column and the correlation Σ of its samples.
-
-    A column at a time: as one matrix, the Jacobian of a long recording takes gigabytes.
-    """
-    samples, r, M = weak.samples, weak.rows_per_window, len(weak.samples.windows)
-    alike = {memory: covariance(samples.time, memory) for memory in set(samples.memories.values())}
-    total = sp.csr_matrix((r * M, r * M))
-    for name, block in jacobian.items():
-        memory = samples.memories.get(name)
-        correlated = block if memory is None else sp.csr_matrix(block @ alike[memory])
-        total = total + samples.std[name] ** 2 * (correlated @ block.T)
-    return sp.csr_matrix(total)

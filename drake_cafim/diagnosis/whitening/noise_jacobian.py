@@ -5,6 +5,7 @@ from typing import TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.linalg import LinearOperator
 
 from drake_cafim.diagnosis.rows.adjustment import POSITION_STEP, VELOCITY_STEP
 from drake_cafim.diagnosis.rows.measurement import joint_samples_of
@@ -16,7 +17,7 @@ from drake_cafim.recordings.recording import WRENCH_COMPONENTS
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
-NoiseJacobian: TypeAlias = dict[str, sp.csr_matrix]
+NoiseJacobian: TypeAlias = dict[str, sp.csr_matrix | LinearOperator]
 """∂rows/∂samples of each recorded column by its name: (M r, N), rows ordered window after window."""
 Parts: TypeAlias = dict[int, tuple[sp.csr_matrix, Array]]
 """By row of a window: a matrix (M, N) over the windows, and factors (N,) of its columns."""
@@ -24,6 +25,25 @@ Parts: TypeAlias = dict[int, tuple[sp.csr_matrix, Array]]
 
 def noise_jacobian(weak: WeakForm, physics: Physics) -> NoiseJacobian:
     """∂rows/∂samples under `physics`, for each recorded column that is not exact."""
+    found = motion_jacobian(weak, physics) | effort_jacobian(weak, physics)
+    of_joints = [f"{kind}.{name}" for name in physics.tree.joint_names for kind in "qvu"]
+    return {name: found[name] for name in [*of_joints, *found] if name in found}
+
+
+def effort_jacobian(weak: WeakForm, physics: Physics) -> NoiseJacobian:
+    """The part of `noise_jacobian` by the efforts."""
+    s, columns = weak.samples, [f"u.{name}" for name in physics.tree.joint_names]
+    return {
+        column: _of_recorded(
+            weak, physics, column, place(weak, -s.windows.held(s.time, s.ramped[j]), weak.kinematic_rows + j)
+        )
+        for j, column in enumerate(columns)
+        if s.std[column] > 0.0
+    }
+
+
+def motion_jacobian(weak: WeakForm, physics: Physics) -> NoiseJacobian:
+    """The part of `noise_jacobian` by positions, velocities and wrenches."""
     s, n = weak.samples, weak.joints
     measured = weak.measurement(physics)
     q, v = measured.q_hat, measured.v_hat
@@ -33,26 +53,10 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> NoiseJacobian:
     servos = weak.terms(physics).servos
     _, d_q_law, d_v_law = physics.applied_at_joints(joints)
     rigid = balance_slopes(replace(weak.motion(physics), tree=physics.tree), physics)
-    first = np.arange(weak.rows_per_window) < weak.kinematic_rows
-    kinematic, dynamic = (sp.diags_array(np.tile(kind, len(s.windows)).astype(float)) for kind in (first, ~first))
-    scale = np.ones(weak.rows_per_window)
-    scale[weak.dynamic] = 1.0 / physics.effort_gains
     blocks: NoiseJacobian = {}
 
     def add(name: str, block: sp.csr_matrix) -> None:
-        # chain rule: the last correction applied to the samples comes first in the product
-        for effect in reversed(physics.sensors):
-            if name.startswith("wrench.") or not effect.channels((name,)):
-                continue
-            correction, facing = effect.correction(s.time), effect.kinematic_correction(s.time)
-            if correction is not None and facing is not None:
-                block = sp.csr_matrix(kinematic @ block @ facing + dynamic @ block @ correction)
-            elif correction is not None:
-                block = sp.csr_matrix(block @ correction)
-        if name in s.bridges:
-            block = sp.csr_matrix(block @ s.bridges[name])
-        block.data *= np.repeat(np.tile(scale, len(s.windows)), np.diff(block.indptr))
-        blocks[name] = block
+        blocks[name] = _of_recorded(weak, physics, name, block)
 
     readings = [reading_windows(weak, physics, sensor, axis) for sensor in weak.sensors for axis in WRENCH_COMPONENTS]
     for j, name in enumerate(physics.tree.joint_names):
@@ -80,13 +84,35 @@ def noise_jacobian(weak: WeakForm, physics: Physics) -> NoiseJacobian:
             add(f"v.{name}", sp.csr_matrix(from_v))
         else:
             add(f"q.{name}", sp.csr_matrix(from_q + from_v @ s.differentiate))
-        if s.std[f"u.{name}"] > 0.0:
-            add(f"u.{name}", place(weak, -s.windows.held(s.time, s.ramped[j]), weak.kinematic_rows + j))
     for i, sensor in enumerate(weak.sensors):
         for k, axis in enumerate(WRENCH_COMPONENTS):
             row = weak.kinematic_rows + n + 6 * i + k
             add(f"wrench.{sensor.name}.{axis}", place(weak, s.windows.value, row))
     return blocks
+
+
+def _of_recorded(weak: WeakForm, physics: Physics, name: str, block: sp.csr_matrix) -> sp.csr_matrix:
+    """(M r, N) the rows' derivative by the column `name` as recorded, from the `block` by it as corrected."""
+    s = weak.samples
+    first = np.tile(np.arange(weak.rows_per_window) < weak.kinematic_rows, len(s.windows))
+    # chain rule: the last correction applied to the samples comes first in the product
+    for effect in reversed(physics.sensors):
+        if name.startswith("wrench.") or not effect.channels((name,)):
+            continue
+        correction, facing = effect.correction(s.time), effect.kinematic_correction(s.time)
+        if correction is not None and facing is not None:
+            kinematic, dynamic = (
+                sp.diags_array(np.tile(kind, len(s.windows)).astype(float)) for kind in (first, ~first)
+            )
+            block = sp.csr_matrix(kinematic @ block @ facing + dynamic @ block @ correction)
+        elif correction is not None:
+            block = sp.csr_matrix(block @ correction)
+    if name in s.bridges:
+        block = sp.csr_matrix(block @ s.bridges[name])
+    scale = np.ones(weak.rows_per_window)
+    scale[weak.dynamic] = 1.0 / physics.effort_gains
+    block.data *= np.repeat(np.tile(scale, len(s.windows)), np.diff(block.indptr))
+    return block
 
 
 def _force_slope(
