@@ -19,7 +19,7 @@ from drake_cafim.dynamics.pseudo_inertia import (
     slopes,
 )
 from drake_cafim.dynamics.tree import Body
-from drake_cafim.effects.link import InertialError
+from drake_cafim.effects.link import InertialError, Payload, RotorInertia, TreeEffect
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.inertials import PHYSICAL, LinkInertials, distance_together
@@ -121,6 +121,30 @@ def test_the_rows_slopes_are_those_of_differences(moved: tuple[Scene, Scene, Arr
         step = 1e-4 * np.eye(30)[i]
         difference = problem.residual(model.at(change + step)) - problem.residual(model.at(change - step))
         np.testing.assert_allclose(jacobian[:, i], difference / 2e-4, atol=1e-4 * np.abs(jacobian[:, i]).max())
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        Payload("l3", {"mass": 0.4, "x": 0.1, "y": -0.05, "z": 0.2}),
+        RotorInertia("lift", {"inertia": 0.02}),
+        InertialError("l2", {"mass": 0.1, "com_x": 0.02}),
+    ],
+    ids=lambda effect: effect.name,
+)
+def test_columns_of_inertias_are_those_of_differences(
+    effect: TreeEffect, moved: tuple[Scene, Scene, Array, list[Recording]]
+) -> None:
+    scene, _, change, recordings = moved
+    problem = prepare(scene, recordings[:1]).problem()
+    model = Model(change, (effect,))
+    columns = problem.jacobian(model)[:, 30:]
+    assert columns.shape[1] == len(effect.strengths)
+    for k, strength in enumerate(effect.strengths):
+        step = 1e-3 * strength.typical * np.eye(len(model.vector))[30 + k]
+        difference = problem.residual(model.at(model.vector + step)) - problem.residual(model.at(model.vector - step))
+        expected = difference / (2e-3 * strength.typical)
+        np.testing.assert_allclose(columns[:, k], expected, atol=1e-3 * np.abs(expected).max() + 1e-6)
 
 
 def test_wrong_inertials_are_estimated_and_written_back(

@@ -24,6 +24,8 @@ class TreeEffect(Effect):
     """Inertia or gravity that the model lacks."""
 
     kind: ClassVar[str] = "tree"
+    of_inertia_alone: ClassVar[bool] = False
+    """Whether inertial parameters and rotors' inertias are all that it changes: rows are linear in these."""
 
     def add_to(self, physics: P) -> P:
         tree, gravity = self.change(physics.tree, physics.gravity)
@@ -39,6 +41,7 @@ class RotorInertia(TreeEffect):
     """Reflected rotor inertia that the model lacks: it adds to M(q) on the joint's diagonal."""
 
     place: ClassVar[Place] = Place.JOINT
+    of_inertia_alone: ClassVar[bool] = True
     family: ClassVar[str] = "joint"
     name: ClassVar[str] = "rotor_inertia"
     shown_over: ClassVar[str] = "acceleration"
@@ -66,6 +69,7 @@ class Payload(TreeEffect):
     """A point mass fixed to a body."""
 
     place: ClassVar[Place] = Place.BODY
+    of_inertia_alone: ClassVar[bool] = True
     family: ClassVar[str] = "link"
     name: ClassVar[str] = "payload"
     kind: ClassVar[str] = "load"
@@ -122,6 +126,7 @@ class InertialError(TreeEffect):
     """
 
     place: ClassVar[Place] = Place.BODY
+    of_inertia_alone: ClassVar[bool] = True
     family: ClassVar[str] = "link"
     name: ClassVar[str] = "inertial_error"
     strengths: ClassVar[tuple[Strength, ...]] = (

@@ -113,9 +113,10 @@ class JointHardStop(JointForce):
 
     def stands_out(self, joint: JointSamples) -> bool:
         # friction and drive laws are accurate to a few per cent of the effort: at the ends of the range, where motion
-        # reverses, their model error resembles a soft stop
+        # reverses, their model error resembles a soft stop. Beyond most of the range it is a law that bends, no stop
         depth = self.values.get("side", 1.0) * (joint.q - self.values["position"])
-        return bool(self.values["stiffness"] * np.max(depth) > PATCH * np.max(np.abs(joint.u)))
+        pushed = self.values["stiffness"] * np.max(depth)
+        return bool(pushed > PATCH * np.max(np.abs(joint.u)) and np.median(depth) < 0.0)
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         for side in (1.0, -1.0):

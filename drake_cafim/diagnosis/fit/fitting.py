@@ -82,7 +82,12 @@ def fit(problem: Problem, model: Model, iterations: int = 12, tolerance: float =
     another inertia's noise, for which the rows are whitened again.
     """
     start, no_offset = _off_saddle(problem, model), np.zeros(len(model.vector))
-    model, residual, jacobian = _minimise(problem, start, no_offset, iterations, tolerance=tolerance)
+    found = _minimise(problem, start, no_offset, iterations, tolerance=tolerance)
+    bent = _off_flat_slopes(problem, *found)
+    if bent is not None:
+        beyond = _minimise(problem, bent, no_offset, iterations, tolerance=tolerance)
+        found = min(found, beyond, key=lambda it: float(it[1] @ it[1]))
+    model, residual, jacobian = found
     seen = jacobian[: problem.rows]
     covariance = _posterior(problem, model, seen.T @ seen)
     paid = problem.penalty(model, own_noise)
@@ -268,6 +273,23 @@ def _off_saddle(problem: Problem, model: Model) -> Model:
         if factor in names and unknown[names.index(factor)] == 0.0:
             unknown[names.index(factor)] = problem.scene.priors.std[names.index(factor)]
     return replace(model, unknown=problem.scene.priors.clip(unknown))
+
+
+def _off_flat_slopes(problem: Problem, model: Model, residual: Array, jacobian: Array) -> Model | None:
+    """The model with strengths of their typical size that have no slope where it is, but move the rows from there.
+
+    Gravity that leans across the plane of an arm acts by the cosine of its angle, which has no slope at zero. None
+    where no strength is like that.
+    """
+    flat = _unseen(model, jacobian)
+    if not np.any(flat):
+        return None
+    moved = model.at(np.where(flat, model.vector + _sizes(model), model.vector))
+    if not all(effect.plausible() for effect in moved.effects):
+        return None
+    change = problem.residual(moved) - residual
+    visible = np.all(np.isfinite(change)) and float(np.linalg.norm(change)) > VISIBLE_ROW_CHANGE
+    return moved if visible else None
 
 
 def _step(

@@ -56,14 +56,14 @@ class Differences:
 
     def by_strength(self, model: Model, position: int, k: int) -> Array:
         """(R + n,) derivative by strength `k` of the effect at `position`."""
-        effect: Effect = model.effects[position]
-        index = len(model.unknown) + sum(len(e.strengths) for e in model.effects[:position]) + k
-        strength, value = effect.strengths[k], float(effect.vector[k])
-        # a strength that vanishes at infinity, as a stiffness, has no scale but its value
-        size = abs(value) if strength.inverse else strength.typical
-        if effect.of_contact:
-            return self._contact_difference(model, index, effect.difference_step * size)
-        return self._difference(model, index, effect.difference_step * size)
+        index, step = _step_of(model, position, k)
+        if model.effects[position].of_contact:
+            return self._contact_difference(model, index, step)
+        return self._difference(model, index, step)
+
+    def beside(self, model: Model, position: int, k: int) -> tuple[Model, Model, float]:
+        """The model with strength `k` of the effect at `position` a step larger and smaller, and their difference."""
+        return _either_side(self.scene, model, *_step_of(model, position, k))
 
     def _difference(self, model: Model, index: int, step: float) -> Array:
         up, down, taken = _either_side(self.scene, model, index, step)
@@ -97,6 +97,15 @@ class Differences:
         """(R + n,) derivative by a parameter that enters the contact rows only."""
         up, down, taken = _either_side(self.scene, model, index, step)
         return self._change_of(up, down, WeakForm.contact_rows) / taken
+
+
+def _step_of(model: Model, position: int, k: int) -> tuple[int, float]:
+    """The index of strength `k` of the effect at `position`, and the step by which its differences are taken."""
+    effect: Effect = model.effects[position]
+    index = len(model.unknown) + sum(len(e.strengths) for e in model.effects[:position]) + k
+    strength, value = effect.strengths[k], float(effect.vector[k])
+    # a strength that vanishes at infinity, as a stiffness, has no scale but its value
+    return index, effect.difference_step * (abs(value) if strength.inverse else strength.typical)
 
 
 def _either_side(scene: Scene, model: Model, index: int, step: float) -> tuple[Model, Model, float]:

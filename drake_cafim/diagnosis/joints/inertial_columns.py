@@ -1,4 +1,4 @@
-"""Derivatives of whitened rows by the log-Cholesky parameters of links' unknown inertials, by the chain rule.
+"""Derivatives of whitened rows by links' inertial parameters, and by what these depend on, by the chain rule.
 
 The dynamic rows are linear in each link's ten inertial parameters φ: their whitened regressor is computed once for a
 gravity, the actuators' gains and the sensor effects, and ∂rows/∂θ = (∂rows/∂φ) (∂φ/∂θ) follows for every θ.
@@ -39,6 +39,15 @@ class InertialColumns:
         by = in_frame(slopes(pseudo_inertia(body), theta), body.R_JB, body.p_JB)
         return np.asarray(self._regressor(physics, body.joint) @ inertial_parameters(by).T)
 
+    def change(self, ahead: Physics, behind: Physics) -> Array:
+        """(R,) change of the rows from `behind` to `ahead`, which differ in inertias and rotors' inertias alone."""
+        change = np.zeros(sum(run.rows for run in self.runs))
+        moved = ahead.tree.inertial_parameters - behind.tree.inertial_parameters
+        for joint in np.flatnonzero(np.any(moved != 0.0, axis=1)):
+            change += self._regressor(ahead, int(joint)) @ moved[joint]
+        rotors = ahead.rotor_inertias - behind.rotor_inertias
+        return change + _of_rotors(self.runs, ahead, rotors) if np.any(rotors) else change
+
     def _regressor(self, physics: Physics, joint: int) -> Array:
         """(R, 10) whitened ∂rows/∂φ of what is fixed to a joint's moving frame; cached."""
         moved = tuple((e.key, *e.values.values()) for e in physics.sensors if not e.at.startswith("wrench."))
@@ -61,3 +70,14 @@ def _whitened(run: Run, physics: Physics, joint: int) -> Array:
     dynamic[..., :4] += regressor.weight[:, :, joint] @ physics.gravity
     rows[:, weak.dynamic] = dynamic / physics.effort_gains[:, None]
     return run.whitened(rows)
+
+
+def _of_rotors(runs: Sequence[Run], physics: Physics, inertias: Array) -> Array:
+    """(R,) whitened rows of all recordings by rotors' `inertias` (n,)."""
+    parts = []
+    for run in runs:
+        weak = run.weak
+        rows = np.zeros((len(weak.samples.windows), weak.rows_per_window))
+        rows[:, weak.dynamic] = -weak.terms(physics).rows.rate_of_velocity * inertias / physics.effort_gains
+        parts.append(run.whitened(rows))
+    return np.concatenate(parts)

@@ -39,11 +39,12 @@ class UnknownColumns:
                 i += 1
                 continue
             link, own = links[i]
-            rows = self._inertials.of(physics, scene.bare or scene.physics, link, model.unknown[own])
+            rows = self.inertials.of(physics, scene.bare or scene.physics, link, model.unknown[own])
             columns.append(np.concatenate([rows, np.diag(1.0 / self.prior_std(model))[:, own]]))
             i = own.stop
         return columns
 
     @cached_property
-    def _inertials(self) -> InertialColumns:
+    def inertials(self) -> InertialColumns:
+        """The columns of links' inertias."""
         return InertialColumns(self.differences.runs)

@@ -27,6 +27,7 @@ from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.joint_samples import concatenate
 from drake_cafim.effects.kinds import ByKind
+from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.scenario.physics import Physics
@@ -168,7 +169,7 @@ class WeakFormRows(Problem):
     def effect_columns(self, model: Model, position: int) -> Array:
         """Whitened rows and prior rows (R + n, k) by the strengths of one of the model's effects."""
         effect, physics = model.effects[position], model.physics(self.scene)
-        found = _KnownColumns(self, physics)(effect)
+        found = _KnownColumns(self, model, position)(effect)
         if found is None:
             by_strength = self._by_unknowns.differences.by_strength
             return np.stack([by_strength(model, position, k) for k in range(len(effect.strengths))], axis=1)
@@ -267,10 +268,27 @@ class _KnownColumns(ByKind[Array | None]):
     """Whitened rows (R, k) by an effect's strengths, analytic; None where finite differences are needed."""
 
     problem: WeakFormRows
-    physics: Physics
+    model: Model
+    position: int
+
+    @property
+    def physics(self) -> Physics:
+        return self.model.physics(self.problem.scene)
 
     def other(self, effect: Effect) -> None:
         return None
+
+    def tree(self, effect: TreeEffect) -> Array | None:
+        physics, known = self.physics, self.problem._by_unknowns
+        # what a rotor behind an elastic gear does to the rows is not linear in a link's inertia
+        if not effect.of_inertia_alone or physics.couplings or has_unknown_start(physics):
+            return None
+        columns = []
+        for k in range(len(effect.strengths)):
+            up, down, taken = known.differences.beside(self.model, self.position, k)
+            ahead, behind = up.physics(self.problem.scene), down.physics(self.problem.scene)
+            columns.append(known.inertials.change(ahead, behind) / taken)
+        return np.stack(columns, axis=1)
 
     def joint_force(self, effect: JointForce) -> Array:
         joint = self.problem.scene.tree.joint_index(effect.at)

@@ -31,7 +31,7 @@ from drake_cafim.typing import Array
 SMOOTHNESS = (1e-4, 1e-2, 1.0)
 """λ that are tried, over that at which the penalty's trace is that of the data's information."""
 FAINT = 1e-8
-"""Share of the information that is added to that of every coefficient, since constants of two terms are the same."""
+"""Share of the information that is added to that of every coefficient, for efforts that are all zero."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,8 @@ class _Products:
 
     terms: tuple[Candidate, ...]
     products: Array
+    known: float = 0.0
+    """Information on every coefficient before any recording: σ²/s², see `by_rows`."""
 
     def coefficients(self, chosen: Sequence[tuple[int, float]], left_out: int | None) -> Array:
         """(c,) coefficients of the chosen terms, each with its λ, without a part or by all parts."""
@@ -53,7 +55,7 @@ class _Products:
             own = slice(first, first + self.terms[k].count)
             penalty, size = self.terms[k].penalty, float(np.trace(information[own, own]))
             information[own, own] += smoothness * size / max(float(np.trace(penalty)), 1e-12) * penalty
-            information[own, own] += FAINT * size * np.eye(self.terms[k].count)
+            information[own, own] += max(self.known, FAINT * size) * np.eye(self.terms[k].count)
             first = own.stop
         result = np.zeros(starts[-1])
         result[active] = -np.linalg.solve(information, total[active, -1])
@@ -100,7 +102,13 @@ class Learning:
         )
 
     def by_rows(self) -> None:
-        """Chooses the terms of each joint by the rows of left-out parts."""
+        """Chooses the terms of each joint by the rows of left-out parts.
+
+        Before any recording a coefficient is known to be about as large as the joint's effort: its prior is normal with
+        the effort's root mean square s as standard deviation, which counts as σ²/s², σ² the mean square of z. Terms of
+        position and of velocity that no recording tells apart would otherwise be large and cancel, until a faster
+        motion leads them apart.
+        """
         z, samples = self.problem.rows_of(self.model), self.problem.law_samples(self.model)
         masks = [part.rows(self.problem.runs) for part in self.parts]
         taken = {effect.at for effect in self.problem.scene.known if effect.law_table}
@@ -111,7 +119,9 @@ class Learning:
                 continue
             columns = [np.concatenate([term.columns(part) for term in terms], axis=1) for part in own]
             X = np.column_stack([self.problem.joint_columns(j, columns), z])
-            products = _Products(tuple(terms), np.stack([X[mask].T @ X[mask] for mask in masks]))
+            effort = float(np.mean(np.concatenate([part.u for part in own]) ** 2))
+            known = float(z @ z) / len(z) / effort if effort > 0.0 else 0.0
+            products = _Products(tuple(terms), np.stack([X[mask].T @ X[mask] for mask in masks]), known)
             chosen = _greedy(products)
             if chosen:
                 gain = float(np.mean(products.chi_square([]) - products.chi_square(chosen)))

@@ -11,6 +11,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.search.determined import Descent
 from drake_cafim.diagnosis.search.far_unknowns import distances
 from drake_cafim.diagnosis.thresholds import (
     LAW_ACCURACY,
@@ -154,6 +155,16 @@ def record_pruning(best: Fit, part: Key, lead: float) -> Record:
     change = "higher, so it stays" if stays else "lower, so it is removed"
     words = f"without it the information criterion is {short(abs(lead))} {change}"
     return Record("prune", name_of(part), lead, 0.0, stays, words, "criterion", rest)
+
+
+def record_descent(model: Model, descent: Descent) -> Record:
+    """A law of which a strength is not determined, and the simpler one that is named in its place."""
+    words = (
+        f"the standard deviation of its {descent.strength.replace('_', ' ')} is {short(descent.std)}, and what it may "
+        f"be spans {short(descent.size)}: it is not determined, so {spoken(name_of(descent.law.key))} is named instead"
+    )
+    rest = names_of(model.keys - {descent.effect.key})
+    return Record("admit", name_of(descent.effect.key), descent.std, descent.size, False, words, "undetermined", rest)
 
 
 def record_residual(problem: SearchProblem, entry: Fit, rate: float) -> list[Record]:

@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
-from drake_cafim.diagnosis.search.determined import undetermined
+from drake_cafim.diagnosis.search.determined import undetermined_in
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.places import ELSEWHERE, place_of
 from drake_cafim.diagnosis.search.screening import Candidate, screen
@@ -182,7 +182,8 @@ class GrowthByPlace:
         bound = strength_at_bound(effect)
         if bound is not None:
             return decisions.record_bound(found.model, effect, bound), 1.0
-        if not problem.plausible(Model(found.model.unknown, (effect,))):
+        # unknown forces of any size leave noise alone, beside which a law that hardly acts would pass
+        if not self.nominal.plausible(Model(found.model.unknown, (effect,))):
             return decisions.record_implausible(found.model, effect), 1.0
         wide = undetermined_in(found, effect)
         if wide is not None:
@@ -233,18 +234,6 @@ def strength_at_bound(effect: Effect) -> str | None:
         reach = AT_BOUND * max(abs(value), strength.typical)
         if value - strength.lower <= reach or strength.upper - value <= reach:
             return strength.name
-    return None
-
-
-def undetermined_in(found: Fit, effect: Effect, std: Array | None = None) -> tuple[str, float, float] | None:
-    """`undetermined` of an effect of a fit, by the fit's standard deviations or by `std` (n + k,)."""
-    std = found.std if std is None else std
-    position = len(found.model.unknown)
-    for other in found.model.effects:
-        own = slice(position, position + len(other.strengths))
-        if other is effect:
-            return undetermined(effect, std[own], found.std[own])
-        position = own.stop
     return None
 
 

@@ -11,6 +11,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions
+from drake_cafim.diagnosis.search.determined import descend
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.search import Outcome, search
 from drake_cafim.diagnosis.search.search_under_unknown_force import (
@@ -167,7 +168,18 @@ def _of_search(outcome: Outcome, settings: Settings, trace: Trace) -> Judgement:
         trace.add(decisions.record_support(best, row, share, NAMED_EXCESS_SHARE))
     if after[most] > (1.0 - NAMED_EXCESS_SHARE) * before[most]:
         return Judgement(outcome, outcome.nominal, "unexplained")
-    return Judgement(outcome, best, "unexplained")
+    simpler, descents = descend(outcome.problem, best, outcome.problem.hypotheses())
+    trace.add(*(decisions.record_descent(best.model, descent) for descent in descents))
+    if descents:
+        probability = dict(outcome.probability)
+        for descent in descents:
+            # the laws are nested: what speaks for the larger one speaks for the simpler one
+            larger = probability.pop(descent.effect.key, 1.0)
+            probability[descent.law.key] = min(probability.get(descent.law.key, 0.0) + larger, 1.0)
+        replaced = {descent.effect.key for descent in descents}
+        others = tuple(other for other in outcome.competing if not other.model.keys & replaced)
+        outcome = replace(outcome, best=simpler, competing=(simpler, *others), probability=probability)
+    return Judgement(outcome, simpler, "unexplained")
 
 
 def _excess(problem: Problem, found: Fit) -> Array:

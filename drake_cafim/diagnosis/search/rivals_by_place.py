@@ -9,13 +9,13 @@ from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
+from drake_cafim.diagnosis.search.determined import undetermined_in
 from drake_cafim.diagnosis.search.growth_by_place import (
     CONVERGED,
     GrowthByPlace,
     residual_without,
     share_removed,
     strength_at_bound,
-    undetermined_in,
 )
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.places import joint_of
@@ -140,7 +140,11 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
         added = fit(problem, rest.with_effects([candidate.effect]), CONTENDER_STEPS, CONVERGED)
         other = fit_shapes(problem, added, {candidate.effect.key}, CONVERGED)
         law = next(law for law in other.model.effects if law.key == candidate.effect.key)
-        if strength_at_bound(law) or undetermined_in(other, law) or not problem.plausible(other.model):
+        if (
+            strength_at_bound(law)
+            or undetermined_in(other, law)
+            or not growth.nominal.plausible(Model(rest.unknown, (law,)))
+        ):
             continue
         lead = (criterion(other, 1.0, growth.trials) - criterion(best, 1.0, growth.trials)) / unit
         growth.trace.add(decisions.record_contender(best.model, effect, law.key, lead))
