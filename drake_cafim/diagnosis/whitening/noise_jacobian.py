@@ -101,9 +101,7 @@ def _of_recorded(weak: WeakForm, physics: Physics, name: str, block: sp.csr_matr
             continue
         correction, facing = effect.correction(s.time), effect.kinematic_correction(s.time)
         if correction is not None and facing is not None:
-            kinematic, dynamic = (
-                sp.diags_array(np.tile(kind, len(s.windows)).astype(float)) for kind in (first, ~first)
-            )
+            kinematic, dynamic = (sp.diags_array(kind.astype(float)) for kind in (first, ~first))
             block = sp.csr_matrix(kinematic @ block @ facing + dynamic @ block @ correction)
         elif correction is not None:
             block = sp.csr_matrix(block @ correction)
