@@ -158,13 +158,11 @@ def record_pruning(best: Fit, part: Key, lead: float) -> Record:
 
 
 def record_descent(model: Model, descent: Descent) -> Record:
-    """A law of which a strength is not determined, and the simpler one that is named in its place."""
-    words = (
-        f"the standard deviation of its {descent.strength.replace('_', ' ')} is {short(descent.std)}, and what it may "
-        f"be spans {short(descent.size)}: it is not determined, so {spoken(name_of(descent.law.key))} is named instead"
-    )
+    """A law whose size is not known, and the simpler one, if any, that is named in its place."""
+    instead = f"{spoken(name_of(descent.law.key))} is named instead" if descent.law else "it is not named"
+    words = f"{descent.reason}: nothing is known of its size, so {instead}"
     rest = names_of(model.keys - {descent.effect.key})
-    return Record("admit", name_of(descent.effect.key), descent.std, descent.size, False, words, "undetermined", rest)
+    return Record("admit", name_of(descent.effect.key), 0.0, 0.0, False, words, "undetermined", rest)
 
 
 def record_residual(problem: SearchProblem, entry: Fit, rate: float) -> list[Record]:

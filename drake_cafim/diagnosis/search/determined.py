@@ -13,20 +13,21 @@ from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import UNDETERMINED_STD_SHARE
 from drake_cafim.effects.effect import Effect
+from drake_cafim.numerics.rounding import short
 from drake_cafim.typing import Array
 
 
 @dataclass(frozen=True)
 class Descent:
-    """A law of which a `strength` is not determined, its std beside the `size` it may have, and the simpler `law`."""
+    """A law whose size is not known, the `reason` as a clause, and the simpler `law`, or None, in its place."""
 
     effect: Effect
-    strength: str
-    std: float
-    size: float
-    law: Effect
+    reason: str
+    law: Effect | None
 
 
+AT_BOUND = 1e-9
+"""Distance from a bound, relative to the strength's size, up to which it counts as reached."""
 UNSEEN_STD = 0.5 * float(np.sqrt(NOTHING_KNOWN))
 """Standard deviation, by linearisation, of a strength that changes nothing in the recordings."""
 
@@ -63,30 +64,52 @@ def undetermined_in(found: Fit, effect: Effect, std: Array | None = None) -> tup
     return None
 
 
+def strength_at_bound(effect: Effect) -> str | None:
+    """Name of a strength that ended at one of its bounds: then a simpler law says the same."""
+    for strength in effect.strengths:
+        value = effect.values[strength.name]
+        reach = AT_BOUND * max(abs(value), strength.typical)
+        if value - strength.lower <= reach or strength.upper - value <= reach:
+            return strength.name
+    return None
+
+
 def descend(problem: SearchProblem, found: Fit, laws: Sequence[Effect]) -> tuple[Fit, list[Descent]]:
-    """The fit in which simpler laws replace those of which a strength is not determined, and which did.
+    """The fit without laws of which a strength is not determined or ends at a bound, and what replaced them.
 
     A law's simpler ones are those of its group among `laws` that have fewer strengths: Coulomb friction where nothing
-    is known of the static torque. They are nested in it, so that little is lost. A law without a simpler one that is
-    determined stays.
+    is known of the static torque. They are nested in it, so that little is lost. Where none is determined either, the
+    law is left out: nothing is known of its size.
     """
     descents: list[Descent] = []
     for effect in found.model.effects:
-        wide = undetermined_in(found, effect, _std_by_blocks(problem, found))
-        simpler = [law for law in laws if effect.excludes(law) and len(law.strengths) < len(effect.strengths)]
-        if wide is None or not simpler:
+        present = next((own for own in found.model.effects if own.key == effect.key), None)
+        reason = None if present is None else _reason_against(problem, found, present)
+        if present is None or reason is None:
             continue
-        rest, known = unbiased_fit(problem, found.model.without(effect)), []
+        rest, known = unbiased_fit(problem, found.model.without(present)), []
+        simpler = [law for law in laws if effect.excludes(law) and len(law.strengths) < len(effect.strengths)]
         for look in screen(problem, rest, simpler):
             shaped = fit_shapes(problem, fit(problem, rest.model.with_effects([look.effect])))
             fitted = unbiased_fit(problem, shaped.model)
-            law = fitted.model.effects[-1]
-            if not fitted.echo and undetermined_in(fitted, law, _std_by_blocks(problem, fitted)) is None:
-                known.append((fitted, law))
-        if known:
-            found, law = min(known, key=lambda entry: criterion(entry[0], scale_of(entry[0]), 1))
-            descents.append(Descent(effect, *wide, law))
+            if not fitted.echo and _reason_against(problem, fitted, fitted.model.effects[-1]) is None:
+                known.append(fitted)
+        found = min(known, key=lambda fitted: criterion(fitted, scale_of(fitted), 1)) if known else rest
+        descents.append(Descent(present, reason, found.model.effects[-1] if known else None))
     return found, descents
+
+
+def _reason_against(problem: SearchProblem, found: Fit, effect: Effect) -> str | None:
+    """Why the size of an effect of a fit is not known, as a clause; None where it is."""
+    bound = strength_at_bound(effect)
+    if bound is not None:
+        return f"its {bound.replace('_', ' ')} ends at the bound {short(effect.values[bound])}"
+    wide = undetermined_in(found, effect, _std_by_blocks(problem, found))
+    if wide is None:
+        return None
+    strength, std, size = wide
+    words = f"the standard deviation of its {strength.replace('_', ' ')} is {short(std)}, and what it may be spans "
+    return f"{words}{short(size)}"
 
 
 def _std_by_blocks(problem: SearchProblem, found: Fit) -> Array:

@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
-from drake_cafim.diagnosis.search.determined import undetermined_in
+from drake_cafim.diagnosis.search.determined import strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.places import ELSEWHERE, place_of
 from drake_cafim.diagnosis.search.screening import Candidate, screen
@@ -33,8 +33,6 @@ MOST_REFUSALS = 8
 """Number of effects tried in vain, one after another, after which the growth ends."""
 CONVERGED = 0.1
 """Decrease of χ² by one more fit below which a fit counts as converged."""
-AT_BOUND = 1e-9
-"""Distance from a bound, relative to the strength's size, up to which it counts as reached."""
 QUARTERS = 4
 """Number of parts into which recordings are cut where there are fewer."""
 
@@ -225,16 +223,6 @@ class GrowthByPlace:
     def threshold(self, freedom: int) -> float:
         """Wald statistic that noise alone exceeds in the best of all looks at the false-alarm rate."""
         return float(chi2.isf(self.settings.false_alarm_rate / self.trials, freedom))
-
-
-def strength_at_bound(effect: Effect) -> str | None:
-    """Name of a strength that ended at one of its bounds: then a simpler law says the same."""
-    for strength in effect.strengths:
-        value = effect.values[strength.name]
-        reach = AT_BOUND * max(abs(value), strength.typical)
-        if value - strength.lower <= reach or strength.upper - value <= reach:
-            return strength.name
-    return None
 
 
 def residual_without(found: Fit, *effects: Effect) -> Array:

@@ -175,7 +175,8 @@ def _of_search(outcome: Outcome, settings: Settings, trace: Trace) -> Judgement:
         for descent in descents:
             # the laws are nested: what speaks for the larger one speaks for the simpler one
             larger = probability.pop(descent.effect.key, 1.0)
-            probability[descent.law.key] = min(probability.get(descent.law.key, 0.0) + larger, 1.0)
+            if descent.law is not None:
+                probability[descent.law.key] = min(probability.get(descent.law.key, 0.0) + larger, 1.0)
         replaced = {descent.effect.key for descent in descents}
         others = tuple(other for other in outcome.competing if not other.model.keys & replaced)
         outcome = replace(outcome, best=simpler, competing=(simpler, *others), probability=probability)

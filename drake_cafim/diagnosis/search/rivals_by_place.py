@@ -9,13 +9,12 @@ from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
-from drake_cafim.diagnosis.search.determined import undetermined_in
+from drake_cafim.diagnosis.search.determined import strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.growth_by_place import (
     CONVERGED,
     GrowthByPlace,
     residual_without,
     share_removed,
-    strength_at_bound,
 )
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.places import joint_of
