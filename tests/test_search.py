@@ -1,5 +1,6 @@
 """The steps of the search for effects, on stand-in problems with prescribed answers."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,12 +10,14 @@ import pytest
 from drake_cafim.diagnosis.assembly import _rivals
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search import competition, search, state
 from drake_cafim.diagnosis.search.judgement import _of_search
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.friction import JointStribeckFriction
 from drake_cafim.effects.joint import JointCoulombFriction, JointSpring
+from tests import two_links
 
 
 class _Moving:
@@ -134,3 +137,13 @@ def test_what_a_rival_needs_not_is_no_rival() -> None:
     judgement: Any = SimpleNamespace(outcome=outcome, best=best, withheld=())
     (found,) = _rivals(scene, judgement)
     assert found.key == STRIBECK.key and found.probability == 0.1
+
+
+def test_the_noise_is_that_under_the_unknowns_as_fitted(tmp_path: Path) -> None:
+    """A mass that is wrong within its prior is a force that the model lacks, where the motion is estimated under it."""
+    unknown = "unknown: [{parameter: mass, body: lower, mean: 1.02, std: 0.1}]"
+    problem = prepare(two_links.scene(tmp_path, unknown=unknown), [two_links.recording("run", 1)]).problem()
+    outcome = search.search(problem, state.Settings())
+    under = outcome.nominal_problem.under  # type: ignore[attr-defined]
+    assert under.unknown[0] == pytest.approx(1.0, abs=1e-3)
+    assert outcome.nominal.model.unknown[0] == pytest.approx(1.0, abs=4.0 * outcome.nominal.std[0])

@@ -75,10 +75,12 @@ def search(
     trace = Trace() if trace is None else trace
     progress("fitting the nominal model")
     under, nominal = Model(problem.scene.priors.mean), unbiased_fit(problem, problem.nominal())
-    for _ in range(ROUNDS):
-        if not has_moved(problem, under, nominal.model):
+    for number in range(ROUNDS):
+        moved = np.abs(nominal.model.unknown - under.unknown) > nominal.std[: len(under.unknown)]
+        if not has_moved(problem, under, nominal.model) and (number or not np.any(moved)):
             break
-        # the noise covariance depends on the masses, and the arcs of a throw are fitted under them
+        # the noise covariance depends on the masses, and the arcs of a throw are fitted under them; the motion is
+        # estimated under them too, where they act as forces that the model lacks
         under, problem = nominal.model, problem.rewhitened(nominal.model)
         nominal = unbiased_fit(problem, under)
         trace.add(decisions.record_whitening(problem, under, nominal.model, UNKNOWN_MOVE_IN_PRIOR_STDS))
