@@ -2,7 +2,9 @@
 
 import gc
 import weakref
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -33,11 +35,15 @@ VISCOUS = 0.3
 
 @pytest.fixture(scope="module")
 def growth(tmp_path_factory: pytest.TempPathFactory) -> GrowthByPlace:
-    """A search that begins with nothing, of an arm whose efforts overcome friction at the first joint."""
-    scene, read = written(simulate("null", "arm2", 12), tmp_path_factory.mktemp("arm"))
+    return _growth(tmp_path_factory.mktemp("arm"), lambda v: VISCOUS * v)
+
+
+def _growth(folder: Path, friction: Callable[[Array], Array]) -> GrowthByPlace:
+    """A search that begins with nothing, of an arm whose efforts overcome `friction` of v at the first joint."""
+    scene, read = written(simulate("null", "arm2", 12), folder)
     joint = scene.tree.joint_names[0]
     rubbed = [
-        replace(part, columns={**part.columns, f"u.{joint}": part[f"u.{joint}"] + VISCOUS * part[f"v.{joint}"]})
+        replace(part, columns={**part.columns, f"u.{joint}": part[f"u.{joint}"] + friction(part[f"v.{joint}"])})
         for part in read
     ]
     problem = prepare(scene, rubbed).problem()
@@ -149,6 +155,18 @@ def test_a_strength_at_its_bound_is_told() -> None:
     assert strength_at_bound(coulomb("elbow", {"torque": 0.0, "coefficient": 0.2})) == torque.name
     assert strength_at_bound(coulomb("elbow", {"torque": 0.2, "coefficient": coefficient.upper})) == coefficient.name
     assert strength_at_bound(coulomb("elbow", {"torque": 0.2, "coefficient": 0.2})) is None
+
+
+def test_a_law_whose_strength_ends_at_a_bound_gives_way_to_the_simpler_one(tmp_path: Path) -> None:
+    torque, width = 0.4, 0.05
+    growth = _growth(tmp_path, lambda v: torque * np.tanh(v / width))
+    by_load = effect_named("joint_load_dependent_friction")(
+        growth.problem.scene.tree.joint_names[0], {"torque": 0.3, "coefficient": 0.0, "slip_velocity": width}
+    )
+    assert growth.settle(growth.best.model.with_effects([by_load]))
+    [found] = growth.best.model.effects
+    assert found.name == "joint_coulomb_friction"
+    assert found.values["torque"] == pytest.approx(torque, rel=0.05)
 
 
 def test_what_is_not_determined_is_told(growth: GrowthByPlace) -> None:

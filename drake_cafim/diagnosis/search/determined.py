@@ -74,6 +74,16 @@ def strength_at_bound(effect: Effect) -> str | None:
     return None
 
 
+def is_unknown(found: Fit, effect: Effect) -> bool:
+    """Whether the size of an effect of a fit is not known: a strength ends at a bound, or is not determined."""
+    return strength_at_bound(effect) is not None or undetermined_in(found, effect) is not None
+
+
+def is_simpler(law: Effect, than: Effect) -> bool:
+    """Whether a `law` is of the group of another one, at its place, and has fewer strengths."""
+    return than.excludes(law) and len(law.strengths) < len(than.strengths)
+
+
 def descend(problem: SearchProblem, found: Fit, laws: Sequence[Effect]) -> tuple[Fit, list[Descent]]:
     """The fit without laws of which a strength is not determined or ends at a bound, and what replaced them.
 
@@ -88,8 +98,7 @@ def descend(problem: SearchProblem, found: Fit, laws: Sequence[Effect]) -> tuple
         if present is None or reason is None:
             continue
         rest, known = unbiased_fit(problem, found.model.without(present)), []
-        simpler = [law for law in laws if effect.excludes(law) and len(law.strengths) < len(effect.strengths)]
-        for look in screen(problem, rest, simpler):
+        for look in screen(problem, rest, [law for law in laws if is_simpler(law, present)]):
             shaped = fit_shapes(problem, fit(problem, rest.model.with_effects([look.effect])))
             fitted = unbiased_fit(problem, shaped.model)
             if not fitted.echo and _reason_against(problem, fitted, fitted.model.effects[-1]) is None:

@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
-from drake_cafim.diagnosis.search.determined import strength_at_bound, undetermined_in
+from drake_cafim.diagnosis.search.determined import is_simpler, is_unknown, strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.places import ELSEWHERE, place_of
 from drake_cafim.diagnosis.search.screening import Candidate, screen
@@ -172,8 +172,21 @@ class GrowthByPlace:
             dropped = {key for key, (_, badness) in failures.items() if badness >= min(worst, 1.0)}
             rest = [effect for effect in found.model.effects if effect.key not in dropped]
             fewer = Model(found.model.unknown, tuple(rest), found.model.free)
+            larger = [effect for effect in found.model.effects if effect.key in dropped and is_unknown(found, effect)]
             found = fit(problem, fewer, tolerance=CONVERGED, own_noise=own_noise)
+            simpler = self._simpler(problem, found, larger)
+            if simpler:
+                found = fit(problem, fewer.with_effects(simpler), tolerance=CONVERGED, own_noise=own_noise)
         return found
+
+    def _simpler(self, problem: SearchProblem, found: Fit, larger: Sequence[Effect]) -> list[Effect]:
+        """For each of the `larger` laws the simpler one of its group, if any, that is worth most beside `found`."""
+        chosen = []
+        for effect in larger:
+            laws = [law for law in self.beside(found.model) if is_simpler(law, effect)]
+            looks = [look for look in screen(problem, found, laws) if self.criterion_gain(look) > 0.0]
+            chosen += [max(looks, key=self.criterion_gain).effect] if looks else []
+        return chosen
 
     def _failure(self, problem: SearchProblem, found: Fit, effect: Effect) -> tuple[Record, float] | None:
         """The record of the test that `effect` fails, and how badly: 1 and more where nothing can save it."""
