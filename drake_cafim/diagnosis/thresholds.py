@@ -235,6 +235,9 @@ which it is not determined. Unit: 1. Source: three standard deviations."""
 LEAST_PROBABILITY = 0.5
 """Probability of an effect among the laws that explain the same, below which it is a rival and not named. Unit: 1.
 Source: above it no other law can be as probable."""
+LEAST_STRENGTH_STDS = 3.0
+"""Standard deviations, by blocks of time, from its absence below which an effect of one strength is not named where
+more than noise remains. Unit: 1. Source: three standard deviations."""
 UNKNOWN_MOVE_IN_PRIOR_STDS = 0.3
 """Change of an unknown parameter, in prior standard deviations, beyond which the noise covariance is computed again.
 Unit: 1. Not calibrated: chosen."""

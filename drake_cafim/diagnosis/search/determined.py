@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import screen
-from drake_cafim.diagnosis.thresholds import UNDETERMINED_STD_SHARE
+from drake_cafim.diagnosis.thresholds import LEAST_STRENGTH_STDS, UNDETERMINED_STD_SHARE
 from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.rounding import short
 from drake_cafim.typing import Array
@@ -54,14 +54,8 @@ def undetermined(effect: Effect, std: Array, linear_std: Array) -> tuple[str, fl
 
 def undetermined_in(found: Fit, effect: Effect, std: Array | None = None) -> tuple[str, float, float] | None:
     """`undetermined` of an effect of a fit, by the fit's standard deviations or by `std` (n + k,)."""
-    std = found.std if std is None else std
-    position = len(found.model.unknown)
-    for other in found.model.effects:
-        own = slice(position, position + len(other.strengths))
-        if other is effect:
-            return undetermined(effect, std[own], found.std[own])
-        position = own.stop
-    return None
+    std, own = found.std if std is None else std, _strengths_of(found, effect)
+    return undetermined(effect, std[own], found.std[own])
 
 
 def strength_at_bound(effect: Effect) -> str | None:
@@ -113,12 +107,35 @@ def _reason_against(problem: SearchProblem, found: Fit, effect: Effect) -> str |
     bound = strength_at_bound(effect)
     if bound is not None:
         return f"its {bound.replace('_', ' ')} ends at the bound {short(effect.values[bound])}"
-    wide = undetermined_in(found, effect, _std_by_blocks(problem, found))
+    by_blocks = _std_by_blocks(problem, found)
+    wide = undetermined_in(found, effect, by_blocks)
     if wide is None:
-        return None
+        return _reason_of_absence(found, effect, by_blocks)
     strength, std, size = wide
     words = f"the standard deviation of its {strength.replace('_', ' ')} is {short(std)}, and what it may be spans "
     return f"{words}{short(size)}"
+
+
+def _reason_of_absence(found: Fit, effect: Effect, std: Array) -> str | None:
+    """Why an effect of one strength may as well be absent, as a clause; None where it may not."""
+    if len(effect.strengths) > 1:
+        return None
+    [strength] = effect.strengths
+    value, own = effect.values[strength.name], float(std[_strengths_of(found, effect)][0])
+    if strength.inverse or abs(value - strength.nominal) >= LEAST_STRENGTH_STDS * own:
+        return None
+    words = f"its {strength.name.replace('_', ' ')} is {short(value)} ± {short(own, 2)}"
+    return f"{words}, within {LEAST_STRENGTH_STDS:g} standard deviations of its absence"
+
+
+def _strengths_of(found: Fit, effect: Effect) -> slice:
+    """Where the strengths of an effect of a fit are among its parameters."""
+    position = len(found.model.unknown)
+    for other in found.model.effects:
+        if other is effect:
+            break
+        position += len(other.strengths)
+    return slice(position, position + len(effect.strengths))
 
 
 def _std_by_blocks(problem: SearchProblem, found: Fit) -> Array:
