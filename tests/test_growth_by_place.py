@@ -149,6 +149,29 @@ def test_an_explanation_is_accepted_only_where_its_likelihood_pays(growth: Growt
         growth.drop(growth.best.model.effects)
 
 
+def test_a_law_that_fails_once_all_is_fitted_shares_no_probability(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    friction = _friction(growth, 0.1)
+    rival = effect_named("joint_spring")(friction.at, {"stiffness": 1.0})
+    assert growth.settle(growth.best.model.with_effects([friction]))
+    try:
+        monkeypatch.setattr(rivals_by_place, "_contenders", lambda *given: [(-1.0, growth.best, rival)])
+        monkeypatch.setattr(growth, "settle", lambda model: False)
+        shared = rivals_by_place.compare_by_place(growth).probability[friction.key]
+        assert shared == pytest.approx(0.5)
+
+        def fails(model: Model) -> bool:
+            growth.failed.add(rival.key)
+            return False
+
+        monkeypatch.setattr(growth, "settle", fails)
+        assert rivals_by_place.compare_by_place(growth).probability[friction.key] > 0.99
+    finally:
+        monkeypatch.undo()
+        growth.drop(growth.best.model.effects)
+
+
 def test_a_strength_at_its_bound_is_told() -> None:
     coulomb = effect_named("joint_load_dependent_friction")
     [torque, coefficient] = coulomb.strengths

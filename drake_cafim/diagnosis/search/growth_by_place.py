@@ -51,6 +51,8 @@ class GrowthByPlace:
     progress: Callable[[str], None]
     trace: Trace = field(default_factory=Trace)
     refused: set[Key] = field(default_factory=set)
+    failed: set[Key] = field(default_factory=set)
+    """Effects that failed a test beside the others when an explanation with them was settled."""
     _looks: tuple[Fit, list[Candidate]] | None = None
     """Cache: the explanation that was looked beyond last, and what was found there."""
 
@@ -92,10 +94,12 @@ class GrowthByPlace:
         fitted = fit(self.problem, model, tolerance=CONVERGED, own_noise=False)
         shaped = fit_shapes(self.problem, fitted, model.keys - known, CONVERGED, own_noise=False)
         kept = self._without_failing(self.problem, shaped, own_noise=False)
+        self.failed |= model.keys - kept.model.keys
         if kept.model.keys == known:
             return False
         problem = _under_force_of(self.nominal, kept.model)
         best = self._without_failing(problem, fit(problem, kept.model, tolerance=CONVERGED))
+        self.failed |= kept.model.keys - best.model.keys
         lead = self._evidence(problem, best) - self._evidence(self.problem, self.best)
         self.trace.add(decisions.record_likelihood(best.model, self.best.model, lead))
         if lead < 0.0:

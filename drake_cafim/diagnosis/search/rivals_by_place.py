@@ -45,6 +45,7 @@ class Compared:
 def compare_by_place(growth: GrowthByPlace) -> Compared:
     """Replaces effects of `growth.best` by better laws at their joints, and drops those that share their evidence."""
     growth.converge()
+    growth.failed.clear()
     for _ in range(ROUNDS):
         growth.progress(f"comparing {len(growth.best.model.effects)} effects with other laws at their joints")
         found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
@@ -57,6 +58,8 @@ def compare_by_place(growth: GrowthByPlace) -> Compared:
         growth.converge()
     else:
         found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
+    # a law that fails a test once all is fitted is none of those that the recordings support
+    found = {key: [lead for lead in leads if lead[2].key not in growth.failed] for key, leads in found.items()}
     probability = _probabilities(growth, found)
     for effect in growth.best.model.effects:
         of_it = probability[effect.key]
