@@ -15,13 +15,13 @@ from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.robust_covariance import wald_p_value
 from drake_cafim.diagnosis.joints.linearised_effects import looks
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.joints.pulses import strongest_pushes
+from drake_cafim.diagnosis.joints.pulses import DECAYED_SHARE, pulses_of, strongest_pushes
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import REGRESSOR_SIGNAL_SHARE
 from drake_cafim.effects.actuator import ActuatorDelay
-from drake_cafim.effects.body import ExternalDisturbance
+from drake_cafim.effects.body import ExternalDisturbance, pulse
 from drake_cafim.effects.coupling import JointBacklash, JointCoupling, JointElasticity
 from drake_cafim.effects.joint import JointCoulombFriction, JointSpring, JointViscousFriction
 from drake_cafim.effects.link import GravityMisalignment, Payload
@@ -46,12 +46,12 @@ NOISE = {"q.rail": 1e-4, "v.rail": 0.03, "u.rail": 0.0}
 
 
 def _problem(
-    folder: Path, *, mass: float, friction: float, seed: int, still: bool = False, rotor: float = 0.0
+    folder: Path, *, mass: float, friction: float, seed: int, still: bool = False, rotor: float = 0.0, N: int = 1500
 ) -> WeakProblem:
     """A sliding mass, solved exactly between the steps of its effort; the velocity is measured badly."""
     (folder / "slider.urdf").write_text(MODEL.replace("ROTOR", str(rotor)))
     rng = np.random.default_rng(seed)
-    h, N = 0.002, 1500
+    h = 0.002
     time = h * np.arange(N)
     u = np.zeros(N) if still else 4.0 * np.sin(2 * np.pi * 1.3 * time) + 2.0 * np.sin(2 * np.pi * 3.1 * time)
     q, v = np.zeros(N), np.zeros(N)
@@ -362,6 +362,34 @@ def test_the_strongest_push_is_where_it_was_and_gains_what_a_fit_does(tmp_path: 
         assert (found.start, found.stop) == pytest.approx((PUSH["start"], PUSH["stop"]), abs=2e-3)
         assert found.gain == pytest.approx(residual @ residual, rel=0.02)
         assert tried > 100
+
+
+def test_pulses_gain_what_least_squares_do_and_are_kept_in_long_recordings_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=0, N=24_000)
+    [run] = problem.runs
+    assert run.rows > 3000
+    residual = np.random.default_rng(2).normal(size=problem.rows)
+    [found], tried = strongest_pushes(problem, residual)
+    gains, windows, time = [], run.weak.samples.windows, run.weak.samples.time
+    pulses = pulses_of(problem, 0)
+    for tested in (*pulses[:: len(pulses) // 40], pulses[-1]):
+        rows = np.zeros(run.shape)
+        inside = np.where((time >= tested.start) & (time < tested.stop), pulse(time, tested.start, tested.stop), 0.0)
+        rows[:, run.weak.dynamic.start] = windows.value @ inside
+        column = run.whitened(rows)
+        gains.append(float(column @ residual) ** 2 / float(column @ column))
+        own = run.whiten.transposed(residual[:, None]).reshape(run.shape)[:, run.weak.dynamic]
+        # the rows after a pulse's tail are left out of its norm
+        assert tested.gain(own) == pytest.approx(gains[-1], rel=DECAYED_SHARE)
+    assert found.gain >= (1.0 - DECAYED_SHARE) * max(gains)
+
+    def computed_again(*_: object) -> None:
+        raise AssertionError("a pulse is computed again for another residual")
+
+    monkeypatch.setattr("drake_cafim.diagnosis.joints.pulses._pulse", computed_again)
+    assert strongest_pushes(problem, residual + 1.0)[1] == tried
 
 
 @pytest.mark.parametrize(("share", "kept"), [(0.0, 1.0), (0.5, 0.5), (2.0, REGRESSOR_SIGNAL_SHARE)])

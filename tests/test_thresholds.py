@@ -101,7 +101,6 @@ MEMORY = {
     "long/budget.py": "GIB DEFAULT_MEMORY BYTES_BY_PAIR BYTES_BY_COLUMN FIRST_SECONDS SEARCHED_SHARE "
     "PART_SHARE FEWEST_ROWS",
     "joints/linearised_effects.py": "CACHED_ROWS",
-    "joints/pulses.py": "CACHED_ROWS",
     "noise/coloured.py": "CACHED_ENTRIES",
     "rows/effort_rows.py": "CACHED_TERMS",
     "rows/filtered_windows.py": "LEAST_COEFFICIENT NARROWEST NARROW_PER_PERIOD ROWS_TOGETHER",

@@ -3,7 +3,7 @@
 A short push on any body is a pulse of force at the joints; on which body it acted is tested afterwards.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +15,6 @@ from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.effects.body import pulse
 from drake_cafim.typing import Array
 
-CACHED_ROWS = 3000
-"""Largest number of rows of a recording whose pulses are cached, to limit memory."""
 DECAYED_SHARE = 0.02
 """Norm of the last rows of a pulse over that of all, below which the rows after them are left out."""
 TAIL = 8
@@ -25,19 +23,24 @@ TAIL = 8
 
 @dataclass(frozen=True)
 class Pulse:
-    """A pulse over [start, stop] s of a recording, and the whitened `rows` that it moves.
+    """A pulse over [start, stop] s of a recording, with its `weights` (m,) in the windows from the index `first` on.
 
-    The columns of `directions` (R, n) are orthonormal and span the changes of these rows by a force at each joint.
+    Forces f (n,) of a unit pulse at the joints move the recording's rows by C f, and with the whitening L⁻¹ their χ² is
+    |R f|², R (n, n) upper triangular; `scale` is R⁻ᵀ. So little is kept that recordings of any length may keep it.
     """
 
     start: float
     stop: float
-    rows: slice
-    directions: Array
+    first: int
+    weights: Array
+    scale: Array
 
-    def gain(self, residual: Array) -> float:
-        """Decrease of χ² of a recording's whitened rows by the pulse with its best force."""
-        along = residual[self.rows] @ self.directions
+    def gain(self, unwhitened: Array) -> float:
+        """Decrease of χ² by the pulse with its best force: |R⁻ᵀ Cᵀ L⁻ᵀ z|² for the whitened rows z of the recording.
+
+        `unwhitened` (M, n) are those of L⁻ᵀ z that are equations of motion.
+        """
+        along = self.scale @ (self.weights @ unwhitened[self.first : self.first + len(self.weights)])
         return float(along @ along)
 
 
@@ -46,9 +49,8 @@ def strongest_pushes(problem: WeakFormRows, residual: Array) -> tuple[list[Push]
     found: list[Push] = []
     trials = first = 0
     for index, run in enumerate(problem.runs):
-        own = residual[first : first + run.rows]
+        own = run.whiten.transposed(residual[first : first + run.rows, None]).reshape(run.shape)[:, run.weak.dynamic]
         best: Push | None = None
-        # one after another: together, the directions of a long recording's pulses take gigabytes
         for tested in pulses_of(problem, index):
             trials += 1
             gain = tested.gain(own)
@@ -60,13 +62,10 @@ def strongest_pushes(problem: WeakFormRows, residual: Array) -> tuple[list[Push]
     return sorted(found, key=lambda push: -push.gain), trials
 
 
-def pulses_of(problem: WeakFormRows, index: int) -> Iterable[Pulse]:
-    """The pulses that are tested in a recording; cached for short ones, since they do not depend on the residual."""
-    run = problem.runs[index]
-    if run.rows > CACHED_ROWS:
-        return _pulses(run)
+def pulses_of(problem: WeakFormRows, index: int) -> Sequence[Pulse]:
+    """The pulses that are tested in a recording; cached, since they do not depend on the residual."""
     if index not in problem.tried_pulses:
-        problem.tried_pulses[index] = list(_pulses(run))
+        problem.tried_pulses[index] = list(_pulses(problem.runs[index]))
     return problem.tried_pulses[index]
 
 
@@ -101,5 +100,6 @@ def _pulse(run: Run, start: float, stop: float) -> Pulse | None:
         # a change of momentum is seen until the noise of later samples has averaged it away
         left = np.linalg.norm(solved[-TAIL * r :], axis=0) <= DECAYED_SHARE * np.linalg.norm(solved, axis=0)
         if end == len(windows) or np.all(left):
-            return Pulse(start, stop, rows, np.linalg.qr(solved)[0])
+            norms = np.linalg.qr(solved, mode="r")
+            return Pulse(start, stop, first, weights, np.linalg.inv(norms).T) if np.all(np.diag(norms)) else None
         tail *= 2
