@@ -7,12 +7,14 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.evidence import criterion, scale_of
 from drake_cafim.diagnosis.fit.fitting import NOTHING_KNOWN, Fit, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import LEAST_STRENGTH_STDS, UNDETERMINED_STD_SHARE
 from drake_cafim.effects.effect import Effect
+from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.numerics.rounding import short
 from drake_cafim.typing import Array
 
@@ -107,10 +109,10 @@ def _reason_against(problem: SearchProblem, found: Fit, effect: Effect) -> str |
     bound = strength_at_bound(effect)
     if bound is not None:
         return f"its {bound.replace('_', ' ')} ends at the bound {short(effect.values[bound])}"
-    by_blocks = _std_by_blocks(problem, found)
-    wide = undetermined_in(found, effect, by_blocks)
+    std_of_all = _std(problem, found)
+    wide = undetermined_in(found, effect, std_of_all)
     if wide is None:
-        return _reason_of_absence(found, effect, by_blocks)
+        return _reason_of_absence(found, effect, std_of_all)
     strength, std, size = wide
     words = f"the standard deviation of its {strength.replace('_', ' ')} is {short(std)}, and what it may be spans "
     return f"{words}{short(size)}"
@@ -138,6 +140,7 @@ def _strengths_of(found: Fit, effect: Effect) -> slice:
     return slice(position, position + len(effect.strengths))
 
 
-def _std_by_blocks(problem: SearchProblem, found: Fit) -> Array:
-    """(n + k,) standard deviations of a fit, where the residual is correlated as well."""
-    return np.maximum(found.std, blockwise_std(problem, found))
+def _std(problem: SearchProblem, found: Fit) -> Array:
+    """(n + k,) standard deviations as a report gives them; by blocks of time where those cannot be computed."""
+    std = compute(lambda: standard_deviations(problem, found, scale_of(found)))
+    return np.maximum(found.std, blockwise_std(problem, found)) if isinstance(std, NotComputable) else std

@@ -74,7 +74,12 @@ def _judge_searches(
     if first is not None and (first.kind != "unexplained" or not settings.most_effects):
         return first
     again = compute(lambda: _under_unknown_forces(outcome, settings, progress, trace.of_search(UNKNOWN_FORCES)))
-    if isinstance(again, Judgement):
+    if isinstance(again, Judgement) and first is None and _explains_little(outcome, again):
+        outcome = outcome.compared()
+        first = _of_search(outcome, settings, trace)
+        if first.kind != "unexplained":
+            return first
+    if isinstance(again, Judgement) and not (first and _leaves_less(first, again)):
         return again
     if first is None:
         outcome = outcome.compared()
@@ -111,6 +116,22 @@ def _under_unknown_forces(
         search=UNKNOWN_FORCES,
         left=left,
     )
+
+
+def _leaves_less(first: Judgement, again: Judgement) -> bool:
+    """Whether what the first search named leaves less, under the noise of the channels, than what the second did.
+
+    Unknown forces as noise hide what acts as white forces do, and a few laws may explain more without them.
+    """
+    if not first.best.model.effects or again.left is None:
+        return False
+    return mean_square(first.outcome.nominal_problem, first.best) < again.left
+
+
+def _explains_little(outcome: Outcome, again: Judgement) -> bool:
+    """Whether the second search leaves more than half of the misfit, so that the first one should be ended, too."""
+    had = outcome.nominal.reduced_chi_square - 1.0
+    return again.left is not None and again.left - 1.0 > (1.0 - NAMED_EXCESS_SHARE) * had
 
 
 def _with_note(judgement: Judgement, note: str) -> Judgement:

@@ -1,5 +1,6 @@
 """Compares each effect found under unknown forces with the other laws at its place, and gives their probabilities."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,8 @@ from drake_cafim.effects.effect import Effect
 
 ROUNDS = 2
 """Largest number of comparisons, each after another law was preferred at some place."""
+MOST_ALONE = 4
+"""Largest number of laws that are put in the places of others one by one."""
 CONTENDER_STEPS = 3
 """Gauss-Newton steps of a law in the place of another one."""
 FITTED_LEAD = 6.0
@@ -50,10 +53,7 @@ def compare_by_place(growth: GrowthByPlace) -> Compared:
         growth.progress(f"comparing {len(growth.best.model.effects)} effects with other laws at their joints")
         found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
         better = {key: leads[0][2] for key, leads in found.items() if leads and leads[0][0] < 0.0}
-        effects = tuple(better.get(effect.key, effect) for effect in growth.best.model.effects)
-        # two effects may prefer the same law
-        effects = tuple({effect.key: effect for effect in effects}.values())
-        if not better or not growth.settle(Model(growth.best.model.unknown, effects, growth.best.model.free)):
+        if not better or not _replace(growth, sorted(better, key=lambda key: found[key][0][0]), better):
             break
         growth.converge()
     else:
@@ -70,6 +70,25 @@ def compare_by_place(growth: GrowthByPlace) -> Compared:
     _drop_undetermined(growth)
     _drop_unsupported(growth)
     return Compared(tuple(other for leads in found.values() for _, other, _ in leads), probability)
+
+
+def _replace(growth: GrowthByPlace, order: Sequence[Key], better: Mapping[Key, Effect]) -> bool:
+    """Whether laws of `better` take the places of effects: all of them or, where that fails, those that do one by one.
+
+    Together one may fail by another's fault. One by one the first of the `order` come first.
+    """
+    if _settle_with(growth, better):
+        return True
+    growth.failed.clear()
+    replaced = [_settle_with(growth, {key: better[key]}) for key in order[:MOST_ALONE]] if len(order) > 1 else []
+    return any(replaced)
+
+
+def _settle_with(growth: GrowthByPlace, better: Mapping[Key, Effect]) -> bool:
+    effects = tuple(better.get(effect.key, effect) for effect in growth.best.model.effects)
+    # two effects may prefer the same law
+    effects = tuple({effect.key: effect for effect in effects}.values())
+    return growth.settle(Model(growth.best.model.unknown, effects, growth.best.model.free))
 
 
 def _drop_undetermined(growth: GrowthByPlace) -> None:
