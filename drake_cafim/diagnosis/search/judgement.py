@@ -129,9 +129,13 @@ def _leaves_less(first: Judgement, again: Judgement) -> bool:
 
 
 def _explains_little(outcome: Outcome, again: Judgement) -> bool:
-    """Whether the second search leaves more than half of the misfit, so that the first one should be ended, too."""
+    """Whether the second search leaves more than half of the misfit, so that the first one should be ended, too.
+
+    Where that had found effects before it was put off: from nothing, it would take long for too few effects.
+    """
     had = outcome.nominal.reduced_chi_square - 1.0
-    return again.left is not None and again.left - 1.0 > (1.0 - NAMED_EXCESS_SHARE) * had
+    left = 0.0 if again.left is None else again.left - 1.0
+    return bool(outcome.best.model.effects) and left > (1.0 - NAMED_EXCESS_SHARE) * had
 
 
 def _with_note(judgement: Judgement, note: str) -> Judgement:

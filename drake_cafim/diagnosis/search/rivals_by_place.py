@@ -79,8 +79,10 @@ def _replace(growth: GrowthByPlace, order: Sequence[Key], better: Mapping[Key, E
     """
     if _settle_with(growth, better):
         return True
+    if len(order) == 1:
+        return False
     growth.failed.clear()
-    replaced = [_settle_with(growth, {key: better[key]}) for key in order[:MOST_ALONE]] if len(order) > 1 else []
+    replaced = [_settle_with(growth, {key: better[key]}) for key in order[:MOST_ALONE]]
     return any(replaced)
 
 
