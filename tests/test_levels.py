@@ -19,6 +19,7 @@ from drake_cafim.diagnosis.search import judgement
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointCoulombFriction
 from tests.test_degenerate_recordings import folder as _folder
 
@@ -33,6 +34,9 @@ class _TwoRows:
     runs = (SimpleNamespace(name="run", rows=1000, shape=(500, 2), time=np.arange(500.0)),)
     pictures = SimpleNamespace(row_labels=("j1: q against v", "j1: forces"))
 
+    def hypotheses(self) -> tuple[Effect, ...]:
+        return ()
+
     def residual(self, model: Model) -> np.ndarray:
         """The rows without effects, five times those that the effect leaves."""
         assert not model.effects
@@ -40,8 +44,9 @@ class _TwoRows:
 
 
 @pytest.fixture
-def outcome() -> Outcome:
-    """A friction that leaves noise of which the test of fit has a p-value well within 0 and 1."""
+def outcome(monkeypatch: pytest.MonkeyPatch) -> Outcome:
+    """A friction that leaves noise of which the test of fit has a p-value well within 0 and 1; its size is known."""
+    monkeypatch.setattr(judgement, "descend", lambda problem, found, laws: (found, []))
     friction = JointCoulombFriction("j1", {"torque": 1.0})
     rows, problem = 1.07 * np.random.default_rng(2).normal(size=1000), _as_any(_TwoRows())
     nominal = Fit(Model(np.zeros(0)), 5.0 * rows, np.zeros((1000, 0)), np.zeros((0, 0)), 1000)

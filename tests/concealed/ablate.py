@@ -33,9 +33,10 @@ from drake_cafim.effects.catalogue import EFFECTS
 from . import ablation
 from .ablation import Ablation, Machine
 from .ablation_draws import Draw, slots
+from .alike import NORMAL_95
 from .case import Case
 from .machines import SETS, divided, raw_machine
-from .score import NORMAL_95, same_place
+from .score import same_place
 from .seal import Seal
 from .trial import diagnosed
 

@@ -287,7 +287,8 @@ class _KnownColumns(ByKind[Array | None]):
         for k in range(len(effect.strengths)):
             up, down, taken = known.differences.beside(self.model, self.position, k)
             ahead, behind = up.physics(self.problem.scene), down.physics(self.problem.scene)
-            columns.append(known.inertials.change(ahead, behind) / taken)
+            # a value so large that a step beside it is rounded away has no slope
+            columns.append(known.inertials.change(ahead, behind) / taken if taken else np.zeros(self.problem.rows))
         return np.stack(columns, axis=1)
 
     def joint_force(self, effect: JointForce) -> Array:
