@@ -241,10 +241,6 @@ more than noise remains. Unit: 1. Source: three standard deviations."""
 UNKNOWN_MOVE_IN_PRIOR_STDS = 0.3
 """Change of an unknown parameter, in prior standard deviations, beyond which the noise covariance is computed again.
 Unit: 1. Not calibrated: chosen."""
-MOVE_IN_STDS = 0.3
-"""Change of an unknown parameter or a strength, in standard deviations of its fit, beyond which the motion is estimated
-again under the fitted model, and the noise covariance with it. Unit: 1. Not calibrated: chosen, a change that alters a
-sum of squares by a tenth."""
 
 LEFT_OUT_SEEN_CHI_SQUARE = 9.0
 """Change of χ² by what was found, in a part that is left out or in the recordings outside it, below which they do not

@@ -17,7 +17,7 @@ def fit_given(problem: SearchProblem, start: Model) -> tuple[SearchProblem, Fit]
     for _ in range(ROUNDS if len(start.vector) else 0):
         before, problem = fitted.model, problem.rewhitened(fitted.model)
         fitted = _fit(problem, before)
-        if not has_moved(problem, before, fitted):
+        if not has_moved(problem, before, fitted.model):
             break
     return problem, fitted
 

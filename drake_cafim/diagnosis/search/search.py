@@ -75,8 +75,9 @@ def search(
     trace = Trace() if trace is None else trace
     progress("fitting the nominal model")
     under, nominal = Model(problem.scene.priors.mean), unbiased_fit(problem, problem.nominal())
-    for _ in range(ROUNDS):
-        if not has_moved(problem, under, nominal):
+    for number in range(ROUNDS):
+        moved = np.abs(nominal.model.unknown - under.unknown) > nominal.std[: len(under.unknown)]
+        if not has_moved(problem, under, nominal.model) and (number or not np.any(moved)):
             break
         # the noise covariance depends on the masses, and the arcs of a throw are fitted under them; the motion is
         # estimated under them too, where they act as forces that the model lacks

@@ -19,7 +19,6 @@ from drake_cafim.diagnosis.thresholds import (
     EXPLANATIONS_CONTINUED,
     FALSE_ALARM_RATE,
     MOST_EFFECTS,
-    MOVE_IN_STDS,
     UNKNOWN_MOVE_IN_PRIOR_STDS,
 )
 from drake_cafim.diagnosis.trace import Trace
@@ -128,35 +127,23 @@ class State:
         problem, pool = self.problem, Pool()
         for _ in range(ROUNDS):
             problem, pool = problem.rewhitened(best.model), Pool()
-            pool.add(_fitted_again(problem, best))
-            if best.model.keys not in pool.fits:
-                self.trace.add(decisions.record_echo(best.model))
-                return None
+            for found in (best, *(other for other in competing if other.model.keys != best.model.keys)):
+                # the best width of a change of sign depends on the covariance as well
+                pool.add(unbiased_fit(problem, fit_shapes(problem, fit(problem, found.model)).model))
+                if best.model.keys not in pool.fits:
+                    self.trace.add(decisions.record_echo(best.model))
+                    return None
             before, best = best, pool.fits[best.model.keys]
             self.trace.add(decisions.record_whitening(problem, before.model, best.model, UNKNOWN_MOVE_IN_PRIOR_STDS))
-            if not has_moved(problem, before.model, best):
+            if not has_moved(problem, before.model, best.model):
                 break
-        for other in competing:
-            if other.model.keys != best.model.keys:
-                pool.add(_fitted_again(problem, other))
         self.problem, self.pool, self.screens, self.rests = problem, pool, {}, []
         self.frontier = self.ranked(pool.fits.values())
         return best
 
 
-def _fitted_again(problem: SearchProblem, found: Fit) -> Fit:
-    """`found` fitted to the same rows whitened anew; the best width of a change of sign depends on that as well."""
-    return unbiased_fit(problem, fit_shapes(problem, fit(problem, found.model)).model)
-
-
-def has_moved(problem: SearchProblem, before: Model, after: Fit) -> bool:
-    """Whether unknowns or strengths changed so much that the noise covariance has to be computed again.
-
-    Where it is that of a model, the motion was estimated under that model too: what it lacks counted as noise.
-    """
+def has_moved(problem: SearchProblem, before: Model, after: Model) -> bool:
+    """Whether unknowns changed so much that the noise covariance has to be computed again."""
     scene = problem.scene
     size = np.minimum(scene.priors.std, [unknown.typical for unknown in scene.unknown])
-    far = np.any(np.abs(after.model.unknown - before.unknown) > UNKNOWN_MOVE_IN_PRIOR_STDS * size)
-    if far or not problem.whitened_by_model or before.keys != after.model.keys:
-        return bool(far)
-    return bool(np.any(np.abs(after.model.vector - before.vector) > MOVE_IN_STDS * after.std))
+    return bool(np.any(np.abs(after.unknown - before.unknown) > UNKNOWN_MOVE_IN_PRIOR_STDS * size))
