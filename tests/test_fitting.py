@@ -16,7 +16,6 @@ from drake_cafim.diagnosis.fit.robust_covariance import wald_p_value
 from drake_cafim.diagnosis.joints.linearised_effects import looks
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.pulses import DECAYED_SHARE, pulses_of, strongest_pushes
-from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import REGRESSOR_SIGNAL_SHARE
@@ -24,14 +23,12 @@ from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.body import ExternalDisturbance, pulse
 from drake_cafim.effects.coupling import JointBacklash, JointCoupling, JointElasticity
 from drake_cafim.effects.joint import JointCoulombFriction, JointSpring, JointViscousFriction
-from drake_cafim.effects.link import GravityMisalignment, Payload
+from drake_cafim.effects.link import Payload
 from drake_cafim.effects.sensor import SensorGainError
 from drake_cafim.effects.timing import SensorDelay
 from drake_cafim.effects.transmission import JointHardStop
 from drake_cafim.recordings.recording import Recording
-from drake_cafim.scenario.schema import parse
 from drake_cafim.scene.scene import Scene
-from tests.test_unknown_effects import PENDULUM, moved, recorded
 
 MODEL = """<robot name="slider"><link name="base"/>
   <link name="block"><inertial><mass value="2.0"/>
@@ -65,7 +62,6 @@ def _problem(
             v[k + 1] = v[k] + h * u[k] / mass
             q[k + 1] = q[k] + h * v[k] + 0.5 * h**2 * u[k] / mass
     columns = {"q.rail": q + 1e-4 * rng.normal(size=N), "v.rail": v + 0.03 * rng.normal(size=N), "u.rail": u}
-    from drake_cafim.scenario.schema import parse
 
     raw = {"model": "slider.urdf", "weld": [{"body": "base"}],
            "unknown": [{"parameter": "mass", "body": "block", "mean": 2.0, "std": 0.4}]}  # fmt: skip
@@ -413,18 +409,3 @@ def test_a_fit_ends_where_it_begins_if_the_rows_diverge_there() -> None:
     )
     model, residual, _ = _minimise(problem, Model(np.array([2.0])), np.zeros(1), 10)
     assert model.vector.tolist() == [2.0] and np.all(np.isinf(residual))
-
-
-def test_a_strength_without_a_slope_at_zero_is_found(tmp_path: Path) -> None:
-    """Gravity that leans along a pendulum's axis is weaker in its plane, by the cosine of the angle."""
-    lean = 0.3
-    u = 3.0 * np.sin(2.0 * np.pi * 0.8 * 0.004 * np.arange(500))
-    q, v = moved(lambda x, w, f: (f - 0.5 * 9.81 * np.cos(lean) * np.sin(x)) / 0.27, u, 0.0)
-    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
-    scene = Scene.build(parse({"model": "pendulum.urdf", "weld": [{"body": "base"}]}, "arm.yaml"), tmp_path, "arm.yaml")
-    prepared = prepare(scene, [recorded("pivot", q, v, u, (2e-4, 2e-3))])
-    assert isinstance(prepared, Prepared)
-    problem = prepared.problem()
-    level = GravityMisalignment("world", {"roll": 0.0, "pitch": 0.0})
-    [found] = fit(problem, problem.nominal().with_effects([level])).model.effects
-    assert abs(found.values["roll"]) == pytest.approx(lean, rel=0.02)

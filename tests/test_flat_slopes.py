@@ -1,0 +1,28 @@
+"""Strengths that have no slope where a fit begins: it begins beside them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.fit.fitting import fit
+from drake_cafim.diagnosis.preparation import Prepared, prepare
+from drake_cafim.effects.link import GravityMisalignment
+from drake_cafim.scenario.schema import parse
+from drake_cafim.scene.scene import Scene
+from tests.test_unknown_effects import PENDULUM, moved, recorded
+
+
+def test_a_strength_without_a_slope_at_zero_is_found(tmp_path: Path) -> None:
+    """Gravity that leans along a pendulum's axis is weaker in its plane, by the cosine of the angle."""
+    lean = 0.3
+    u = 3.0 * np.sin(2.0 * np.pi * 0.8 * 0.004 * np.arange(500))
+    q, v = moved(lambda x, w, f: (f - 0.5 * 9.81 * np.cos(lean) * np.sin(x)) / 0.27, u, 0.0)
+    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
+    scene = Scene.build(parse({"model": "pendulum.urdf", "weld": [{"body": "base"}]}, "arm.yaml"), tmp_path, "arm.yaml")
+    prepared = prepare(scene, [recorded("pivot", q, v, u, (2e-4, 2e-3))])
+    assert isinstance(prepared, Prepared)
+    problem = prepared.problem()
+    level = GravityMisalignment("world", {"roll": 0.0, "pitch": 0.0})
+    [found] = fit(problem, problem.nominal().with_effects([level])).model.effects
+    assert abs(found.values["roll"]) == pytest.approx(lean, rel=0.02)
