@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.fit.fitting import Fit, _minimise, _subtract_excess, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import Fit, _subtract_excess, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.robust_covariance import wald_p_value
@@ -28,6 +28,7 @@ from drake_cafim.effects.sensor import SensorGainError
 from drake_cafim.effects.timing import SensorDelay
 from drake_cafim.effects.transmission import JointHardStop
 from drake_cafim.recordings.recording import Recording
+from drake_cafim.scenario.schema import parse
 from drake_cafim.scene.scene import Scene
 
 MODEL = """<robot name="slider"><link name="base"/>
@@ -397,15 +398,3 @@ def test_a_direction_of_numbers_that_are_each_known_is_known(share: float, kept:
     excess = share * 0.2 * np.outer(axes[:, 0], axes[:, 0]) * np.outer(size, size)
     left = _subtract_excess(information, excess) / np.outer(size, size)
     np.testing.assert_allclose(axes.T @ left @ axes, np.diag([0.2 * kept, 1.0, 2.0]), atol=1e-9)
-
-
-def test_a_fit_ends_where_it_begins_if_the_rows_diverge_there() -> None:
-    """As where a gap's flanks are so stiff that its simulation diverges; there is no way down from there."""
-    problem: Any = SimpleNamespace(
-        residual=lambda model: np.full(5, np.inf),
-        jacobian=lambda model: np.ones((5, 1)),
-        least_damping=0.0,
-        slack=0.0,
-    )
-    model, residual, _ = _minimise(problem, Model(np.array([2.0])), np.zeros(1), 10)
-    assert model.vector.tolist() == [2.0] and np.all(np.isinf(residual))

@@ -1,11 +1,14 @@
-"""Strengths that have no slope where a fit begins: it begins beside them."""
+"""Where rows have no slope as a fit begins: beside a flat strength it begins anew, where rows diverge it ends."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.fit.fitting import fit
+from drake_cafim.diagnosis.fit.fitting import _minimise, fit
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.effects.link import GravityMisalignment
 from drake_cafim.scenario.schema import parse
@@ -26,3 +29,15 @@ def test_a_strength_without_a_slope_at_zero_is_found(tmp_path: Path) -> None:
     level = GravityMisalignment("world", {"roll": 0.0, "pitch": 0.0})
     [found] = fit(problem, problem.nominal().with_effects([level])).model.effects
     assert abs(found.values["roll"]) == pytest.approx(lean, rel=0.02)
+
+
+def test_a_fit_ends_where_it_begins_if_the_rows_diverge_there() -> None:
+    """As where a gap's flanks are so stiff that its simulation diverges; there is no way down from there."""
+    problem: Any = SimpleNamespace(
+        residual=lambda model: np.full(5, np.inf),
+        jacobian=lambda model: np.ones((5, 1)),
+        least_damping=0.0,
+        slack=0.0,
+    )
+    model, residual, _ = _minimise(problem, Model(np.array([2.0])), np.zeros(1), 10)
+    assert model.vector.tolist() == [2.0] and np.all(np.isinf(residual))
