@@ -126,6 +126,14 @@ def test_an_mcap_record_of_a_huge_declared_length(tmp_path: Path) -> None:
     refusal(path, "no message")
 
 
+@pytest.mark.parametrize("length", [2**48, 2**62, 2**64 - 1])
+def test_an_mcap_field_of_a_huge_declared_length(tmp_path: Path, length: int) -> None:
+    path = tmp_path / "a.mcap"
+    chunk = struct.pack("<QQQI", 0, 1, 4, 0) + struct.pack("<I", 4) + b"zstd" + struct.pack("<Q", length) + bytes(4)
+    path.write_bytes(b"\x89MCAP0\r\n" + b"\x06" + struct.pack("<Q", len(chunk)) + chunk)
+    refusal(path, "no message")
+
+
 BAG = """CREATE TABLE topics (id INTEGER PRIMARY KEY, name, type, serialization_format, offered_qos_profiles);
 INSERT INTO topics VALUES (1, '/x', 'std_msgs/msg/Float64', 'cdr', '');
 INSERT INTO topics VALUES (2, NULL, 5, x'00', '');"""

@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Iterator
+from io import BufferedReader, FileIO
 from pathlib import Path
 
 from mcap.exceptions import EndOfFile, McapError
@@ -45,8 +46,8 @@ def full_name(kind: str) -> str:
 def _records(path: Path, notes: list[str]) -> Iterator[McapRecord]:
     any_record = False
     bad_chunks = 0
-    with path.open("rb") as file:
-        limit = min(LARGEST_RECORD, path.stat().st_size)  # of a longer record not even the length is true
+    limit = min(LARGEST_RECORD, path.stat().st_size)  # of a longer record not even the length is true
+    with _Bounded(FileIO(path), limit) as file:
         stream = StreamReader(file, emit_chunks=True, record_size_limit=limit)
         try:
             for record in stream.records:
@@ -73,3 +74,15 @@ def _records(path: Path, notes: list[str]) -> Iterator[McapRecord]:
                 notes.append(f"{path.name} is damaged at byte {file.tell()} ({why}), all before it is read")
     if bad_chunks:
         notes.append(f"{bad_chunks} chunks of {path.name} cannot be unpacked and are left out")
+
+
+class _Bounded(BufferedReader):
+    """A file of which no read takes memory for more than `limit` bytes, whatever length a damaged field states."""
+
+    def __init__(self, file: FileIO, limit: int) -> None:
+        super().__init__(file)
+        self._limit = limit
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """At most `size` bytes, and at most `limit`; none for a negative size, at which the record ends."""
+        return super().read(min(max(size or 0, 0), self._limit))
