@@ -1,6 +1,8 @@
 """Degenerate recordings give a result or one sentence, and no effect is named where nothing moves."""
 
+import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +14,13 @@ from drake_cafim import InputError, Recording, Scene, write
 from drake_cafim.cli import main
 from drake_cafim.diagnosis.assembly import NOTHING_MOVES
 from drake_cafim.diagnosis.diagnose import diagnose, estimate, examine
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.predict.forecast import window_starts
 from drake_cafim.diagnosis.predict.innovations import _before_gap, _starts
+from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE
+from drake_cafim.effects.link import Payload
 from drake_cafim.numerics.local_polynomial import local_polynomial
 from drake_cafim.report.artifacts import write_artifacts
 from drake_cafim.typing import Array
@@ -52,6 +57,34 @@ def test_nothing_is_named_where_nothing_moves(scene: Scene, q: float, u: float) 
     verdict = diagnose(scene, [Recording("still.csv", *recorded(q, 0.0, u))])
     assert verdict.explanation == () and verdict.kind != "explained"
     assert NOTHING_MOVES in verdict.notes
+
+
+def test_columns_that_never_change_are_read_without_a_warning(scene: Scene) -> None:
+    whole = np.arange(0.0, 4.0, 0.004)  # long enough for a spectrum
+    columns = {name: np.zeros(len(whole)) for name in recorded()[1]}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        prepare(scene, [Recording("still.csv", whole, columns)])
+
+
+def test_velocities_that_not_every_file_has_are_read_from_none(scene: Scene) -> None:
+    whole, other = (Recording(name, *swinging()) for name in ("a.csv", "b.csv"))
+    fewer = replace(other, columns={name: values for name, values in other.columns.items() if name != "v.elbow"})
+    for files, held_out in (([whole, fewer], []), ([fewer], [whole])):
+        prepared = prepare(scene, files, held_out)
+        assert isinstance(prepared, Prepared)
+        assert not any(form.kinematic_rows for form in (*prepared.weak, *prepared.held_out))
+        assert any("since v.elbow is not in b.csv" in note for note in prepared.notes)
+        assert np.all(np.isfinite(prepared.problem().rows_of(Model(prepared.scene.priors.mean))))
+    prepared = prepare(scene, [whole], [fewer])
+    assert isinstance(prepared, Prepared) and prepared.weak[0].kinematic_rows
+    assert not any("v.elbow" in note for note in prepared.notes)
+
+
+def test_a_body_so_heavy_that_nothing_moves_explains_nothing(scene: Scene) -> None:
+    prepared = prepare(scene, [Recording("a.csv", *swinging())])
+    heavy = Payload("upper", {"mass": 1e160, "x": 0.0, "y": 0.0, "z": -0.1})
+    assert prepared.problem().penalty(Model(prepared.scene.priors.mean, (heavy,))) == np.inf
 
 
 def test_what_moves_a_little_moves(scene: Scene) -> None:
@@ -160,12 +193,14 @@ def _cafim(*arguments: str) -> Any:
 
 
 def test_one_file_by_two_spellings_is_one_file(folder: Path) -> None:
+    (folder / "loop.csv").symlink_to("loop.csv")
     twice, again = "more than once (a.csv is the same file)", ["--held-out", "a.csv", "--held-out", "./a.csv"]
     for arguments, words in (
         (["diagnose", "s.yaml", "--recording", "a.csv", "--recording", "./a.csv"], twice),
         (["diagnose", "s.yaml", "--recording", "a.csv", "--held-out", str(folder / "a.csv")], "and as --held-out"),
         (["diagnose", "s.yaml", "--recording", "b.csv", *again], twice),
         (["estimate", "s.yaml", "a.csv", "./a.csv"], twice),
+        (["estimate", "s.yaml", "loop.csv"], "loop.csv: there is no such file"),
     ):
         result = _cafim(*arguments, "--out", "out")
         assert result.exit_code == 2 and words in result.stderr and len(result.stderr.strip().splitlines()) == 1

@@ -1,5 +1,6 @@
 """Reads the recordings that the command line names."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,16 +18,16 @@ def read_all(scene: Scene, paths: Sequence[str]) -> list[Recording]:
 
 def refuse_repeats(recordings: Sequence[str], held_out: Sequence[str] = ()) -> None:
     """Raises `InputError` for a file that is given twice, however its path is written."""
-    known: dict[Path, tuple[str, str]] = {}
+    known: dict[str, tuple[str, str]] = {}
     for kind, paths in (("--recording", recordings), ("--held-out", held_out)):
         for path in paths:
-            before, other = known.setdefault(Path(path).resolve(), (kind, ""))
+            before, other = known.setdefault(os.path.realpath(path), (kind, ""))
             if other:
                 same = f" ({other} is the same file)" if other != path else ""
                 if before != kind:
                     raise InputError(f"{path}: given as --recording and as --held-out{same}, expected one of them")
                 raise InputError(f"{path}: the recording is given more than once{same}, expected each file once")
-            known[Path(path).resolve()] = (kind, path)
+            known[os.path.realpath(path)] = (kind, path)
 
 
 def refuse_thrown(scene: Scene, command: str) -> None:

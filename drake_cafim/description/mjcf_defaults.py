@@ -1,5 +1,6 @@
 """Expansion of an MJCF's includes and default classes into the elements that they apply to."""
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -42,7 +43,7 @@ def _include(document: XmlDocument, parent: Element, above: Sequence[Path], incl
 
 def _included_file(document: XmlDocument, include: Element, above: Sequence[Path]) -> Path:
     name = include.get("file", "").replace("\\", "/")  # as written under Windows, and as MuJoCo reads it
-    files = [(near.parent / name).resolve() for near in (document.path, above[-1])]
+    files = [Path(os.path.realpath(near.parent / name)) for near in (document.path, above[-1])]
     found = next((file for file in files if file.is_file()), None)
     if found is None or found in above:
         why = "which is not there" if found is None else "which includes itself"

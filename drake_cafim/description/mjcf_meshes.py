@@ -1,5 +1,6 @@
 """Visual meshes of an MJCF that the replay can show."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +28,7 @@ class Meshes:
         for asset in [element for section in root.findall("asset") for element in section]:
             if asset.tag == "mesh" and asset.get("file"):
                 defaults.write_out(asset, None)
-                file = (folder / asset.get("file", "").replace("\\", "/")).resolve()
+                file = Path(os.path.realpath(folder / asset.get("file", "").replace("\\", "/")))
                 scale = tuple(numbers(asset, "scale", "1 1 1"))
                 if file.is_file() and file.suffix.lower() in SHOWN:
                     files[asset.get("name") or file.stem] = file, scale

@@ -126,8 +126,9 @@ class Layout:
     known: Mapping[str, CorrelatedNoise]
 
     def of(self, recording: Recording) -> WeakForm:
-        """The weak form of a recording without velocities that its maker filtered."""
-        std = dict(self.std)
+        """The weak form of a recording without velocities that its maker filtered, or of which some are missing."""
+        missing = [name for name in self.std if name.startswith("v.") and name not in recording.columns]
+        std = {name: value for name, value in self.std.items() if not (missing and name.startswith("v."))}
         memories = quantised_memories(recording, std) | dict(self.known)
         recording, bridges = bridge_slow_channels(recording)
         samples = samples_of(self.scene, recording, std, memories=memories, bridges=bridges)

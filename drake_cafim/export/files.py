@@ -118,11 +118,11 @@ def _move_addresses(file: XmlText, out: Path) -> None:
     for node in file.root.iter("mesh"):
         address = node.get("filename")
         if address and "://" not in address and not os.path.isabs(address):
-            node.set("filename", os.path.relpath((file.path.parent / address).resolve(), out.resolve()))
+            node.set("filename", os.path.relpath(os.path.realpath(file.path.parent / address), out.resolve()))
     for node in file.root.iter("uri"):
         address = file.text_of(node)
         if address and "://" not in address and not os.path.isabs(address):
-            node.content = os.path.relpath((file.path.parent / address).resolve(), out.resolve())
+            node.content = os.path.relpath(os.path.realpath(file.path.parent / address), out.resolve())
 
 
 def _rest(scene: Scene, model: Path, out: Path, form: Form) -> Scenario:

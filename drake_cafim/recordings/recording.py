@@ -58,7 +58,7 @@ class Recording:
     def __getitem__(self, column: str) -> Array:
         """One column (N,); raises `InputError` with the names of all columns when there is none of this name."""
         if column not in self.columns:
-            raise InputError(f"{self.name}: there is no column {column}; it has {_listed(self.columns)}")
+            raise InputError(f"{self.name}: there is no column {column}; it has {listed(self.columns)}")
         return self.columns[column]
 
     def measured(self, column: str) -> Array:
@@ -140,5 +140,6 @@ def _frozen(values: Array) -> Array:
     return view
 
 
-def _listed(columns: Mapping[str, Array]) -> str:
+def listed(columns: Mapping[str, Array]) -> str:
+    """The names of a recording's columns, for a message."""
     return ", ".join(["time", *columns])

@@ -25,7 +25,10 @@ def check_usable(recording: Recording, columns: Sequence[str]) -> None:
     """
     count = len(recording)
     if count < FEWEST:
-        raise InputError(f"{recording.name}: only {count} sample{'s' * (count != 1)}, expected at least {FEWEST}")
+        left_out = next((f" ({note})" for note in recording.notes if note.startswith("time: ")), "")
+        raise InputError(
+            f"{recording.name}: only {count} sample{'s' * (count != 1)}, expected at least {FEWEST}{left_out}"
+        )
     steps = np.diff(recording.time)
     usual = float(np.median(steps))
     if usual >= LONGEST_STEP:

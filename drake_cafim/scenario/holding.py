@@ -7,7 +7,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from drake_cafim.description.description import ModelStatements, list_names
 from drake_cafim.dynamics.tree import FIXED, Tree
 from drake_cafim.errors import InputError
-from drake_cafim.recordings.recording import Recording
+from drake_cafim.recordings.recording import Recording, listed
 from drake_cafim.scenario.schema import UNRECORDED
 
 
@@ -91,7 +91,7 @@ def explain_missing_joints(recording: Recording, joints: Sequence[str]) -> str:
     """The message for `joints` that the recording has no column of: what it has, and how to lock them."""
     names = f"{', '.join(joints[:6])}{', ...' if len(joints) > 6 else ''}"
     return (
-        f"{recording.name}: there is no column q.{joints[0]}; it has {', '.join(recording.columns)}. A joint that was "
+        f"{recording.name}: there is no column q.{joints[0]}; it has {listed(recording.columns)}. A joint that was "
         f"not recorded is held by `lock: [{names}]` in the scenario (or `lock: {{joint: position}}` where it is not at "
         f"the model file's), and all of them by `lock: {UNRECORDED}`"
     )

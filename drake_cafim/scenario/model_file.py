@@ -1,6 +1,7 @@
 """Loading of a scenario's model file into a Drake plant."""
 
 import functools
+import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -122,7 +123,7 @@ class _Model:
 
     def __init__(self, scenario: Scenario, folder: Path, plant: MultibodyPlant) -> None:
         self._scenario, self._folder = scenario, folder
-        given = {name: (folder / place).resolve() for name, place in scenario.packages.items()}
+        given = {name: Path(os.path.realpath(folder / place)) for name, place in scenario.packages.items()}
         self._packages = Packages({OWN_PACKAGE: packaged_folder("models"), **given})
         self._parser = Parser(plant)
         self._parser.SetAutoRenaming(False)

@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.errors import InputError
-from drake_cafim.recordings.recording import Recording
+from drake_cafim.recordings.recording import Recording, listed
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -48,7 +48,7 @@ def driven_by_servo(scene: Scene, recording: Recording) -> tuple[str, ...]:
         elif not pushed and f"q.{servo.joint}" in recording.columns:
             raise InputError(
                 f"{recording.name}: there is no column cmd.{servo.joint} and no column u.{servo.joint}; expected the "
-                f"commanded position for the joint's servo, or its effort; it has {', '.join(recording.columns)}"
+                f"commanded position for the joint's servo, or its effort; it has {listed(recording.columns)}"
             )
     return tuple(found)
 

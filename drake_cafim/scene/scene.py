@@ -1,5 +1,6 @@
 """The class `Scene`: a scenario's Drake plant, the same physics as arrays, its channels and its unknown parameters."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -124,7 +125,7 @@ class Scene:
         path, part = split_address(str(address))
         alone = str(path).endswith(MODEL_SUFFIXES)
         scenario = Scenario(model=path.name) if alone else load(path, part)
-        given = {name: str(Path(place).resolve()) for name, place in (packages or {}).items()}
+        given = {name: os.path.realpath(place) for name, place in (packages or {}).items()}
         scenario = replace(scenario, packages={**scenario.packages, **given})
         scene = cls.build(scenario, path.parent, str(address), effects=effects)
         return scene.with_uncertain_inertials() if alone else scene

@@ -30,6 +30,7 @@ from drake_cafim.effects.kinds import ByKind
 from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
@@ -144,7 +145,9 @@ class WeakFormRows(Problem):
         physics = model.physics(self.scene)
         start = sum(run.marginalise_start(physics).paid for run in self.runs) if has_unknown_start(physics) else 0.0
         if own_noise and self.has_other_noise(model):
-            return start + noise_cost(self, self.rewhitened(model), model)
+            cost = compute(lambda: noise_cost(self, self.rewhitened(model), model))
+            # a body so heavy that a joint's rows vanish, and their noise with them, explains nothing
+            return np.inf if isinstance(cost, NotComputable) else start + cost
         return start
 
     def has_other_noise(self, model: Model) -> bool:

@@ -250,7 +250,11 @@ def _memory(phase: Array, levels: Array, level: float, longest: float) -> tuple[
     `levels` (S, F) are the spectra at `phase` (F,); the variance's logarithm may be off by `level`.
     """
     # the median over the segments is robust against the few that hold an impact; of χ²₂ power it is ln 2 of the mean
-    seen = np.log(np.median(levels, axis=0) / np.log(2.0))
+    usual = np.median(levels, axis=0) / np.log(2.0)
+    if not np.all(usual > 0.0):
+        # a column that does not change has no noise, and so none that lasts
+        return 0.0, 1.0
+    seen = np.log(usual)
     variance = 2.1 / len(levels)
 
     def misfit(memory: float) -> float:

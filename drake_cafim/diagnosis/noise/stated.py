@@ -16,6 +16,7 @@ def noise_of(scene: Scene, recordings: Sequence[Recording]) -> tuple[dict[str, f
     """Standard deviation of one sample by column, SI units, and a note for each one that was estimated.
 
     An effort whose std the scenario does not state gets 0 here; it is estimated later, from the equations' likelihood.
+    A velocity that not every recording has gets none.
 
     Raises `InputError` where a needed column is missing, or where a std other than an effort's is stated or estimated
     as zero (a column that does not change).
@@ -29,6 +30,9 @@ def noise_of(scene: Scene, recordings: Sequence[Recording]) -> tuple[dict[str, f
     columns = [column for column in needed_columns(scene) if column not in unmeasured]
     std: dict[str, float] = {}
     notes = []
+    if unmeasured and any(f"v.{name}" in r.columns for r in recordings for name in names):
+        column, lacking = next((c, r.name) for c in sorted(unmeasured) for r in recordings if c not in r.columns)
+        notes.append(f"no velocity is read, since {column} is not in {lacking}: the positions tell the velocities")
     for column in columns:
         stated = scene.std(column)
         if column in idle or (stated is None and column.startswith("u.")):

@@ -185,7 +185,8 @@ def samples_of(
     q = recording.matrix("q", names)
     u = with_idle_efforts(scene, recording).matrix("u", names)
     time = recording.time
-    measured = all(f"v.{name}" in recording.columns for name in names)
+    # velocities that not every recording has have no noise here: then the positions tell them in all of these
+    measured = all(f"v.{name}" in recording.columns and f"v.{name}" in std for name in names)
     lowpass, period = effort_filter(scene), float(np.median(np.diff(time)))
     if lowpass and not lowpass.cutoff < 0.5 / period:
         raise InputError(

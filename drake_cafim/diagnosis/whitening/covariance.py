@@ -38,10 +38,15 @@ class Whitening:
 
     @classmethod
     def of_band(cls, band: Array, covariance: sp.csr_matrix) -> "Whitening":
-        """The whitening by a covariance in lower band storage, as `lower_band` gives it; `band` is overwritten."""
+        """The whitening by a covariance in lower band storage, as `lower_band` gives it; `band` is overwritten.
+
+        Raises `numpy.linalg.LinAlgError` where it is not positive definite, or not finite.
+        """
+        if not np.all(np.isfinite(band)):
+            raise np.linalg.LinAlgError("the covariance of the rows is not finite")
         # so that rounding does not make the factorisation fail where rows are nearly dependent
         band[0] *= 1.0 + 1e-10
-        return cls(scipy.linalg.cholesky_banded(band, overwrite_ab=True, lower=True), covariance)
+        return cls(scipy.linalg.cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False), covariance)
 
     def __call__(self, rows: Array) -> Array:
         """L⁻¹ `rows`, for (R,) or (R, k); raises `ArithmeticError` where L is singular."""
