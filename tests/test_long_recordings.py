@@ -1,6 +1,7 @@
 """Recordings that are longer than the memory allows: read, looked at, searched and fitted to in parts."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,9 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.long.budget import Budget
 from drake_cafim.diagnosis.long.choice import choose
-from drake_cafim.diagnosis.long.examine import examine_parts
+from drake_cafim.diagnosis.long.examine import _restored, _Search, examine_parts
 from drake_cafim.diagnosis.long.fit_of_all import fit_all
+from drake_cafim.diagnosis.long.kept import Kept
 from drake_cafim.diagnosis.long.parts import Parts
 from drake_cafim.diagnosis.long.scan import Seen, scan
 from drake_cafim.diagnosis.long.stretches import cut_at_changes, stretches_of
@@ -250,7 +252,8 @@ def test_a_long_log_tells_its_friction_and_when_a_payload_was_taken_up(tmp_path:
     scene = Scene.load(address)
     long = in_parts(pieces_of(tmp_path / "log.parquet"), 2000)
     said: list[str] = []
-    found = examine_parts(scene, [long], [], Budget(8000.0, 1.0), progress=said.append)
+    kept = Kept.open(tmp_path / "parts", {}, resume=False)
+    found = examine_parts(scene, [long], [], Budget(8000.0, 1.0), progress=said.append, kept=kept)
     by_name = {accepted.effect.name: accepted for accepted in found.verdict.explanation}
     assert found.verdict.kind == "explained" and set(by_name) == {"joint_viscous_friction", "payload"}
     friction, payload = by_name["joint_viscous_friction"].values["coefficient"], by_name["payload"].values["mass"]
@@ -260,3 +263,6 @@ def test_a_long_log_tells_its_friction_and_when_a_payload_was_taken_up(tmp_path:
     assert since[0].intervals[0][0] == pytest.approx(16.3, abs=0.1) and since[0].intervals[0][1] == long.spans[-1][1]
     assert "s of" in by_name["payload"].sentence and "from" not in by_name["joint_viscous_friction"].sentence
     assert any("alone say" in text for text in said) and any("which tell most" in note for note in found.verdict.notes)
+    first = kept.read("first", lambda raw: _restored(scene, Parts.of([long]), raw))
+    search = kept.read("search_0", partial(_Search.from_json, scene))
+    assert first is not None and search is not None and search.effects == {("joint_viscous_friction", "elbow")}

@@ -4,6 +4,8 @@ import json
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from hashlib import sha256
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from drake_cafim.commands.reports import read_record, read_report
 from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.diagnosis.long.budget import DEFAULT_MEMORY, GIB
 from drake_cafim.diagnosis.long.examine import examine_parts
+from drake_cafim.diagnosis.long.kept import NOTHING_KEPT, Kept
 from drake_cafim.diagnosis.search.cuts import with_cuts
 from drake_cafim.errors import InputError
 from drake_cafim.output import write_text
@@ -24,6 +27,8 @@ from drake_cafim.scene.scene import Scene
 FINISHED = "diagnosis.json"
 """Written last, with the command line: where it exists, all other files are complete."""
 
+KEPT = "parts"
+"""Folder of what a diagnosis in parts has finished, until all of it is."""
 UNCUT = "recordings that are diagnosed in parts are not cut in other ways: --cuts has no effect"
 """The note on cuts of long recordings."""
 
@@ -50,7 +55,8 @@ def diagnose_command(
     `diagnosis.long`.
 
     With `cuts` the recordings are also cut and each cut is diagnosed, see `diagnosis.search.cuts`. With `resume`, a
-    finished diagnosis by the same command is read from `out` instead of being repeated. Raises `InputError` where `out`
+    finished diagnosis by the same command is read from `out` instead of being repeated, and one in parts goes on where
+    it was ended. Raises `InputError` where `out`
     holds one by another command, and for a scenario or recordings that cannot be used.
     """
     command = ["cafim", "diagnose", address, "--recording", *recordings]
@@ -64,10 +70,13 @@ def diagnose_command(
     scene = Scene.load(address, packages=packages)
     refuse_repeats(recordings, held_out)
     (out / FINISHED).unlink(missing_ok=True)
+    kept = NOTHING_KEPT
     with open_inputs(scene, recordings, held_out, memory) as inputs:
         if isinstance(inputs, LongInputs):
+            kept = Kept.open(out / KEPT, _about(command, scene, [*recordings, *held_out]), resume)
+            settings = levels.settings()
             found = examine_parts(
-                scene, inputs.recordings, inputs.held_out, inputs.budget, levels.settings(), progress, jobs
+                scene, inputs.recordings, inputs.held_out, inputs.budget, settings, progress, jobs, kept
             )
             verdict, outcome, train, held = found.verdict, found.outcome, list(found.searched), list(found.held_out)
         else:
@@ -80,7 +89,24 @@ def diagnose_command(
         verdict = with_cuts(verdict, *named_by_cuts(work, scene, train, out, progress, resume))
     report = write_artifacts(out, verdict, outcome, train, held, command, replay=replay, mcap=mcap, progress=progress)
     write_text(out / FINISHED, json.dumps({"command": command}, indent=1) + "\n")
+    kept.close()
     return report
+
+
+def _about(command: Sequence[str], scene: Scene, recordings: Sequence[str]) -> dict[str, Any]:
+    """What a diagnosis in parts is of: the command, this version, the scenario, the model's and the recordings' files.
+
+    Long files are told by size and time of change: to read an hour twice takes long.
+    """
+    files = {name: Path(name).stat() for name in recordings}
+    model = scene.folder / scene.scenario.model
+    return {
+        "command": list(command),
+        "version": version("drake_cafim"),
+        "scenario": repr(scene.scenario),
+        "model": sha256(model.read_bytes()).hexdigest() if model.is_file() else None,
+        "recordings": {name: [found.st_size, found.st_mtime_ns] for name, found in files.items()},
+    }
 
 
 def _is_finished(out: Path, command: Sequence[str]) -> bool:

@@ -4,6 +4,7 @@ import contextlib
 import hashlib
 import json
 import os
+import shutil
 import signal
 import sys
 import time
@@ -30,15 +31,30 @@ IMPORTED = (_diagnose, _importing, _run, _study)
 
 @dataclass(frozen=True)
 class Subject:
-    """A command to disturb: its arguments without `--out`, and those that finish what was interrupted."""
+    """A command to disturb: its arguments without `--out`, those that finish what was interrupted, what is done before
+    it in its process.
+    """
 
     name: str
     arguments: tuple[str, ...]
     again: tuple[str, ...]
+    before: Callable[[], object] = lambda: None
+
+
+def _hold_little() -> None:
+    """Let a sample take so much memory that only one of these files fits into it."""
+    patch("drake_cafim.diagnosis.long.budget.BYTES_BY_COLUMN", 3e5).start()
 
 
 IMPORT = Subject("import", ("import", "a.csv", "b.csv", "c.csv"), ("--overwrite",))
 DIAGNOSE = Subject("diagnose", ("diagnose", "scenario.yaml", "--recording", "a.parquet", "--no-replay"), ("--resume",))
+PARTS = Subject(
+    "diagnose in parts",
+    (*DIAGNOSE.arguments[:4], "b.parquet", "c.parquet", "--no-replay", "--memory", "0.25", "--jobs", "1"),
+    ("--resume",),
+    _hold_little,
+)
+FLEET = Subject("fleet", ("diagnose", "--fleet", "fleet", "--jobs", "1"), ("--resume",))
 STUDY = Subject("study", ("study", "hefting-table", "--short", "--seeds", "1", "--jobs", "1"), ("--resume",))
 RUN = Subject("run", ("run", "hefting", "--experiments", "1", "--world", "model"), ("--resume",))
 
@@ -51,6 +67,9 @@ def prepare(folder: Path) -> None:
         recording = pendulum_recording(name, damping=0.15, seed=seed)
         recordings.write(recording, folder / f"{name}.parquet")
         recordings.write(recording, folder / f"{name}.csv")
+        recordings.write(recording, folder / "fleet" / f"arm_{name}" / f"2026-W{seed:02d}" / "log.parquet")
+    shutil.copy(folder / "pendulum.urdf", folder / "fleet")
+    shutil.copy(folder / "scenario.yaml", folder / "fleet")
 
 
 def start(subject: Subject, folder: Path, out: Path, *more: str, first: Callable[[], object] = lambda: None) -> int:
@@ -73,6 +92,7 @@ def start(subject: Subject, folder: Path, out: Path, *more: str, first: Callable
             patch.object(sys, "argv", arguments),
         ):
             signal.signal(signal.SIGINT, signal.default_int_handler)
+            subject.before()
             first()
             try:
                 run_cli()
@@ -109,7 +129,7 @@ def kill_after(child: int, seconds: float, number: int) -> int:
 def said(out: Path) -> list[str]:
     """The lines of stderr that are not progress."""
     lines = Path(f"{out}.err").read_text(errors="replace").splitlines()
-    return [line for line in lines if not line.endswith(" ...")]
+    return [line for line in lines if not line.endswith((" ...", "; reading on"))]
 
 
 def half_files(out: Path) -> list[str]:

@@ -17,7 +17,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -25,7 +25,9 @@ import numpy as np
 
 from tests.faults.commands import (
     DIAGNOSE,
+    FLEET,
     IMPORT,
+    PARTS,
     RUN,
     STUDY,
     Subject,
@@ -39,7 +41,7 @@ from tests.faults.commands import (
     start,
 )
 
-SUBJECTS = {subject.name: subject for subject in (IMPORT, DIAGNOSE, STUDY, RUN)}
+SUBJECTS = {subject.name: subject for subject in (IMPORT, DIAGNOSE, PARTS, FLEET, STUDY, RUN)}
 
 
 @dataclass
@@ -200,7 +202,7 @@ def lost_folders(bench: Bench) -> Row:
     file.write_text("x")
     for place in (Path("/proc/nowhere"), file / "below", bench.folder / ("long" * 100)):
         log = bench.folder / f"log_{row.tried}"
-        subject = Subject(bench.subject.name, (*bench.subject.arguments, "--out", str(place)), ())
+        subject = replace(bench.subject, arguments=(*bench.subject.arguments, "--out", str(place)), again=())
         status = finish(start(subject, bench.folder, log, "--out", str(place)))
         bench.judge(row, log, status, (2,))
     gone = bench.folder / "gone"

@@ -3,7 +3,8 @@
 import gc
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
+from functools import partial
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from drake_cafim.diagnosis.long.budget import FIRST_SECONDS, Budget
 from drake_cafim.diagnosis.long.changes import with_changes
 from drake_cafim.diagnosis.long.choice import choose
 from drake_cafim.diagnosis.long.fit_of_all import FitOfAll, fit_all
+from drake_cafim.diagnosis.long.kept import NOTHING_KEPT, Kept, model_as_json, model_from_json
 from drake_cafim.diagnosis.long.parts import Parts
 from drake_cafim.diagnosis.long.scan import scan
 from drake_cafim.diagnosis.long.stretches import Change, cut_at_changes, stretches_of
@@ -57,22 +59,31 @@ def examine_parts(
     settings: Settings | None = None,
     progress: Progress = lambda text: None,
     jobs: int = 1,
+    kept: Kept = NOTHING_KEPT,
 ) -> LongDiagnosis:
     """The diagnosis of recordings of joints that together are longer than `budget` allows to hold at once.
 
     Strengths, their intervals, parameters and the test of what remains are of all parts; which effects there are, and
-    figures of simulations, of those that were searched. `jobs` processes look at parts and fit to them. Raises
-    `InputError` as `diagnose` does.
+    figures of simulations, of those that were searched. `jobs` processes look at parts and fit to them. What is
+    finished goes into `kept`, and is not done again where it is there: all but the last search. Raises `InputError` as
+    `diagnose` does.
     """
     settings, parts = settings or Settings(), Parts.of(recordings)
     held = tuple(_spread(Parts.of(held_out), max(1, budget.most(budget.part) // 2)))
-    seen, unused = scan(parts, *_first(scene, parts, budget, settings, progress), progress, jobs)
+    first, model = _first(scene, parts, budget, settings, progress, kept)
+    seen, unused = scan(parts, first, model, progress, jobs, kept)
     if not seen:
         raise InputError(f"{parts.name(0)}: no part of it can be used: {unused[0]}")
     most = budget.most(max(part.samples for part in seen))
     searches: list[_Search] = []
     state: tuple[Prepared, Judgement, Trace] | None = None
-    for stretch in stretches_of(seen, settings.false_alarm_rate):
+    stretches = stretches_of(seen, settings.false_alarm_rate)
+    for index, stretch in enumerate(stretches):
+        name = f"search_{index}"
+        before = kept.read(name, partial(_Search.from_json, first.scene)) if index < len(stretches) - 1 else None
+        if before is not None and before.numbers == stretch.numbers:
+            searches.append(before)
+            continue
         chosen = choose(stretch.inner, most)
         words = parts.words(chosen)
         progress(f"searching {words}")
@@ -84,18 +95,19 @@ def examine_parts(
         best = state[1].best.model
         probability = dict(state[1].outcome.probability)
         searches.append(_Search(stretch.numbers, words, len(chosen), best, state[1].kind, probability))
+        kept.write(name, searches[-1].as_json(first.scene))
     assert state is not None
     prepared, judgement, trace = state
     selection, unselected = select_findings(prepared, judgement, progress)
     lay_out = _LayOut(parts, prepared, judgement)
-    whole, changes = _fit_whole(lay_out, searches, progress, jobs)
+    whole, changes = _fit_whole(lay_out, searches, progress, jobs, kept)
     judgement = _judged(judgement, searches, whole, settings)
     notes = [*_reading_notes(searches, changes, len(parts), whole, len(held)), *unused]
     notes += [f"{recording.name}: {note}" for recording in recordings for note in recording.notes]
     judgement = replace(judgement, notes=(*judgement.notes, *unselected))
-    kept = _of_all(selection, whole)
-    verdict = verdict_of(prepared, judgement, kept, progress)
-    trace.of_search(judgement.search).add(*kept.records, *record_conclusion(verdict, judgement))
+    selection = _of_all(selection, whole)
+    verdict = verdict_of(prepared, judgement, selection, progress)
+    trace.of_search(judgement.search).add(*selection.records, *record_conclusion(verdict, judgement))
     verdict = _with_all(replace(verdict, trace=trace.records), prepared.scene, judgement, searches, whole)
     verdict = with_changes(verdict, [search.effects for search in searches], changes)
     return LongDiagnosis(replace(verdict, notes=(*notes, *verdict.notes)), judgement.outcome, searched, held)
@@ -116,6 +128,19 @@ class _Search:
     def effects(self) -> frozenset[Key]:
         """The keys of the effects that it names."""
         return frozenset(effect.key for effect in self.model.effects)
+
+    def as_json(self, scene: Scene) -> dict[str, Any] | None:
+        """As plain values; None for a model of effects that are not of the scene's vocabulary."""
+        model = model_as_json(self.model, scene)
+        probability = [[*key, value] for key, value in self.probability.items()]
+        return model and vars(self) | {"model": model, "probability": probability}
+
+    @classmethod
+    def from_json(cls, scene: Scene, raw: dict[str, Any]) -> "_Search":
+        """What `as_json` wrote."""
+        probability = {(effect, at): float(value) for effect, at, value in raw["probability"]}
+        model, numbers = model_from_json(raw["model"], scene), tuple(raw["numbers"])
+        return cls(**raw | {"numbers": numbers, "model": model, "probability": probability})
 
 
 def _judge(
@@ -144,7 +169,7 @@ class _LayOut:
 
 
 def _fit_whole(
-    lay_out: _LayOut, searches: Sequence[_Search], progress: Progress, jobs: int
+    lay_out: _LayOut, searches: Sequence[_Search], progress: Progress, jobs: int, kept: Kept
 ) -> tuple[FitOfAll, tuple[Change, ...]]:
     """The fit to all parts, cut where stretches meet, and where that is."""
 
@@ -162,13 +187,16 @@ def _fit_whole(
     acting = {number: search.effects for search, own in zip(searches, numbers, strict=True) for number in own}
     there = [acting[number] for number in range(len(parts))]
     lay_out = replace(lay_out, parts=parts)
-    return fit_all(lay_out.prepared.scene, lay_out, there, last.with_effects(earlier), progress, jobs), changes
+    return fit_all(lay_out.prepared.scene, lay_out, there, last.with_effects(earlier), progress, jobs, kept), changes
 
 
 def _first(
-    scene: Scene, parts: Parts, budget: Budget, settings: Settings, progress: Progress
+    scene: Scene, parts: Parts, budget: Budget, settings: Settings, progress: Progress, kept: Kept
 ) -> tuple[Prepared, Model]:
     """The model and the noise under which the other parts are looked at: what the beginning says, told on the way."""
+    before = kept.read("first", lambda raw: _restored(scene, parts, raw))
+    if before is not None:
+        return before
     numbers: list[int] = []
     reasons: list[InputError] = []
     for number in range(len(parts)):
@@ -190,8 +218,16 @@ def _first(
     named = judgement.best.model.effects
     names = spoken(names_of(effect.key for effect in named)) if named else "no effect"
     progress(f"{words} alone say: {judgement.kind}, {names}; reading on\n")
+    model = model_as_json(judgement.best.model, first.scene)
+    kept.write("first", model and {"parts": numbers, "effort_noise": dict(first.effort_noise), "model": model})
     # only its noise is needed, and not what it had in memory
     return replace(first, weak=[]), judgement.best.model
+
+
+def _restored(scene: Scene, parts: Parts, raw: dict[str, Any]) -> tuple[Prepared, Model]:
+    """What `_first` found, from what it kept."""
+    first = cast(Prepared, prepare(scene, [parts.read(number) for number in raw["parts"]]))
+    return replace(first, weak=[], effort_noise=raw["effort_noise"]), model_from_json(raw["model"], first.scene)
 
 
 def _spread(parts: Parts, most: int) -> list[Recording]:

@@ -1,10 +1,10 @@
 """The fit to all parts of long recordings: Gauss–Newton steps, with one part's equations in memory at a time."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.long.kept import NOTHING_KEPT, Kept
 from drake_cafim.errors import InputError
 from drake_cafim.parallel.forked import map_forked
 from drake_cafim.scene.scene import Scene
@@ -153,12 +154,14 @@ def fit_all(
     start: Model,
     progress: Progress = lambda text: None,
     jobs: int = 1,
+    keep: Kept = NOTHING_KEPT,
 ) -> FitOfAll:
     """The fit near `start` to as many parts as `acting` has sets: of the effects that are there in each.
 
     Parts are independent given the parameters, each with its own initial state, so that each adds its own rows; `jobs`
     processes compute them. One that cannot be used adds none. Steps end where one is small, or where the gradient that
-    remains after it is: that of `CHECKED` parts, spread evenly, stands for all.
+    remains after it is: that of `CHECKED` parts, spread evenly, stands for all. Rows that `keep` has are not computed
+    again: those of the same pass at the same numbers.
     """
 
     def rows_of(number: int, model: Model) -> PartRows | None:
@@ -169,7 +172,7 @@ def fit_all(
     model, kept = start, None
     for sweep in range(MOST_PASSES):
         rows: list[PartRows | None] = []
-        for found in map_forked(partial(rows_of, model=model), len(acting), jobs):
+        for found in _kept_rows(partial(rows_of, model=model), f"rows_{sweep}", model, len(acting), jobs, keep):
             rows.append(found)
             progress(f"fitting to all parts, pass {sweep + 1}: {len(rows)} of {len(acting)}")
         problem = AllRows(scene, tuple(own for own in rows if own is not None), model)
@@ -186,6 +189,30 @@ def fit_all(
         model = fitted.model
     assert kept is not None
     return kept
+
+
+def _kept_rows(
+    rows_of: Callable[[int], PartRows | None], name: str, model: Model, count: int, jobs: int, keep: Kept
+) -> Iterator[PartRows | None]:
+    """`rows_of` of each part at `model`, by `jobs` processes, or as `keep` has it; what is computed is kept."""
+    known = {number: keep.read_arrays(f"{name}_{number}", partial(_restored, model)) for number in range(count)}
+    new = [number for number, found in known.items() if found is None]
+    computed = map_forked(lambda index: rows_of(new[index]), len(new), jobs)
+    for number, before in known.items():
+        found = before or next(computed)
+        if before is None and found is not None:
+            keep.write_arrays(f"{name}_{number}", vars(found) | {"about": model.vector})
+        yield found
+
+
+def _restored(model: Model, arrays: Mapping[str, Array]) -> PartRows:
+    """The rows that were kept; raises `ValueError` where they are of another model."""
+    if not np.array_equal(arrays["about"], model.vector):
+        raise ValueError("rows of another model")
+    plain: dict[str, Any] = {own.name: arrays[own.name] for own in fields(PartRows)}
+    windows, rows = (int(size) for size in plain["shape"])
+    plain |= {"name": str(plain["name"]), "shape": (windows, rows), "penalty": float(plain["penalty"])}
+    return PartRows(**plain | {"noisy": bool(plain["noisy"])})
 
 
 def _in_stds(fitted: Fit, vector: Array) -> Array:

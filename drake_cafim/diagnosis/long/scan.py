@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from drake_cafim.diagnosis.fit.adequacy import adequacy
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.long.kept import NOTHING_KEPT, Kept
 from drake_cafim.diagnosis.long.parts import Parts
 from drake_cafim.diagnosis.preparation import Prepared
 from drake_cafim.effects.effect import Effect
@@ -37,19 +39,48 @@ class Seen:
 
 
 def scan(
-    parts: Parts, prepared: Prepared, model: Model, progress: Progress = lambda text: None, jobs: int = 1
+    parts: Parts,
+    prepared: Prepared,
+    model: Model,
+    progress: Progress = lambda text: None,
+    jobs: int = 1,
+    kept: Kept = NOTHING_KEPT,
 ) -> tuple[list[Seen], list[str]]:
-    """A look at each part under `model`, refitted to it, by `jobs` processes; a note on each that cannot be used."""
+    """A look at each part under `model`, refitted to it, by `jobs` processes; a note on each that cannot be used.
+
+    Looks that are `kept` are not repeated.
+    """
     found, notes = [], []
-    looks = map_forked(lambda number: compute(lambda: _look(parts, prepared, model, number)), len(parts), jobs)
-    for number, seen in enumerate(looks):
+    known = {number: kept.read(f"look_{number}", _from_json) for number in range(len(parts))}
+    new = [number for number, seen in known.items() if seen is None]
+    looks = map_forked(lambda index: compute(lambda: _look(parts, prepared, model, new[index])), len(new), jobs)
+    for number, before in known.items():
+        seen = before or next(looks)
+        if isinstance(seen, NotComputable):
+            seen = seen.reason
+        if before is None:
+            kept.write(f"look_{number}", seen if isinstance(seen, str) else _as_json(seen))
         progress(f"looked at part {number + 1} of {len(parts)}")
         if isinstance(seen, Seen):
             found.append(seen)
-            continue
-        reason = seen.reason if isinstance(seen, NotComputable) else seen
-        notes.append(f"{parts.words([number])}: left out, {reason}")
+        else:
+            notes.append(f"{parts.words([number])}: left out, {seen}")
     return found, notes
+
+
+def _as_json(seen: Seen) -> dict[str, Any]:
+    information = [[*key, value] for key, value in seen.information.items()]
+    return {name: getattr(seen, name) for name in ("number", "samples", "p_value")} | {
+        "excess": seen.excess.tolist(),
+        "information": information,
+    }
+
+
+def _from_json(raw: Any) -> Seen | str:
+    if isinstance(raw, str):
+        return raw
+    information = {(effect, at): float(value) for effect, at, value in raw["information"]}
+    return Seen(raw["number"], raw["samples"], np.array(raw["excess"], dtype=float), raw["p_value"], information)
 
 
 def _look(parts: Parts, prepared: Prepared, model: Model, number: int) -> Seen | str:
