@@ -34,7 +34,7 @@ def test_held_effort_balances_momentum(delay: float, jitter: float) -> None:
     u = rng.normal(size=500)
     p = _staircase_motion(time, time + delay, u)
     windows = lay_windows(time, np.ones(500, dtype=bool), 0.06)
-    residual = -windows.rate @ p - windows.held(time + delay) @ u
+    residual = -windows.rate @ p - windows.integrate_held(time + delay, u)
     plain = -windows.rate @ p - windows.value @ np.interp(time - delay, time, u)
     inside = windows.starts > 0.02
     assert np.abs(residual[inside]).max() < 1e-11 * np.abs(plain[inside]).max()
@@ -55,7 +55,7 @@ def test_velocity_rows_know_that_acceleration_steps(delay: float, jitter: float)
     windows = lay_windows(time, np.ones(400, dtype=bool), 0.06)
     sampled = np.searchsorted(fine, time)
     plain = windows.rate @ q[sampled] + windows.velocity @ v[sampled]
-    residual = plain - windows.steps(time + delay) @ held
+    residual = plain - windows.correct_steps(time + delay, held)
     inside = windows.starts > 0.02
     assert np.abs(residual[inside]).max() < 1e-12 * np.abs(windows.velocity @ v[sampled]).max()
 
@@ -169,8 +169,8 @@ def test_ramped_effort_balances_momentum(delay: float, jitter: float) -> None:
     since = time - knots[at]
     p = momenta[at] + u[at] * since + 0.5 * slope[at] * since**2
     windows = lay_windows(time, np.ones(500, dtype=bool), 0.06)
-    ramped = -windows.rate @ p - windows.held(knots, ramped=True) @ u
-    held = -windows.rate @ p - windows.held(knots) @ u
+    ramped = -windows.rate @ p - windows.integrate_held(knots, u, ramped=True)
+    held = -windows.rate @ p - windows.integrate_held(knots, u)
     inside = windows.starts > 0.02
     assert np.abs(ramped[inside]).max() < 1e-11 * np.abs(held[inside]).max()
 
@@ -187,7 +187,7 @@ def test_velocity_rows_know_that_acceleration_bends(delay: float) -> None:
     windows = lay_windows(time, np.ones(400, dtype=bool), 0.06)
     sampled = np.searchsorted(fine, time)
     plain = windows.rate @ q[sampled] + windows.velocity @ v[sampled]
-    residual = plain - windows.steps(knots, ramped=True) @ asked
+    residual = plain - windows.correct_steps(knots, asked, ramped=True)
     inside = windows.starts > 0.02
     assert np.abs(residual[inside]).max() < 1e-9 * np.abs(windows.velocity @ v[sampled]).max()
 

@@ -182,15 +182,15 @@ def _drive_looks(problem: WeakFormRows, physics: Physics, effect: ActuatorEffect
         parts = []
         for run, effort in zip(problem.runs, efforts, strict=True):
             weak, windows = run.weak, run.weak.samples.windows
-            here = windows.held(effort.times, effort.ramped) @ effort.values
+            here = windows.integrate_held(effort.times, effort.values, effort.ramped)
             rows = np.zeros((len(windows), weak.rows_per_window, len(look)))
             for k, step in enumerate(look):
                 driven = effect.with_values(step.ahead).drive(effort)
-                ahead = windows.held(driven.times, driven.ramped) @ driven.values
+                ahead = windows.integrate_held(driven.times, driven.values, driven.ramped)
                 behind = here
                 if step.behind is not None:
                     driven = effect.with_values(step.behind).drive(effort)
-                    behind = windows.held(driven.times, driven.ramped) @ driven.values
+                    behind = windows.integrate_held(driven.times, driven.values, driven.ramped)
                 # efforts are subtracted in the equation of motion
                 rows[:, weak.dynamic.start + joint, k] = -(ahead - behind) / (step.size * gain)
             parts.append(run.whitened(rows))

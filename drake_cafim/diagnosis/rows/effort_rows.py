@@ -65,12 +65,12 @@ class EffortRows:
         total = np.zeros((len(windows), u.shape[1]))
         for ramp in set(self.rows.ramped):
             acceleration = (mobility @ np.where(ramped == ramp, u, 0.0)[..., None])[..., 0]
-            total += windows.steps(windows.time, ramp) @ acceleration
+            total += windows.correct_steps(windows.time, acceleration, ramp)
         for j, drive in self.rows.servos.items():
             times = drive.steps.times
             at = np.clip(np.searchsorted(windows.time, times, side="right") - 1, 0, None)
             jumping = np.cumsum(mobility[at, :, j] * drive.jumps[:, None], axis=0)
-            total += windows.steps(times) @ jumping
+            total += windows.correct_steps(times, jumping)
         return total
 
     def effort(self, physics: Physics, joint: int) -> Effort:
@@ -109,11 +109,13 @@ class EffortRows:
         if key not in self._acting:
             windows = self.rows.windows
             effort = self.effort(physics, joint)
-            integral = np.asarray(windows.held(effort.times, effort.ramped) @ effort.values)
+            integral = windows.integrate_held(effort.times, effort.values, effort.ramped)
             if joint in self.rows.servos:
                 # the means around the samples stand for the steps between them in the difference alone
                 integral = (
-                    self.rows.asked[:, joint] + integral - windows.held(windows.time, True) @ self.rows.u[:, joint]
+                    self.rows.asked[:, joint]
+                    + integral
+                    - windows.integrate_held(windows.time, self.rows.u[:, joint], True)
                 )
             make_room(self._acting, CACHED_TERMS)
             self._acting[key] = ActingEffort(integral, self._step(physics, joint, effort))
@@ -125,8 +127,8 @@ class EffortRows:
             return np.zeros((len(windows), 0))
         by_effort = self.mobility.of(physics)[:, :, joint]
         at = np.clip(np.searchsorted(windows.time, effort.times, side="right") - 1, 0, None)
-        acting = windows.steps(effort.times, effort.ramped) @ (by_effort[at] * effort.values[:, None])
-        return np.asarray(acting - windows.steps(windows.time, self.rows.ramped[joint]) @ (by_effort * asked))
+        acting = windows.correct_steps(effort.times, by_effort[at] * effort.values[:, None], effort.ramped)
+        return acting - windows.correct_steps(windows.time, by_effort * asked, self.rows.ramped[joint])
 
 
 def effort_at(physics: Physics, joint: int, asked: Effort) -> Effort:

@@ -67,7 +67,7 @@ def reach_of(lowpass: Lowpass, rate: float) -> int:
 class FilteredWindows(Windows):
     """Windows whose `value` and `rate` are filtered like the recorded efforts, by the `lowpass` of their maker.
 
-    `held` and `steps` are of the recorded efforts themselves.
+    `held`, `integrate_held` and `correct_steps` are of the recorded efforts themselves.
     """
 
     lowpass: Lowpass = Lowpass()  # noqa: RUF009
@@ -86,8 +86,11 @@ class FilteredWindows(Windows):
     def held(self, times: Array, ramped: bool = False) -> sp.csr_matrix:
         return self._plain.held(times, ramped)
 
-    def steps(self, times: Array, ramped: bool = False) -> sp.csr_matrix:
-        return self._plain.steps(times, ramped)
+    def integrate_held(self, times: Array, values: Array, ramped: bool = False) -> Array:
+        return self._plain.integrate_held(times, values, ramped)
+
+    def correct_steps(self, times: Array, accelerations: Array, ramped: bool = False) -> Array:
+        return self._plain.correct_steps(times, accelerations, ramped)
 
     @cached_property
     def value(self) -> sp.csr_matrix:

@@ -40,10 +40,10 @@ class MeasuredRows:
 
     def _integral(self, joint: int) -> Array:
         if joint not in self.servos:
-            return np.asarray(self.windows.held(self.windows.time, self.ramped[joint]) @ self.u[:, joint])
+            return self.windows.integrate_held(self.windows.time, self.u[:, joint], self.ramped[joint])
         drive = self.servos[joint]
         parts = [(effort.times, effort.ramped, effort.values) for effort in (drive.steps, *drive.ramps)]
-        stepped = sum(self.windows.held(times, ramped) @ values for times, ramped, values in parts)
+        stepped = sum(self.windows.integrate_held(times, values, ramped) for times, ramped, values in parts)
         return np.asarray(stepped + self.windows.value @ drive.rest)
 
     def effort(self, joint: int) -> Effort:

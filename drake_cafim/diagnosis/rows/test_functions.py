@@ -94,13 +94,17 @@ class Windows:
         ends = sp.diags_array([half, half], offsets=[0, 1], shape=(count, count + 1))
         return sp.csr_matrix(self.interval @ ends)
 
-    def steps(self, times: Array, ramped: bool = False) -> sp.csr_matrix:
-        """(M, K) correction of `rate @ q + velocity @ v` for accelerations (K,) held from each of `times` (K,) s on.
+    def correct_steps(self, times: Array, accelerations: Array, ramped: bool = False) -> Array:
+        """(M, k) correction of `rate @ q + velocity @ v` for `accelerations` (K, k) held from each of `times` (K,) on.
 
         With t̄ the middle of a sample interval, ∫ v dt = ½ h (v₁ + v₂) − ∫ (t − t̄) a dt. If `ramped`, accelerations are
-        linear between `times`. Cached.
+        linear between `times`.
         """
-        return sp.csr_matrix(self.interval @ self._pieces(times, ramped).moment)
+        return np.asarray(self.interval @ (self._pieces(times, ramped).moment @ accelerations))
+
+    def integrate_held(self, times: Array, values: Array, ramped: bool = False) -> Array:
+        """(M,) ∫ w u dt of `values` u (K,) held from each of `times` (K,) s to the next; see `held`."""
+        return np.asarray(self.interval @ (self._pieces(times, ramped).integral @ values))
 
     def held(self, times: Array, ramped: bool = False) -> sp.csr_matrix:
         """(M, K) matrix: `held @ u` is ∫ w u dt for values u (K,) held from each of `times` (K,) s to the next. Cached.
