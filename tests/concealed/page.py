@@ -91,6 +91,13 @@ def _percent(value: float | None) -> str:
     return "–" if value is None else f"{100.0 * value:.0f} %"
 
 
+def _excitation(item: dict[str, Any]) -> str:
+    """How the robot was moved; servos follow commands, and bodies are thrown."""
+    return item["opened"].get("settings", {}).get("excitation") or (
+        "of servos" if item["kind"] == "served" else "of throws"
+    )
+
+
 def _groups(scores: Scores) -> list[dict[str, Any]]:
     """Rows for families, rigs, noises and laws that the vocabulary does not state exactly."""
     single = [item for item in scores if item["kind"] == "single"]
@@ -106,13 +113,8 @@ def _groups(scores: Scores) -> list[dict[str, Any]]:
                 [x for x in scores if x["kind"] == "null" and x["opened"]["noise"]["kind"] == noise],
             )
         )
-    for name in sorted({item["opened"]["settings"].get("excitation", "of throws") for item in scores}):
-        groups.append(
-            (
-                f"single, excitation {name}",
-                [x for x in single if x["opened"]["settings"].get("excitation", "of throws") == name],
-            )
-        )
+    for name in sorted({_excitation(item) for item in scores}):
+        groups.append((f"single, excitation {name}", [item for item in single if _excitation(item) == name]))
     groups.append(("single, process noise", [item for item in single if item["process"]]))
     groups.append(
         (
