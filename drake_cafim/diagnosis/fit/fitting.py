@@ -1,5 +1,6 @@
 """Maximum a posteriori fits of a model's unknowns and strengths to whitened rows, by Levenberg–Marquardt."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -92,6 +93,22 @@ def fit(problem: Problem, model: Model, iterations: int = 12, tolerance: float =
     covariance = _posterior(problem, model, seen.T @ seen)
     paid = problem.penalty(model, own_noise)
     return Fit(model, residual, jacobian, covariance, problem.rows, penalty=paid)
+
+
+def fit_at_first_order(problem: Problem, found: Fit, model: Model, columns: Sequence[Array]) -> Fit:
+    """One Gauss-Newton step of `model`, which is that of `found` with effects added.
+
+    `columns` (R + n, k) are the derivatives by the strengths of each of these; the others are those of `found`.
+    """
+    residual, jacobian = problem.residual(model), np.concatenate([found.jacobian, *columns], axis=1)
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    step = -np.linalg.lstsq(jacobian / scale, residual, rcond=LEAST_INFORMATION)[0] / scale
+    moved = _clip_unknowns(problem, model.at(model.vector + step))
+    residual = residual + jacobian @ (moved.vector - model.vector)
+    seen = jacobian[: problem.rows]
+    covariance = _posterior(problem, moved, seen.T @ seen)
+    return Fit(moved, residual, jacobian, covariance, problem.rows, penalty=found.penalty)
 
 
 def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:

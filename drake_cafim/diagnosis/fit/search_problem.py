@@ -54,6 +54,10 @@ class SearchProblem(Problem):
         """(R + n, k) columns of the effect at `position`, where another shape's χ² follows from them; else None."""
         return None
 
+    def effect_columns(self, model: Model, position: int) -> Array:
+        """(R + n, k) derivatives by the strengths of one of the model's effects."""
+        raise TypeError(f"{type(self).__name__} has no derivatives by single effects")
+
     def law_samples(self, model: Model) -> list[list[JointSamples]]:
         """By recording and joint, the motion at which laws of joints act; no recording where there are no joints."""
         return []

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
-from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.fit.fitting import Fit, fit, fit_at_first_order
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -31,6 +31,8 @@ MOST_ROUNDS = 12
 """Largest number of rounds; each adds at most one effect at each joint."""
 MOST_REFUSALS = 8
 """Number of effects tried in vain, one after another, after which the growth ends."""
+FIRST_ORDER_SHORTFALL = 0.3
+"""By what share a test may be missed to first order by an effect that is fitted nevertheless."""
 CONVERGED = 0.1
 """Decrease of χ² by one more fit below which a fit counts as converged."""
 QUARTERS = 4
@@ -75,6 +77,10 @@ class GrowthByPlace:
         refusals = 0
         for number in range(MOST_ROUNDS):
             additions = self._promising()
+            while additions and refusals <= MOST_REFUSALS and not self._may_stand(additions):
+                refusals += len(additions)
+                self.refused |= {candidate.effect.key for candidate in additions}
+                additions = self._promising()
             if not additions or refusals > MOST_REFUSALS:
                 break
             size = len(self.best.model.effects)
@@ -161,6 +167,20 @@ class GrowthByPlace:
             return list(by_place.values())
         most = max(map(self.criterion_gain, by_place.values()), default=0.0)
         return [elsewhere] if self.criterion_gain(elsewhere) > most else list(by_place.values())
+
+    def _may_stand(self, additions: Sequence[Candidate]) -> bool:
+        """Whether any of the `additions` passes the tests, or nearly, where all are fitted to first order."""
+        effects, columns = [candidate.effect for candidate in additions], []
+        model = self.best.model.with_effects(effects)
+        for position in range(len(self.best.model.effects), len(model.effects)):
+            columns.append(self.problem.effect_columns(model, position))
+        first = fit_at_first_order(self.problem, self.best, model, columns)
+        added = first.model.effects[len(self.best.model.effects) :]
+        failures = [self._failure(self.problem, first, effect) for effect in added]
+        if any(failure is None or failure[1] < FIRST_ORDER_SHORTFALL for failure in failures):
+            return True
+        self.trace.add(*(failure[0] for failure in failures if failure is not None))
+        return False
 
     def _without_failing(self, problem: SearchProblem, found: Fit, own_noise: bool = True) -> Fit:
         """The fit without the effects that fail a test, the clearest failures first; `own_noise` is as for `fit`."""
