@@ -325,10 +325,9 @@ def _finding(verdict: Verdict) -> str:
     )
     before, after = verdict.reduced_chi_square
     if named:
-        return (
-            f"The model lacks {named}. That takes the misfit from {rounded(before)} to {rounded(after)} times the "
-            f"noise variance. {remains} {far}".rstrip()
-        )
+        # what remains unnamed at one joint may be more under the noise of the named physics than without it
+        taken = f" That takes the misfit from {rounded(before)} to {rounded(after)} times the noise variance."
+        return f"The model lacks {named}.{taken if after < before else ''} {remains} {far}".rstrip()
     differ = f"The recordings differ from the model by {rounded(before)} times the noise variance, and"
     if verdict.rivals:
         laws = ", ".join(f"{(r.effect or r.parameter or '').replace('_', ' ')} at {r.at}" for r in verdict.rivals[:3])

@@ -16,6 +16,7 @@ from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.search import Outcome, search
 from drake_cafim.diagnosis.search.search_under_unknown_force import (
     UNKNOWN_FORCES,
+    geometric_misfit,
     is_explained,
     mean_square,
     search_again,
@@ -104,9 +105,9 @@ def _under_unknown_forces(
     if again is None:
         return None
     explained = is_explained(again, outcome.nominal, settings, trace)
-    left = mean_square(outcome.nominal_problem, again.best)
-    if not left < outcome.nominal.reduced_chi_square:
-        trace.add(decisions.record_worse_than_none(again.best, left, outcome.nominal.reduced_chi_square))
+    left, had = (geometric_misfit(outcome.nominal_problem, found) for found in (again.best, outcome.nominal))
+    if not left < had:
+        trace.add(decisions.record_worse_than_none(again.best, left, had))
         return None
     return Judgement(
         again,
@@ -114,7 +115,7 @@ def _under_unknown_forces(
         "explained" if explained else "unexplained",
         noise_remarks=again.problem.force_remarks,
         search=UNKNOWN_FORCES,
-        left=left,
+        left=mean_square(outcome.nominal_problem, again.best),
     )
 
 
@@ -123,9 +124,10 @@ def _leaves_less(first: Judgement, again: Judgement) -> bool:
 
     Unknown forces as noise hide what acts as white forces do, and a few laws may explain more without them.
     """
-    if not first.best.model.effects or again.left is None:
+    if not first.best.model.effects:
         return False
-    return mean_square(first.outcome.nominal_problem, first.best) < again.left
+    by_first, by_second = (geometric_misfit(found.outcome.nominal_problem, found.best) for found in (first, again))
+    return by_first < by_second
 
 
 def _explains_little(outcome: Outcome, again: Judgement) -> bool:
@@ -133,9 +135,10 @@ def _explains_little(outcome: Outcome, again: Judgement) -> bool:
 
     Where that had found effects before it was put off: from nothing, it would take long for too few effects.
     """
-    had = outcome.nominal.reduced_chi_square - 1.0
-    left = 0.0 if again.left is None else again.left - 1.0
-    return bool(outcome.best.model.effects) and left > (1.0 - NAMED_EXCESS_SHARE) * had
+    if not outcome.best.model.effects:
+        return False
+    had, left = (geometric_misfit(outcome.nominal_problem, found) - 1.0 for found in (outcome.nominal, again.best))
+    return left > (1.0 - NAMED_EXCESS_SHARE) * had
 
 
 def _with_note(judgement: Judgement, note: str) -> Judgement:

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.evidence import leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.problem import Problem
@@ -79,6 +80,17 @@ def is_explained(outcome: Outcome, nominal: Fit, settings: Settings, trace: Trac
 def mean_square(problem: Problem, fit: Fit) -> float:
     """Mean square of the rows under a fit, whitened with the noise of the channels alone."""
     return float(np.mean(problem.rewhitened(fit.model).rows_of(fit.model) ** 2))
+
+
+def geometric_misfit(problem: Problem, fit: Fit) -> float:
+    """The geometric mean over the kinds of rows of their mean squares under a fit, as `mean_square` whitens them.
+
+    The likelihood under a force of unknown size at each joint: a joint that is explained counts as much as another one
+    that is far more noise variances away, and whose forces pass on to all.
+    """
+    whitened = problem.rewhitened(fit.model)
+    rows = np.concatenate([z for _, z in by_run(whitened, whitened.rows_of(fit.model))])
+    return float(np.exp(np.mean(np.log(np.maximum(np.mean(rows**2, axis=0), 1e-300)))))
 
 
 def _excess(problem: Problem, fit: Fit) -> float:
