@@ -15,7 +15,7 @@ from tests.concealed.make import simulate
 from tests.concealed_case import written
 
 
-@pytest.mark.parametrize("times", [2.0, 3.5])
+@pytest.mark.parametrize("times", [2.0, pytest.param(3.5, marks=pytest.mark.long)])
 def test_a_gap_is_found_past_the_impacts_that_stop_a_fit(times: float, tmp_path: Path) -> None:
     """From 3.5 times the gap, the flanks of the fit that stops are a hundred times too stiff, and undamped."""
     case = simulate("single:joint_backlash", "arm2", 5)

@@ -16,8 +16,9 @@ from drake_cafim.numerics.rounding import THIN_SPACE
 from drake_cafim.report.report_json import report_of
 from drake_cafim.scene.scene import Scene
 
-CASES = ["asssgs2p", "cb26z583", "f2fwzuw2", "getnt7g9", "m4aftbrd", "pq2fvnwj",
-         "qx2v2qqs", "sst22rux", "tdj6cxun", "x6rqh3rw", "yht94gkq"]  # fmt: skip
+CASES = ["asssgs2p", "cb26z583", "f2fwzuw2", "getnt7g9", "m4aftbrd", "sst22rux", "tdj6cxun", "yht94gkq"]
+SLOW = ["pq2fvnwj", "qx2v2qqs", "x6rqh3rw"]
+"""Half a minute each; payloads, contacts and biases are named in other tests, too."""
 
 
 TUTORIAL = Path(__file__).parents[1] / "diagrams" / "tutorials" / "why.md"
@@ -60,8 +61,10 @@ def _diagnosed(folder: Path) -> Verdict:
     return diagnose(scene, train, held_out=[recordings.read(folder / "held_1.parquet")])
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(case, marks=pytest.mark.long if case in SLOW else pytest.mark.ci) for case in sorted(CASES + SLOW)],
+)
 def test_practice_case(case: str, data_folder: Path, tmp_path: Path) -> None:
     folder = data_folder / "practice" / "cases" / case
     verdict = _diagnosed(folder)

@@ -29,7 +29,7 @@ def test_concealed_friction_is_named(tmp_path: Path) -> None:
     assert found["parameters"]["coefficient"]["value"] == pytest.approx(8.0, rel=0.03)
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_nothing_is_found_where_nothing_was_concealed(tmp_path: Path) -> None:
     report = run_and_diagnose(tmp_path, ())
     assert report["verdict"] == "none"

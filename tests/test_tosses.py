@@ -173,8 +173,13 @@ def test_a_first_arc_that_strikes_an_edge_begins_as_its_half_did(tmp_path: Path)
     assert settled.cost[0] < 2.0 * (6 * arcs.counts[0] - 12)
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("seed", [0xCF9DC434AEC3F34E2E51C2ABAD0F0360, 0x26F878FDC54B6AA7C3C297AFF9B1AF1F])
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(0xCF9DC434AEC3F34E2E51C2ABAD0F0360, marks=pytest.mark.long),
+        pytest.param(0x26F878FDC54B6AA7C3C297AFF9B1AF1F, marks=pytest.mark.ci),
+    ],
+)
 def test_edges_that_are_struck_otherwise_do_not_lead_astray(tmp_path: Path, seed: int) -> None:
     """Boxes without any missing physics; the prior means misfit some of their arcs up to three hundred times."""
     prepared = prepare(*written(simulate("null", "toss", seed), tmp_path))
