@@ -38,7 +38,7 @@ ITERATIONS = {
     "rows/trajectory.py": "DENSITIES REFINEMENTS PASSES SETTLED REFUSED",
     "search/law_shapes.py": "FINER",
     "search/state.py": "ROUNDS",
-    "search/growth_by_place.py": "MOST_ROUNDS MOST_REFUSALS CONVERGED QUARTERS",
+    "search/growth_by_place.py": "MOST_ROUNDS MOST_REFUSALS CONVERGED QUARTERS FIRST_ORDER_SHORTFALL",
     "search/rivals_by_place.py": "MOST_ALONE ROUNDS CONTENDER_STEPS FITTED_LEAD",
     "whitening/unmodelled_force.py": "DRAWS MOST_STEPS TOLERANCE",
     "tosses/arc_rows.py": "CORRECTIONS",
