@@ -11,7 +11,7 @@ import click
 from drake_cafim.command_line.arguments import spread_values
 from drake_cafim.command_line.fleet import FleetArguments, diagnose_as_fleet
 from drake_cafim.command_line.group import Cafim
-from drake_cafim.command_line.options import common, package_option, parse_share
+from drake_cafim.command_line.options import Finite, common, package_option, parse_share
 from drake_cafim.command_line.output import open_folder, print_result, progress_line
 from drake_cafim.command_line.run import run
 from drake_cafim.errors import InputError
@@ -54,7 +54,7 @@ main.add_command(run)
 )
 @click.option(
     "--memory",
-    type=click.FloatRange(min=0.25),
+    type=Finite(min=0.25),
     default=4.0,
     show_default=True,
     help="GiB that recordings may take; longer ones are diagnosed in parts.",
@@ -133,7 +133,7 @@ def diagnose(
 @click.argument("scenario")
 @click.argument("report", required=False, type=click.Path(path_type=Path, exists=True))
 @click.option("--between", multiple=True, help="EFFECT@PLACE EFFECT@PLACE: two explanations of your own.")
-@click.option("--duration", type=float, default=2.0, show_default=True, help="Duration of the motion, s.")
+@click.option("--duration", type=Finite(), default=2.0, show_default=True, help="Duration of the motion, s.")
 @click.option(
     "--criterion", default="odds", show_default=True, help="odds: those at its end; time: until they are 20:1."
 )
@@ -272,7 +272,9 @@ def study(
 @main.command(name="import")
 @click.argument("files", nargs=-1, required=True)
 @click.option("--scenario", help="A scenario file whose section topics: maps foreign names to columns.")
-@click.option("--period", type=float, help="Resample to this many seconds; left out, samples stay as they were taken.")
+@click.option(
+    "--period", type=Finite(), help="Resample to this many seconds; left out, samples stay as they were taken."
+)
 @common
 def import_(
     files: tuple[str, ...],

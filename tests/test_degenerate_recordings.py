@@ -192,6 +192,23 @@ def _cafim(*arguments: str) -> Any:
     return CliRunner().invoke(main, arguments, catch_exceptions=False)
 
 
+def test_what_cannot_be_replayed_or_followed_is_one_sentence(folder: Path) -> None:
+    time, columns = recorded()
+    write(Recording("short", time[:1], {name: values[:1] for name, values in columns.items()}), folder / "short.csv")
+    columns["u.elbow"] = np.where(time < 0.6, np.nan, 0.0)
+    write(Recording("late", 2.0 * time, columns), folder / "late.csv")
+    for arguments, words in (
+        (["replay", "s.yaml", "short.csv", "--out", "out.html"], "short.csv: only 1 sample, expected at least 8"),
+        (
+            ["export", "s.yaml", "--to", "urdf", "--recording", "late.csv", "--out", "out"],
+            "late.csv: no row of its first 1 s has the effort",
+        ),
+    ):
+        result = _cafim(*arguments)
+        assert result.exit_code == 2 and words in result.stderr, result.stderr
+        assert len([line for line in result.stderr.splitlines() if not line.endswith(" ...")]) == 1
+
+
 def test_one_file_by_two_spellings_is_one_file(folder: Path) -> None:
     (folder / "loop.csv").symlink_to("loop.csv")
     twice, again = "more than once (a.csv is the same file)", ["--held-out", "a.csv", "--held-out", "./a.csv"]

@@ -166,6 +166,9 @@ def test_scenarios_and_held_out_recordings_are_found_by_name(tmp_path: Path) -> 
     for name in ("scenario.yaml", "b/scenario.yaml", "a/2026-W10/run.csv", "a/2026-W10/held.csv", "b/2026-W10/run.csv"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("x")
+    for name in ("out/fleet.json", "out/fleet.parquet", "out/a/2026-W10/1_run.residuals.mcap"):  # --out below the fleet
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("{}")
     first, second = folders_of(tmp_path, None, ["held*"])
     assert (first.robot, first.recordings, first.held_out) == ("a", ("run.csv",), ("held.csv",))
     assert [Path(item.scenario).parent.name for item in (first, second)] == [tmp_path.name, "b"]

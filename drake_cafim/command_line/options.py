@@ -1,5 +1,6 @@
 """Options that several commands take."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -10,6 +11,19 @@ from drake_cafim.errors import InputError
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 SCHEDULED = ("diagnose", "study")
+
+
+class Finite(click.FloatRange):
+    """A number that is neither NaN nor infinite, which `float` and `click.FloatRange` take."""
+
+    name = "float"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number; click's usage error otherwise."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{number} is no finite number.", param, ctx)
+        return number
 
 
 def _package_folders(context: click.Context, option: click.Parameter, value: tuple[str, ...]) -> dict[str, str]:
@@ -30,6 +44,12 @@ def _check_scheduler(context: click.Context, option: click.Parameter, value: str
         raise InputError(
             f"--scheduler {value}: {context.info_name} is a single task; a cluster takes diagnose --fleet and study"
         )
+    return value
+
+
+def _check_jobs(context: click.Context, option: click.Parameter, value: int) -> int:
+    if value == 0:
+        raise InputError("--jobs 0: expected a number of processes, or -1 for one per core")
     return value
 
 
@@ -57,7 +77,14 @@ def common(function: Command) -> Command:
             help="Of all random numbers; the same seed gives the same bytes.",
         ),
         click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
-        click.option("--jobs", type=int, default=-1, show_default=True, help="Processes; -1: one per core."),
+        click.option(
+            "--jobs",
+            type=int,
+            default=-1,
+            show_default=True,
+            callback=_check_jobs,
+            help="Processes; -1: one per core.",
+        ),
         click.option(
             "--scheduler",
             metavar="ADDRESS",

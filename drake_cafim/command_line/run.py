@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from drake_cafim.command_line.options import common
+from drake_cafim.command_line.options import Finite, common
 from drake_cafim.command_line.output import open_folder, print_result, progress_line
 
 
@@ -15,7 +15,7 @@ from drake_cafim.command_line.output import open_folder, print_result, progress_
     "--world", default="drake", show_default=True, help="Contact: drake (hydroelastic) or model (the planner's)."
 )
 @click.option("--experiments", type=int, help="How many; by default the scenario's number.")
-@click.option("--until-std", type=float, help="Stop when every std is below this fraction of its estimate.")
+@click.option("--until-std", type=Finite(), help="Stop when every std is below this fraction of its estimate.")
 @click.option(
     "--policy", default="contact-aware", show_default=True, help="Or finite-difference, asid, random, scripted, hold."
 )
@@ -42,7 +42,7 @@ from drake_cafim.command_line.output import open_folder, print_result, progress_
 @click.option("--as-printed", is_flag=True, help="The paper's own choices, where they can be made.")
 @click.option(
     "--place-std",
-    type=float,
+    type=Finite(),
     default=0.0,
     show_default=True,
     help="How far the contact may be from where it is planned, m, learned beside the unknowns.",
@@ -53,7 +53,7 @@ from drake_cafim.command_line.output import open_folder, print_result, progress_
     "measurements decide.  [default: all in world drake, else the scenario's]",
 )
 @click.option(
-    "--prior-scale", type=float, default=1.3, show_default=True, help="The prior's mean as a multiple of the truth."
+    "--prior-scale", type=Finite(), default=1.3, show_default=True, help="The prior's mean as a multiple of the truth."
 )
 @click.option(
     "--conceal",

@@ -17,7 +17,7 @@ from drake_cafim.commands.levels import USUAL, Levels
 from drake_cafim.effects.catalogue import EFFECTS
 from drake_cafim.errors import InputError
 from drake_cafim.fleet.findings import WEEK, Fleet, Followed, date_of, findings_of
-from drake_cafim.fleet.layout import Folder, folders_of, share, time_of_stamps
+from drake_cafim.fleet.layout import RESULTS, Folder, folders_of, share, time_of_stamps
 from drake_cafim.fleet.page import write_fleet_page
 from drake_cafim.fleet.refit import refit
 from drake_cafim.fleet.summary import Measured, Named, Summary, effects_to_follow
@@ -32,7 +32,7 @@ from drake_cafim.scenario.known_effects import known_effect
 from drake_cafim.scenario.schema import EffectEntry
 from drake_cafim.scene.scene import Scene
 
-SUMMARY, STRENGTHS, ABOUT = "summary.json", "strengths.json", "fleet.json"
+SUMMARY, STRENGTHS, ABOUT = "summary.json", "strengths.json", RESULTS
 TABLE_EVERY = 30.0
 """s between two writings of the table while results come."""
 BRIEF = {kind.name for kind in EFFECTS if kind.brief}

@@ -9,11 +9,12 @@ from pydrake.geometry import Meshcat
 
 from drake_cafim.commands.inputs import read_all, refuse_thrown
 from drake_cafim.commands.reports import read_report, report_file
-from drake_cafim.diagnosis.noise.stated import noise_of
+from drake_cafim.diagnosis.noise.stated import needed_columns, noise_of
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
+from drake_cafim.recordings.usable import check_usable
 from drake_cafim.report.recording_mcap import write_recording_mcap
 from drake_cafim.report.recording_replay import RecordingReplay, write_recording_replay
 from drake_cafim.scene.scene import Scene
@@ -38,7 +39,9 @@ def replay_command(
     scene = Scene.load(address, packages=packages)
     refuse_thrown(scene, "cafim replay")
     (read,) = read_all(scene, [recording])
-    scene = _facing(scene.for_recordings([read]), read)
+    scene = scene.for_recordings([read])
+    check_usable(read, needed_columns(scene))
+    scene = _facing(scene, read)
     std, _ = noise_of(scene, [read])
     weak = WeakForm(samples_of(scene, read, std), scene.wrench_sensors)
     found = RecordingReplay(scene, weak, scene.physics)

@@ -100,8 +100,13 @@ def _recorded(scene: Scene, recording: Recording) -> Motion:
     since = recording.time - recording.time[0]
     q, u = recording.matrix("q", names), recording.matrix("u", names)
     first = (since <= LOOK_BACK) & np.all(np.isfinite(q), axis=1)
-    fit = np.polynomial.polynomial.polyfit(since[first], q[first], min(3, int(np.sum(first)) - 1))
     known = np.all(np.isfinite(u), axis=1) & (since < DURATION)
+    for rows, kind, until in ((first, "position", LOOK_BACK), (known, "effort", DURATION)):
+        if not np.any(rows):
+            raise InputError(
+                f"{recording.name}: no row of its first {until:g} s has the {kind} of every joint, expected one"
+            )
+    fit = np.polynomial.polynomial.polyfit(since[first], q[first], min(3, int(np.sum(first)) - 1))
     return Motion(
         since[known],
         _within_limits(scene, u[known]),

@@ -20,6 +20,8 @@ from drake_cafim.errors import InputError
 
 SUFFIXES = (".parquet", ".csv", ".npz", ".mcap", ".bag", ".db3", ".lcm", ".lcmlog")
 SCENARIO = "scenario.yaml"
+RESULTS = "fleet.json"
+"""A file of the command's own results: where these are below the fleet's folder, they are no recordings."""
 YEARS = (datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC))
 """A `time` column is one of seconds since 1970 where it lies between these."""
 _DATE = re.compile(r"(?<!\d)(\d{4})-?(?:W(\d{2})(?:-?([1-7]))?|(\d{2})-?(\d{2}))(?![\d])")
@@ -59,6 +61,8 @@ def folders_of(fleet: Path, scenario: str | None, held_out: Sequence[str]) -> li
     found: list[Folder] = []
     unused = set(held_out)
     for path in sorted(place for place in fleet.rglob("*") if place.is_dir()):
+        if any((place / RESULTS).is_file() for place in (path, *path.parents) if place.is_relative_to(fleet)):
+            continue
         name = path.relative_to(fleet).as_posix()
         files = sorted(file.name for file in path.iterdir() if file.suffix in SUFFIXES and file.name[0] != ".")
         if not files or any(part.startswith(".") for part in name.split("/")):

@@ -151,5 +151,5 @@ def _check_found(
     if not tracks:
         why = f"; {'; '.join(notes)}" if notes else ""
         raise InputError(
-            f"{path}: no message of a type that is read, expected one of {', '.join(DECODERS)}; it has {listed}{why}"
+            f"{path}: no message of a type that is read; it has {listed}{why}; expected one of {', '.join(DECODERS)}"
         )

@@ -59,8 +59,8 @@ class Task:
         for candidate in self.candidates:
             if candidate.law == law:
                 return replace(self, model=candidate.model, truth=candidate.truth, law=law, others=())
-        valid = ", ".join(candidate.law for candidate in self.candidates)
-        raise InputError(f"--law {law}: {self.name} has the laws all, {valid}")
+        valid = ", ".join(["all", *(candidate.law for candidate in self.candidates if candidate.law)])
+        raise InputError(f"--law {law}: {self.name} has the laws {valid}")
 
     def with_unknown_place(self, std: float) -> "Task":
         """The task with the place of the contact unknown, too: offsets with priors of `std` m, as nuisance.

@@ -4,6 +4,7 @@ import contextlib
 import io
 import json
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -140,6 +141,20 @@ class CommandCases:
         if status and status[0] not in (0, None):
             return f"status {status[0]}: {err.getvalue()[-80:]}"
         return REFUSED if "Traceback" in err.getvalue() else RESULT
+
+
+def compile_once() -> None:
+    """Estimate once, so that no input is blamed for the seconds in which what it calls is compiled."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(io.StringIO()),
+        contextlib.redirect_stderr(io.StringIO()),
+        contextlib.suppress(SystemExit),
+        patch.object(sys, "argv", ["cafim", "estimate", "arm.yaml", "a.csv"]),
+    ):
+        _fill(Path(folder), np.random.default_rng(0))
+        run_cli()
 
 
 def _arguments(rng: np.random.Generator) -> list[str]:

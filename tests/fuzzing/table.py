@@ -14,7 +14,7 @@ from pathlib import Path
 
 from drake_cafim.output import write_text
 from tests.fuzzing.campaign import Cases, Tally, try_cases
-from tests.fuzzing.commands import CommandCases
+from tests.fuzzing.commands import CommandCases, compile_once
 from tests.fuzzing.models import ModelCases
 from tests.fuzzing.recordings import RecordingCases
 from tests.fuzzing.scenarios import ScenarioCases
@@ -40,6 +40,8 @@ def main() -> None:
         hours = sum(FORMS[name][1] * FORMS[name][2] for name in chosen) / 3600
         print(f"about {hours:.1f} hours of one core; what was done is in {state}, the same command goes on from there")
     tallies = {}
+    if "command lines" in chosen:
+        compile_once()
     for name in chosen:
         make, total, _, batch = FORMS[name]
         file = state / f"{name.replace(' ', '_')}.json"
