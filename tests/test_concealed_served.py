@@ -1,15 +1,19 @@
 """The blind proof's arms that are commanded by position: their servos against the laws that they are to have."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from drake_cafim.diagnosis.fit.adequacy import by_run
+from drake_cafim.diagnosis.preparation import prepare
 from tests.concealed import served_case
 from tests.concealed.make import make
 from tests.concealed.mujoco_arm import ArmInverse
 from tests.concealed.robots import Robot, random_arm
 from tests.concealed.served_case import PERIOD, QUANTUM, STEP, UNITS, Served, commanded, draw, run
+from tests.concealed_case import written
 
 SERVED = Served(np.array([150.0, 140.0]), np.array([12.0, 10.0]), np.array([20.0, 10.0]), joint=1)
 
@@ -102,3 +106,11 @@ def test_half_the_step_gives_the_same_motion(robot: Robot, monkeypatch: pytest.M
         found.append(run(robot, served, commands))
     assert np.abs(found[0]).max() > 0.05
     assert np.abs(found[0] - found[1]).max() < 0.05 * QUANTUM
+
+
+def test_what_servos_bend_between_samples_is_noise_of_the_rows(tmp_path: Path) -> None:
+    """At 8 ms a servo moves a light joint along more than a parabola between samples: the rows were 1.3 times noisy."""
+    scene, read = written(served_case.make_served(np.random.default_rng(3), 2, "null"), tmp_path)
+    problem = prepare(scene, read).problem()
+    rows = [z for _, z in by_run(problem, problem.rows_of(problem.nominal()))]
+    assert np.all(np.mean(np.concatenate(rows) ** 2, axis=0) < 1.15)
