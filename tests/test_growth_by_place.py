@@ -22,6 +22,7 @@ from drake_cafim.diagnosis.search.growth_by_place import (
     strength_at_bound,
     undetermined_in,
 )
+from drake_cafim.diagnosis.search.screening import Candidate
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
@@ -147,6 +148,19 @@ def test_an_explanation_is_accepted_only_where_its_likelihood_pays(growth: Growt
         assert not growth.settle(nothing.model), "friction is not given up again"
     finally:
         growth.drop(growth.best.model.effects)
+
+
+def test_positions_and_velocities_of_a_joint_gain_one_effect_a_round(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = growth.problem.scene.tree.joint_names[:2]
+    late = effect_named("sensor_delay")(f"v.{first}", {"delay": 0.005})
+    skewed = effect_named("clock_skew")(f"q.{first}", {"skew": 0.01})
+    other = effect_named("sensor_gain_error")(f"v.{second}", {"gain": 0.9})
+    rubs = _friction(growth, VISCOUS)
+    looks = [Candidate(effect, gain, 1, 1) for effect, gain in ((rubs, 4e4), (late, 3e4), (skewed, 2e4), (other, 1e4))]
+    monkeypatch.setattr(growth, "_looks", (growth.best, looks))
+    assert [candidate.effect for candidate in growth._promising()] == [rubs, late, other]
 
 
 def test_a_law_that_fails_once_all_is_fitted_shares_no_probability(

@@ -15,7 +15,7 @@ from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import is_simpler, is_unknown, strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
-from drake_cafim.diagnosis.search.places import ELSEWHERE, place_of
+from drake_cafim.diagnosis.search.places import ELSEWHERE, equations_of
 from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import (
@@ -153,7 +153,7 @@ class GrowthByPlace:
         ]
 
     def _promising(self) -> list[Candidate]:
-        """The best candidate at each joint; or the best one elsewhere, alone, where it gains more than any of these."""
+        """The best candidates for each joint's motion and readings; or the best one elsewhere, where it gains more."""
         if self._looks is None or self._looks[0] is not self.best:
             self._looks = self.best, screen(self.problem, self.best, self.beside(self.best.model))
         candidates = [candidate for candidate in self._looks[1] if candidate.effect.key not in self.refused]
@@ -161,7 +161,7 @@ class GrowthByPlace:
         for candidate in sorted(candidates, key=self.criterion_gain, reverse=True):
             luck = float(chi2.sf(candidate.gain, candidate.strengths)) * self.trials
             if self.criterion_gain(candidate) > 0.0 and luck <= self.settings.false_alarm_rate:
-                by_place.setdefault(place_of(candidate.effect), candidate)
+                by_place.setdefault(equations_of(candidate.effect), candidate)
         elsewhere = by_place.pop(ELSEWHERE, None)
         if elsewhere is None:
             return list(by_place.values())

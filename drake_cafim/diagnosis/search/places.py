@@ -14,3 +14,12 @@ def place_of(effect: Effect) -> str:
 def joint_of(effect: Effect) -> str:
     """The joint at which an effect acts or whose channel it changes; the channel's sensor, or `ELSEWHERE`."""
     return effect.at.partition(".")[2] if effect.place is Place.CHANNEL else place_of(effect)
+
+
+def equations_of(effect: Effect) -> str:
+    """Whose equations an effect changes: a place, but of the positions and velocities of a joint the readings together.
+
+    An error of either shows in the equations between the two, so that each stands in for the other.
+    """
+    kind, _, joint = effect.at.partition(".")
+    return f"readings.{joint}" if effect.place is Place.CHANNEL and kind in ("q", "v") else place_of(effect)
