@@ -24,8 +24,8 @@ BLOCK = 20_000
 """Samples that are written at once."""
 Q_STD, V_STD = 2e-4, 2e-3
 """rad, rad/s: noise of a sample."""
-PLACE = np.array([0.1, 0.0, 0.0])
-"""m, in the last link's axes: where a payload hangs."""
+PLACE = np.array([0.1, 0.04, -0.03])
+"""m, in the last link's axes: where a payload hangs; on the last joint's axis it might as well hang at the link before."""
 
 
 @dataclass(frozen=True)

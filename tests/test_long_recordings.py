@@ -14,13 +14,14 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.long.budget import Budget
 from drake_cafim.diagnosis.long.choice import choose
-from drake_cafim.diagnosis.long.examine import _restored, _Search, examine_parts
+from drake_cafim.diagnosis.long.examine import _joined, _restored, _Search, examine_parts
 from drake_cafim.diagnosis.long.fit_of_all import fit_all
 from drake_cafim.diagnosis.long.kept import Kept
 from drake_cafim.diagnosis.long.parts import Parts
 from drake_cafim.diagnosis.long.scan import Seen, scan
 from drake_cafim.diagnosis.long.stretches import cut_at_changes, stretches_of
 from drake_cafim.diagnosis.preparation import Prepared, prepare
+from drake_cafim.diagnosis.verdict import Kind
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.errors import InputError
 from drake_cafim.parallel.forked import map_forked
@@ -244,6 +245,22 @@ def test_an_effect_counts_in_the_parts_in_which_it_is(tmp_path: Path) -> None:
     alone = drag([start.keys] * 4)
     assert drag([start.keys] * 4 + [frozenset()]) == pytest.approx(alone, rel=0.05)
     assert drag([start.keys] * 5) < 0.95 * alone
+
+
+def test_stretches_that_name_the_same_are_one() -> None:
+    drag, nothing = JointViscousFriction("elbow", {"coefficient": 0.3}), Model(np.zeros(1))
+    more = JointViscousFriction("elbow", {"coefficient": 0.4})
+    named = [nothing, nothing.with_effects([drag]), nothing.with_effects([more])]
+    kinds: tuple[Kind, ...] = ("none", "unexplained", "explained")
+    first, second, third = (
+        _Search((k, k + 1), f"part {k}", 1, model, kind, {drag.key: 0.1 * k})
+        for k, (model, kind) in enumerate(zip(named, kinds, strict=True))
+    )
+    assert _joined([first, second]) == [first, second]
+    one, other = _joined([first, second, third])
+    assert one == first and other.model is third.model and other.kind == "unexplained"
+    assert other.numbers == (1, 2, 2, 3) and other.words == "part 1; part 2" and other.count == 2
+    assert other.probability == {drag.key: 0.2}
 
 
 @pytest.mark.ci

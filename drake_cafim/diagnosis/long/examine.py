@@ -99,6 +99,7 @@ def examine_parts(
     assert state is not None
     prepared, judgement, trace = state
     selection, unselected = select_findings(prepared, judgement, progress)
+    searches = _joined(searches)
     lay_out = _LayOut(parts, prepared, judgement)
     whole, changes = _fit_whole(lay_out, searches, progress, jobs, kept)
     judgement = _judged(judgement, searches, whole, settings)
@@ -141,6 +142,29 @@ class _Search:
         probability = {(effect, at): float(value) for effect, at, value in raw["probability"]}
         model, numbers = model_from_json(raw["model"], scene), tuple(raw["numbers"])
         return cls(**raw | {"numbers": numbers, "model": model, "probability": probability})
+
+
+def _joined(searches: Sequence[_Search]) -> list[_Search]:
+    """The searches, neighbours that name the same effects as one: there is no change between them."""
+    found: list[_Search] = []
+    for search in searches:
+        if found and found[-1].effects == search.effects:
+            before = found.pop()
+            search = replace(
+                search,
+                numbers=(*before.numbers, *search.numbers),
+                words=f"{before.words}; {search.words}",
+                count=before.count + search.count,
+                kind=_worst({before.kind, search.kind}),
+                probability=before.probability | search.probability,
+            )
+        found.append(search)
+    return found
+
+
+def _worst(kinds: set[Kind]) -> Kind:
+    """The kind of verdict on several stretches."""
+    return "unexplained" if "unexplained" in kinds else "explained" if "explained" in kinds else "none"
 
 
 def _judge(
@@ -238,8 +262,7 @@ def _spread(parts: Parts, most: int) -> list[Recording]:
 
 def _judged(judgement: Judgement, searches: Sequence[_Search], whole: FitOfAll, settings: Settings) -> Judgement:
     """The judgement with what all parts say of the remains: a verdict that holds for the searched ones alone falls."""
-    kinds = {search.kind for search in searches} | {judgement.kind}
-    kind: Kind = "unexplained" if "unexplained" in kinds else "explained" if "explained" in kinds else "none"
+    kind = _worst({search.kind for search in searches} | {judgement.kind})
     fitted = whole.fitted
     left = adequacy(whole.problem, fitted.residual, fitted.strengths).p_value
     fine = left > (settings.false_alarm_rate if kind == "none" else settings.adequacy_level)
