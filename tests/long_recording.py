@@ -25,7 +25,7 @@ BLOCK = 20_000
 Q_STD, V_STD = 2e-4, 2e-3
 """rad, rad/s: noise of a sample."""
 PLACE = np.array([0.1, 0.04, -0.03])
-"""m, in the last link's axes: where a payload hangs; on the last joint's axis it might as well be at the link before."""
+"""m, in the last link's axes: where a payload hangs; on the last joint's axis it might as well be at the one before."""
 
 
 @dataclass(frozen=True)
