@@ -257,8 +257,8 @@ def test_stretches_that_name_the_same_are_one() -> None:
         for k, (model, kind) in enumerate(zip(named, kinds, strict=True))
     )
     assert _joined([first, second]) == [first, second]
-    one, other = _joined([first, second, third])
-    assert one == first and other.model is third.model and other.kind == "unexplained"
+    before, joined = _joined([first, second, third])
+    assert before == first and joined.model is third.model and joined.kind == "unexplained"
     assert other.numbers == (1, 2, 2, 3) and other.words == "part 1; part 2" and other.count == 2
     assert other.probability == {drag.key: 0.2}
 
