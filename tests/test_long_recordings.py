@@ -259,8 +259,8 @@ def test_stretches_that_name_the_same_are_one() -> None:
     assert _joined([first, second]) == [first, second]
     before, joined = _joined([first, second, third])
     assert before == first and joined.model is third.model and joined.kind == "unexplained"
-    assert other.numbers == (1, 2, 2, 3) and other.words == "part 1; part 2" and other.count == 2
-    assert other.probability == {drag.key: 0.2}
+    assert joined.numbers == (1, 2, 2, 3) and joined.words == "part 1; part 2" and joined.count == 2
+    assert joined.probability == {drag.key: 0.2}
 
 
 @pytest.mark.ci

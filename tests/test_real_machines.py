@@ -46,7 +46,9 @@ def test_emps_drive_lacks_its_published_friction(data_folder: Path) -> None:
 @pytest.mark.parametrize(
     ("held_out", "only"),
     [
-        pytest.param({"trajectory_05"}, {"trajectory_01", "trajectory_12"}, marks=pytest.mark.long, id="two recordings"),
+        pytest.param(
+            {"trajectory_05"}, {"trajectory_01", "trajectory_12"}, marks=pytest.mark.long, id="two recordings"
+        ),
         # two minutes, by the same code
         pytest.param({"trajectory_03", "trajectory_05", "trajectory_11"}, None, marks=pytest.mark.long, id="all"),
     ],
