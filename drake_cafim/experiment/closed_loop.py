@@ -58,7 +58,8 @@ class ExperimentResult:
     """One executed experiment: the belief after it, and its signals. Times in s, forces in N.
 
     time (T+1,), commands (T, nu), robot states (T+1, 2 nu), measured and true forces (T, ny) after each command.
-    `fisher` (n, n) is this experiment's information alone, at the estimate after it. `history` is the belief after
+    `fisher` (n, n) is this experiment's information alone, `information` (n, n) that of all so far, without the prior,
+    both at the estimate after it. `history` is the belief after
     each estimate within the experiment, with its time. Where several contact laws are candidates, `over_laws` holds the
     belief over each, and all other fields are those of the most probable one. `solver` is the solver's status, and
     `on_bound` names the parameters whose estimate is at a bound. `not_found` are the sought parameters of which all
@@ -68,6 +69,7 @@ class ExperimentResult:
 
     belief: Belief
     fisher: Array
+    information: Array
     scaled_trace: float
     error_percent: Mapping[str, float]
     behaviour: Mapping[str, Any]
@@ -305,14 +307,16 @@ class _Loop:
         candidate, belief = task.candidates[over_laws.best], over_laws.beliefs[over_laws.best]
         model = candidate.model
         solver, on_bound = self.estimator.solver(context)
-        problem = make_problem(model, TangentEvaluator(model), self.estimator.data(context)[-1:])
-        fisher = problem.fisher(belief.mean)[0]
+        problem = make_problem(model, TangentEvaluator(model), self.estimator.data(context))
+        informations = problem.fisher(belief.mean)
+        fisher = informations[-1]
         states, commands = rows["state"], rows["command"][1:]
         motion = model.measured_motion(states[np.newaxis])[0, :: model.substeps]
         axes = commands.shape[1]
         return ExperimentResult(
             belief=belief,
             fisher=fisher,
+            information=informations.sum(axis=0),
             scaled_trace=float(np.trace(np.diag(model.parameters.std**2) @ fisher)),
             error_percent=errors(belief, candidate),
             behaviour={**model.behaviour(motion, rows["true"][1:]), **_largest_force(recorded)},

@@ -9,6 +9,7 @@ from drake_cafim.experiment.closed_loop import ExperimentResult, RunResult
 from drake_cafim.information import identifiable_combinations
 from drake_cafim.parameters import Parameters
 from drake_cafim.tasks.task import Candidate, Task
+from drake_cafim.typing import Array
 
 SCHEMA = "drake_cafim.run/1"
 MOST_ODDS = 1e12
@@ -61,7 +62,7 @@ def _experiment(experiment: ExperimentResult, candidate: Candidate, recording: s
         "error_percent": dict(experiment.error_percent),
         "fisher": experiment.fisher.tolist(),
         "scaled_trace": experiment.scaled_trace,
-        **describe_combinations(prior, belief),
+        **describe_combinations(prior, belief, experiment.information),
         **experiment.behaviour,
         "solver": {
             "solved": experiment.solver.solved,
@@ -97,14 +98,17 @@ def _laws(over_laws: LawBelief) -> dict[str, Any]:
     return {"law": over_laws.laws[over_laws.best], "laws": dict(zip(over_laws.laws, odds.tolist(), strict=True))}
 
 
-def describe_combinations(prior: Belief, belief: Belief) -> dict[str, Any]:
-    """The rank of the information of all data so far, and the combinations of parameters with their stds.
+def describe_combinations(prior: Belief, belief: Belief, fisher: Array) -> dict[str, Any]:
+    """The rank of the information `fisher` (n, n) of all data so far, and the combinations with their stds.
+
+    What the belief's covariance is smaller by than the prior's would not do: it may be the posterior's own spread (see
+    `estimation/support.py`), whose inverse has full rank whatever was measured.
 
     Empty for a single parameter, and for priors of infinite std, to which no combination can be compared.
     """
     if len(belief.names) == 1 or not np.isfinite(prior.std).all():
         return {}
-    combinations = identifiable_combinations(belief.information - prior.information, prior.information, belief.mean)
+    combinations = identifiable_combinations(fisher, prior.information, belief.mean)
     return {
         "rank": sum(combination.identified for combination in combinations),
         "combinations": [

@@ -170,7 +170,7 @@ def _stored_numbers(result: RunResult, experiment: ExperimentResult) -> dict[str
         "inside": (np.abs(belief.mean[sought] - theta) <= 1.96 * belief.std[sought]).tolist(),
         "std": (100.0 * belief.std[sought] / theta).tolist(),
         "information": experiment.scaled_trace,
-        **describe_combinations(prior, belief),
+        **describe_combinations(prior, belief, experiment.information),
         "condition": float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 0 else None,
         "behaviour": dict(experiment.behaviour),
         "tracking_error": experiment.tracking_error,
