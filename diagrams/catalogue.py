@@ -12,12 +12,16 @@ from drake_cafim.diagrams import contouring, hefting, pinching, rubbing
 from drake_cafim.diagrams.concealing import Concealed, scenario_effects
 from drake_cafim.diagrams.configured import configured
 from drake_cafim.diagrams.showing import View
+from drake_cafim.diagrams.tracked_contact import TrackedEvaluator, TrackedRobot
 from drake_cafim.diagrams.world import WorldKind, start_context
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.errors import InputError
 from drake_cafim.experiment.world import World
 from drake_cafim.scenario.schema import Scenario
 from drake_cafim.scene.scene import Scene
+from drake_cafim.sensitivity.automatic import AutoDiffEvaluator
+from drake_cafim.sensitivity.evaluator import Evaluator
+from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.tasks.compliant_hefting import CompliantHefting
 from drake_cafim.tasks.configure import configure
 from drake_cafim.tasks.contouring import contouring as contouring_task
@@ -34,6 +38,7 @@ class _Packaged:
     view: Callable[[Any], View]
     task: Callable[[], Task]
     other_laws: Callable[[Any, Task], tuple[Candidate, ...]] = lambda config, task: ()
+    tracked_robot: Callable[[Any], TrackedRobot] | None = None
 
 
 def _soft_hefting() -> Task:
@@ -43,12 +48,29 @@ def _soft_hefting() -> Task:
 
 _WORLDS: Mapping[str, _Packaged] = {
     "hefting": _Packaged(hefting.HeftingConfig, hefting.build_world, hefting.view, _soft_hefting),
-    "rubbing": _Packaged(rubbing.RubbingConfig, rubbing.build_world, rubbing.view, rubbing_task, rubbing.other_laws),
+    "rubbing": _Packaged(
+        rubbing.RubbingConfig,
+        rubbing.build_world,
+        rubbing.view,
+        rubbing_task,
+        rubbing.other_laws,
+        rubbing.tracked_robot,
+    ),
     "pinching": _Packaged(
-        pinching.PinchingConfig, pinching.build_world, pinching.view, pinching_task, pinching.other_laws
+        pinching.PinchingConfig,
+        pinching.build_world,
+        pinching.view,
+        pinching_task,
+        pinching.other_laws,
+        pinching.tracked_robot,
     ),
     "contouring": _Packaged(
-        contouring.ContouringConfig, contouring.build_world, contouring.view, contouring_task, contouring.other_laws
+        contouring.ContouringConfig,
+        contouring.build_world,
+        contouring.view,
+        contouring_task,
+        contouring.other_laws,
+        contouring.tracked_robot,
     ),
 }
 
@@ -84,6 +106,14 @@ class Stage:
             return task
         several = replace(task, others=_WORLDS[self.name].other_laws(self.config, task))
         return several if law == "all" else several.with_law(law)
+
+    def evaluator(self, model: PlanningModel) -> Evaluator:
+        """Sensitivities of `model` by AutoDiffXd through this scenario's robot, its control and the contact.
+
+        Hefting's, whose ball is free in the hand, go through the planner's own Diagram, without the robot.
+        """
+        make = _WORLDS[self.name].tracked_robot
+        return AutoDiffEvaluator(model) if make is None else TrackedEvaluator(make(self.config), model)
 
     @property
     def undecided(self) -> str:
@@ -124,6 +154,7 @@ class Stage:
             lambda number: start_context(diagram, number),
             recorded=("joint_state", "joint_effort", "plant_state", "measured_state", "true_force"),
             recording_period=float(self.config.plant_config.time_step),
+            automatic=self.evaluator,
         )
 
 

@@ -14,8 +14,9 @@ from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.diagrams.concealing import Concealed
 from drake_cafim.diagrams.configured import load_section
 from drake_cafim.diagrams.objects import Surface, add_fixture, add_shape
-from drake_cafim.diagrams.probing import Coordinates, ProbingArm, build_probing_world, tip_at_start
+from drake_cafim.diagrams.probing import Coordinates, ProbingArm, build_probing_world, tip_at_start, tracked_arm
 from drake_cafim.diagrams.showing import View
+from drake_cafim.diagrams.tracked_contact import TrackedRobot
 from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import WorldKind, check_kind, check_truth
@@ -131,6 +132,11 @@ def build_world(
         meshcat=meshcat,
         concealed=concealed,
     )
+
+
+def tracked_robot(config: ContouringConfig) -> TrackedRobot:
+    """The arm and rod with their control, for sensitivities through them."""
+    return tracked_arm(config.robot, _coordinates(), config.plant_config.time_step)
 
 
 def _coordinates() -> Coordinates:

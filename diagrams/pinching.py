@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.geometry import Cylinder, Meshcat, MeshcatVisualizer, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
-from pydrake.multibody.tree import RigidBody
+from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from drake_cafim.contact.normal import NORMAL_LAWS, NormalLaw
@@ -23,6 +23,7 @@ from drake_cafim.diagrams.objects import Surface, add_fixture, add_shape
 from drake_cafim.diagrams.planner_contact import PlannerContact, TouchedPoint
 from drake_cafim.diagrams.sensing import ContactForce, ToolState
 from drake_cafim.diagrams.showing import View
+from drake_cafim.diagrams.tracked_contact import TrackedRobot
 from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import (
@@ -43,6 +44,7 @@ from drake_cafim.typing import Array
 
 OUTWARDS = as_array([[1.0, 0.0, 0.0]])  # of the left jaw
 FINGER = 0.065  # m, from the gripper's base to the ball's centre, along z
+FACE = as_array([0.0, 0.0, FINGER])  # m, of a jaw, where it touches, in the jaw's frame
 
 
 @dataclass
@@ -163,13 +165,12 @@ def build_world(
         tracking=config.tracking,
         gains=config.gains,
     )
-    jaws = (plant.GetBodyByName("left_jaw"), plant.GetBodyByName("right_jaw"))
-    face = as_array([0.0, 0.0, FINGER])
-    state = export_tool_state(builder, plant, jaws[0], p_BT=face, axes=OUTWARDS)
+    jaw = plant.GetBodyByName("left_jaw")
+    state = export_tool_state(builder, plant, jaw, p_BT=FACE, axes=OUTWARDS)
     if world == "drake":
-        force = _add_contact_sensor(builder, plant, jaws[0])
+        force = _add_contact_sensor(builder, plant, jaw)
     else:
-        force = _add_planner_contact(builder, plant, model, model.parameters.vector(theta), jaws, face, state)
+        force = _add_planner_contact(builder, plant, model, model.parameters.vector(theta), state)
     added = connect_concealed(builder, plant, affected)
     force = total_force(builder, affected.nominal.body("left_jaw").joint, added, OUTWARDS, force)
     export_force(builder, force, std=model.noise_std.tolist(), period=model.period, seed=seed)
@@ -212,19 +213,42 @@ def _add_planner_contact(
     plant: MultibodyPlant,
     model: Pinching,
     theta: Array,
-    jaws: tuple[RigidBody, RigidBody],
-    face: Array,
     state: ToolState,
 ) -> OutputPort:
     """The planner's law on the left jaw, and its mirror image on the right one."""
-    points = [
-        TouchedPoint(jaw.index(), face, as_array(side * OUTWARDS)) for jaw, side in zip(jaws, (1, -1), strict=True)
-    ]
-    law = PlannerContact(model, theta, coordinates=1, points=points)
+    law = PlannerContact(model, theta, coordinates=1, points=_touched_points(plant))
     builder.AddNamedSystem("planner_contact", law)
     builder.Connect(state.get_output_port(), law.get_input_port())
     builder.Connect(law.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
-    return law.GetOutputPort("contact_force")
+    force: OutputPort = law.GetOutputPort("contact_force")
+    return force
+
+
+def _touched_points(plant: MultibodyPlant) -> list[TouchedPoint]:
+    jaws = (plant.GetBodyByName("left_jaw"), plant.GetBodyByName("right_jaw"))
+    return [TouchedPoint(jaw.index(), FACE, as_array(side * OUTWARDS)) for jaw, side in zip(jaws, (1, -1), strict=True)]
+
+
+def tracked_robot(config: PinchingConfig) -> TrackedRobot:
+    """The gripper with its control, for sensitivities through it."""
+
+    def add(plant: MultibodyPlant) -> tuple[ModelInstanceIndex, RigidBody, Sequence[TouchedPoint]]:
+        gripper = add_model(plant, "gripper")
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("gripper_base", gripper))
+        return gripper, plant.GetBodyByName("left_jaw"), _touched_points(plant)
+
+    return TrackedRobot(
+        time_step=config.plant_config.time_step,
+        add=add,
+        control_plant=_control_plant(config),
+        mover=JawMover(config.start),
+        p_BT=FACE,
+        axes=OUTWARDS,
+        origin=as_array(np.zeros(3)),
+        workspace=config.workspace,
+        tracking=config.tracking,
+        gains=config.gains,
+    )
 
 
 def view(config: PinchingConfig) -> View:

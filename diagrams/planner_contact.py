@@ -1,17 +1,21 @@
-"""The planner's contact law as a Drake system that applies its force to the tool: the contact of world `model`."""
+"""The planner's contact law as a Drake system that applies its force to the tool: the contact of world `model`.
+
+For float and AutoDiffXd.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
-from pydrake.multibody.math import SpatialForce
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+from pydrake.multibody.math import SpatialForce_
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce_
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector_, LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
 
-from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.typing import Array
 
@@ -25,39 +29,67 @@ class TouchedPoint:
     directions: Array
 
 
-class PlannerContact(LeafSystem):
-    """The force λ = contact(r, θ) of a planning model whose touched object is fixed, applied to the tool.
+@TemplateSystem.define("PlannerContact_", T_list=[float, AutoDiffXd])  # type: ignore[untyped-decorator]
+def PlannerContact_(T: Any) -> Any:
+    class Impl(LeafSystem_[T]):  # type: ignore[misc]
+        """The force λ = contact(r, θ) of a planning model whose touched object is fixed, applied to the tool.
 
-    .. pydrake_system::
+        .. pydrake_system::
 
-        name: PlannerContact
-        input_ports: [tool_state]
-        output_ports: [spatial_forces, contact_force]
+            name: PlannerContact
+            input_ports: [tool_state]
+            output_ports: [spatial_forces, contact_force]
 
-    `tool_state` (2 nu,) is the measured motion r; `contact_force` is λ (nλ,) N; connect `spatial_forces` to the
-    plant's applied_spatial_force.
-    """
+        `tool_state` (2 nu,) is the measured motion r; `contact_force` is λ (nλ,) N; connect `spatial_forces` to the
+        plant's applied_spatial_force. θ (n,) is numeric parameter 0.
+        """
 
-    def __init__(self, model: PlanningModel, theta: Array, *, coordinates: int, points: Sequence[TouchedPoint]) -> None:
-        LeafSystem.__init__(self)
-        self._model, self._theta, self._points = model, theta, points
-        self._count = len(model.contact(np.zeros(0), np.zeros(2 * coordinates), theta))
-        self.DeclareVectorInputPort("tool_state", 2 * coordinates)
-        allocate: Any = Value[list[ExternallyAppliedSpatialForce]]
-        self.DeclareAbstractOutputPort("spatial_forces", allocate, self._calc_applied)
-        self.DeclareVectorOutputPort("contact_force", self._count, self._calc_force)
+        def _construct(
+            self,
+            model: PlanningModel,
+            theta: Array,
+            *,
+            coordinates: int,
+            points: Sequence[TouchedPoint],
+            converter: Any = None,
+        ) -> None:
+            LeafSystem_[T].__init__(self, converter)
+            self._model, self._coordinates, self._points = model, coordinates, points
+            self._theta = np.asarray(theta, dtype=float)
+            self.DeclareNumericParameter(BasicVector_[T](self._theta))
+            self.DeclareVectorInputPort("tool_state", 2 * coordinates)
+            count = len(model.contact(np.zeros(0), np.zeros(2 * coordinates), self._theta))
+            allocate: Any = Value[list[ExternallyAppliedSpatialForce_[T]]]
+            self.DeclareAbstractOutputPort("spatial_forces", allocate, self._calc_applied)
+            self.DeclareVectorOutputPort("contact_force", count, self._calc_force)
 
-    def _calc_force(self, context: Context, output: BasicVector) -> None:
-        motion = as_array(self.get_input_port().Eval(context))
-        output.SetFromVector(as_array(self._model.contact(np.zeros(0), motion, self._theta)))
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(
+                self,
+                other._model,
+                other._theta,
+                coordinates=other._coordinates,
+                points=other._points,
+                converter=converter,
+            )
 
-    def _calc_applied(self, context: Any, output: Any) -> None:
-        force = np.asarray(self.GetOutputPort("contact_force").Eval(context))
-        applied = []
-        for point in self._points:
-            item = ExternallyAppliedSpatialForce()
-            item.body_index = point.body
-            item.p_BoBq_B = point.p_BT
-            item.F_Bq_W = SpatialForce(tau=as_array(np.zeros(3)), f=as_array(force @ point.directions))
-            applied.append(item)
-        output.set_value(applied)
+        def _calc_force(self, context: Any, output: Any) -> None:
+            motion = np.asarray(self.get_input_port().Eval(context))
+            theta = context.get_numeric_parameter(0).CopyToVector()
+            output.SetFromVector(self._model.contact(np.zeros(0), motion, theta))
+
+        def _calc_applied(self, context: Any, output: Any) -> None:
+            force = np.asarray(self.GetOutputPort("contact_force").Eval(context))
+            applied = []
+            for point in self._points:
+                item = ExternallyAppliedSpatialForce_[T]()
+                item.body_index = point.body
+                item.p_BoBq_B = point.p_BT
+                item.F_Bq_W = SpatialForce_[T](tau=np.zeros(3), f=force @ point.directions)
+                applied.append(item)
+            output.set_value(applied)
+
+    return Impl
+
+
+PlannerContact = PlannerContact_[float]

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.geometry import Cylinder, Meshcat, MeshcatVisualizer, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
-from pydrake.multibody.tree import RigidBody, SpatialInertia, UnitInertia
+from pydrake.multibody.tree import ModelInstanceIndex, RigidBody, SpatialInertia, UnitInertia
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import MatrixGain
 
@@ -19,6 +19,7 @@ from drake_cafim.diagrams.movers import ArmMover
 from drake_cafim.diagrams.objects import Surface, add_shape
 from drake_cafim.diagrams.planner_contact import PlannerContact, TouchedPoint
 from drake_cafim.diagrams.sensing import ContactForce
+from drake_cafim.diagrams.tracked_contact import TrackedRobot
 from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import WorldKind, export_force, export_joints, export_tool_state
@@ -91,14 +92,7 @@ def build_probing_world(
     plant.Finalize()
     plant.SetDefaultPositions(instance, as_array(arm.posture))
     control_plant = make_probing_control_plant(arm, plant_config.time_step)
-    mover = ArmMover(
-        plant=control_plant,
-        tool=control_plant.GetFrameByName(TOOL),
-        axes=coordinates.axes,
-        origin=coordinates.origin,
-        q_start=arm.posture,
-        period=arm.tracking.period,
-    )
+    mover = _mover(arm, control_plant, coordinates)
     add_velocity_control(
         builder,
         plant,
@@ -141,6 +135,40 @@ def build_probing_world(
     return diagram
 
 
+def tracked_arm(arm: ProbingArm, coordinates: Coordinates, time_step: float) -> TrackedRobot:
+    """The arm and rod with their control, for sensitivities through them."""
+    control_plant = make_probing_control_plant(arm, time_step)
+
+    def add(plant: MultibodyPlant) -> tuple[ModelInstanceIndex, RigidBody, Sequence[TouchedPoint]]:
+        instance = add_arm(plant, floor_height=arm.floor_height)
+        probe = _add_probe(plant, arm, touches=False)
+        return instance, probe, [TouchedPoint(probe.index(), as_array(np.zeros(3)), coordinates.directions)]
+
+    return TrackedRobot(
+        time_step=time_step,
+        add=add,
+        control_plant=control_plant,
+        mover=_mover(arm, control_plant, coordinates),
+        p_BT=as_array(np.zeros(3)),
+        axes=coordinates.axes,
+        origin=coordinates.origin,
+        workspace=arm.workspace,
+        tracking=arm.tracking,
+        gains=arm.gains,
+    )
+
+
+def _mover(arm: ProbingArm, control_plant: MultibodyPlant, coordinates: Coordinates) -> ArmMover:
+    return ArmMover(
+        plant=control_plant,
+        tool=control_plant.GetFrameByName(TOOL),
+        axes=coordinates.axes,
+        origin=coordinates.origin,
+        q_start=arm.posture,
+        period=arm.tracking.period,
+    )
+
+
 def make_probing_control_plant(arm: ProbingArm, time_step: float) -> MultibodyPlant:
     """The plant of arm and rod by which the controller computes; its frame `TOOL` is at the tip's centre."""
     rod = SpatialInertia(ROD_MASS, as_array([0.0, 0.0, 0.5 * arm.rod]), _rod_inertia(arm))
@@ -171,6 +199,8 @@ def _add_probe(plant: MultibodyPlant, arm: ProbingArm, *, touches: bool) -> Rigi
     inertia = SpatialInertia(ROD_MASS, centre, about_centre.ShiftFromCenterOfMass(centre))
     probe = plant.AddRigidBody("probe", instance, inertia)
     plant.WeldFrames(plant.GetFrameByName("flange"), probe.body_frame(), _tip_in_flange(arm))
+    if not plant.geometry_source_is_registered():
+        return probe
     surface = arm.tip if touches else None
     add_shape(plant, probe, Sphere(arm.tip_radius), RigidTransform(), surface, color=(0.95, 0.45, 0.10, 1.0))
     rod = RigidTransform(as_array([0.0, 0.0, -0.5 * arm.rod]))

@@ -1,15 +1,17 @@
 """Sensors of the worlds as Drake systems: the tool's motion, the contact force, and measurement noise."""
 
 from collections.abc import Sequence
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
+from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
-from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialVelocity
+from pydrake.math import RigidTransform_
+from pydrake.multibody.math import SpatialVelocity_
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
 
 from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.numerics.streams import stream
@@ -79,35 +81,54 @@ class ContactForce(LeafSystem):
         output.SetFromVector(as_array(self._directions @ force))
 
 
-class ToolState(LeafSystem):
-    """Position and velocity of a point of one body along fixed world directions.
+@TemplateSystem.define("ToolState_", T_list=[float, AutoDiffXd])  # type: ignore[untyped-decorator]
+def ToolState_(T: Any) -> Any:
+    class Impl(LeafSystem_[T]):  # type: ignore[misc]
+        """Position and velocity of a point of one body along fixed world directions.
 
-    .. pydrake_system::
+        .. pydrake_system::
 
-        name: ToolState
-        input_ports: [body_poses, body_spatial_velocities]
-        output_ports: [tool_state]
+            name: ToolState
+            input_ports: [body_poses, body_spatial_velocities]
+            output_ports: [tool_state]
 
-    `tool_state` (2 nu,) is the position m (nu,) of the point T of `body` B in the plan's coordinates, measured
-    from `origin` (3,) in W along `axes` (nu, 3), then its velocity m/s (nu,).
-    """
+        `tool_state` (2 nu,) is the position m (nu,) of the point T of `body` B in the plan's coordinates, measured
+        from `origin` (3,) in W along `axes` (nu, 3), then its velocity m/s (nu,).
+        """
 
-    def __init__(self, *, body: BodyIndex, p_BT: Array, axes: Array, origin: Array | None = None) -> None:
-        LeafSystem.__init__(self)
-        self._body, self._p_BT = int(body), np.asarray(p_BT, dtype=float)
-        self._axes = np.asarray(axes, dtype=float)
-        self._origin = np.zeros(3) if origin is None else np.asarray(origin, dtype=float)
-        self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]())
-        self.DeclareAbstractInputPort("body_spatial_velocities", Value[list[SpatialVelocity]]())
-        self.DeclareVectorOutputPort("tool_state", 2 * len(self._axes), self._calc_state)
+        def _construct(
+            self, *, body: BodyIndex, p_BT: Array, axes: Array, origin: Array | None = None, converter: Any = None
+        ) -> None:
+            LeafSystem_[T].__init__(self, converter)
+            self._body, self._p_BT = int(body), np.asarray(p_BT, dtype=float)
+            self._axes = np.asarray(axes, dtype=float)
+            self._origin = np.zeros(3) if origin is None else np.asarray(origin, dtype=float)
+            self.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform_[T]]]())
+            self.DeclareAbstractInputPort("body_spatial_velocities", Value[list[SpatialVelocity_[T]]]())
+            self.DeclareVectorOutputPort("tool_state", 2 * len(self._axes), self._calc_state)
 
-    def _calc_state(self, context: Context, output: BasicVector) -> None:
-        X_WB = cast(list[RigidTransform], self.get_input_port(0).Eval(context))[self._body]
-        V_WB = cast(list[SpatialVelocity], self.get_input_port(1).Eval(context))[self._body]
-        p_BT_W = X_WB.rotation().multiply(self._p_BT)
-        position = X_WB.translation() + p_BT_W - self._origin
-        velocity = V_WB.Shift(p_BT_W).translational()
-        output.SetFromVector(as_array(np.concatenate([self._axes @ position, self._axes @ velocity])))
+        def _construct_copy(self, other: Any, converter: Any = None) -> None:
+            Impl._construct(
+                self,
+                body=BodyIndex(other._body),
+                p_BT=other._p_BT,
+                axes=other._axes,
+                origin=other._origin,
+                converter=converter,
+            )
+
+        def _calc_state(self, context: Any, output: Any) -> None:
+            X_WB: Any = self.get_input_port(0).Eval(context)[self._body]
+            V_WB: Any = self.get_input_port(1).Eval(context)[self._body]
+            p_BT_W = X_WB.rotation().multiply(self._p_BT)
+            position = X_WB.translation() + p_BT_W - self._origin
+            velocity = V_WB.Shift(p_BT_W).translational()
+            output.SetFromVector(np.concatenate([self._axes @ position, self._axes @ velocity]))
+
+    return Impl
+
+
+ToolState = ToolState_[float]
 
 
 class SensorNoise(LeafSystem):

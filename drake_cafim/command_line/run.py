@@ -35,7 +35,12 @@ from drake_cafim.command_line.output import open_folder, print_result, progress_
     default=None,
     help="Reduce commands so that forces stay within the limit.  [default: contact-aware, where there is a limit]",
 )
-@click.option("--fisher", default="tangent", show_default=True, help="Or autodiff, finite-difference.")
+@click.option(
+    "--fisher",
+    default="tangent",
+    show_default=True,
+    help="Or autodiff (through robot and contact, slow), finite-difference.",
+)
 @click.option(
     "--estimator", default="shooting", show_default=True, help="Or joint: parameters and forces in one program."
 )

@@ -24,8 +24,10 @@ from drake_cafim.design.scores import InformationScore, OneStepScore
 from drake_cafim.design.situation import Decision, Situation
 from drake_cafim.errors import InputError
 from drake_cafim.information import Criterion
-from drake_cafim.sensitivity.evaluator import Fisher, make_evaluator
+from drake_cafim.sensitivity.evaluator import Evaluator
+from drake_cafim.sensitivity.finite_difference import FiniteDifferenceEvaluator
 from drake_cafim.sensitivity.model import PlanningModel
+from drake_cafim.sensitivity.tangent import TangentEvaluator
 from drake_cafim.typing import Array
 
 PolicyName: TypeAlias = Literal["contact-aware", "finite-difference", "asid", "random", "scripted", "hold"]
@@ -155,7 +157,7 @@ def make_policy(
     *,
     planner: PlannerName = "predictive-sampling",
     criterion: Criterion = "logdet",
-    fisher: Fisher = "tangent",
+    evaluate: Callable[[PlanningModel], Evaluator] = TangentEvaluator,
     config: PlannerConfig | None = None,
     belief_samples: int = 1,
     force_limit: float | None = None,
@@ -163,17 +165,17 @@ def make_policy(
 ) -> Policy:
     """The policy called `name`; the `InputError` for an unknown name lists the valid names.
 
-    `fisher` is the evaluator of contact-aware; finite-difference always differences whole trajectories. The
-    planning policies' scores are averaged over `belief_samples` points of the belief; 1 is its mean alone. With a
-    `force_limit` N they account for the force guard between the controller and the robot. With several `laws`,
-    planning models by name, `model` the first of them, contact-aware and finite-difference plan for all of them.
+    `evaluate` makes the evaluator of contact-aware for a model; finite-difference always differences whole
+    trajectories. The planning policies' scores are averaged over `belief_samples` points of the belief; 1 is its mean
+    alone. With a `force_limit` N they account for the force guard between the controller and the robot. With several
+    `laws`, planning models by name, `model` the first of them, contact-aware and finite-difference plan for all.
     """
     config = PlannerConfig() if config is None else config
     if name in ("contact-aware", "finite-difference"):
-        which: Fisher = fisher if name == "contact-aware" else "finite-difference"
+        chosen = evaluate if name == "contact-aware" else FiniteDifferenceEvaluator
 
         def informed(of: PlanningModel) -> InformationScore:
-            return InformationScore(of, make_evaluator(which, of), criterion)
+            return InformationScore(of, chosen(of), criterion)
 
         plain: Scoring = informed(model)
         if laws is not None and len(laws) > 1:

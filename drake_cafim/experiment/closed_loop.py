@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -196,12 +197,14 @@ class _Loop:
         careful = [guarded_model(each.model) if options.force_guard else each.model for each in task.candidates]
         laws = {each.law: each.model for each in task.candidates}
         planned = dict(zip(laws, careful, strict=True))
+        automatic = world.automatic if options.fisher == "autodiff" else None
+        evaluate = partial(make_evaluator, options.fisher) if automatic is None else automatic
         policy = make_policy(
             options.policy,
             careful[0],
             planner=options.planner,
             criterion=options.criterion,
-            fisher=options.fisher,
+            evaluate=evaluate,
             config=options.planner_config,
             belief_samples=options.belief_samples,
             force_limit=force_limit(task) if options.force_guard else None,
@@ -218,7 +221,7 @@ class _Loop:
             model,
             policy,
             seed=options.seed,
-            evaluator=make_evaluator(options.fisher, model),
+            evaluator=evaluate(model),
             force_hypotheses=0 if self.guard is None else self.guard.hypotheses,
             laws=laws,
         )

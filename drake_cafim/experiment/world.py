@@ -5,6 +5,9 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import Context, System
 
+from drake_cafim.sensitivity.evaluator import Evaluator
+from drake_cafim.sensitivity.model import PlanningModel
+
 
 @dataclass(frozen=True)
 class World:
@@ -21,3 +24,5 @@ class World:
     start_context: Callable[[int], Context]
     recorded: tuple[str, ...] = ()
     recording_period: float = 0.0
+    automatic: Callable[[PlanningModel], Evaluator] | None = None
+    """Sensitivities by AutoDiffXd through the world's own robot; None: through the planning model's Diagram alone."""
