@@ -43,6 +43,7 @@ MODELS = {
                     Parameter("dissipation", 0.5, std=0.5),
                     Parameter("offset_x", 1e-3, std=3e-3),
                     Parameter("offset_y", -1e-3, std=3e-3),
+                    Parameter("tilt", 0.05, std=0.02),
                 )
             ),
         ),
@@ -59,10 +60,30 @@ MODELS = {
                     Parameter("modulus", 2300.0, std=700.0),
                     Parameter("dissipation", 0.5, std=0.5),
                     Parameter("offset", 1e-3, std=3e-3),
+                    Parameter("tilt", -0.05, std=0.02),
                 )
             ),
         ),
         [0.05, 0.8, 0.0, 0.0],
+    ),
+    "rubbing a turned wall": (
+        Rubbing(parameters=Parameters((*BOTH, Parameter("offset", 1e-3, std=3e-3), Parameter("tilt", 0.05, std=0.02)))),
+        [0.05, 0.8, 0.0, 0.0],
+    ),
+    "contouring a turned box": (
+        Contouring(
+            law="hunt_crossley",
+            dissipation=0.5,
+            parameters=Parameters(
+                (
+                    *Contouring().parameters,
+                    Parameter("offset_x", 1e-3, std=3e-3),
+                    Parameter("offset_y", -1e-3, std=3e-3),
+                    Parameter("tilt", 0.05, std=0.02),
+                )
+            ),
+        ),
+        [0.43, -0.04, 0.0, 0.0],
     ),
     "pinching in Drake's field": (
         Pinching(

@@ -53,6 +53,13 @@ from drake_cafim.command_line.output import open_folder, print_result, progress_
     help="How far the contact may be from where it is planned, m, learned beside the unknowns.",
 )
 @click.option(
+    "--tilt-std",
+    type=Finite(),
+    default=0.0,
+    show_default=True,
+    help="How far the contact's frame may be turned from the plan's, degrees, learned beside the unknowns.",
+)
+@click.option(
     "--law",
     help="Contact law of the planner: kelvin_voigt, hunt_crossley, hydroelastic, paper, or all, between which the "
     "measurements decide.  [default: all in world drake, else the scenario's]",
@@ -73,6 +80,7 @@ def run(
     prior_scale: float,
     law: str | None,
     place_std: float,
+    tilt_std: float,
     as_printed: bool,
     conceal: tuple[str, ...],
     no_diagnosis: bool,
@@ -95,6 +103,7 @@ def run(
         parse_concealed(conceal),
         as_printed,
         place_std,
+        tilt_std,
         law,
         diagnosed=not no_diagnosis,
     )

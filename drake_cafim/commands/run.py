@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
+import numpy as np
 from pydrake.systems.framework import Diagram
 
 from drake_cafim.commands.reports import read_record
@@ -52,6 +53,7 @@ class RunRequest:
     concealed: tuple[Concealed, ...] = ()
     as_printed: bool = False  # with the paper's own choices, see `tasks/as_printed.py`
     place_std: float = 0.0  # m, of the contact's place about the planned one; 0: it is where it is planned
+    tilt_std: float = 0.0  # degrees, of the contact's frame about the planned one; 0: it is as planned
     law: str | None = None  # `all`, one of the laws, or None: all in world `drake`, the scenario's own in `model`
     diagnosed: bool = True  # whether the run ends with the diagnosis of its own recordings
 
@@ -118,7 +120,7 @@ def planned_task(stage: Stage, request: RunRequest) -> Task:
     """The task with the prior, the candidate laws and the doubt about its place that the request asks for."""
     task = stage.with_laws(stage.task.with_prior_mean(request.prior_scale), request.candidates)
     task = as_printed(task) if request.as_printed else task
-    return task.with_unknown_place(request.place_std) if request.place_std > 0.0 else task
+    return task.with_unknown_place(request.place_std, float(np.deg2rad(request.tilt_std)))
 
 
 def load_stage(address: str) -> Stage:
@@ -224,6 +226,8 @@ def check_request(request: RunRequest) -> None:
     stage = load_stage(request.scenario)
     if not 0.0 <= request.place_std < 0.1:
         raise InputError(f"--place-std {request.place_std}: expected a number of metres from 0 to 0.1")
+    if not 0.0 <= request.tilt_std < 20.0:
+        raise InputError(f"--tilt-std {request.tilt_std}: expected a number of degrees from 0 to 20")
     if not request.prior_scale > 0:
         raise InputError(f"--prior-scale {request.prior_scale}: expected a positive number")
     planned_task(stage, request)

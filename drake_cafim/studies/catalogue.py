@@ -17,7 +17,7 @@ from drake_cafim.studies.comparisons import (
     planner_cells,
     planners,
 )
-from drake_cafim.studies.disturbances import disturbance_cells, disturbances
+from drake_cafim.studies.disturbances import disturbance_cells, disturbances, frame_cells
 from drake_cafim.studies.findings import Findings
 from drake_cafim.studies.guarding import guarding, guarding_cells
 from drake_cafim.studies.identifiability import identifiability, identifiability_cells
@@ -60,7 +60,7 @@ STUDIES: Mapping[str, Study] = {
     "force-guard": Study(guarding_cells, guarding),
     "landscapes": Study(landscape_cells, landscapes),
     "one-rub": Study(one_rub_cells, one_rub),
-    "disturbances": Study(disturbance_cells, disturbances),
+    "disturbances": Study(lambda short: [*disturbance_cells(short), *frame_cells(short)], disturbances),
     "point-contact": Study(point_contact_cells, point_contact),
     "reaching": Study(reaching_cells, reaching),
     "worlds": Study(world_cells, worlds),

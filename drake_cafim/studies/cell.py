@@ -58,6 +58,8 @@ class Cell:
     believed: tuple[tuple[str, float], ...] = ()  # numbers of the planner's model that are not the world's
     law: str | None = None  # candidate contact laws: all, one of them, or None for the scenario's own
     place_std: float = 0.0  # m, of the prior of the contact's place, learned as nuisance; 0: known
+    tilt_std: float = 0.0  # degrees, of the prior of the angle of the contact's frame; 0: known
+    beside: tuple[float, float] | None = None  # m and degrees, by which the kinematic world's contact is off its frame
     as_printed: bool = False  # with the paper's own choices
     diagnosed: bool = False  # the joints are recorded as well, and a diagnosis looks for what its scenario lacks
 
@@ -76,6 +78,8 @@ class Cell:
         parts += [f"outside{self.outside:g}"] if self.outside else []
         parts += [f"law-{self.law}"] if self.law else []
         parts += [f"place{self.place_std:g}"] if self.place_std else []
+        parts += [f"tilt{self.tilt_std:g}"] if self.tilt_std else []
+        parts += ["beside" + "-".join(f"{part:g}" for part in self.beside)] if self.beside else []
         parts += ["as-printed"] if self.as_printed else []
         parts += ["diagnosed"] if self.diagnosed else []
         return "_".join(parts)
@@ -132,7 +136,8 @@ def _task_and_world(cell: Cell) -> tuple[Task, World]:
     true, model = task, cast(Any, task.model)
     task = replace(task, model=replace(model, **dict(cell.believed)))
     task = as_printed(task) if cell.as_printed else task
-    task = task.with_unknown_place(cell.place_std) if cell.place_std else task
+    task = task.with_unknown_place(cell.place_std, float(np.deg2rad(cell.tilt_std)))
+    true = true if cell.beside is None else true.with_frame(cell.beside[0], float(np.deg2rad(cell.beside[1])))
     if stage is None or cell.world is None:
         return task, kinematic_world(
             _with_contact_outside(true, cell.outside), seed=cell.seed, process_std=cell.process_noise

@@ -14,6 +14,7 @@ from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.sensitivity.model import Jacobians, Rollout
 from drake_cafim.tasks.point import PointModel, force_excess
 from drake_cafim.tasks.task import Task
+from drake_cafim.tasks.tilted import TILT, TiltedModel
 from drake_cafim.typing import Array
 
 TRUE_LENGTH, TRUE_WIDTH = 0.126, 0.05  # m, paper
@@ -23,7 +24,7 @@ CLEARANCE = 0.02  # m, kept from where a face is expected on the way around the 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Contouring(PointModel):
+class Contouring(TiltedModel):
     """Planner coordinates (x, y) in the plane of the table; a round tip against a fixed box, no friction.
 
     λ is (2,), the force on the tip, K (r − distance) along the box's outward normal at the nearest point, or that of
@@ -33,7 +34,7 @@ class Contouring(PointModel):
     vector from the corner.
 
     θ holds length and width, and by their names in `parameters` any of stiffness, dissipation and modulus, and
-    `offset_x` and `offset_y` (m), the place of the box's centre relative to `centre`.
+    `offset_x` and `offset_y` (m), the place of the box's centre relative to `centre`, and `tilt` (rad).
     """
 
     parameters: Parameters = field(
@@ -69,15 +70,16 @@ class Contouring(PointModel):
         return ("offset_x", "offset_y")
 
     @property
+    def pivot(self) -> Array:
+        return np.asarray(self.centre)
+
+    @property
     def noise_std(self) -> Array:
         return np.full(2, self.force_std)
 
     def _named(self, theta: Array) -> dict[str, Array]:
         """The parameters by name, from θ (..., n)."""
         return dict(zip(self.parameters.names, np.moveaxis(np.asarray(theta), -1, 0), strict=True))
-
-    def _size(self, named: Mapping[str, Array]) -> Array:
-        return np.stack([named["length"], named["width"]], axis=-1)
 
     def _centre(self, named: Mapping[str, Array]) -> Array:
         """The box's centre (..., 2) m."""
@@ -92,11 +94,11 @@ class Contouring(PointModel):
 
     def _beyond(self, motion: Array, named: Mapping[str, Array]) -> Array:
         """How far the tip's centre is beyond each pair of sides, (..., 2) m; negative between them."""
-        return np.asarray(np.abs(motion[..., :2] - self._centre(named)) - 0.5 * self._size(named))
+        return np.asarray(np.abs(motion[..., :2] - self._centre(named)) - 0.5 * _size(named))
 
     def distance(self, motion: Array, theta: Array) -> Array:
         """Signed distance (...,) m from the tip's surface to the box."""
-        return _signed_distance(self._beyond(motion, self._named(theta))) - self.tip_radius
+        return _signed_distance(self._beyond(self.upright_motion(motion, theta), self._named(theta))) - self.tip_radius
 
     def _sides(self, motion: Array, named: Mapping[str, Array]) -> Array:
         return np.where(motion[..., :2] >= self._centre(named), 1.0, -1.0)
@@ -116,7 +118,7 @@ class Contouring(PointModel):
         scale = np.asarray(gradient * radius**3)[..., np.newaxis]
         return np.asarray(scale * np.stack(volumes, axis=-1) * np.maximum(through, 0.0) * sides)
 
-    def _field_jacobians(self, motion: Array, theta: Array) -> Jacobians:
+    def _field_jacobians(self, motion: Array, theta: Array) -> tuple[Jacobians, Array]:
         """`_field_force` with its derivatives: those of a volume are areas, see `wedge_volume`."""
         named = self._named(theta)
         (gradient, loss, radius), sides = self._field(named), self._sides(motion, named)
@@ -132,16 +134,19 @@ class Contouring(PointModel):
         by_name = {"length": by_size[..., 0], "width": by_size[..., 1]}
         by_name |= {"offset_x": 2.0 * sides[..., :1] * by_size[..., 0]}
         by_name |= {"offset_y": 2.0 * sides[..., 1:] * by_size[..., 1]}
-        by_name |= {"dissipation": gradient * radius**3 * volume * np.where(through > 0.0, rate, 0.0) * sides}
+        within = gradient * radius**3 * volume * np.where(through > 0.0, 1.0, 0.0)
+        by_name |= {"dissipation": within * rate * sides, TILT: np.zeros_like(volume)}
+        by_place = -np.stack([by_name["offset_x"], by_name["offset_y"]], axis=-1)
+        by_motion = np.concatenate([by_place, -(loss * within)[..., np.newaxis] * np.eye(2)], axis=-1)
         if "modulus" in named:
             by_name |= {"modulus": force / named["modulus"]}
         smallest = min(("length", "width"), key=lambda name: float(named[name]))
         if float(named[smallest]) < self.height:  # the field's gradient is the modulus over half the smallest extent
             by_name[smallest] = by_name[smallest] - force / named[smallest]
         slope = np.stack([by_name[name] for name in self.parameters.names], axis=-1)
-        return Jacobians(force, np.zeros((2, 0)), np.zeros((2, 2)), slope)
+        return Jacobians(force, np.zeros((2, 0)), np.zeros((2, 2)), slope), by_motion
 
-    def contact(self, state: Array, motion: Array, theta: Array) -> Array:
+    def upright_force(self, motion: Array, theta: Array) -> Array:
         named = self._named(theta)
         if self.law == "hydroelastic":
             return self._field_force(motion, named)
@@ -151,7 +156,7 @@ class Contouring(PointModel):
         size = ContactLaw(self.law).normal_force(depth, rate, self._contact_parameters(named))
         return np.asarray(size[..., np.newaxis] * self._direction(beyond) * sides)
 
-    def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
+    def upright_jacobians(self, motion: Array, theta: Array) -> tuple[Jacobians, Array]:
         """With b = |p − c| − θ/2, distance s(b) and direction n(b): λ = N(r − s, ḋ) σ∘n, and ∂b/∂θ = −½.
 
         Hence ∂λ/∂θ = ½ σ∘(N_d n ∇sᵀ − N ∂n/∂b − N_ḋ n (∂ḋ/∂b)ᵀ); ∂n/∂b and ∂ḋ/∂b are zero but at corners.
@@ -186,10 +191,12 @@ class Contouring(PointModel):
         by_name |= {"offset_x": 2.0 * sides[..., :1] * by_size[..., 0]}
         by_name |= {"offset_y": 2.0 * sides[..., 1:] * by_size[..., 1]}
         by_name |= {"length": by_size[..., 0], "width": by_size[..., 1]}
+        by_name |= {TILT: np.zeros_like(direction)}
         columns = [np.broadcast_to(by_name[name], across.shape[:-1]) for name in self.parameters.names]
-        return Jacobians(
-            normal[..., 0] * direction * sides, np.zeros((2, 0)), np.zeros((2, 2)), np.stack(columns, axis=-1)
-        )
+        by_place = -np.stack([by_name["offset_x"], by_name["offset_y"]], axis=-1)
+        by_motion = np.concatenate([by_place, -by_rate * _outer(direction * sides, gradient * sides)], axis=-1)
+        force = normal[..., 0] * direction * sides
+        return Jacobians(force, np.zeros((2, 0)), np.zeros((2, 2)), np.stack(columns, axis=-1)), by_motion
 
     def _direction(self, beyond: Array) -> Array:
         """n(b), (..., 2): the gradient of the distance, but within `corner_radius` of a corner b / corner_radius."""
@@ -226,8 +233,8 @@ class Contouring(PointModel):
         """
         named, spread = self._named(theta), self._named(std)
         along = ("length", "width").index(name)
-        place, half = robot_state[:2] - self._centre(named), 0.5 * self._size(named)
-        clear = half + self._size(spread) + self.tip_radius + CLEARANCE
+        place, half = robot_state[:2] - self._centre(named), 0.5 * _size(named)
+        clear = half + _size(spread) + self.tip_radius + CLEARANCE
         outward = np.where(place >= 0.0, 1.0, -1.0)
         beyond = np.abs(place)
         way, across = np.zeros(2), 1 - along
@@ -255,6 +262,11 @@ class Contouring(PointModel):
 
     def behaviour(self, motion: Array, forces: Array) -> Mapping[str, object]:
         return {**PointModel.behaviour(self, motion, forces), "faces": self.faces(motion, forces)}
+
+
+def _size(named: Mapping[str, Array]) -> Array:
+    """Length and width (..., 2) m."""
+    return np.stack([named["length"], named["width"]], axis=-1)
 
 
 def _signed_distance(beyond: Array) -> Array:

@@ -13,17 +13,19 @@ from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.sensitivity.model import Jacobians, Rollout
 from drake_cafim.tasks.point import PointModel
 from drake_cafim.tasks.task import Task
+from drake_cafim.tasks.tilted import TILT, TiltedModel
 from drake_cafim.typing import Array
 
 TRUE_FRICTION = 0.4  # 1, paper
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rubbing(PointModel):
+class Rubbing(TiltedModel):
     """Planner coordinates (x, y) in the wall frame: x away from the wall, which is at x = 0, and y along it.
 
     Forces λ are (2,): normal, and tangential along y. θ may hold any of friction, stiffness, damping, dissipation,
-    modulus and resistance, by the names in `parameters`, and `offset` (m), how much nearer than planned the wall is.
+    modulus and resistance, by the names in `parameters`, `offset` (m), how much nearer than planned the wall is, and
+    `tilt` (rad), by which it is turned about its middle.
     With a `slip_velocity` above 0 the friction has that width, as Drake's, and no resistance.
     """
 
@@ -54,6 +56,10 @@ class Rubbing(PointModel):
         return ("offset",)
 
     @property
+    def pivot(self) -> Array:
+        return np.array([0.0, 0.5 * (self.workspace_lower[1] + self.workspace_upper[1])])
+
+    @property
     def noise_std(self) -> Array:
         return np.full(2 if self.measures_normal else 1, self.force_std)
 
@@ -66,7 +72,8 @@ class Rubbing(PointModel):
     def _contact_parameters(self, theta: Array) -> ContactParameters:
         numbers: dict[str, Any] = {name: getattr(self, name) for name in self._numbers}
         numbers.update(zip(self.parameters.names, np.moveaxis(theta, -1, 0), strict=True))
-        numbers.pop("offset", None)
+        for name in ("offset", TILT):
+            numbers.pop(name, None)
         return ContactParameters(**numbers, radius=self.tip_radius, resolution=self.resolution)
 
     def _penetration(self, motion: Array, theta: Array) -> Array:
@@ -75,7 +82,7 @@ class Rubbing(PointModel):
             penetration = penetration + theta[..., self.parameters.names.index("offset")]
         return np.asarray(penetration)
 
-    def contact(self, state: Array, motion: Array, theta: Array) -> Array:
+    def upright_force(self, motion: Array, theta: Array) -> Array:
         parameters, law = self._contact_parameters(theta), ContactLaw(self.law)
         normal = law.normal_force(self._penetration(motion, theta), -motion[..., 2], parameters)
         tangential = law.tangential_force(normal, motion[..., 3:4], parameters)
@@ -83,7 +90,7 @@ class Rubbing(PointModel):
         along = np.broadcast_to(normal[..., np.newaxis], tangential.shape)
         return np.concatenate([along, tangential], axis=-1)
 
-    def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
+    def upright_jacobians(self, motion: Array, theta: Array) -> tuple[Jacobians, Array]:
         exact = ContactLaw(self.law).derivatives(
             self._penetration(motion, theta),
             -motion[..., 2],
@@ -93,10 +100,17 @@ class Rubbing(PointModel):
         shape = motion.shape[:-1]
         slope = np.zeros((*shape, 2, len(theta)))
         for column, name in enumerate("penetration" if name == "offset" else name for name in self.parameters.names):
+            if name == TILT:
+                continue
             slope[..., 0, column] = exact.normal.get(name, 0.0)
             slope[..., 1, column] = exact.tangential[name][..., 0]
         force = np.concatenate([exact.normal_force[..., np.newaxis], exact.tangential_force], axis=-1)
-        return Jacobians(force, np.zeros((2, 0)), np.zeros((2, 2)), slope)
+        by_motion = np.zeros((*shape, 2, 4))
+        for column, name in ((0, "penetration"), (2, "rate")):
+            by_motion[..., 0, column] = -exact.normal[name]
+            by_motion[..., 1, column] = -exact.tangential[name][..., 0]
+        by_motion[..., 1, 3] = exact.tangential["tangential_velocity"][..., 0, 0]
+        return Jacobians(force, np.zeros((2, 0)), np.zeros((2, 2)), slope), by_motion
 
     def measurement(self, state: Array, motion: Array, force: Array, theta: Array) -> Array:
         return force if self.measures_normal else force[..., 1:]

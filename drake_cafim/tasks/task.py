@@ -62,15 +62,28 @@ class Task:
         valid = ", ".join(["all", *(candidate.law for candidate in self.candidates if candidate.law)])
         raise InputError(f"--law {law}: {self.name} has the laws {valid}")
 
-    def with_unknown_place(self, std: float) -> "Task":
-        """The task with the place of the contact unknown, too: offsets with priors of `std` m, as nuisance.
+    def with_unknown_place(self, std: float, tilt_std: float = 0.0) -> "Task":
+        """The task with the frame of the contact unknown, too, as nuisance: offsets and tilt with priors of these stds.
 
-        Raises `InputError` for a model without a place, such as a ball in a palm.
+        `std` in m, `tilt_std` in rad; 0 leaves them out. Raises `InputError` for a model without a place, such as a
+        ball in a palm, and for one whose forces do not depend on a tilt to first order, such as a ball between jaws.
         """
-        if not getattr(self.model, "offsets", ()):
+        if std and not getattr(self.model, "offsets", ()):
             raise InputError(f"--place-std: {self.name} has no place of contact that could be off, expected 0")
-        others = tuple(replace(other, model=_with_offsets(other.model, std)) for other in self.others)
-        return replace(self, model=_with_offsets(self.model, std), others=others)
+        if tilt_std and not getattr(self.model, "tilts", ()):
+            raise InputError(
+                f"--tilt-std: in {self.name} a tilt changes the measured force at most by its cosine, expected 0"
+            )
+        offset, tilt = (0.0, std), (0.0, tilt_std)
+        others = tuple(replace(other, model=_with_frame(other.model, offset, tilt)) for other in self.others)
+        return replace(self, model=_with_frame(self.model, offset, tilt), others=others)
+
+    def with_frame(self, offset: float, tilt: float) -> "Task":
+        """The task whose contact is beside its planned frame: by `offset` m along each axis, turned by `tilt` rad.
+
+        For a world: the numbers are known. What the model cannot have, as a tilt between jaws, is left out.
+        """
+        return replace(self, model=_with_frame(self.model, (offset, 1.0), (tilt, 1.0)))
 
     @property
     def theta(self) -> Array:
@@ -90,11 +103,15 @@ class Task:
         return replace(self, model=replace(self.model, parameters=Parameters.of(items)))  # type: ignore[type-var]
 
 
-def _with_offsets(model: PlanningModel, std: float) -> PlanningModel:
-    """The model with the offsets that it can have (`offsets`) among its parameters."""
-    names = getattr(model, "offsets", ())
-    added = [Parameter(name, 0.0, std, lower=-6.0 * std, upper=6.0 * std, unit="m", nuisance=True) for name in names]
-    given = [parameter for parameter in model.parameters if parameter.name not in names]
+def _with_frame(model: PlanningModel, offset: tuple[float, float], tilt: tuple[float, float]) -> PlanningModel:
+    """The model with the offsets and tilts that it can have as nuisance parameters, of these means and stds if any."""
+    new = [
+        Parameter(name, mean, std, lower=mean - 6.0 * std, upper=mean + 6.0 * std, unit=unit, nuisance=True)
+        for which, (mean, std), unit in (("offsets", offset, "m"), ("tilts", tilt, "rad"))
+        if std
+        for name in getattr(model, which, ())
+    ]
+    given = [parameter for parameter in model.parameters if parameter.name not in {each.name for each in new}]
     # every packaged model is a dataclass with a field `parameters`
-    changed: PlanningModel = replace(model, parameters=Parameters.of([*given, *added]))  # type: ignore[type-var]
+    changed: PlanningModel = replace(model, parameters=Parameters.of([*given, *new]))  # type: ignore[type-var]
     return changed
