@@ -81,8 +81,8 @@ def test_the_record_says_it_and_the_summary_too():
     whole = prior.update(np.diag([1e4, 1e4]), THETA)
     record["experiments"] = [experiment | describe_combinations(prior, whole, np.diag([1e4, 1e4]))]
     assert "only this is known" not in table(record)
-    one = Belief(("a",), np.ones(1), np.eye(1))
-    assert describe_combinations(one, one, np.eye(1)) == {}
+    lone = Belief(("a",), np.ones(1), np.eye(1))
+    assert describe_combinations(lone, lone, np.eye(1)) == {}
 
 
 @pytest.mark.parametrize("name, readings", [("rubbing_two", 2), ("rubbing_tangential", 1)])
