@@ -23,10 +23,15 @@ from drake_cafim.tasks.pinching import Pinching
 from drake_cafim.tasks.rubbing import Rubbing
 
 BOTH = Parameters((Parameter("friction", 0.5, std=1.0), Parameter("stiffness", 120.0, std=50.0)))
+SENSOR = Parameters(
+    (Parameter("bias", 0.1, std=0.2), *Hefting().parameters, Parameter("drift", 0.05, std=0.05)),
+)
 MODELS = {
     "hefting": (Hefting(), [0.2, 0.0]),
     "compliant hefting": (CompliantHefting(), [0.2, 0.0]),
     "hunt-crossley hefting": (CompliantHefting(law="hunt_crossley", damping=0.0, dissipation=3.0), [0.2, 0.0]),
+    "hefting, sensor off": (Hefting(parameters=SENSOR), [0.2, 0.0]),
+    "compliant hefting, sensor off": (CompliantHefting(parameters=SENSOR), [0.2, 0.0]),
     "rubbing": (Rubbing(), [0.05, 0.8, 0.0, 0.0]),
     "rubbing, two unknown": (Rubbing(parameters=BOTH), [0.05, 0.8, 0.0, 0.0]),
     "rubbing, tangential force alone": (Rubbing(measures_normal=False), [0.05, 0.8, 0.0, 0.0]),

@@ -60,6 +60,12 @@ from drake_cafim.command_line.output import open_folder, print_result, progress_
     help="How far the contact's frame may be turned from the plan's, degrees, learned beside the unknowns.",
 )
 @click.option(
+    "--bias-std", type=Finite(), default=0.0, show_default=True, help="How far hefting's force sensor may be off, N."
+)
+@click.option(
+    "--drift-std", type=Finite(), default=0.0, show_default=True, help="And how fast it may drift, N/s; both learned."
+)
+@click.option(
     "--law",
     help="Contact law of the planner: kelvin_voigt, hunt_crossley, hydroelastic, paper, or all, between which the "
     "measurements decide.  [default: all in world drake, else the scenario's]",
@@ -81,6 +87,8 @@ def run(
     law: str | None,
     place_std: float,
     tilt_std: float,
+    bias_std: float,
+    drift_std: float,
     as_printed: bool,
     conceal: tuple[str, ...],
     no_diagnosis: bool,
@@ -104,6 +112,8 @@ def run(
         as_printed,
         place_std,
         tilt_std,
+        bias_std,
+        drift_std,
         law,
         diagnosed=not no_diagnosis,
     )

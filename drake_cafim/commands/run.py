@@ -54,6 +54,8 @@ class RunRequest:
     as_printed: bool = False  # with the paper's own choices, see `tasks/as_printed.py`
     place_std: float = 0.0  # m, of the contact's place about the planned one; 0: it is where it is planned
     tilt_std: float = 0.0  # degrees, of the contact's frame about the planned one; 0: it is as planned
+    bias_std: float = 0.0  # N, of the force sensor's bias; 0: it is tared
+    drift_std: float = 0.0  # N/s, of its drift from the start of each experiment on; 0: it does not drift
     law: str | None = None  # `all`, one of the laws, or None: all in world `drake`, the scenario's own in `model`
     diagnosed: bool = True  # whether the run ends with the diagnosis of its own recordings
 
@@ -120,7 +122,8 @@ def planned_task(stage: Stage, request: RunRequest) -> Task:
     """The task with the prior, the candidate laws and the doubt about its place that the request asks for."""
     task = stage.with_laws(stage.task.with_prior_mean(request.prior_scale), request.candidates)
     task = as_printed(task) if request.as_printed else task
-    return task.with_unknown_place(request.place_std, float(np.deg2rad(request.tilt_std)))
+    task = task.with_unknown_place(request.place_std, float(np.deg2rad(request.tilt_std)))
+    return task.with_unknown_sensor(request.bias_std, request.drift_std)
 
 
 def load_stage(address: str) -> Stage:
@@ -228,6 +231,9 @@ def check_request(request: RunRequest) -> None:
         raise InputError(f"--place-std {request.place_std}: expected a number of metres from 0 to 0.1")
     if not 0.0 <= request.tilt_std < 20.0:
         raise InputError(f"--tilt-std {request.tilt_std}: expected a number of degrees from 0 to 20")
+    for option, std in (("--bias-std", request.bias_std), ("--drift-std", request.drift_std)):
+        if not 0.0 <= std < 100.0:
+            raise InputError(f"{option} {std}: expected a number of N, or N/s, from 0 to 100")
     if not request.prior_scale > 0:
         raise InputError(f"--prior-scale {request.prior_scale}: expected a positive number")
     planned_task(stage, request)

@@ -11,6 +11,7 @@ from drake_cafim.information import fisher_information
 from drake_cafim.sensitivity.evaluator import Evaluator
 from drake_cafim.sensitivity.finite_difference import predict
 from drake_cafim.sensitivity.model import PlanningModel, Rollout, Start
+from drake_cafim.sensitivity.tangent import FastRollout
 from drake_cafim.typing import Array
 
 LARGEST = 2**18
@@ -63,11 +64,14 @@ class MapProblem:
         return sum(len(group.places) for group in self.groups)
 
     def cost(self, theta: Array) -> float:
-        """ℓ(θ), computed without derivatives."""
+        """ℓ(θ), computed without derivatives unless the model has a fast rollout of its own."""
         total = self._prior_cost(theta)
         for group in self.groups:
             start = self._start(group, theta)
-            rollout = predict(self.model, group.motion, theta, start.state)
+            if isinstance(self.model, FastRollout):
+                rollout = self.model.rollout(group.motion, theta, start)
+            else:
+                rollout = predict(self.model, group.motion, theta, start.state)
             total += 0.5 * float((self._residual(group, rollout) ** 2).sum())
         return total
 

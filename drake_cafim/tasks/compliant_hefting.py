@@ -31,7 +31,7 @@ class CompliantHefting(Hefting):
 
     @property
     def state_size(self) -> int:
-        return 2
+        return 2 + int(self.drifts)
 
     @property
     def _parameters(self) -> ContactParameters:
@@ -39,8 +39,9 @@ class CompliantHefting(Hefting):
 
     def start(self, motion: Array, theta: Array) -> Start:
         """The ball at rest with penetration m g / K: the equilibrium depends on the mass, so that S_0 is not zero."""
-        sunk = self.gravity / self.stiffness
-        return Start(np.array([motion[0] - theta[0] * sunk, motion[1]]), np.array([[-sunk], [0.0]]))
+        sunk, drift = self.gravity / self.stiffness, np.zeros(int(self.drifts))
+        state = np.concatenate([[motion[0] - self.of("mass", theta) * sunk, motion[1]], drift])
+        return Start(state, self.column("mass", np.concatenate([[-sunk, 0.0], drift])))
 
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
         penetration, rate = motion[..., 0] - state[..., 0], motion[..., 1] - state[..., 1]
@@ -56,40 +57,63 @@ class CompliantHefting(Hefting):
             **self._parameters.of_normal(self.law),
             smoothing=self.smoothing,
         )
-        slope = np.empty((*rate.shape, 1, 2))
+        slope = np.zeros((*rate.shape, 1, self.state_size))
         slope[..., 0, 0], slope[..., 0, 1] = -exact.wrt_penetration, -exact.wrt_rate
-        return Jacobians(exact.force[..., np.newaxis], slope, np.zeros((1, 1)), np.zeros((*rate.shape, 1, 1)))
+        return Jacobians(exact.force[..., np.newaxis], slope, np.zeros((1, 1)), np.zeros((*rate.shape, 1, len(theta))))
 
     def step(self, state: Array, motion: Array, following: Array, force: Array, theta: Array) -> Array:
         h = self.period / self.substeps
-        velocity = state[..., 1] + h * (force[..., 0] / theta[0] - self.gravity)
-        return np.stack([state[..., 0] + h * velocity, velocity], axis=-1)
+        velocity = state[..., 1] + h * (force[..., 0] / self.of("mass", theta) - self.gravity)
+        moved = np.stack([state[..., 0] + h * velocity, velocity], axis=-1)
+        return self.drifted(np.concatenate([moved, state[..., 2:]], axis=-1), theta) if self.drifts else moved
 
     def step_jacobians(self, state: Array, motion: Array, following: Array, force: Array, theta: Array) -> Jacobians:
         h = self.period / self.substeps
         value = self.step(state, motion, following, force, theta)
-        push = np.array([[h * h], [h]])
-        slope = -(force[..., 0] / theta[0] ** 2)[..., np.newaxis, np.newaxis] * push
-        return Jacobians(value, np.array([[1.0, h], [0.0, 1.0]]), push / theta[0], slope)
+        mass, nx = self.of("mass", theta), self.state_size
+        push, forward = np.zeros(nx), np.eye(nx)
+        push[:2], forward[0, 1] = (h * h, h), h
+        slope = self.column("mass", -(force / mass**2) * push)
+        if self.drifts:
+            slope = slope + self.column("drift", np.array([0.0, 0.0, h]))
+        return Jacobians(value, forward, push[:, np.newaxis] / mass, slope)
 
     def rollout(self, motion: Array, theta: Array, start: Start) -> Rollout:
         """The same as `contact`, `step` and their Jacobians step by step, in one compiled loop (`FastRollout`)."""
-        batch = motion.shape[0]
+        batch, mass = motion.shape[0], self.parameters.names.index("mass")
         numbers = self._parameters.of_normal(self.law)
         field = (float(numbers.get("narrowing", 1.0)), float(numbers.get("deficit", 0.0)))
         loss = (float(numbers.get("damping", 0.0)), float(numbers["dissipation"]))
         law = (NORMAL_LAWS.index(self.law), float(numbers["stiffness"]), *loss, *field, self.smoothing)
         states, tangents, forces, slopes = _integrate(
             np.ascontiguousarray(motion),
-            np.broadcast_to(start.state, (batch, 2)),
-            np.broadcast_to(start.sensitivity, (batch, 2, 1)),
-            float(theta[0]),
+            np.broadcast_to(start.state[..., :2], (batch, 2)),
+            np.broadcast_to(start.sensitivity[..., :2, mass : mass + 1], (batch, 2, 1)),
+            float(theta[mass]),
             law,
             self.gravity,
             self.period / self.substeps,
             self.substeps,
         )
-        return Rollout(motion[:, :: self.substeps], states, forces, forces, slopes, tangents)
+        made = Rollout(motion[:, :: self.substeps], states, forces, forces, slopes, tangents)
+        return made if len(theta) == 1 else self._with_sensor(made, theta, start)
+
+    def _with_sensor(self, made: Rollout, theta: Array, start: Start) -> Rollout:
+        """The rollout with the sensor's bias and drift, of which `made` knows the mass alone."""
+        names, time = self.parameters.names, self.period * np.arange(made.states.shape[1])
+        G = self.column("mass", made.sensitivities[..., 0])
+        S, states, readings = self.column("mass", made.state_sensitivities[..., 0]), made.states, made.measurements
+        if "bias" in names:
+            readings = readings + self.of("bias", theta)
+            G = G + self.column("bias", np.ones(1))
+        if self.drifts:
+            passed = np.broadcast_to(start.state[..., -1:], (len(states), 1)) + time * self.of("drift", theta)
+            slope = np.broadcast_to(start.sensitivity[..., -1:, :], (len(states), len(time), len(theta)))
+            slope = slope + self.column("drift", time)
+            states = np.concatenate([states, passed[..., np.newaxis]], axis=-1)
+            S = np.concatenate([S, slope[..., np.newaxis, :]], axis=-2)
+            readings, G = readings + passed[:, 1:, np.newaxis], G + slope[:, 1:, np.newaxis]
+        return Rollout(made.motion, states, made.forces, readings, G, S)
 
 
 @compiled

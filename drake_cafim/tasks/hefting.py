@@ -22,6 +22,9 @@ TRUE_MASS = 0.05  # kg, paper
 class Hefting:
     """The planning model. Motion r is (3,): palm height m, velocity m/s, acceleration m/s² of the last period.
 
+    θ holds the mass, and by their names in `parameters` the force sensor's `bias` (N) and `drift` (N/s, from the start
+    of each experiment on): y = λ + bias + drift · t. What has drifted by then is the last component of the state.
+
     The methods are those of `PlanningModel`.
     """
 
@@ -51,7 +54,27 @@ class Hefting:
 
     @property
     def state_size(self) -> int:
-        return 0
+        return int(self.drifts)
+
+    @property
+    def sensor_errors(self) -> tuple[str, ...]:
+        """The parameters that say by how much the force sensor may be off."""
+        return ("bias", "drift")
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the sensor's drift is among the parameters."""
+        return "drift" in self.parameters.names
+
+    def of(self, name: str, theta: Array) -> Array:
+        """The parameter `name` from θ (..., n); shape (...,)."""
+        return np.asarray(theta[..., self.parameters.names.index(name)])
+
+    def column(self, name: str, slope: Array) -> Array:
+        """Derivatives (..., k, n) by all parameters, of which that by `name` is `slope` (..., k), the others zero."""
+        result = np.zeros((*np.shape(slope), len(self.parameters.names)))
+        result[..., self.parameters.names.index(name)] = slope
+        return result
 
     @property
     def velocity_bounds(self) -> tuple[Array, Array]:
@@ -104,34 +127,52 @@ class Hefting:
         return np.concatenate([first, fine], axis=-2)
 
     def start(self, motion: Array, theta: Array) -> Start:
-        return Start(np.zeros(0), np.zeros((0, 1)))
+        return Start(np.zeros(self.state_size), np.zeros((self.state_size, len(theta))))
 
     def contact(self, state: Array, motion: Array, theta: Array) -> Array:
         """λ = max(0, m (a + g)), (..., 1)."""
-        return np.asarray(theta[..., :1] * np.maximum(0.0, motion[..., 2:3] + self.gravity))
+        mass = self.of("mass", theta)[..., np.newaxis]
+        return np.asarray(mass * np.maximum(0.0, motion[..., 2:3] + self.gravity))
 
     def contact_jacobians(self, state: Array, motion: Array, theta: Array) -> Jacobians:
         force = self.contact(state, motion, theta)
         shape = motion.shape[:-1]
-        slope = np.maximum(0.0, motion[..., 2:3] + self.gravity)[..., np.newaxis]
-        return Jacobians(force, np.zeros((*shape, 1, 0)), np.zeros((*shape, 1, 1)), slope)
+        slope = self.column("mass", np.maximum(0.0, motion[..., 2:3] + self.gravity))
+        return Jacobians(force, np.zeros((*shape, 1, self.state_size)), np.zeros((*shape, 1, 1)), slope)
 
     def step(self, state: Array, motion: Array, following: Array, force: Array, theta: Array) -> Array:
-        return state
+        return self.drifted(state, theta) if self.drifts else state
+
+    def drifted(self, state: Array, theta: Array) -> Array:
+        """The state (..., nx) with a step's drift in its last component."""
+        last = np.zeros(self.state_size)
+        last[-1] = self.period / self.substeps
+        return np.asarray(state + self.of("drift", theta)[..., np.newaxis] * last)
 
     def step_jacobians(self, state: Array, motion: Array, following: Array, force: Array, theta: Array) -> Jacobians:
-        shape = motion.shape[:-1]
-        return Jacobians(state, np.zeros((*shape, 0, 0)), np.zeros((*shape, 0, 1)), np.zeros((*shape, 0, 1)))
+        value, shape, nx = self.step(state, motion, following, force, theta), motion.shape[:-1], self.state_size
+        slope = np.zeros((*shape, nx, len(theta)))
+        if self.drifts:
+            slope = slope + self.column("drift", np.full(nx, self.period / self.substeps))
+        return Jacobians(value, np.broadcast_to(np.eye(nx), (*shape, nx, nx)), np.zeros((*shape, nx, 1)), slope)
 
     def measurement(self, state: Array, motion: Array, force: Array, theta: Array) -> Array:
-        return force
+        reading = force
+        if "bias" in self.parameters.names:
+            reading = reading + self.of("bias", theta)[..., np.newaxis]
+        return np.asarray(reading + state[..., -1:]) if self.drifts else reading
 
     def measurement_jacobians(self, state: Array, motion: Array, force: Array, theta: Array) -> Jacobians:
-        return Jacobians(force, np.zeros((1, self.state_size)), np.eye(1), np.zeros((1, 1)))
+        by_state = np.zeros((1, self.state_size))
+        by_state[:, self.state_size - int(self.drifts) :] = 1.0
+        slope = np.zeros((1, len(theta)))
+        if "bias" in self.parameters.names:
+            slope = self.column("bias", np.ones(1))
+        return Jacobians(self.measurement(state, motion, force, theta), by_state, np.eye(1), slope)
 
     def cost(self, rollout: Rollout, theta: Array) -> Array:
         """Cost (B,) of predicted forces near zero, which lose contact, and far above the weight."""
-        weight = theta[0] * self.gravity
+        weight = self.of("mass", theta) * self.gravity
         force = rollout.forces[..., 0]
         lost = np.maximum(0.0, self.least_weight - force / weight).sum(axis=-1)
         excess = np.maximum(0.0, force - self.most_weight * weight) / self.force_std

@@ -1,6 +1,6 @@
 """The class `Task`: a planning model, the true parameters, the robot's start, and the number of experiments."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -74,16 +74,34 @@ class Task:
             raise InputError(
                 f"--tilt-std: in {self.name} a tilt changes the measured force at most by its cosine, expected 0"
             )
-        offset, tilt = (0.0, std), (0.0, tilt_std)
-        others = tuple(replace(other, model=_with_frame(other.model, offset, tilt)) for other in self.others)
-        return replace(self, model=_with_frame(self.model, offset, tilt), others=others)
+        offset, tilt = ("offsets", 0.0, std, "m"), ("tilts", 0.0, tilt_std, "rad")
+        others = tuple(replace(other, model=_with_nuisance(other.model, offset, tilt)) for other in self.others)
+        return replace(self, model=_with_nuisance(self.model, offset, tilt), others=others)
+
+    def with_unknown_sensor(self, bias_std: float, drift_std: float) -> "Task":
+        """The task whose force sensor has a bias and a drift as nuisance, with priors of these stds, N and N/s.
+
+        0 leaves them out. The bias is the same in all experiments, the drift counts from the start of each. Raises
+        `InputError` for a model without them.
+        """
+        if (bias_std or drift_std) and not getattr(self.model, "sensor_errors", ()):
+            raise InputError(f"--bias-std, --drift-std: {self.name} takes its force sensor as tared, expected 0")
+        return self.with_sensor(0.0, 0.0, bias_std, drift_std)
+
+    def with_sensor(self, bias: float, drift: float, bias_std: float = 1.0, drift_std: float = 1.0) -> "Task":
+        """The task whose force sensor is off by `bias` N and `drift` N/s; for a world, whose numbers are known."""
+        names = getattr(self.model, "sensor_errors", ())
+        both = (("bias", bias, bias_std, "N"), ("drift", drift, drift_std, "N/s"))
+        new = [_nuisance(name, mean, std, unit) for name, mean, std, unit in both if std and name in names]
+        return replace(self, model=_with_parameters(self.model, new))
 
     def with_frame(self, offset: float, tilt: float) -> "Task":
         """The task whose contact is beside its planned frame: by `offset` m along each axis, turned by `tilt` rad.
 
         For a world: the numbers are known. What the model cannot have, as a tilt between jaws, is left out.
         """
-        return replace(self, model=_with_frame(self.model, (offset, 1.0), (tilt, 1.0)))
+        changed = _with_nuisance(self.model, ("offsets", offset, 1.0, "m"), ("tilts", tilt, 1.0, "rad"))
+        return replace(self, model=changed)
 
     @property
     def theta(self) -> Array:
@@ -103,14 +121,18 @@ class Task:
         return replace(self, model=replace(self.model, parameters=Parameters.of(items)))  # type: ignore[type-var]
 
 
-def _with_frame(model: PlanningModel, offset: tuple[float, float], tilt: tuple[float, float]) -> PlanningModel:
-    """The model with the offsets and tilts that it can have as nuisance parameters, of these means and stds if any."""
-    new = [
-        Parameter(name, mean, std, lower=mean - 6.0 * std, upper=mean + 6.0 * std, unit=unit, nuisance=True)
-        for which, (mean, std), unit in (("offsets", offset, "m"), ("tilts", tilt, "rad"))
-        if std
-        for name in getattr(model, which, ())
-    ]
+def _with_nuisance(model: PlanningModel, *kinds: tuple[str, float, float, str]) -> PlanningModel:
+    """The model with the nuisance parameters that its properties `kinds` name: each with mean, std (0: none), unit."""
+    found = [(name, mean, std, unit) for which, mean, std, unit in kinds if std for name in getattr(model, which, ())]
+    return _with_parameters(model, [_nuisance(*each) for each in found])
+
+
+def _nuisance(name: str, mean: float, std: float, unit: str) -> Parameter:
+    return Parameter(name, mean, std, lower=mean - 6.0 * std, upper=mean + 6.0 * std, unit=unit, nuisance=True)
+
+
+def _with_parameters(model: PlanningModel, new: Sequence[Parameter]) -> PlanningModel:
+    """The model with these parameters, which replace those of the same name."""
     given = [parameter for parameter in model.parameters if parameter.name not in {each.name for each in new}]
     # every packaged model is a dataclass with a field `parameters`
     changed: PlanningModel = replace(model, parameters=Parameters.of([*given, *new]))  # type: ignore[type-var]
