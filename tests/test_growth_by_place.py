@@ -36,10 +36,10 @@ VISCOUS = 0.3
 
 @pytest.fixture(scope="module")
 def growth(tmp_path_factory: pytest.TempPathFactory) -> GrowthByPlace:
-    return _growth(tmp_path_factory.mktemp("arm"), lambda v: VISCOUS * v)
+    return arm_that_rubs(tmp_path_factory.mktemp("arm"), lambda v: VISCOUS * v)
 
 
-def _growth(folder: Path, friction: Callable[[Array], Array]) -> GrowthByPlace:
+def arm_that_rubs(folder: Path, friction: Callable[[Array], Array]) -> GrowthByPlace:
     """A search that begins with nothing, of an arm whose efforts overcome `friction` of v at the first joint."""
     scene, read = written(simulate("null", "arm2", 12), folder)
     joint = scene.tree.joint_names[0]
@@ -49,7 +49,9 @@ def _growth(folder: Path, friction: Callable[[Array], Array]) -> GrowthByPlace:
     ]
     problem = prepare(scene, rubbed).problem()
     assert isinstance(problem, WeakProblem)
-    return GrowthByPlace.of(problem, problem.nominal(), 100, Settings(), lambda text: None)
+    growth = GrowthByPlace.of(problem, problem.nominal(), 100, Settings(), lambda text: None)
+    assert growth is not None
+    return growth
 
 
 def _friction(growth: GrowthByPlace, value: float) -> Effect:
@@ -196,7 +198,7 @@ def test_a_strength_at_its_bound_is_told() -> None:
 
 def test_a_law_whose_strength_ends_at_a_bound_gives_way_to_the_simpler_one(tmp_path: Path) -> None:
     torque, width = 0.4, 0.05
-    growth = _growth(tmp_path, lambda v: torque * np.tanh(v / width))
+    growth = arm_that_rubs(tmp_path, lambda v: torque * np.tanh(v / width))
     by_load = effect_named("joint_load_dependent_friction")(
         growth.problem.scene.tree.joint_names[0], {"torque": 0.3, "coefficient": 0.0, "slip_velocity": width}
     )

@@ -90,7 +90,7 @@ def fit(problem: Problem, model: Model, iterations: int = 12, tolerance: float =
         found = min(found, beyond, key=lambda it: float(it[1] @ it[1]))
     model, residual, jacobian = found
     seen = jacobian[: problem.rows]
-    covariance = _posterior(problem, model, seen.T @ seen)
+    covariance = posterior(problem, model, seen.T @ seen)
     paid = problem.penalty(model, own_noise)
     return Fit(model, residual, jacobian, covariance, problem.rows, penalty=paid)
 
@@ -104,10 +104,10 @@ def fit_at_first_order(problem: Problem, found: Fit, model: Model, columns: Sequ
     scale = np.linalg.norm(jacobian, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
     step = -np.linalg.lstsq(jacobian / scale, residual, rcond=LEAST_INFORMATION)[0] / scale
-    moved = _clip_unknowns(problem, model.at(model.vector + step))
+    moved = clip_unknowns(problem, model.at(model.vector + step))
     residual = residual + jacobian @ (moved.vector - model.vector)
     seen = jacobian[: problem.rows]
-    covariance = _posterior(problem, moved, seen.T @ seen)
+    covariance = posterior(problem, moved, seen.T @ seen)
     return Fit(moved, residual, jacobian, covariance, problem.rows, penalty=found.penalty)
 
 
@@ -133,7 +133,7 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
         corrected = _minimise(problem, model, offset, 4, most)
         # a correction that costs about what the effects gained: they were fitted to noise
         if not float(offset @ (corrected[0].vector - first)) < most:
-            nothing = _posterior(problem, model, np.zeros((n, n)))
+            nothing = posterior(problem, model, np.zeros((n, n)))
             paid = problem.penalty(model)
             return Fit(model, residual, jacobian, nothing, problem.rows, unbiased=True, echo=True, penalty=paid)
         model, residual, jacobian = corrected
@@ -143,7 +143,7 @@ def unbiased_fit(problem: Problem, model: Model, iterations: int = 12) -> Fit:
     seen = jacobian[: problem.rows]
     raw = np.einsum("ij,ij->j", seen, seen)
     empty = raw - np.diag(excess) < REGRESSOR_SIGNAL_SHARE * raw
-    covariance = _posterior(problem, model, _drop_empty(_subtract_excess(seen.T @ seen, excess), empty, raw))
+    covariance = posterior(problem, model, _drop_empty(_subtract_excess(seen.T @ seen, excess), empty, raw))
     paid = problem.penalty(model)
     found = Fit(model, residual, jacobian, covariance, problem.rows, unbiased=True, penalty=paid)
     return replace(found, echo=_is_echo(found, empty))
@@ -220,7 +220,7 @@ def _drop_empty(information: Array, empty: np.ndarray[Any, np.dtype[np.bool_]], 
     return kept
 
 
-def _posterior(problem: Problem, model: Model, information: Array) -> Array:
+def posterior(problem: Problem, model: Model, information: Array) -> Array:
     """(n + k, n + k) covariance by the `information` of the data rows and the priors of the unknowns.
 
     Noise in the regressors takes away what recordings say, and nothing of what was known before them: no unknown is
@@ -330,14 +330,14 @@ def _step(
     scaled = np.where(unseen, 0.0, jacobian / scale)
     normal, gradient = scaled.T @ scaled, np.where(unseen, 0.0, scaled.T @ residual - offset / scale)
     start = 0.5 * float(residual @ residual)
-    reach = _reach(model)
+    reach = reach_of(model)
     for _ in range(8):
         damped = normal + damping * np.eye(len(scale))
         step = -np.linalg.solve(damped, gradient)
         if -float(gradient @ step) < least_gain:
             break
         step = np.clip(step, -reach * scale, reach * scale)
-        trial = _clip_unknowns(problem, model.at(model.vector + step / scale))
+        trial = clip_unknowns(problem, model.at(model.vector + step / scale))
         taken = (trial.vector - model.vector) * scale
         stopped = np.abs(taken - step) > 1e-9 * (1.0 + np.abs(step))
         if np.any(stopped) and not np.all(stopped):
@@ -345,7 +345,7 @@ def _step(
             free = ~stopped
             toward = gradient[free] + damped[np.ix_(free, stopped)] @ taken[stopped]
             taken[free] = -np.linalg.solve(damped[np.ix_(free, free)], toward)
-            trial = _clip_unknowns(problem, model.at(model.vector + taken / scale))
+            trial = clip_unknowns(problem, model.at(model.vector + taken / scale))
         if not all(effect.plausible() for effect in trial.effects):
             damping = max(damping * harder[1], harder[0])
             continue
@@ -363,7 +363,7 @@ def _least_gain(problem: Problem, residual: Array) -> float:
     return problem.least_gain + problem.slack * beyond
 
 
-def _reach(model: Model) -> Array:
+def reach_of(model: Model) -> Array:
     """(n + k,) largest step of each parameter: the slope of a weakly determined one is not valid far away."""
     return LARGEST_STEP * _sizes(model)
 
@@ -380,7 +380,7 @@ def _sizes(model: Model) -> Array:
     return np.array([np.inf] * len(model.unknown) + sizes)
 
 
-def _clip_unknowns(problem: Problem, model: Model) -> Model:
+def clip_unknowns(problem: Problem, model: Model) -> Model:
     """The model with its unknowns within `UNKNOWN_REACH_IN_PRIOR_STDS` of their priors and in their physical bounds."""
     priors = problem.scene.priors
     reach = UNKNOWN_REACH_IN_PRIOR_STDS * problem.prior_std(model)

@@ -50,10 +50,6 @@ class SearchProblem(Problem):
     def forget(self) -> None:
         """Frees what is cached, which is computed again when it is asked for: of a search that has ended."""
 
-    def shape_columns(self, model: Model, position: int) -> Array | None:
-        """(R + n, k) columns of the effect at `position`, where another shape's χ² follows from them; else None."""
-        return None
-
     def effect_columns(self, model: Model, position: int) -> Array:
         """(R + n, k) derivatives by the strengths of one of the model's effects."""
         raise TypeError(f"{type(self).__name__} has no derivatives by single effects")
@@ -66,10 +62,11 @@ class SearchProblem(Problem):
         """Whitened rows (R, k) of forces (P, k) at a joint at the points of `law_samples`, by recording."""
         raise TypeError(f"{type(self).__name__} has no joints")
 
-    def likeliest_force(self, model: Model) -> Array | None:
+    def likeliest_force(self, model: Model, near: Self | None = None) -> Array | None:
         """(n,) density of white forces at the joints that maximises the likelihood of the residual under `model`.
 
-        None where the rows are no equations of motion.
+        It is searched from the density of the forces that are noise in `near`, if that is given. None where the rows
+        are no equations of motion.
         """
         return None
 

@@ -49,8 +49,15 @@ class InertialColumns:
         return change + _of_rotors(self.runs, ahead, rotors) if np.any(rotors) else change
 
     def _regressor(self, physics: Physics, joint: int) -> Array:
-        """(R, 10) whitened ∂rows/∂φ of what is fixed to a joint's moving frame; cached."""
-        moved = tuple((e.key, *e.values.values()) for e in physics.sensors if not e.at.startswith("wrench."))
+        """(R, 10) whitened ∂rows/∂φ of what is fixed to a joint's moving frame; cached.
+
+        For sensor effects to two digits: they move a motion, and its slopes by a hundredth of what they change.
+        """
+        moved = tuple(
+            (e.key, *(float(f"{value:.2g}") for value in e.values.values()))
+            for e in physics.sensors
+            if not e.at.startswith("wrench.")
+        )
         key = physics.gravity.tobytes(), physics.effort_gains.tobytes(), moved
         if key not in self._known:
             make_room(self._known, CACHED)

@@ -50,16 +50,13 @@ class WeakProblem(WeakFormRows, SearchProblem):
     def pictures(self) -> Pictures:
         return JointPictures(self)
 
-    def shape_columns(self, model: Model, position: int) -> Array | None:
-        return self.effect_columns(model, position) if model.effects[position].all_but_linear else None
-
     def law_samples(self, model: Model) -> list[list[JointSamples]]:
         """By recording and joint, the motion at the points over which laws are integrated."""
         physics = model.physics(self.scene)
         return [list(run.weak.law_samples(physics)) for run in self.runs]
 
-    def likeliest_force(self, model: Model) -> Array:
-        return force_density(self, model)
+    def likeliest_force(self, model: Model, near: Self | None = None) -> Array:
+        return force_density(self, model, None if near is None else near.unknown_force)
 
     def with_unknown_force(self, force: Array, model: Model | None = None) -> Self:
         return self.of(self.scene, self.forms, model or self.under, force)

@@ -19,12 +19,15 @@ from drake_cafim.typing import Array, Indices
 
 MOST_STEPS, TOLERANCE = 12, 0.02
 """Largest number of scoring steps, and the relative change of the densities at which they end."""
-PART, REACH = 256, 256
-"""Windows whose forces are whitened at once, and how many windows later they are still felt in whitened rows."""
+PART, REACH, FAINT = 32, 32, 1e-9
+"""Windows whose forces are whitened at once, how many windows later they may still be felt in whitened rows, and the
+share of the squared rows there up to which they are not; while it is larger, twice as many later windows are."""
 
 
-def force_density(problem: WeakFormRows, model: Model) -> Array:
+def force_density(problem: WeakFormRows, model: Model, near: Array | None = None) -> Array:
     """(n,) density of a white force at each joint, (N m)² s or N² s: the maximum likelihood given `model`.
+
+    The steps begin at `near` (n,), if that is given.
 
     Each density is a variance component of the rows, estimated by Fisher scoring and bounded below by zero (Harville,
     J. American Statistical Association 72(358), 1977, §4). The scene's unknowns follow each density to first order:
@@ -42,6 +45,7 @@ def force_density(problem: WeakFormRows, model: Model) -> Array:
     density = np.sum([recording.power for recording in recordings], axis=0) / np.sum(
         [recording.size for recording in recordings], axis=0
     )
+    density = density if near is None else np.minimum(density, near)
     for _ in range(MOST_STEPS):
         before = density
         whitened = [recording.whitened(density) for recording in recordings]
@@ -111,8 +115,14 @@ def _whitened(whiten: Whitening, factor: sp.csr_matrix) -> Iterator[tuple[slice,
     count, windows = factor.shape
     each = count // windows
     for first in range(0, windows, PART):
-        rows = slice(first * each, min((first + PART + REACH) * each, count))
-        yield rows, whiten.part(rows.start, rows.stop)(factor[rows, first : first + PART].toarray())
+        reach, felt = REACH, True
+        while felt:
+            rows = slice(first * each, min((first + PART + reach) * each, count))
+            seen = whiten.part(rows.start, rows.stop)(factor[rows, first : first + PART].toarray())
+            late = float(np.sum(seen[-(reach // 2) * each :] ** 2))
+            felt = rows.stop < count and late > FAINT * float(np.sum(seen**2))
+            reach *= 2
+        yield rows, seen
 
 
 @dataclass(frozen=True)

@@ -66,9 +66,12 @@ class GrowthByPlace:
         trials: int,
         settings: Settings,
         progress: Callable[[str], None],
-    ) -> "GrowthByPlace":
-        """Begins with `model`, which leaves all that is missing to unknown forces."""
-        problem = _under_force_of(nominal, model)
+    ) -> "GrowthByPlace | None":
+        """Begins with `model`, which leaves all that is missing to unknown forces; None where there can be none."""
+        force = nominal.likeliest_force(model)
+        if force is None:
+            return None
+        problem = nominal.with_unknown_force(force, model)
         best = fit(problem, model)
         return cls(nominal, problem, best, nominal.hypotheses(), max(trials, 1), settings, progress)
 
@@ -103,7 +106,7 @@ class GrowthByPlace:
         self.failed |= model.keys - kept.model.keys
         if kept.model.keys == known:
             return False
-        problem = _under_force_of(self.nominal, kept.model)
+        problem = self._under_force_of(kept.model)
         best = self._without_failing(problem, fit(problem, kept.model, tolerance=CONVERGED))
         self.failed |= kept.model.keys - best.model.keys
         lead = self._evidence(problem, best) - self._evidence(self.problem, self.best)
@@ -124,7 +127,7 @@ class GrowthByPlace:
         """Takes `effects` out of the explanation, whatever that costs."""
         rest = tuple(effect for effect in self.best.model.effects if effect not in effects)
         model = Model(self.best.model.unknown, rest, self.best.model.free)
-        self.problem = _under_force_of(self.nominal, fit(self.problem, model, tolerance=CONVERGED).model)
+        self.problem = self._under_force_of(fit(self.problem, model, tolerance=CONVERGED).model)
         self.best = fit(self.problem, model, tolerance=CONVERGED)
 
     def fails(self, effect: Effect) -> bool:
@@ -133,6 +136,13 @@ class GrowthByPlace:
         if failure is not None:
             self.trace.add(failure[0])
         return failure is not None
+
+    def _under_force_of(self, model: Model) -> SearchProblem:
+        """The problem with the unknown forces as noise that `model` leaves."""
+        # an explanation differs from the one before at some joints only
+        force = self.nominal.likeliest_force(model, self.problem)
+        assert force is not None
+        return self.nominal.with_unknown_force(force, model)
 
     def _evidence(self, problem: SearchProblem, found: Fit) -> float:
         """The information criterion with −2 ln likelihood, χ² + ln det C, in place of χ²: the forces differ."""
@@ -303,10 +313,3 @@ def share_improved(problem: SearchProblem, residual: Array, without: Array) -> f
         for a, b in zip(np.array_split(left, cut), np.array_split(had, cut), strict=True)
     ]
     return float(np.mean(np.array(parts) > 0.0))
-
-
-def _under_force_of(nominal: SearchProblem, model: Model) -> SearchProblem:
-    """The problem with the unknown forces as noise that `model` leaves."""
-    force = nominal.likeliest_force(model)
-    assert force is not None
-    return nominal.with_unknown_force(force, model)

@@ -1,11 +1,11 @@
 """Fits the shape parameters of a law, which are not strengths: as the width over which friction changes sign."""
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
+from drake_cafim.diagnosis.fit.beside import Beside
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -32,68 +32,83 @@ def fit_shapes(
     """
     keys = best.model.keys if of is None else frozenset(of)
     for position, present in enumerate(best.model.effects):
-        if present.key not in keys:
-            continue
+        if present.key in keys:
+            shapes = _Shapes(problem, position, tolerance, own_noise)
+            best = shapes.best(best)
+    return best
+
+
+def fit_shape_beside(beside: Beside, found: Fit, tolerance: float) -> Fit:
+    """The fit with the best shape of the effect at the position of `beside`, all other slopes kept."""
+    return _Shapes(beside.problem, beside.position, tolerance, True, beside).best(found)
+
+
+@dataclass(frozen=True)
+class _Shapes:
+    """The shapes of the effect at a `position`; what is fitted there is as for `fit_shapes`."""
+
+    problem: SearchProblem
+    position: int
+    tolerance: float
+    own_noise: bool
+    beside: Beside | None = None
+    """Where the slopes of all else are kept."""
+
+    def best(self, best: Fit) -> Fit:
+        """The fit with the best shape, from `best`."""
         first, before, worst = best.chi_square, np.inf, -np.inf
         while before - best.chi_square > SHAPE_CHI_SQUARE_RANGE:
-            before, effect = best.chi_square, best.model.effects[position]
-            best, worst = _best_shape(problem, best, position, effect.restarts(), tolerance, own_noise)
+            before, effect = best.chi_square, best.model.effects[self.position]
+            best, worst = self._best_of(best, effect.restarts())
             if not effect.shapes_about_values:
                 # the grid does not depend on the values: it would be the same again
                 break
         # χ² hardly depends on the shape: values between those of the grid cannot matter
         if max(first, worst) - best.chi_square < SHAPE_CHI_SQUARE_RANGE:
-            continue
+            return best
         for ratio in FINER:
             before = np.inf
-            while best.chi_square < before - tolerance:
+            while best.chi_square < before - self.tolerance:
                 before = best.chi_square
-                finer = best.model.effects[position].between_shapes(ratio)
-                best, _ = _best_shape(problem, best, position, finer, tolerance, own_noise)
-    return best
+                best, _ = self._best_of(best, best.model.effects[self.position].between_shapes(ratio))
+        return best
 
+    def _best_of(self, best: Fit, others: Iterable[Effect]) -> tuple[Fit, float]:
+        """The best of the given fit and those with each of `others`, and the largest χ² of these.
 
-def _best_shape(
-    problem: SearchProblem, best: Fit, position: int, others: Iterable[Effect], tolerance: float, own_noise: bool
-) -> tuple[Fit, float]:
-    """The best of the given fit and those with each of `others` at `position`, and the largest χ² of these.
+        Where the rows are nearly linear in the strengths, χ² to first order selects the shape that is fitted.
+        """
+        base, at, worst = best.model, self.position, -np.inf
+        trials = [replace(base, effects=(*base.effects[:at], it, *base.effects[at + 1 :])) for it in others]
+        expected = self._expected(best, trials)
+        if expected:
+            worst = max(expected)
+            trials = [trials[int(np.argmin(expected))]] if min(expected) < best.chi_square else []
+        for model in trials:
+            trial = self._fit(model)
+            worst = max(worst, trial.chi_square)
+            if trial.chi_square < best.chi_square:
+                best = trial
+        return best, worst
 
-    Where the rows are nearly linear in the strengths, χ² to first order selects the shape that is fitted.
-    """
-    base, worst = best.model, -np.inf
-    trials = [replace(base, effects=(*base.effects[:position], it, *base.effects[position + 1 :])) for it in others]
-    expected = [chi for trial in trials if (chi := _expected(problem, best, trial, position, own_noise)) is not None]
-    if expected:
-        worst = max(expected)
-        trials = [trials[int(np.argmin(expected))]] if min(expected) < best.chi_square else []
-    for model in trials:
-        trial = fit(problem, model, tolerance=tolerance, own_noise=own_noise)
-        worst = max(worst, trial.chi_square)
-        if trial.chi_square < best.chi_square:
-            best = trial
-    return best, worst
+    def _fit(self, model: Model) -> Fit:
+        if self.beside is not None:
+            return self.beside.fit(model, self.tolerance)
+        return fit(self.problem, model, tolerance=self.tolerance, own_noise=self.own_noise)
 
+    def _expected(self, best: Fit, models: Sequence[Model]) -> list[float]:
+        """χ² to first order of a fit started from each of `models`, whose effect has another shape than in `best`.
 
-def _expected(problem: SearchProblem, best: Fit, model: Model, position: int, own_noise: bool) -> float | None:
-    """χ² to first order of a fit started from `model`, whose effect at `position` has another shape than in `best`.
-
-    min over bounded d of |z + J d|², by bounded least squares. None where the rows are not linear enough in the effect.
-    """
-    effects, columns = model.effects, problem.shape_columns(model, position)
-    if columns is None:
-        return None
-    first = len(model.unknown) + sum(len(effect.strengths) for effect in effects[:position])
-    residual, J = problem.residual(model), best.jacobian.copy()
-    J[:, first : first + len(effects[position].strengths)] = columns
-    basis, triangle = np.linalg.qr(J)
-    along = basis.T @ residual
-    lower, upper = (
-        np.array([side] * len(model.unknown) + [getattr(s, bound) for effect in effects for s in effect.strengths])
-        for side, bound in ((-np.inf, "lower"), (np.inf, "upper"))
-    )
-    left = lsq_linear(triangle, -along, (lower - model.vector, upper - model.vector), method="bvls").cost
-    # what lags and unknown starts pay is theirs, and hardly changes with the shape of another law
-    paid = best.penalty
-    if effects[position].late:
-        paid = problem.penalty(model, own_noise)
-    return float(residual @ residual - along @ along + 2.0 * left) + paid
+        Empty where the rows are not linear enough in the effect.
+        """
+        beside, found = self.beside, []
+        for model in models:
+            if not model.effects[self.position].all_but_linear:
+                continue
+            beside = beside or Beside.of(self.problem, best, self.position)
+            columns = beside.columns(model)
+            _, left = beside.step(model, beside.residual(model), columns)
+            # what lags and unknown starts pay is theirs, and hardly changes with the shape of another law
+            late = model.effects[self.position].late
+            found.append(left + (self.problem.penalty(model, self.own_noise) if late else best.penalty))
+        return found

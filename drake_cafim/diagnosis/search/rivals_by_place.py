@@ -1,12 +1,13 @@
 """Compares each effect found under unknown forces with the other laws at its place, and gives their probabilities."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drake_cafim.diagnosis.fit.beside import Beside, strengths_at
 from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
-from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
@@ -17,7 +18,7 @@ from drake_cafim.diagnosis.search.growth_by_place import (
     residual_without,
     share_removed,
 )
-from drake_cafim.diagnosis.search.law_shapes import fit_shapes
+from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside
 from drake_cafim.diagnosis.search.places import joint_of
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import (
@@ -31,8 +32,6 @@ ROUNDS = 2
 """Largest number of comparisons, each after another law was preferred at some place."""
 MOST_ALONE = 4
 """Largest number of laws that are put in the places of others one by one."""
-CONTENDER_STEPS = 3
-"""Gauss-Newton steps of a law in the place of another one."""
 FITTED_LEAD = 6.0
 """Criterion beyond the best one's, to first order, up to which a law is fitted exactly: its probability is then 5 %."""
 
@@ -143,13 +142,14 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
     """The best laws in the place of `effect`, fitted exactly where to first order they come near it; the best first."""
     problem, best = growth.problem, growth.best
     rest = best.model.without(effect)
-    residual, kept = problem.residual(rest), _columns_but(best, effect)
-    at_rest = Fit(rest, residual, best.jacobian[:, kept], best.covariance[np.ix_(kept, kept)], best.data_rows)
+    position, residual = best.model.effects.index(effect), problem.residual(rest)
+    beside = replace(Beside.of(problem, best, position), position=len(rest.effects))
+    kept = np.delete(np.arange(len(best.model.vector)), strengths_at(best.model, position))
+    at_rest = Fit(rest, residual, beside.slopes, best.covariance[np.ix_(kept, kept)], best.data_rows)
     here = joint_of(effect)
     laws = [other for other in growth.beside(rest) if other.key != effect.key and joint_of(other) == here]
     unit = _evidence_unit(growth, effect)
-    basis = np.linalg.qr(at_rest.jacobian)[0]
-    left = residual - basis @ (basis.T @ residual)
+    left = residual - beside.basis @ (beside.basis.T @ residual)
     lost = float(left @ left) - best.chi_square
     own = _cost_of(growth, best, effect)
     found: list[Lead] = []
@@ -159,10 +159,9 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
         lead = lost - candidate.gain + _cost_of(growth, best, candidate.effect) - own
         if lead > FITTED_LEAD * unit:
             break
-        # all else is at its fit already, so few steps suffice
-        added = fit(problem, rest.with_effects([candidate.effect]), CONTENDER_STEPS, CONVERGED)
-        other = fit_shapes(problem, added, {candidate.effect.key}, CONVERGED)
-        law = next(law for law in other.model.effects if law.key == candidate.effect.key)
+        added = beside.fit(rest.with_effects([candidate.effect]), CONVERGED)
+        other = fit_shape_beside(beside, added, CONVERGED)
+        law = other.model.effects[-1]
         if (
             strength_at_bound(law)
             or undetermined_in(other, law)
@@ -171,23 +170,14 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
             continue
         lead = (criterion(other, 1.0, growth.trials) - criterion(best, 1.0, growth.trials)) / unit
         growth.trace.add(decisions.record_contender(best.model, effect, law.key, lead))
-        found.append((lead, other, law))
+        # of many explanations, the slopes would take gigabytes
+        found.append((lead, replace(other, jacobian=other.jacobian[:0]), law))
     return sorted(found, key=lambda entry: entry[0])
 
 
 def _cost_of(growth: GrowthByPlace, best: Fit, effect: Effect) -> float:
     """What the information criterion asks of an effect for its strengths, and for having been chosen."""
     return len(effect.strengths) * float(np.log(max(best.data_rows, 2))) + effect.surprise
-
-
-def _columns_but(best: Fit, effect: Effect) -> list[int]:
-    """The columns of a fit's Jacobian without those of `effect`."""
-    position, kept = len(best.model.unknown), list(range(len(best.model.unknown)))
-    for other in best.model.effects:
-        if other is not effect:
-            kept += range(position, position + len(other.strengths))
-        position += len(other.strengths)
-    return kept
 
 
 def _evidence_unit(growth: GrowthByPlace, effect: Effect) -> float:

@@ -37,11 +37,11 @@ def search_again(
     `outcome` is of a search that ended unexplained. Each decision is added to `trace`.
     """
     trace = Trace(UNKNOWN_FORCES) if trace is None else trace
-    if outcome.nominal_problem.likeliest_force(outcome.nominal.model) is None:
-        return None
     for ended in (outcome.problem, outcome.nominal_problem):
         ended.forget()
     growth = GrowthByPlace.of(outcome.nominal_problem, outcome.nominal.model, outcome.hypotheses, settings, progress)
+    if growth is None:
+        return None
     growth.trace = trace
     if outcome.best.model.effects:
         # what the first search found, as far as it stands out of unknown forces
