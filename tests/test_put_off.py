@@ -1,5 +1,6 @@
 """When a search for few effects is put off for one for many, and that it goes on where that one finds nothing."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,9 +10,11 @@ import pytest
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.search import judgement, search, state
-from drake_cafim.diagnosis.search.screening import Candidate
+from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.joint import JointCoulombFriction
+from tests.test_growth_by_place import arm_that_rubs
 
 WINDOWS, KINDS = 100, 8
 LEFT = 50.0
@@ -44,6 +47,12 @@ def _state(gains: list[float], places: list[str] | None = None, rows: list[int] 
     return under_way
 
 
+@pytest.fixture(autouse=True)
+def _together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Candidates that explain different things."""
+    monkeypatch.setattr(search, "_explained", lambda problem, best, added: sum((found.gains for found in added), 0.0))
+
+
 EXCESS = 7 * WINDOWS * (LEFT - 1.0)
 
 
@@ -65,6 +74,25 @@ def test_many_rows_that_few_effects_hardly_explain(far: int, effects: int, gains
 
 def test_effects_at_one_place_explain_the_same() -> None:
     assert search.lacks_more_effects(_state([0.2 * EXCESS] * 7, places=["j1"] * 7), _fit(7, 0))
+
+
+def test_effects_at_several_places_may_explain_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    gains = [0.3 * EXCESS] * 3
+    assert not search.lacks_more_effects(_state(gains), _fit(7, 0))
+    monkeypatch.setattr(search, "_explained", lambda problem, best, added: added[0].gains)
+    assert search.lacks_more_effects(_state(gains), _fit(7, 0))
+
+
+def test_what_effects_explain_together_is_counted_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    growth = arm_that_rubs(tmp_path, lambda v: 0.3 * v)
+    joints = growth.problem.scene.tree.joint_names
+    laws = [effect_named("joint_viscous_friction")(joints[0]), effect_named("joint_coulomb_friction")(joints[0])]
+    first, second = screen(growth.problem, growth.best, laws)
+    alone, both = (search._explained(growth.problem, growth.best, added) for added in ([first], [first, second]))
+    assert np.sum(alone) == pytest.approx(first.gain, rel=0.02)
+    assert np.sum(both) < first.gain + 0.2 * second.gain
+    assert second.gain > 0.3 * first.gain
 
 
 def test_rows_that_are_further_from_noise_do_not_hide_the_others() -> None:

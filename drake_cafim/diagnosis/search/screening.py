@@ -64,11 +64,11 @@ def _best_look(problem: SearchProblem, at: Fit, effect: Effect, basis: Array, re
         return None
     adapted = change - basis[: len(change)] @ (basis[: len(change)].T @ change)
     return replace(
-        best, trials=trials, gains=_by_row(problem, residual) - _by_row(problem, residual[: len(change)] + adapted)
+        best, trials=trials, gains=by_row(problem, residual) - by_row(problem, residual[: len(change)] + adapted)
     )
 
 
-def _by_row(problem: SearchProblem, residual: Array) -> Array:
+def by_row(problem: SearchProblem, residual: Array) -> Array:
     """(r,) χ² in each row of a window."""
     return np.asarray(np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, residual[: problem.rows])], axis=0))
 

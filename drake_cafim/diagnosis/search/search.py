@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.evidence import leaves_inaccuracy, scale_of
-from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import Fit, fit_at_first_order, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import candidate_decisions, decisions
@@ -17,7 +17,7 @@ from drake_cafim.diagnosis.search.detection import detection_p_value
 from drake_cafim.diagnosis.search.growth import grow
 from drake_cafim.diagnosis.search.places import place_of
 from drake_cafim.diagnosis.search.posterior import inclusion_probabilities
-from drake_cafim.diagnosis.search.screening import Candidate, screen
+from drake_cafim.diagnosis.search.screening import Candidate, by_row, screen
 from drake_cafim.diagnosis.search.state import ROUNDS, Settings, State, has_moved
 from drake_cafim.diagnosis.thresholds import (
     MISFIT_REDUCED_CHI_SQUARE,
@@ -26,6 +26,7 @@ from drake_cafim.diagnosis.thresholds import (
 )
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
+from drake_cafim.typing import Array
 
 
 @dataclass(frozen=True)
@@ -136,23 +137,33 @@ def lacks_more_effects(state: State, best: Fit) -> bool:
     """Whether as few effects as are allowed will not explain the recordings, by what `best` leaves.
 
     More rows of a window are left far from noise than there may be effects. And to first order those that may be added,
-    the best at each place, explain less than half of the misfit, or halve it in fewer than half of these rows: two
-    effects at one place explain the same, and a joint is not explained by others that are further from noise.
+    the best at each place, together explain less than half of the misfit, or halve it in fewer than half of these rows:
+    effects at several places may explain the same, and a joint is not explained by others that are further from noise.
     """
     problem, most = state.problem, state.settings.most_effects
-    rows = np.concatenate([z for _, z in by_run(problem, best.residual[: problem.rows])])
-    misfit = np.mean(rows**2, axis=0)
-    far = misfit > MISFIT_REDUCED_CHI_SQUARE
+    windows = sum(len(z) for _, z in by_run(problem, best.residual[: problem.rows]))
+    had = by_row(problem, best.residual)
+    far = had > MISFIT_REDUCED_CHI_SQUARE * windows
     if np.count_nonzero(far) <= most or leaves_inaccuracy(problem, best):
         return False
     by_place: dict[str, Candidate] = {}
     for candidate in state.screen(best) if most > len(best.model.effects) else ():
         by_place.setdefault(place_of(candidate.effect), candidate)
     added = list(by_place.values())[: most - len(best.model.effects)]
-    explained = sum((candidate.gains for candidate in added), np.zeros(len(far)))
-    halved = explained >= NAMED_EXCESS_SHARE * len(rows) * (misfit - 1.0)
-    gained, excess = sum(candidate.gain for candidate in added), best.chi_square - problem.rows
-    return gained < NAMED_EXCESS_SHARE * excess or np.mean(halved[far]) < NAMED_EXCESS_SHARE
+    explained = np.max(
+        [_explained(problem, best, added), *(candidate.gains for candidate in added)], axis=0, initial=0.0
+    )
+    halved = explained >= NAMED_EXCESS_SHARE * (had - windows)
+    hardly = np.sum(explained) < NAMED_EXCESS_SHARE * np.sum(had - windows)
+    return bool(hardly or np.mean(halved[far]) < NAMED_EXCESS_SHARE)
+
+
+def _explained(problem: SearchProblem, best: Fit, added: Sequence[Candidate]) -> Array:
+    """(r,) decrease of χ² in each row of a window by effects that are `added` together, to first order."""
+    model = best.model.with_effects([candidate.effect for candidate in added])
+    columns = problem.jacobian(model)[:, len(best.model.vector) :]
+    together = fit_at_first_order(problem, best, model, [columns])
+    return by_row(problem, best.residual) - by_row(problem, together.residual)
 
 
 def _explain(state: State, best: Fit) -> Fit:
