@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis import diagnose
+from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.search import judgement, search, state
 from drake_cafim.diagnosis.search.screening import Candidate, screen
+from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORCES, search_again
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.joint import JointCoulombFriction
@@ -134,3 +136,30 @@ def test_a_search_that_was_put_off_goes_on_where_the_other_finds_nothing(
         assert found is many and not finished
     else:
         assert finished == ["few"] and found.best is few
+
+
+def test_a_search_for_many_effects_begins_with_those_that_were_found_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.undo()
+    growth = arm_that_rubs(tmp_path, lambda v: 0.3 * v)
+    problem, nominal = growth.nominal, fit(growth.nominal, growth.nominal.nominal())
+    outcome = search.Outcome(problem, problem, nominal, nominal, (), 100, (), 1e-9, {})
+    few = state.Settings(most_effects=1)
+    assert search_again(outcome, few) is None, "whoever asks for few effects gets no search for many"
+    joint = problem.scene.tree.joint_names[0]
+    found = search_again(outcome, few, begin=[effect_named("joint_viscous_friction")(joint, {"coefficient": 0.1})])
+    assert found is not None
+    [effect] = found.best.model.effects
+    assert effect.values["coefficient"] == pytest.approx(0.3, rel=0.02)
+
+
+def test_after_a_search_for_many_effects_the_next_begins_with_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[object, ...]] = []
+    monkeypatch.setattr(diagnose, "judge", lambda *arguments: given.append(arguments))
+    finer = SimpleNamespace(mistakes=(), problem=lambda: "finer")
+    prepared: Any = SimpleNamespace(with_noise_beside=lambda model: finer)
+    for name, effects in ((UNKNOWN_FORCES, _fit(7, 2).model.effects), ("", ())):
+        judged: Any = SimpleNamespace(best=_fit(7, 2), search=name)
+        diagnose._with_less_noise(prepared, judged, state.Settings(), lambda text: None)
+        assert given[-1][-1] == effects

@@ -22,6 +22,7 @@ from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.diagnosis.search.goodness_of_fit import GoodnessOfFit, goodness_of_fit
 from drake_cafim.diagnosis.search.judgement import Judgement, judge
 from drake_cafim.diagnosis.search.search import Outcome
+from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORCES
 from drake_cafim.diagnosis.search.shared_evidence import withhold_shared
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_ROUNDS, UNKNOWN_FAR_IN_PRIOR_STDS
@@ -168,7 +169,9 @@ def _with_less_noise(
     progress("searching again with less noise of the efforts")
     trace = Trace()
     trace.add(*map(record_data_mistake, finer.mistakes))
-    return finer, judge(finer.problem(), settings, progress, trace), trace
+    # many effects take long to find, and most of them are found again
+    found = judgement.best.model.effects if judgement.search == UNKNOWN_FORCES else ()
+    return finer, judge(finer.problem(), settings, progress, trace, found), trace
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Chooses the explanation and the kind of verdict: from the first search, or from one under other assumptions."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,16 +50,20 @@ class Judgement:
 
 
 def judge(
-    problem: SearchProblem, settings: Settings, progress: Callable[[str], None], trace: Trace | None = None
+    problem: SearchProblem,
+    settings: Settings,
+    progress: Callable[[str], None],
+    trace: Trace | None = None,
+    begin: Sequence[Effect] = (),
 ) -> Judgement:
-    """The judgement on `problem`; each decision is added to `trace`.
+    """The judgement on `problem`; each decision is added to `trace`. A search for many effects begins with `begin`.
 
     Where the first search ends `unexplained`, a second one counts unknown forces at the joints as noise. If no effect
     stands out of these and none is named, searches over wider windows average fast vibration out. An unknown parameter
     that is far from its prior makes the verdict `unexplained`, whatever remains.
     """
     trace = Trace() if trace is None else trace
-    judgement = _judge_searches(problem, settings, progress, trace)
+    judgement = _judge_searches(problem, settings, progress, trace, begin)
     far = far_unknowns(problem.scene, judgement.best.model) if settings.most_effects else ()
     own = trace.of_search(judgement.search)
     own.add(*(decisions.record_far_unknown(problem.scene, unknown, judgement.best.model) for unknown in far))
@@ -67,14 +71,18 @@ def judge(
 
 
 def _judge_searches(
-    problem: SearchProblem, settings: Settings, progress: Callable[[str], None], trace: Trace
+    problem: SearchProblem,
+    settings: Settings,
+    progress: Callable[[str], None],
+    trace: Trace,
+    begin: Sequence[Effect] = (),
 ) -> Judgement:
     """`judge` without the check of how far the unknowns are from their priors."""
     outcome = search(problem, settings, progress, trace=trace, put_off=True)
     first = _of_search(outcome, settings, trace) if outcome.compare is None else None
     if first is not None and (first.kind != "unexplained" or not settings.most_effects):
         return first
-    again = compute(lambda: _under_unknown_forces(outcome, settings, progress, trace.of_search(UNKNOWN_FORCES)))
+    again = compute(lambda: _under_unknown_forces(outcome, settings, progress, trace.of_search(UNKNOWN_FORCES), begin))
     if isinstance(again, Judgement) and first is None and _explains_little(outcome, again):
         outcome = outcome.compared()
         first = _of_search(outcome, settings, trace)
@@ -98,10 +106,14 @@ def _judge_searches(
 
 
 def _under_unknown_forces(
-    outcome: Outcome, settings: Settings, progress: Callable[[str], None], trace: Trace
+    outcome: Outcome,
+    settings: Settings,
+    progress: Callable[[str], None],
+    trace: Trace,
+    begin: Sequence[Effect] = (),
 ) -> Judgement | None:
     """The judgement under unknown forces at the joints; None where no effect stands out of them."""
-    again = search_again(outcome, settings, progress, trace)
+    again = search_again(outcome, settings, progress, trace, begin)
     if again is None:
         return None
     explained = is_explained(again, outcome.nominal, settings, trace)

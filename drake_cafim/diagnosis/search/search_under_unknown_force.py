@@ -5,7 +5,7 @@ force that nobody knows, whose density is what the residual there makes likelies
 force at its own joint, and as effects are admitted the densities fall and show the fainter ones.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import MISFIT_SHARE_TO_EXPLAIN, MOST_EFFECTS
 from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.effects.effect import Effect
 
 UNKNOWN_FORCES = "unknown forces"
 """Name of this search in a trace."""
@@ -31,10 +32,12 @@ def search_again(
     settings: Settings,
     progress: Callable[[str], None] = lambda text: None,
     trace: Trace | None = None,
+    begin: Sequence[Effect] = (),
 ) -> Outcome | None:
     """The effects that stand out of unknown white forces at the joints; None where none does.
 
-    `outcome` is of a search that ended unexplained. Each decision is added to `trace`.
+    `outcome` is of a search that ended unexplained; where effects to `begin` with are given, they take the place of
+    those that it found. Each decision is added to `trace`.
     """
     trace = Trace(UNKNOWN_FORCES) if trace is None else trace
     for ended in (outcome.problem, outcome.nominal_problem):
@@ -43,9 +46,10 @@ def search_again(
     if growth is None:
         return None
     growth.trace = trace
-    if outcome.best.model.effects:
-        # what the first search found, as far as it stands out of unknown forces
-        growth.settle(outcome.best.model)
+    first = outcome.nominal.model.with_effects(begin) if begin else outcome.best.model
+    if first.effects:
+        # as far as they stand out of unknown forces
+        growth.settle(first)
     # whoever asks for fewer effects than usual wants those, and no search for more
     if settings.most_effects >= MOST_EFFECTS:
         growth.grow()
