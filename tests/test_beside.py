@@ -8,6 +8,7 @@ import pytest
 
 from drake_cafim.diagnosis.fit.beside import Beside
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints import unknown_force
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.search import rivals_by_place
@@ -71,8 +72,12 @@ def test_a_strength_ends_at_its_bound(growth: GrowthByPlace) -> None:
 def test_rivals_are_compared_without_another_jacobian(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
     monkeypatch.setattr(WeakProblem, "jacobian", lambda *given: asked.append("jacobian"))
+    moved: list[Model] = []
+    looks = WeakProblem.looks
+    monkeypatch.setattr(WeakProblem, "looks", lambda own, at, law: moved.append(at.model) or looks(own, at, law))
     leads = rivals_by_place._contenders(growth, growth.best.model.effects[0])
     assert not asked
+    assert moved and all(model is growth.best.model for model in moved), "laws act along one motion, which is cached"
     lead, other, law = leads[0]
     assert lead < 0.0 and law.name == "joint_coulomb_friction"
     assert law.values["torque"] == pytest.approx(COULOMB, rel=0.05)

@@ -154,7 +154,7 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
     own = _cost_of(growth, best, effect)
     found: list[Lead] = []
     price = {law.key: _cost_of(growth, best, law) for law in laws}
-    looks = sorted(screen(problem, at_rest, laws), key=lambda look: price[look.effect.key] - look.gain)
+    looks = sorted(screen(problem, best, laws, at_rest), key=lambda look: price[look.effect.key] - look.gain)
     for candidate in looks[:RIVALS_FITTED_PER_PARENT]:
         lead = lost - candidate.gain + _cost_of(growth, best, candidate.effect) - own
         if lead > FITTED_LEAD * unit:

@@ -31,10 +31,15 @@ LEAST_INFORMATION = 1e-9
 """Information on a combination of columns, over the largest one, below which the columns count as collinear."""
 
 
-def screen(problem: SearchProblem, at: Fit, effects: Sequence[Effect]) -> list[Candidate]:
-    """The candidates among `effects` beyond the fitted model `at`, largest gain first."""
-    basis = np.linalg.qr(at.jacobian)[0] if at.jacobian.shape[1] else np.zeros((len(at.residual), 0))
-    residual = at.residual - basis @ (basis.T @ at.residual)
+def screen(problem: SearchProblem, at: Fit, effects: Sequence[Effect], rest: Fit | None = None) -> list[Candidate]:
+    """The candidates among `effects` beyond the fitted model `at`, largest gain first.
+
+    With a `rest` of `at`, they take the place of what that lacks: they act along the motion of `at`, and are weighed
+    against the residual and the slopes of `rest`.
+    """
+    left = rest or at
+    basis = np.linalg.qr(left.jacobian)[0] if left.jacobian.shape[1] else np.zeros((len(left.residual), 0))
+    residual = left.residual - basis @ (basis.T @ left.residual)
     found = []
     for effect in effects:
         candidate = _best_look(problem, at, effect, basis, residual)
