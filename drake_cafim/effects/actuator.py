@@ -37,6 +37,14 @@ class Effort:
         integral = sums[inside] + (self.values[inside] + 0.5 * slope[inside] * since) * since
         return np.append(np.diff(integral) / np.diff(times), self.values[inside[-1]] + slope[inside[-1]] * since[-1])
 
+    def at(self, times: Array) -> Array:
+        """(N,) the value of a held effort at `times` (N,) s, just after a step that is there."""
+        return np.asarray(self.values[np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, None)])
+
+    def before(self, times: Array) -> Array:
+        """(N,) the value of a held effort just before `times` (N,) s."""
+        return np.asarray(self.values[np.clip(np.searchsorted(self.times, times, side="left") - 1, 0, None)])
+
     def bent_at(self, *levels: float) -> "Effort":
         """The same effort with a knot wherever it crosses one of `levels`, so that clipping there is exact."""
         if not self.ramped:

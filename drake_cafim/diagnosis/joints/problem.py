@@ -36,9 +36,9 @@ class WeakProblem(WeakFormRows, SearchProblem):
         return locate(self, lacking)
 
     def forget(self) -> None:
-        for cache in (self.found_pushes, self.tried_pulses, self.force_looks, self._sensor_columns):
+        for cache in (self.found_pushes, self.tried_pulses, self.force_looks):
             cache.clear()
-        for name in ("noisier", "_by_unknowns"):
+        for name in ("noisier", "_by_unknowns", "_by_sensors"):
             vars(self).pop(name, None)
         self._latest.model = self._latest.problem = None
         for run in self.runs:

@@ -1,4 +1,4 @@
-"""Derivatives of whitened rows by a scene's unknowns: links' inertials by the chain rule, the others by differences."""
+"""Derivatives of whitened rows by a scene's unknowns: of links and sensors by the chain rule, others by differences."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,6 +9,7 @@ import numpy as np
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.differences import Differences
 from drake_cafim.diagnosis.joints.inertial_columns import InertialColumns
+from drake_cafim.diagnosis.joints.sensor_columns import SensorColumns
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.scenario.unknown import inertials
 from drake_cafim.typing import Array
@@ -16,13 +17,14 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class UnknownColumns:
-    """The columns of a Jacobian by unknowns, from `differences` and, of inertials, analytic.
+    """The columns of a Jacobian by unknowns, from `differences` and, of inertials and `sensors`, analytic.
 
     `prior_std` gives the (n,) standard deviations of the priors under a model.
     """
 
     differences: Differences
     prior_std: Callable[[Model], Array]
+    sensors: SensorColumns
 
     def of(self, model: Model) -> list[Array]:
         """Whitened rows and prior rows (R + n, 1) by each unknown, or (R + n, 10) by a link's inertials, in order."""
@@ -35,7 +37,7 @@ class UnknownColumns:
         columns, i = [], 0
         while i < n:
             if i not in links:
-                columns.append(self.differences.by_unknown(model, i)[:, None])
+                columns.append(self._of_one(model, i)[:, None])
                 i += 1
                 continue
             link, own = links[i]
@@ -43,6 +45,16 @@ class UnknownColumns:
             columns.append(np.concatenate([rows, np.diag(1.0 / self.prior_std(model))[:, own]]))
             i = own.stop
         return columns
+
+    def _of_one(self, model: Model, i: int) -> Array:
+        """(R + n,) derivative by an unknown that is no link's."""
+        started = has_unknown_start(model.physics(self.differences.scene))
+        rows = None if started else self.sensors.by_unknown(i)
+        if rows is None:
+            return self.differences.by_unknown(model, i)
+        prior = np.zeros(len(model.unknown))
+        prior[i] = 1.0 / self.prior_std(model)[i]
+        return np.concatenate([rows, prior])
 
     @cached_property
     def inertials(self) -> InertialColumns:

@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.fit.problem import Problem, prior_rows, prior_std
 from drake_cafim.diagnosis.joints.differences import Differences
 from drake_cafim.diagnosis.joints.more_noise import noisy_parameters, with_more_effort_noise
 from drake_cafim.diagnosis.joints.other_noise import is_other_noise, noise_cost
+from drake_cafim.diagnosis.joints.sensor_columns import SensorColumns
 from drake_cafim.diagnosis.joints.unknown_columns import UnknownColumns
 from drake_cafim.diagnosis.rows.adjustment import adjust
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
@@ -20,7 +21,6 @@ from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.whitening.covariance import NONE, whitening
 from drake_cafim.diagnosis.whitening.noise_jacobian import NoiseJacobian
-from drake_cafim.diagnosis.whitening.servo_noise import read_by_servos
 from drake_cafim.diagnosis.whitening.unmodelled_force import with_unmodelled_force
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.effects.effect import Effect
@@ -60,7 +60,6 @@ class WeakFormRows(Problem):
     """Cache: the pulses that are tested, by recording."""
     force_looks: dict[tuple[str, str], Any] = field(default_factory=dict, repr=False, compare=False)
     """Cache: the last looks at each joint law, with the samples that they are of."""
-    _sensor_columns: dict[tuple[str, str], Array] = field(default_factory=dict, repr=False, compare=False)
     _latest: "_Latest" = field(default_factory=lambda: _Latest(), repr=False, compare=False)
     _latest_of_first: "weakref.ref[_Latest] | None" = field(default=None, repr=False, compare=False)
 
@@ -157,7 +156,11 @@ class WeakFormRows(Problem):
     def _by_unknowns(self) -> UnknownColumns:
         # not the own methods: a problem that refers to itself stays in memory until cycles are collected
         differences = Differences(self.scene, self.runs, partial(prior_rows, self.scene))
-        return UnknownColumns(differences, partial(prior_std, self.scene))
+        return UnknownColumns(differences, partial(prior_std, self.scene), self._by_sensors)
+
+    @cached_property
+    def _by_sensors(self) -> SensorColumns:
+        return SensorColumns(self.scene, self.runs, self.under)
 
     @property
     def forms(self) -> list[WeakForm]:
@@ -194,18 +197,8 @@ class WeakFormRows(Problem):
         return np.concatenate(result)
 
     def sensor_columns(self, effect: SensorEffect) -> Array:
-        """Whitened rows (R, k) by an effect's strengths: the rows' derivatives by its channels' samples, chained."""
-        if effect.key not in self._sensor_columns:
-            result = []
-            for run in self.runs:
-                on = effect.channels(list(run.jacobian))
-                change = run.weak.sensor_slopes.of(effect, on)
-                moved = sum(run.sensed(name, change[:, k]) for k, name in enumerate(on))
-                if not effect.late:
-                    moved = moved - read_by_servos(run, self.under.physics(self.scene), on, change)
-                result.append(-moved)
-            self._sensor_columns[effect.key] = np.concatenate(result)
-        return self._sensor_columns[effect.key]
+        """Whitened rows (R, k) by an effect's strengths."""
+        return self._by_sensors.of(effect)
 
     def plane_columns(self, effect: UnmodeledContact, physics: Physics, slopes: bool = True) -> Array:
         """Whitened rows (R, k) by the strengths of a plane; without `slopes`, (R, 1) by its whole force."""

@@ -8,6 +8,7 @@ to first order only (Gauss–Helmert model; Förstner, Wrobel, Photogrammetric C
 Products of noise, which would bias what is fitted, do not occur, and regressors do not contain the rows' own noise.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,11 +18,13 @@ from drake_cafim.diagnosis.rows.filtered_windows import FilteredWindows
 from drake_cafim.diagnosis.rows.law_points import lay_points
 from drake_cafim.diagnosis.rows.measurement import corrected_measurement
 from drake_cafim.diagnosis.rows.samples import EstimatedMotion, Samples
+from drake_cafim.diagnosis.rows.servo_efforts import answers_to_steps, mean_left
 from drake_cafim.diagnosis.rows.trajectory import PASSES, SETTLED, ChannelNoise, Trajectory, Transition, smooth
 from drake_cafim.diagnosis.rows.weak_form import WeakForm, acting_effort
 from drake_cafim.diagnosis.thresholds import LAW_ACCURACY
 from drake_cafim.dynamics.motion import motion
 from drake_cafim.effects.sensor import SensorEffect
+from drake_cafim.effects.step_response import StepResponse, oscillator
 from drake_cafim.scenario.physics import FreeResponse, Physics
 from drake_cafim.typing import Array
 
@@ -133,10 +136,65 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
     by_contact = _contact_slopes(weak, physics, found)
     slopes = (own * (by_q + by_contact[0]), own * (by_v + by_contact[1]))
     transition = Transition.of(time, found.q, found.v, gain, way, *slopes, (0.5 + mean, 1.0 / 6.0 + first))
-    # of ramped efforts the rows know the slopes
+    # of ramped efforts the rows know the slopes; of those of servos whose joints settle at once, not what is smooth
     ramps = np.where(samples.ramped, at_samples, 0.0)
+    measured = samples.velocity_measured
+    settled = {j: d for j, d in terms.servos.items() if d.settling(time, own[:, j], measured)[1] > 0.0}
+    acting, arriving = at_samples.copy(), at_samples.copy()
+    for j, drive in terms.servos.items():
+        acting[:, j] = drive.after(time)
+        arriving[:, j] = acting[:, j] - drive.steps.at(time) + drive.steps.before(time)
+        if j in settled:
+            ramps[:, j] = -drive.beside_steps(time) * mean_left(slopes[1][:, j], time)
+    if settled:
+        ends = (_accelerate(response, force + law - response.bias) for force in (acting, arriving))
+        # Simpson's rule again, under the mean efforts, for what posture and speed change within an interval
+        curved = (4.0 * middle - 2.0 * (after[:-1] + before[1:])) / 6.0
+        answers = answers_to_steps(terms.servos, time, response.mobility, measured)
+        transition = _answering(transition, time, answers, list(settled), response.mobility, (*ends, curved), slopes)
     change = change + ringing + 12.0 * bent + np.diff(by_law, axis=0) - np.diff(_accelerate(response, ramps), axis=0)
     return transition, change, np.mean(own, axis=0)
+
+
+def _answering(
+    transition: Transition,
+    time: Array,
+    answers: Mapping[int, StepResponse],
+    settled: Sequence[int],
+    mobility: Array,
+    accelerations: Sequence[Array],
+    slopes: tuple[Array, Array],
+) -> Transition:
+    """The transition with the `settled` joints as they answer to their servos between samples.
+
+    With x from the `answers` to the steps of servos, what is left of a joint's motion, y = q − x, obeys
+    ÿ = r − ω² y − λ ẏ under a smooth r. `accelerations` are those (N, n) just after each sample at `time` (N,) s and
+    just before it, and what is to be added to their mean over each interval (N − 1, n); `mobility` is M⁻¹ (N, n, n),
+    and `slopes` are −ω² and −λ (N, n).
+    """
+    w, d = (np.maximum(-0.5 * (slope[:-1] + slope[1:]), 0.0) for slope in slopes)
+    begin, end, curved = (values.copy() for values in accelerations)
+    for j, answer in answers.items():
+        begin -= mobility[:, :, j] * answer.after[:, None]
+        end -= mobility[:, :, j] * answer.before[:, None]
+    columns = {name: getattr(transition, name).copy() for name in ROWS}
+    for j in settled:
+        answer = answers[j]
+        y, rate = transition.about[0, :, j] - answer.q, transition.about[1, :, j] - answer.v
+        own_w, own_d = w[:, j], d[:, j]
+        by_q, by_v, v_by_q, v_by_v, way, rise, way_by_slope, rise_by_slope = oscillator(own_w, own_d, np.diff(time))
+        first = begin[:-1, j] + own_w * y[:-1] + own_d * rate[:-1]
+        last = end[1:, j] + own_w * y[1:] + own_d * rate[1:]
+        mean, slope = 0.5 * (first + last) + curved[:, j], (last - first) / np.diff(time)
+        moved_q = by_q * y[:-1] + by_v * rate[:-1] + way * mean + way_by_slope * slope - y[1:]
+        moved_v = v_by_q * y[:-1] + v_by_v * rate[:-1] + rise * mean + rise_by_slope * slope - rate[1:]
+        for name, column in zip(ROWS, (by_q, by_v, v_by_q, v_by_v, moved_q, moved_v), strict=True):
+            columns[name][:, j] = column
+    return replace(transition, **columns)
+
+
+ROWS = ("q_by_q", "q_by_v", "v_by_q", "v_by_v", "rise_q", "rise_v")
+"""The parts of a transition that depend on the model."""
 
 
 def _damping(physics: Physics) -> Array:
@@ -183,13 +241,13 @@ def _bent_between_samples(weak: WeakForm, physics: Physics, mobility: Array) -> 
     """(n,) the share of a servo's effort by which it bends beyond a parabola between samples; 0 without a servo.
 
     A joint under kp and kv obeys q̈ = −λ q̇ − ω² q, and its effort bends by (λ² + ω²) of itself: over an interval h the
-    midpoint rule misses h²/24 of that.
+    midpoint rule misses h²/24 of that, and at most all of it.
     """
     share = np.zeros(len(mobility))
     h = float(np.median(np.diff(weak.samples.time)))
     for j, drive in weak.terms(physics).servos.items():
         damped, stiff = (np.sqrt(np.mean(slope**2)) * mobility[j] for slope in (drive.mean.d_v, drive.mean.d_q))
-        share[j] = h**2 / 24.0 * (damped**2 + stiff)
+        share[j] = min(1.0, h**2 / 24.0 * (damped**2 + stiff))
     return share
 
 

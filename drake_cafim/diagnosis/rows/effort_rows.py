@@ -6,6 +6,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.rows.measured_rows import MeasuredRows
 from drake_cafim.diagnosis.rows.mobility import Mobility, rotors_of
+from drake_cafim.diagnosis.thresholds import MASS_MATRIX_STD
 from drake_cafim.effects.actuator import ActuatorEffect, Effort
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
@@ -67,11 +68,25 @@ class EffortRows:
             acceleration = (mobility @ np.where(ramped == ramp, u, 0.0)[..., None])[..., 0]
             total += windows.correct_steps(windows.time, acceleration, ramp)
         for j, drive in self.rows.servos.items():
-            times = drive.steps.times
-            at = np.clip(np.searchsorted(windows.time, times, side="right") - 1, 0, None)
-            jumping = np.cumsum(mobility[at, :, j] * drive.jumps[:, None], axis=0)
-            total += windows.correct_steps(times, jumping)
+            if drive.response is not None:
+                total += windows.interval @ (mobility[:-1, :, j] * drive.response.moment[:, None])
         return total
+
+    def doubted_steps(self, physics: Physics) -> Array:
+        """(M, n or 0) change of `steps` by a relative error `MASS_MATRIX_STD` of the mobility.
+
+        Where a servo takes a step back before the next sample, its correction depends on the mobility only little.
+        """
+        steps = self.steps(physics)
+        if self.mobility is None:
+            return steps
+        mobility = self.mobility.of(physics)
+        by_servos, doubted = np.zeros_like(steps), np.zeros_like(steps)
+        for j, drive in self.rows.servos.items():
+            if drive.response is not None:
+                by_servos += self.rows.windows.interval @ (mobility[:-1, :, j] * drive.response.moment[:, None])
+                doubted += self.rows.windows.interval @ (mobility[:-1, :, j] * drive.doubt[:, None])
+        return MASS_MATRIX_STD * (steps - by_servos) + doubted
 
     def effort(self, physics: Physics, joint: int) -> Effort:
         """The effort that acts at `joint` over time, its actuator effects included."""

@@ -42,9 +42,11 @@ class MeasuredRows:
         if joint not in self.servos:
             return self.windows.integrate_held(self.windows.time, self.u[:, joint], self.ramped[joint])
         drive = self.servos[joint]
-        parts = [(effort.times, effort.ramped, effort.values) for effort in (drive.steps, *drive.ramps)]
-        stepped = sum(self.windows.integrate_held(times, values, ramped) for times, ramped, values in parts)
-        return np.asarray(stepped + self.windows.value @ drive.rest)
+        held = drive.ramps if drive.response is not None else (drive.steps, *drive.ramps)
+        found = self.windows.value @ drive.rest
+        for effort in held:
+            found = found + self.windows.integrate_held(effort.times, effort.values, effort.ramped)
+        return np.asarray(found if drive.response is None else found + self.windows.interval @ drive.response.integral)
 
     def effort(self, joint: int) -> Effort:
         """The commanded effort of `joint` over time."""

@@ -1,6 +1,5 @@
 """The terms of one recording's rows that follow from its motion and efforts, cached by the sensor effects on these."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -16,7 +15,7 @@ from drake_cafim.diagnosis.rows.measured_rows import MeasuredRows
 from drake_cafim.diagnosis.rows.measurement import Measurement, corrected_measurement, joint_samples_of
 from drake_cafim.diagnosis.rows.mobility import Mobility, rotors_of
 from drake_cafim.diagnosis.rows.samples import Samples
-from drake_cafim.diagnosis.rows.servo_efforts import ServoDrive, ServoMotion, servo_key
+from drake_cafim.diagnosis.rows.servo_efforts import ServoDrive, ServoMotion, servo_key, split_steps
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.motion import Motion, motion
 from drake_cafim.effects.joint_samples import JointSamples
@@ -66,9 +65,9 @@ class MotionTerms:
 
     def driven_by(self, servos: dict[int, ServoDrive], load: Array, physics: Physics) -> "MotionTerms":
         """The terms with the efforts of `servos` added to the recorded ones, and the `load` (N, n) from outside."""
-        if self.driven.mobility is not None:
-            mobility = self.driven.mobility.of(physics)
-            servos = {j: self._bent(j, drive, servos, mobility) for j, drive in servos.items()}
+        if servos:
+            measured, mobility = self.driven.mobility is not None, self._mobility.of(physics)
+            servos = split_steps(servos, self.rows.windows.time, mobility, measured)
         u, ramped = self.rows.u.copy(), list(self.rows.ramped)
         for j, drive in servos.items():
             u[:, j] += drive.mean.value
@@ -88,11 +87,9 @@ class MotionTerms:
         acting = ForceRows(self.acting.windows, self.acting.recording, at_points, self.acting.value, self.moving)
         return replace(self, rows=rows, joints=joints, driven=driven, acting=acting, servos=servos)
 
-    def _bent(self, joint: int, drive: ServoDrive, servos: Mapping[int, ServoDrive], mobility: Array) -> ServoDrive:
-        """The drive of `joint` with the bends split off that the steps of all `servos` cause."""
-        for other, steps in servos.items():
-            drive = drive.bent_by(self.rows.windows.time, mobility[:, joint, other], steps)
-        return drive
+    @cached_property
+    def _mobility(self) -> Mobility:
+        return self.driven.mobility or Mobility(self.moving)
 
 
 @dataclass(frozen=True)

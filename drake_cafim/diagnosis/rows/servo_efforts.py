@@ -1,18 +1,20 @@
 """The efforts of position servos along a recorded motion, with their derivatives by the measured channels.
 
-Between samples a servo's effort is smooth but for the steps of its command. A staircase S of these steps is split off,
-so that integrals of the effort take it as held and the rest, effort − S, as a smooth channel. Each step also bends the
-velocity, and with it the damping's part of the effort, and the effort itself bends where it enters or leaves its limit
-or the dead band: what is linear between such instants is split off in the same way.
+Between samples a servo's effort is smooth but for the steps of its command, and for what the joint's own motion takes
+back of these. Both are split off, so that integrals of the effort take them exactly and the rest as a smooth channel.
+The effort also bends where it enters or leaves its limit or the dead band: what is linear between such instants is
+split off as well.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from drake_cafim.diagnosis.thresholds import MASS_MATRIX_STD
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.servo import Servo, ServoEffort
+from drake_cafim.effects.step_response import StepResponse, responses
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.driving import Command
 from drake_cafim.typing import Array
@@ -22,31 +24,112 @@ from drake_cafim.typing import Array
 class ServoDrive:
     """The effort of one servo: `mean` (N,) around each sample with its derivatives; `steps` S and `ramps`; `rest` (N,).
 
-    S is held, the ramps are linear between their times; the rest is what they leave at the samples.
+    S is held, the ramps are linear between their times; the rest is what they leave at the samples. Once the joints'
+    `response` to their steps is known, what that leaves of S is in its place.
     """
 
     mean: ServoEffort
     steps: Effort
     rest: Array
     ramps: tuple[Effort, ...] = ()
+    response: StepResponse | None = None
+    doubt: Array = field(default_factory=lambda: np.zeros(0))
+    """(N − 1,) change of ∫ (t − t̄) ẍ dt over the mobility by an error `MASS_MATRIX_STD` of that; empty without it."""
 
     @property
     def jumps(self) -> Array:
         """(K,) the steps of S at its times, N m or N."""
         return np.diff(self.steps.values, prepend=0.0)
 
-    def bent_by(self, time: Array, mobility: Array, other: "ServoDrive") -> "ServoDrive":
-        """The drive with the bends split off that the steps of `other` cause by this servo's damping.
+    def settling(self, time: Array, own: Array, measured: bool) -> tuple[float, float]:
+        """k and d by which the joint settles, of its `own` mobility (N,).
 
-        `mobility` (N,) is the acceleration of this joint for a unit effort of the other one, at `time` (N,) s.
+        Zeros where it takes longer than an interval and velocities are not `measured`, see `SETTLES`.
+        They are medians of −∂effort/∂q and −∂effort/∂v where these act, neither at the limit nor within the dead band:
+        one number for all samples, since what is left of the steps would jump where the slope does. A joint that would
+        swing is taken as softer, so that it just does not, k = d² m/4: what is split off is the shape of the effort
+        within an interval, and must not ring for seconds without the friction that ends that.
         """
-        times = other.steps.times
-        if len(times) < 2:
+        stiffness, damping = _median_above_zero(-self.mean.d_q), _median_above_zero(-self.mean.d_v)
+        m = float(np.median(own))
+        if not measured and damping * m * float(np.median(np.diff(time))) < SETTLES:
+            return 0.0, 0.0
+        return min(stiffness, 0.25 * damping**2 * m), damping
+
+    def bent_by(self, time: Array, own: Array, mobility: Array, other: "ServoDrive") -> "ServoDrive":
+        """The drive with the bends split off at steps of `other` by which its damping is not that of `settling`.
+
+        `own` (N,) is this joint's own mobility, `mobility` (N,) its acceleration for a unit effort of the other one, at
+        `time` (N,) s.
+        """
+        at = np.clip(np.searchsorted(time, other.steps.times, side="right") - 1, 0, None)
+        settling = self.settling(time, own, True)[1]
+        beyond = (self.mean.d_v + settling) * mobility
+        if len(at) < 2 or not np.any(beyond[at] * other.jumps):
             return self
-        at = np.clip(np.searchsorted(time, times, side="right") - 1, 0, None)
-        slope = np.cumsum(self.mean.d_v[at] * mobility[at] * other.jumps)
-        ramp = Effort(times, np.concatenate([[0.0], np.cumsum(slope[:-1] * np.diff(times))]), True)
-        return replace(self, rest=self.rest - np.interp(time, times, ramp.values), ramps=(*self.ramps, ramp))
+        slope = np.cumsum((beyond * mean_left(self.mean.d_v * own, time))[at] * other.jumps)
+        ramp = np.concatenate([[0.0], np.cumsum(slope[:-1] * np.diff(other.steps.times))])
+        bend = Effort(other.steps.times, ramp, True)
+        rest = self.rest - np.interp(time, bend.times, bend.values)
+        return replace(self, rest=rest, ramps=(*self.ramps, bend))
+
+    def after(self, time: Array) -> Array:
+        """(N,) the effort at `time` (N,) s of the samples, just after a step that is there."""
+        split = self.steps.at(time) if self.response is None else self.response.after
+        return self.beside_steps(time) + split
+
+    def beside_steps(self, time: Array) -> Array:
+        """(N,) the part of the effort at `time` (N,) s of the samples that has no steps."""
+        return self.rest + sum(np.interp(time, ramp.times, ramp.values) for ramp in self.ramps)
+
+
+def _median_above_zero(values: Array) -> float:
+    above = values[values > 0.0]
+    return float(np.median(above)) if len(above) else 0.0
+
+
+def mean_left(slope: Array, time: Array) -> Array:
+    """(N,) mean over a sample interval of e^(−λ s), with the rate λ = −`slope` (N,) 1/s."""
+    x = np.maximum(-slope * np.gradient(time), 1e-6)
+    return np.asarray(-np.expm1(-x) / x)
+
+
+SETTLES = 1.5
+"""λ h from which on a joint settles within a sampling interval h. Where velocities are derivatives of positions, what
+heavier joints make of a step within an interval is blurred with them; where they are measured, each joint's counts."""
+
+
+def answers_to_steps(
+    servos: Mapping[int, ServoDrive], time: Array, mobility: Array, measured: bool
+) -> dict[int, StepResponse]:
+    """What the joints make of the steps of all `servos`, under the `mobility` (N, n, n) at `time` (N,) s.
+
+    `measured` tells whether velocities are.
+    """
+    by_q, by_v = np.zeros((2, *mobility.shape[:2]))
+    for j, drive in servos.items():
+        by_q[:, j], by_v[:, j] = drive.settling(time, mobility[:, j, j], measured)
+    return responses(time, mobility, (by_q, by_v), {j: drive.steps for j, drive in servos.items()})
+
+
+def split_steps(
+    servos: Mapping[int, ServoDrive], time: Array, mobility: Array, measured: bool
+) -> dict[int, ServoDrive]:
+    """The drives with their steps as the joints leave them, under the `mobility` (N, n, n) at `time` (N,) s.
+
+    Bends of velocities are split off where these are `measured`: a derivative of positions has none.
+    """
+    lighter = 1.0 + MASS_MATRIX_STD
+    answers, others = (answers_to_steps(servos, time, scale * mobility, measured) for scale in (1.0, lighter))
+    found = {}
+    for j, drive in servos.items():
+        rest = drive.rest + drive.steps.at(time) - answers[j].after
+        doubt = lighter * others[j].moment - answers[j].moment
+        split = replace(drive, response=answers[j], rest=rest, doubt=doubt)
+        for k, other in servos.items() if measured else ():
+            split = split.bent_by(time, mobility[:, j, j], mobility[:, j, k], other)
+        found[j] = split
+    return found
 
 
 @dataclass(frozen=True)

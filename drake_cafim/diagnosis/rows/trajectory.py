@@ -65,7 +65,7 @@ class Trajectory:
 class Transition:
     """How each joint's state changes from sample to sample, (N − 1, n) each, in units of rad, s (m, s).
 
-    q₊ = q + `q_by_v` v + `rise_q`,    v₊ = `v_by_q` q + `v_by_v` v + `rise_v`,
+    q₊ = `q_by_q` q + `q_by_v` v + `rise_q`,    v₊ = `v_by_q` q + `v_by_v` v + `rise_v`,
 
     for deviations from the motion `about`, (2, N, n), or for the state itself where that is zero.
     """
@@ -78,13 +78,16 @@ class Transition:
     about: Array
     interval: Array
     """(N − 1, n) s, the sample intervals."""
+    q_by_q: Array
 
     @staticmethod
     def unknown(time: Array, joints: int) -> "Transition":
         """That of a joint of which no acceleration is known."""
         nothing = np.zeros((len(time) - 1, joints))
         h = np.diff(time)[:, None] + nothing
-        return Transition(h, nothing, 1.0 + nothing, nothing, nothing, np.zeros((2, len(time), joints)), h)
+        return Transition(
+            h, nothing, 1.0 + nothing, nothing, nothing, np.zeros((2, len(time), joints)), h, 1.0 + nothing
+        )
 
     def without_model(self, joints: Flags) -> "Transition":
         """The same about the same motion, where nothing is known of the acceleration of these `joints` (n,)."""
@@ -93,8 +96,9 @@ class Transition:
         q, v = self.about
         # where the acceleration is not known either, a velocity lasts, and a position changes by it
         h = self.interval
-        free = Transition(h, 0.0 * h, 1.0 + 0.0 * h, q[:-1] + h * v[:-1] - q[1:], v[:-1] - v[1:], self.about, h)
-        names = ("q_by_v", "v_by_q", "v_by_v", "rise_q", "rise_v")
+        still = 1.0 + 0.0 * h
+        free = Transition(h, 0.0 * h, still, q[:-1] + h * v[:-1] - q[1:], v[:-1] - v[1:], self.about, h, still)
+        names = ("q_by_q", "q_by_v", "v_by_q", "v_by_v", "rise_q", "rise_v")
         return replace(self, **{name: np.where(joints, getattr(free, name), getattr(self, name)) for name in names})
 
     @staticmethod
@@ -124,7 +128,11 @@ class Transition:
         braking = np.maximum(-by_v[1:], 0.0) * h
         rise_v = missed_v / (1.0 + ends[0] * braking)
         rise_q = missed_q - h * ends[1] * braking * rise_v
-        return Transition(lasting, pull * lasting, np.exp(decay), rise_q, rise_v, np.stack([q, v]), h + 0.0 * q[1:])
+        everywhere = h + 0.0 * q[1:]
+        about = np.stack([q, v])
+        return Transition(
+            lasting, pull * lasting, np.exp(decay), rise_q, rise_v, about, everywhere, np.ones_like(everywhere)
+        )
 
 
 @dataclass(frozen=True)
@@ -164,7 +172,7 @@ def _state_space(transition: Transition, j: int, noises: Sequence[ChannelNoise])
     variance = np.ascontiguousarray(np.stack([noise.variance for noise in noises], axis=1), dtype=float)
     m, N = 2 + sum(noise.process.states for noise in noises if noise.process), len(variance)
     seen, steps, fresh, start = np.eye(2, m), np.zeros((N - 1, m, m)), np.zeros((N - 1, m, m)), np.zeros((m, m))
-    steps[:, 0, 0] = 1.0
+    steps[:, 0, 0] = transition.q_by_q[:, j]
     steps[:, 0, 1], steps[:, 1, 0] = transition.q_by_v[:, j], transition.v_by_q[:, j]
     steps[:, 1, 1] = transition.v_by_v[:, j]
     scale_q, scale_v = (float(variance[:, k].min()) + noise.std**2 for k, noise in enumerate(noises))

@@ -10,7 +10,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
-from drake_cafim.diagnosis.thresholds import MASS_MATRIX_STD
 from drake_cafim.scenario.physics import Physics
 
 
@@ -20,5 +19,5 @@ def mobility_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matrix:
     variance = np.zeros((windows, r))
     if weak.kinematic_rows:
         terms = weak.terms(physics)
-        variance[:, : weak.kinematic_rows] = (MASS_MATRIX_STD * terms.driven.steps(physics) * terms.louder) ** 2
+        variance[:, : weak.kinematic_rows] = (terms.driven.doubted_steps(physics) * terms.louder) ** 2
     return sp.csr_matrix(sp.diags_array(variance.ravel()))
