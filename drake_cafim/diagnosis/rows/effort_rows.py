@@ -6,6 +6,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.rows.measured_rows import MeasuredRows
 from drake_cafim.diagnosis.rows.mobility import Mobility, rotors_of
+from drake_cafim.diagnosis.rows.servo_efforts import answers_to_steps
 from drake_cafim.diagnosis.thresholds import MASS_MATRIX_STD
 from drake_cafim.effects.actuator import ActuatorEffect, Effort
 from drake_cafim.numerics.cache import make_room
@@ -80,12 +81,15 @@ class EffortRows:
         steps = self.steps(physics)
         if self.mobility is None:
             return steps
-        mobility = self.mobility.of(physics)
+        windows, mobility = self.rows.windows, self.mobility.of(physics)
+        lighter = answers_to_steps(self.rows.servos, windows.time, (1.0 + MASS_MATRIX_STD) * mobility, True)
         by_servos, doubted = np.zeros_like(steps), np.zeros_like(steps)
         for j, drive in self.rows.servos.items():
             if drive.response is not None:
-                by_servos += self.rows.windows.interval @ (mobility[:-1, :, j] * drive.response.moment[:, None])
-                doubted += self.rows.windows.interval @ (mobility[:-1, :, j] * drive.doubt[:, None])
+                of_steps = mobility[:-1, :, j] * drive.response.moment[:, None]
+                by_servos += windows.interval @ of_steps
+                moved = (1.0 + MASS_MATRIX_STD) * mobility[:-1, :, j] * lighter[j].moment[:, None]
+                doubted += windows.interval @ (moved - of_steps)
         return MASS_MATRIX_STD * (steps - by_servos) + doubted
 
     def effort(self, physics: Physics, joint: int) -> Effort:

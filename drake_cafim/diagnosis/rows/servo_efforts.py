@@ -7,11 +7,10 @@ split off as well.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_cafim.diagnosis.thresholds import MASS_MATRIX_STD
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.servo import Servo, ServoEffort
 from drake_cafim.effects.step_response import StepResponse, responses
@@ -33,8 +32,6 @@ class ServoDrive:
     rest: Array
     ramps: tuple[Effort, ...] = ()
     response: StepResponse | None = None
-    doubt: Array = field(default_factory=lambda: np.zeros(0))
-    """(N − 1,) change of ∫ (t − t̄) ẍ dt over the mobility by an error `MASS_MATRIX_STD` of that; empty without it."""
 
     @property
     def jumps(self) -> Array:
@@ -119,13 +116,11 @@ def split_steps(
 
     Bends of velocities are split off where these are `measured`: a derivative of positions has none.
     """
-    lighter = 1.0 + MASS_MATRIX_STD
-    answers, others = (answers_to_steps(servos, time, scale * mobility, measured) for scale in (1.0, lighter))
+    answers = answers_to_steps(servos, time, mobility, measured)
     found = {}
     for j, drive in servos.items():
         rest = drive.rest + drive.steps.at(time) - answers[j].after
-        doubt = lighter * others[j].moment - answers[j].moment
-        split = replace(drive, response=answers[j], rest=rest, doubt=doubt)
+        split = replace(drive, response=answers[j], rest=rest)
         for k, other in servos.items() if measured else ():
             split = split.bent_by(time, mobility[:, j, j], mobility[:, j, k], other)
         found[j] = split
