@@ -163,3 +163,15 @@ def test_after_a_search_for_many_effects_the_next_begins_with_them(monkeypatch: 
         judged: Any = SimpleNamespace(best=_fit(7, 2), search=name)
         diagnose._with_less_noise(prepared, judged, state.Settings(), lambda text: None)
         assert given[-1][-1] == effects
+
+
+def test_a_search_for_few_is_put_off_at_once_where_many_were_found_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.undo()
+    problem = arm_that_rubs(tmp_path, lambda v: 0.3 * v).nominal
+    asked: list[str] = []
+    monkeypatch.setattr(search, "grow", lambda under_way, best: asked.append("few") or best)
+    monkeypatch.setattr(search, "_explain", lambda under_way, best: best)
+    assert search.search(problem, state.Settings(), put_off=True).compare is None and asked == ["few"]
+    assert search.search(problem, state.Settings(), put_off=True, many=True).compare is not None and asked == ["few"]

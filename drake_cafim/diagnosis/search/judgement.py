@@ -78,7 +78,7 @@ def _judge_searches(
     begin: Sequence[Effect] = (),
 ) -> Judgement:
     """`judge` without the check of how far the unknowns are from their priors."""
-    outcome = search(problem, settings, progress, trace=trace, put_off=True)
+    outcome = search(problem, settings, progress, trace=trace, put_off=True, many=bool(begin))
     first = _of_search(outcome, settings, trace) if outcome.compare is None else None
     if first is not None and (first.kind != "unexplained" or not settings.most_effects):
         return first

@@ -67,11 +67,13 @@ def search(
     initial: Sequence[Effect] = (),
     trace: Trace | None = None,
     put_off: bool = False,
+    many: bool = False,
 ) -> Outcome:
     """The effects that explain the recordings beyond the scene's nominal physics, starting from the `initial` effects.
 
     `progress` is called with a few words on each stage; each decision is added to `trace`. With `put_off`, the best
-    explanation is returned as soon as no few effects can explain the recordings; `Outcome.compared` then goes on.
+    explanation is returned as soon as no few effects can explain the recordings, at once where `many` are known;
+    `Outcome.compared` then goes on.
     """
     trace = Trace() if trace is None else trace
     progress("fitting the nominal model")
@@ -98,7 +100,7 @@ def search(
     begun = Outcome(problem, problem, nominal, nominal, (), trials, tuple(screened), detection, {})
     if detection <= settings.false_alarm_rate and settings.most_effects:
         best = _fit_initial(state, nominal, initial)
-        if put_off and lacks_more_effects(state, best):
+        if put_off and (many or lacks_more_effects(state, best)):
             return _put_off(state, begun, best, grown=False)
         best = grow(state, best)
         if put_off and lacks_more_effects(state, best):
