@@ -45,7 +45,7 @@ class SolverReport:
 
     @property
     def message(self) -> str:
-        """The status as a sentence, with what to try if there is no optimum."""
+        """The status as a sentence, with what stands if there is no optimum."""
         if self.joint:
             name = SolutionResult(self.status).name
             if self.solved:
@@ -54,7 +54,7 @@ class SolverReport:
         if self.solved:
             return "SNOPT found an optimum"
         name = SolutionResult(self.status).name
-        return f"SNOPT stopped with {name}: compare its cost with the grid's, or give a better prior or more data"
+        return f"SNOPT ended before an optimum ({name}): the best point that it reached stands"
 
 
 @dataclass(frozen=True)
