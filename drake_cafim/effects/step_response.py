@@ -48,7 +48,7 @@ def responses(
     """The answer of each joint to the staircases `steps` of all of them, by joint index.
 
     `mobility` M⁻¹ (N, n, n) and `slopes` k and d (N, n), none negative, hold from each sample of `time` (N,) s to the
-    next.
+    next. Where all slopes are zero nothing is taken back, and x is left at zero.
     """
     edges = [own.times[(own.times > time[0]) & (own.times < time[-1])] for own in steps.values()]
     grid = np.unique(np.concatenate([time, *edges]))
@@ -59,12 +59,13 @@ def responses(
     # masses that a fit tries may be none at all: a joint then answers as if it were very heavy
     alone = {j: np.maximum(m[:, j, j], LEAST_MOBILITY * np.median(np.abs(m[:, j, j]))) for j in steps}
     held = {j: own.at(middle) for j, own in steps.items()}
-    answers = {j: oscillator(own * k[:, j], own * d[:, j], h) for j, own in alone.items()}
+    taken = np.any([slope != 0.0 for slope in slopes])
     # mean and moment of what is left over each piece, and the state at its edges
-    mean, moment = ({j: np.zeros(len(h)) for j in steps} for _ in range(2))
-    state: dict[int, tuple[Array, Array]] = {}
+    mean, moment = ({j: (0.0 if taken else 1.0) * held[j] for j in steps}, {j: np.zeros(len(h)) for j in steps})
+    state = {j: (np.zeros(len(grid)), np.zeros(len(grid))) for j in steps}
+    answers = {j: oscillator(own * k[:, j], own * d[:, j], h) for j, own in alone.items()} if taken else {}
     for _ in range(SWEEPS if len(steps) > 1 else 1):
-        for j in steps:
+        for j in answers:
             others = [i for i in steps if i != j]
             pushed = sum((m[:, j, i] * mean[i] for i in others), np.zeros(len(h)))
             turned = sum((m[:, j, i] * moment[i] for i in others), np.zeros(len(h)))

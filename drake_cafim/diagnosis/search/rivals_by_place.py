@@ -27,6 +27,7 @@ from drake_cafim.diagnosis.thresholds import (
     RIVALS_FITTED_PER_PARENT,
 )
 from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import DRY_FRICTION
 
 ROUNDS = 2
 """Largest number of comparisons, each after another law was preferred at some place."""
@@ -52,8 +53,10 @@ def compare_by_place(growth: GrowthByPlace) -> Compared:
         growth.progress(f"comparing {len(growth.best.model.effects)} effects with other laws at their joints")
         found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
         better = {key: leads[0][2] for key, leads in found.items() if leads and leads[0][0] < 0.0}
+        before = growth.best.model.keys
         if not better or not _replace(growth, sorted(better, key=lambda key: found[key][0][0]), better):
             break
+        growth.reshape(growth.best.model.keys - before)
         growth.converge()
     else:
         found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
@@ -155,10 +158,12 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
     found: list[Lead] = []
     price = {law.key: _cost_of(growth, best, law) for law in laws}
     looks = sorted(screen(problem, best, laws, at_rest), key=lambda look: price[look.effect.key] - look.gain)
-    for candidate in looks[:RIVALS_FITTED_PER_PARENT]:
-        lead = lost - candidate.gain + _cost_of(growth, best, candidate.effect) - own
-        if lead > FITTED_LEAD * unit:
-            break
+    near = [look for look in looks if lost - look.gain + price[look.effect.key] - own <= FITTED_LEAD * unit]
+    near = near[:RIVALS_FITTED_PER_PARENT]
+    if not _is_dry(effect) and not any(_is_dry(look.effect) for look in near):
+        # under another law's noise, dry friction near rest looks as if it predicted badly
+        near += [look for look in looks if _is_dry(look.effect)][:1]
+    for candidate in near:
         added = beside.fit(rest.with_effects([candidate.effect]), CONVERGED)
         other = fit_shape_beside(beside, added, CONVERGED)
         law = other.model.effects[-1]
@@ -169,10 +174,21 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
         ):
             continue
         lead = (criterion(other, 1.0, growth.trials) - criterion(best, 1.0, growth.trials)) / unit
+        if _scales_noise(law) != _scales_noise(effect) and (_is_dry(law) or lead <= FITTED_LEAD):
+            lead = growth.lead_of(other.model) / unit
         growth.trace.add(decisions.record_contender(best.model, effect, law.key, lead))
         # of many explanations, the slopes would take gigabytes
         found.append((lead, replace(other, jacobian=other.jacobian[:0]), law))
     return sorted(found, key=lambda entry: entry[0])
+
+
+def _is_dry(effect: Effect) -> bool:
+    return effect.group == DRY_FRICTION
+
+
+def _scales_noise(effect: Effect) -> bool:
+    """Whether the noise of motion is larger or smaller in the equations by an effect: of inertia, or a stiff law."""
+    return _is_dry(effect) or effect.kind in ("tree", "load")
 
 
 def _cost_of(growth: GrowthByPlace, best: Fit, effect: Effect) -> float:

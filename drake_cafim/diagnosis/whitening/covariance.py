@@ -1,6 +1,6 @@
 """The covariance of the weak form's rows, and the whitening: rows times the inverse of its Cholesky factor."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -26,15 +26,17 @@ class Whitening:
 
     factor: Array
     covariance: sp.csr_matrix
+    motion_log_determinant: float = 0.0
+    """ln det of the part of C that the noise of the samples of motion makes; see `log_determinant`."""
 
     @classmethod
-    def of(cls, covariance: sp.csr_matrix) -> "Whitening":
+    def of(cls, covariance: sp.csr_matrix, motion_log_determinant: float = 0.0) -> "Whitening":
         """The whitening by a banded `covariance`.
 
         Raises `numpy.linalg.LinAlgError` where it is not positive definite.
         """
         covariance = sp.csr_matrix(covariance)
-        return cls.of_band(lower_band(covariance), covariance)
+        return replace(cls.of_band(lower_band(covariance), covariance), motion_log_determinant=motion_log_determinant)
 
     @classmethod
     def of_band(cls, band: Array, covariance: sp.csr_matrix) -> "Whitening":
@@ -74,8 +76,13 @@ class Whitening:
 
     @property
     def log_determinant(self) -> float:
-        """ln det C."""
-        return float(2.0 * np.sum(np.log(self.factor[0])))
+        """ln det C − ln det C_m, C_m the part of C that the noise of the samples of motion makes.
+
+        With rows r(y) of the samples y and process noise w, r(y) = w, the density of the samples is that of the rows
+        times the volume that r makes of a unit of samples, √det(C_m) but for a constant. Stiff laws, as dry friction
+        near rest, and large inertias make large rows of small motions: by det C alone they would seem to predict badly.
+        """
+        return _log_determinant(self.factor) - self.motion_log_determinant
 
 
 def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> tuple[Whitening, NoiseJacobian]:
@@ -83,10 +90,11 @@ def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> 
 
     `unknown_force` (n,) is the spectral density of unmodelled white forces at the joints, (N m)² s or N² s.
     """
-    of_samples, jacobian = sampled_noise(weak, physics)
+    of_motion, of_efforts, jacobian = sampled_noise(weak, physics)
     # what the first-order Jacobian leaves out: kinks and jumps within the noise
+    of_motion = of_motion + kinked_law_covariance(weak, physics)
     beyond = (
-        kinked_law_covariance(weak, physics)
+        of_efforts
         + friction_at_rest_covariance(weak, physics)
         + impact_covariance(weak, physics)
         + mobility_covariance(weak, physics)
@@ -95,7 +103,17 @@ def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> 
         zip(unknown_force, unknown_force_factors(weak, physics), strict=True) if np.any(unknown_force) else ()
     ):
         beyond = beyond + density * (part @ part.T)
-    return Whitening.of(of_samples + beyond), jacobian
+    total = of_motion + beyond
+    band = lower_band(sp.csr_matrix(of_motion))
+    # where the samples are exact, rows without noise are those without a doubt
+    band[0] += 1e-10 * total.diagonal()
+    volume = _log_determinant(scipy.linalg.cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False))
+    return Whitening.of(total, volume), jacobian
+
+
+def _log_determinant(factor: Array) -> float:
+    """ln det L Lᵀ of a Cholesky `factor` in lower band storage."""
+    return float(2.0 * np.sum(np.log(factor[0])))
 
 
 def lower_band(symmetric: sp.csr_matrix) -> Array:

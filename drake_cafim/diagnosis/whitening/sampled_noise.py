@@ -17,8 +17,10 @@ from drake_cafim.diagnosis.whitening.noise_jacobian import (
 from drake_cafim.scenario.physics import Physics
 
 
-def sampled_noise(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, NoiseJacobian]:
-    """The covariance (R, R) by the noise of the samples under `physics`, and the noise Jacobian.
+def sampled_noise(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, sp.csr_matrix, NoiseJacobian]:
+    """The covariances (R, R) by the noise of the samples under `physics`, and the noise Jacobian.
+
+    The first is by the samples of motion and wrenches, the second by those of efforts, which are inputs.
 
     Of efforts that their maker filtered, a window covers all samples that the filter reaches, thousands of them: the
     noise of motion is propagated to narrow windows, of which the filtered ones are combinations.
@@ -26,13 +28,15 @@ def sampled_noise(weak: WeakForm, physics: Physics) -> tuple[sp.csr_matrix, Nois
     windows = weak.samples.windows
     if not isinstance(windows, FilteredWindows):
         jacobian = noise_jacobian(weak, physics)
-        return _covariance(weak, jacobian), jacobian
+        efforts = {name: block for name, block in jacobian.items() if name.startswith("u.")}
+        motion = {name: block for name, block in jacobian.items() if name not in efforts}
+        return _covariance(weak, motion), _covariance(weak, efforts), jacobian
     narrow = WeakForm(replace(weak.samples, windows=windows.narrow), weak.sensors)
     motion, efforts = motion_jacobian(narrow, physics), effort_jacobian(weak, physics)
     F = sp.csr_matrix(sp.kron(windows.of_narrow, sp.eye_array(weak.rows_per_window)))
-    total = F @ _covariance(narrow, motion) @ F.T + _covariance(weak, efforts)
+    of_motion = sp.csr_matrix(F @ _covariance(narrow, motion) @ F.T)
     combined = {name: aslinearoperator(F) @ aslinearoperator(block) for name, block in motion.items()}
-    return sp.csr_matrix(total), combined | efforts
+    return of_motion, _covariance(weak, efforts), combined | efforts
 
 
 def _covariance(weak: WeakForm, jacobian: NoiseJacobian) -> sp.csr_matrix:

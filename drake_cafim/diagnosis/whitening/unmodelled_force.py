@@ -66,7 +66,7 @@ def _with_noise(run: Run, weighed: list[sp.csr_matrix], density: Array) -> Run:
     covariance = run.whiten.covariance
     for own, part in zip(density, weighed, strict=True):
         covariance = covariance + own * (part @ part.T)
-    return replace(run, whiten=Whitening.of(sp.csr_matrix(covariance)))
+    return replace(run, whiten=Whitening.of(sp.csr_matrix(covariance), run.whiten.motion_log_determinant))
 
 
 def _weighed(weak: WeakForm, physics: Physics) -> list[sp.csr_matrix]:

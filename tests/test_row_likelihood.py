@@ -1,0 +1,93 @@
+"""The likelihood of models by their whitened rows is that of the samples, whatever their laws make of these."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.effects.joint import JointViscousFriction
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.scene.scene import Scene
+from drake_cafim.typing import Array
+
+INERTIA, PERIOD, SAMPLES = 0.1, 0.01, 400
+Q_STD, V_STD = 1e-4, 1e-3
+"""rad and rad/s."""
+
+
+@pytest.mark.parametrize("density", [1e-7, 1e-5])
+@pytest.mark.parametrize("stiff", [2.0, 20.0, 200.0])
+def test_rows_compare_a_stiff_law_with_a_soft_one_as_the_samples_do(
+    tmp_path: Path, stiff: float, density: float
+) -> None:
+    """A joint about rest under white forces, with frictions by which it forgets its velocity within 0.5 s, and sooner.
+
+    Rows are fewer than samples, so that they tell the two apart less.
+    """
+    recording = _pushed(stiff, density)
+    problem = prepare(_turntable(tmp_path), [recording]).problem()
+    assert isinstance(problem, WeakProblem)
+    by_rows, by_samples = [], []
+    for coefficient in (0.2, stiff):
+        model = problem.nominal().with_effects([JointViscousFriction("pan", {"coefficient": coefficient})])
+        own = problem.with_unknown_force(np.array([density]), model)
+        by_rows.append(float(np.sum(own.rows_of(model) ** 2)) + own.log_determinant)
+        by_samples.append(_minus_twice_log_likelihood(recording, coefficient, density))
+    assert by_samples[1] < by_samples[0]
+    assert 0.5 < np.diff(by_rows)[0] / np.diff(by_samples)[0] < 1.1
+
+
+def _turntable(folder: Path) -> Scene:
+    """One upright axis."""
+    (folder / "pan.urdf").write_text(
+        '<robot name="pan"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 0"/><mass value="0.5"/>'
+        f'<inertia ixx="{INERTIA}" iyy="{INERTIA}" izz="{INERTIA}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="pan" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/></joint>'
+        "</robot>"
+    )
+    (folder / "pan.yaml").write_text(
+        "model: pan.urdf\nweld: [{body: base}]\n"
+        f"channels: {{q: {{std: {Q_STD}}}, v: {{std: {V_STD}}}, u: {{std: 0.0}}}}\n"
+    )
+    return Scene.load(folder / "pan.yaml")
+
+
+def _discrete(coefficient: float, density: float) -> tuple[Array, Array]:
+    """Transition and covariance by white forces of one sampling step (Van Loan, IEEE TAC 23(3), 1978)."""
+    A, B = np.array([[0.0, 1.0], [0.0, -coefficient / INERTIA]]), np.array([0.0, 1.0 / INERTIA])
+    joined = np.zeros((4, 4))
+    joined[:2, :2], joined[:2, 2:], joined[2:, 2:] = -A, density * np.outer(B, B), A.T
+    moved = expm(joined * PERIOD)
+    transition = moved[2:, 2:].T
+    return transition, transition @ moved[:2, 2:]
+
+
+def _pushed(coefficient: float, density: float) -> Recording:
+    """A recording of the joint under white forces, without an effort."""
+    random = np.random.default_rng(1)
+    transition, spread = _discrete(coefficient, density)
+    time, root = PERIOD * np.arange(SAMPLES), np.linalg.cholesky(spread)
+    state, states = np.zeros(2), []
+    for _ in range(SAMPLES):
+        states.append(state)
+        state = transition @ state + root @ random.normal(size=2)
+    q, v = np.array(states).T
+    columns = {"q.pan": q + Q_STD * random.normal(size=SAMPLES), "v.pan": v + V_STD * random.normal(size=SAMPLES)}
+    return Recording("pan", time, columns | {"u.pan": np.zeros(SAMPLES)})
+
+
+def _minus_twice_log_likelihood(recording: Recording, coefficient: float, density: float) -> float:
+    """That of all samples, but for a constant, by a Kalman filter from an unknown state."""
+    transition, spread = _discrete(coefficient, density)
+    noise = np.diag([Q_STD**2, V_STD**2])
+    x, P, total = np.zeros(2), 1e2 * np.eye(2), 0.0
+    for q, v in zip(recording["q.pan"], recording["v.pan"], strict=True):
+        innovation, S = np.array([q, v]) - x, P + noise
+        total += float(innovation @ np.linalg.solve(S, innovation)) + float(np.linalg.slogdet(S)[1])
+        gained = P @ np.linalg.inv(S)
+        x, P = x + gained @ innovation, P - gained @ P
+        x, P = transition @ x, transition @ P @ transition.T + spread
+    return total
