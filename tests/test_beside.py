@@ -71,12 +71,24 @@ def test_a_strength_ends_at_its_bound(growth: GrowthByPlace) -> None:
 
 def test_rivals_are_compared_without_another_jacobian(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
+    jacobian = WeakProblem.jacobian
     monkeypatch.setattr(WeakProblem, "jacobian", lambda *given: asked.append("jacobian"))
     moved: list[Model] = []
+    under_own_noise: list[str] = []
+    fitted = GrowthByPlace.lead_of
+
+    def lead_of(own: GrowthByPlace, model: Model) -> float:
+        under_own_noise.append(model.effects[-1].name)
+        with monkeypatch.context() as undone:
+            undone.setattr(WeakProblem, "jacobian", jacobian)
+            return fitted(own, model)
+
+    monkeypatch.setattr(GrowthByPlace, "lead_of", lead_of)
     looks = WeakProblem.looks
     monkeypatch.setattr(WeakProblem, "looks", lambda own, at, law: moved.append(at.model) or looks(own, at, law))
     leads = rivals_by_place._contenders(growth, growth.best.model.effects[0])
     assert not asked
+    assert under_own_noise == ["joint_coulomb_friction"], "of dry frictions one, and nothing else"
     assert moved and all(model is growth.best.model for model in moved), "laws act along one motion, which is cached"
     lead, other, law = leads[0]
     assert lead < 0.0 and law.name == "joint_coulomb_friction"

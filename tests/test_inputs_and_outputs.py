@@ -54,7 +54,7 @@ def test_a_report_says_on_which_side_a_stop_is(side: float, position: float, tmp
 def test_what_the_solver_said_is_a_sentence_that_names_its_status() -> None:
     assert SolverReport(True, int(SolutionResult.kSolutionFound.value)).message == "SNOPT found an optimum"
     stopped = SolverReport(False, int(SolutionResult.kIterationLimit.value))
-    assert stopped.message.startswith("SNOPT stopped with kIterationLimit")
+    assert stopped.message.startswith("SNOPT ended before an optimum (kIterationLimit)")
 
 
 @pytest.mark.parametrize(

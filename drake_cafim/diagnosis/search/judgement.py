@@ -145,12 +145,14 @@ def _leaves_less(first: Judgement, again: Judgement) -> bool:
 def _explains_little(outcome: Outcome, again: Judgement) -> bool:
     """Whether the second search leaves more than half of the misfit, so that the first one should be ended, too.
 
-    Where that had found effects before it was put off: from nothing, it would take long for too few effects.
+    Where that had found effects before it was put off, and these leave less: to compare them with their rivals takes
+    long, and in vain where the second search explains more than they do.
     """
     if not outcome.best.model.effects:
         return False
-    had, left = (geometric_misfit(outcome.nominal_problem, found) - 1.0 for found in (outcome.nominal, again.best))
-    return left > (1.0 - NAMED_EXCESS_SHARE) * had
+    ended = (outcome.nominal, again.best, outcome.best)
+    had, left, by_first = (geometric_misfit(outcome.nominal_problem, found) - 1.0 for found in ended)
+    return left > (1.0 - NAMED_EXCESS_SHARE) * had and by_first < left
 
 
 def _with_note(judgement: Judgement, note: str) -> Judgement:

@@ -156,6 +156,7 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
     lost = float(left @ left) - best.chi_square
     own = _cost_of(growth, best, effect)
     found: list[Lead] = []
+    by_noise: dict[str, float] = {}
     price = {law.key: _cost_of(growth, best, law) for law in laws}
     looks = sorted(screen(problem, best, laws, at_rest), key=lambda look: price[look.effect.key] - look.gain)
     near = [look for look in looks if lost - look.gain + price[look.effect.key] - own <= FITTED_LEAD * unit]
@@ -175,7 +176,11 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
             continue
         lead = (criterion(other, 1.0, growth.trials) - criterion(best, 1.0, growth.trials)) / unit
         if _scales_noise(law) != _scales_noise(effect) and (_is_dry(law) or lead <= FITTED_LEAD):
-            lead = growth.lead_of(other.model) / unit
+            # laws of one group have about the same noise
+            kind = law.group or law.name
+            if kind not in by_noise:
+                by_noise[kind] = growth.lead_of(other.model) / unit - lead
+            lead += by_noise[kind]
         growth.trace.add(decisions.record_contender(best.model, effect, law.key, lead))
         # of many explanations, the slopes would take gigabytes
         found.append((lead, replace(other, jacobian=other.jacobian[:0]), law))
