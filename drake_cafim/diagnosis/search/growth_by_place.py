@@ -1,6 +1,6 @@
 """Forward selection at all places at once: friction at one joint does not show in the equations of another."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,7 +25,6 @@ from drake_cafim.diagnosis.thresholds import (
 )
 from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.effects.effect import Effect
-from drake_cafim.effects.joint import SLIP_VELOCITY
 from drake_cafim.typing import Array
 
 MOST_ROUNDS = 12
@@ -124,22 +123,6 @@ class GrowthByPlace:
             if before.chi_square - self.best.chi_square < CONVERGED:
                 break
 
-    def reshape(self, keys: Collection[Key]) -> None:
-        """Fits the widths of the dry frictions `keys` under the explanation's noise.
-
-        They were chosen under another law's. A law that is compared with them now would win by its width alone.
-        """
-        dry = {it.key for it in self.best.model.effects if it.key in keys and SLIP_VELOCITY in it.shapes}
-        model = fit_shapes(self.problem, self.best, dry, CONVERGED).model
-        if model is self.best.model:
-            return
-        problem = self._under_force_of(model)
-        found = fit(problem, model, tolerance=CONVERGED)
-        lead = self._evidence(problem, found) - self._evidence(self.problem, self.best)
-        self.trace.add(decisions.record_likelihood(found.model, self.best.model, lead))
-        if lead < 0.0:
-            self.problem, self.best = problem, found
-
     def drop(self, effects: Sequence[Effect]) -> None:
         """Takes `effects` out of the explanation, whatever that costs."""
         rest = tuple(effect for effect in self.best.model.effects if effect not in effects)
@@ -154,11 +137,19 @@ class GrowthByPlace:
             self.trace.add(failure[0])
         return failure is not None
 
-    def lead_of(self, model: Model) -> float:
-        """By how much the criterion of `model`, under the unknown forces that it leaves, exceeds the best one's."""
+    def lead_of(self, model: Model, accept: bool = False) -> float:
+        """By how much the criterion of `model`, under the unknown forces that it leaves, exceeds the best one's.
+
+        With `accept`, a model whose criterion is lower becomes the explanation.
+        """
         problem = self._under_force_of(model)
         found = fit(problem, model, tolerance=CONVERGED)
-        return self._evidence(problem, found) - self._evidence(self.problem, self.best)
+        lead = self._evidence(problem, found) - self._evidence(self.problem, self.best)
+        if accept:
+            self.trace.add(decisions.record_likelihood(found.model, self.best.model, lead))
+            if lead < 0.0:
+                self.problem, self.best = problem, found
+        return lead
 
     def _under_force_of(self, model: Model) -> SearchProblem:
         """The problem with the unknown forces as noise that `model` leaves."""

@@ -1,6 +1,6 @@
 """Compares each effect found under unknown forces with the other laws at its place, and gives their probabilities."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from drake_cafim.diagnosis.search.growth_by_place import (
     residual_without,
     share_removed,
 )
-from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside
+from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside, fit_shapes
 from drake_cafim.diagnosis.search.places import joint_of
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import (
@@ -56,7 +56,7 @@ def compare_by_place(growth: GrowthByPlace) -> Compared:
         before = growth.best.model.keys
         if not better or not _replace(growth, sorted(better, key=lambda key: found[key][0][0]), better):
             break
-        growth.reshape(growth.best.model.keys - before)
+        _fit_widths(growth, growth.best.model.keys - before)
         growth.converge()
     else:
         found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
@@ -93,6 +93,17 @@ def _settle_with(growth: GrowthByPlace, better: Mapping[Key, Effect]) -> bool:
     # two effects may prefer the same law
     effects = tuple({effect.key: effect for effect in effects}.values())
     return growth.settle(Model(growth.best.model.unknown, effects, growth.best.model.free))
+
+
+def _fit_widths(growth: GrowthByPlace, keys: Collection[Key]) -> None:
+    """Fits the widths of the dry frictions `keys` under the explanation's noise: they were chosen under another law's.
+
+    A law that is compared with them now would win by its width alone.
+    """
+    dry = {effect.key for effect in growth.best.model.effects if effect.key in keys and _is_dry(effect)}
+    model = fit_shapes(growth.problem, growth.best, dry, CONVERGED).model
+    if model is not growth.best.model:
+        growth.lead_of(model, accept=True)
 
 
 def _drop_undetermined(growth: GrowthByPlace) -> None:
