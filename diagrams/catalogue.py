@@ -30,15 +30,27 @@ from drake_cafim.tasks.pinching import pinching as pinching_task
 from drake_cafim.tasks.rubbing import rubbing as rubbing_task
 from drake_cafim.tasks.task import Candidate, Task
 
+RECORDED = (
+    "joint_state", "joint_effort", "contact_wrench", "tracked_pose", "plant_state", "measured_state", "true_force"
+)  # fmt: skip
+"""The outputs of a world that are recorded at every step of its plant."""
+
 
 @dataclass(frozen=True)
 class _Packaged:
+    """`touching` and `tracked` are bodies of the scenario's model, see `World`."""
+
     config: Callable[[], Any]
     build: Callable[..., Diagram]
     view: Callable[[Any], View]
     task: Callable[[], Task]
+    touching: str
+    tracked: str
     other_laws: Callable[[Any, Task], tuple[Candidate, ...]] = lambda config, task: ()
     tracked_robot: Callable[[Any], TrackedRobot] | None = None
+    true_contact: Callable[[Any, Mapping[str, float], SphereContact], SphereContact] = lambda config, truth, given: (
+        given
+    )
 
 
 def _soft_hefting() -> Task:
@@ -47,28 +59,36 @@ def _soft_hefting() -> Task:
 
 
 _WORLDS: Mapping[str, _Packaged] = {
-    "hefting": _Packaged(hefting.HeftingConfig, hefting.build_world, hefting.view, _soft_hefting),
+    "hefting": _Packaged(hefting.HeftingConfig, hefting.build_world, hefting.view, _soft_hefting, "palm", "ball"),
     "rubbing": _Packaged(
         rubbing.RubbingConfig,
         rubbing.build_world,
         rubbing.view,
         rubbing_task,
+        "tip",
+        "tip",
         rubbing.other_laws,
         rubbing.tracked_robot,
+        rubbing.true_contact,
     ),
     "pinching": _Packaged(
         pinching.PinchingConfig,
         pinching.build_world,
         pinching.view,
         pinching_task,
+        "left_jaw",
+        "left_jaw",
         pinching.other_laws,
         pinching.tracked_robot,
+        pinching.true_contact,
     ),
     "contouring": _Packaged(
         contouring.ContouringConfig,
         contouring.build_world,
         contouring.view,
         contouring_task,
+        "tip",
+        "tip",
         contouring.other_laws,
         contouring.tracked_robot,
     ),
@@ -133,7 +153,9 @@ class Stage:
         Raises `InputError` for an effect on a contact in world `model`, where contact is the planner's law, and in a
         scenario that names none.
         """
-        together = [replace(effect, contacts=self.contacts) for effect in (*self.effects, *concealed)]
+        touching = _WORLDS[self.name].true_contact
+        contacts = tuple(touching(self.config, self.task.truth, contact) for contact in self.contacts)
+        together = [replace(effect, contacts=contacts) for effect in (*self.effects, *concealed)]
         for effect in together:
             if effect.touches and kind != "drake":
                 raise InputError(
@@ -152,8 +174,10 @@ class Stage:
             kind,
             diagram,
             lambda number: start_context(diagram, number),
-            recorded=("joint_state", "joint_effort", "plant_state", "measured_state", "true_force"),
+            recorded=RECORDED,
             recording_period=float(self.config.plant_config.time_step),
+            touching=_WORLDS[self.name].touching,
+            tracked=_WORLDS[self.name].tracked,
             automatic=self.evaluator,
         )
 

@@ -38,6 +38,7 @@ from drake_cafim.diagrams.movers import ArmMover
 from drake_cafim.diagrams.objects import Surface, add_ball
 from drake_cafim.diagrams.sensing import ContactForce
 from drake_cafim.diagrams.showing import View
+from drake_cafim.diagrams.touching import applied_wrench, drake_wrench, export_touch
 from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import (
@@ -147,12 +148,13 @@ def build_world(
         name: hefting
         input_ports: [command]
         output_ports: [measured_state, true_force, measured_force, plant_state, contact_results, joint_state,
-            joint_effort, contacts]
+            joint_effort, contact_wrench, tracked_pose, contacts]
 
     `command` (1,) m/s is the palm's vertical velocity, reached over `tracking.ramp`; `measured_state` (2,) the
     height m and velocity m/s of the palm's face under the ball, read from the plant; the forces (1,) N are the
     vertical force of the hand on the ball. `truth` may give `mass` (kg). In world `model` the ball moves up and
     down over the palm, pushed by the planner's own law (stiffness, damping) alone.
+    `contact_wrench` (6,) of the ball on the hand and the ball's `tracked_pose` (7,) are those of `export_touch`.
     The effects `concealed` are in the plant, but no controller accounts for them.
     `contacts` (2,), only in world `drake`, counts hydroelastic and point contacts.
     """
@@ -163,12 +165,16 @@ def build_world(
     _add_control(builder, config, robot)
     if world == "drake":
         force = _add_contact_sensor(builder, robot)
+        hand = [robot.plant.get_body(index).name() for index in robot.plant.GetBodyIndices(robot.hand)]
+        wrench = drake_wrench(builder, robot.plant, hand)
     else:
-        force = _add_planner_contact(builder, config, robot)
+        force, pushing = _add_planner_contact(builder, config, robot)
+        wrench = applied_wrench(builder, robot.plant, pushing, robot.palm)
     export_force(builder, force, std=[config.force_std], period=config.time_step, seed=seed)
     export_tool_state(builder, robot.plant, robot.palm, p_BT=_palm_point(config), axes=UP)
     connect_concealed(builder, robot.plant, robot.concealed)
     export_joints(builder, robot.plant, robot.arm, robot.concealed)
+    export_touch(builder, robot.plant, wrench, robot.ball)
     builder.ExportOutput(robot.plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(robot.plant.get_contact_results_output_port(), "contact_results")
     if meshcat is not None:
@@ -295,8 +301,13 @@ def _add_contact_sensor(builder: DiagramBuilder, robot: _Robot) -> OutputPort:
     return sensor.GetOutputPort("force")
 
 
-def _add_planner_contact(builder: DiagramBuilder, config: HeftingConfig, robot: _Robot) -> OutputPort:
-    """The planner's law between the ball and the plane through T, whose normal is the vertical at the start."""
+def _add_planner_contact(
+    builder: DiagramBuilder, config: HeftingConfig, robot: _Robot
+) -> tuple[OutputPort, OutputPort]:
+    """The planner's law between the ball and the plane through T, whose normal is the vertical at the start.
+
+    Returns its vertical force (1,) N on the ball, and its spatial forces.
+    """
     plant = robot.plant
     law = builder.AddNamedSystem(
         "planner_contact",
@@ -314,4 +325,4 @@ def _add_planner_contact(builder: DiagramBuilder, config: HeftingConfig, robot: 
     builder.Connect(law.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
     vertical = builder.AddNamedSystem("vertical_force", MatrixGain(UP))
     builder.Connect(law.GetOutputPort("contact_force"), vertical.get_input_port())
-    return vertical.get_output_port()
+    return vertical.get_output_port(), law.GetOutputPort("spatial_forces")

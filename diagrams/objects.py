@@ -1,6 +1,6 @@
 """Adds balls, boxes and fixtures whose properties are the true parameters of an experiment to a plant."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydrake.geometry import (
@@ -15,7 +15,10 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody, SpatialInertia, UnitInertia
 
+from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.diagrams.arrays import as_array
+from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.effects.contact_law import SLIP_VELOCITY
 
 
 @dataclass
@@ -43,6 +46,26 @@ def proximity(surface: Surface) -> ProximityProperties:
         properties,
     )
     return properties
+
+
+def contact_with(surface: Surface, contact: SphereContact, contact_model: str, friction: float) -> SphereContact:
+    """The `contact` by the law that Drake's has where `surface` is the compliant one of the two, the other rigid.
+
+    `contact_model` is that of Drake's plant; `friction` the coefficient of the pair.
+    """
+    given = contact.parameters
+    rubbed = {"friction": friction, "slip_velocity": SLIP_VELOCITY, "dissipation": surface.dissipation}
+    if contact_model == "point":
+        own = ContactParameters(stiffness=surface.point_stiffness, **rubbed)
+        return replace(contact, law=ContactLaw("hunt_crossley"), parameters=own)
+    own = ContactParameters(
+        modulus=surface.modulus,
+        radius=given.radius,
+        half_extent=given.half_extent,
+        resolution=given.resolution,
+        **rubbed,
+    )
+    return replace(contact, law=ContactLaw("hydroelastic"), parameters=own)
 
 
 def add_ball(plant: MultibodyPlant, *, mass: float, radius: float, surface: Surface | None) -> RigidBody:

@@ -10,7 +10,7 @@ from pydrake.geometry import Cylinder, Meshcat, MeshcatVisualizer, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort
 
 from drake_cafim.contact.normal import NORMAL_LAWS, NormalLaw
 from drake_cafim.diagrams.arm import add_model
@@ -19,10 +19,11 @@ from drake_cafim.diagrams.concealing import Concealed, conceal, connect_conceale
 from drake_cafim.diagrams.configured import load_section
 from drake_cafim.diagrams.control import JointGains, add_velocity_control
 from drake_cafim.diagrams.movers import JawMover
-from drake_cafim.diagrams.objects import Surface, add_fixture, add_shape
+from drake_cafim.diagrams.objects import Surface, add_fixture, add_shape, contact_with
 from drake_cafim.diagrams.planner_contact import PlannerContact, TouchedPoint
 from drake_cafim.diagrams.sensing import ContactForce, ToolState
 from drake_cafim.diagrams.showing import View
+from drake_cafim.diagrams.touching import applied_wrench, drake_wrench, export_touch
 from drake_cafim.diagrams.tracked_contact import TrackedRobot
 from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
@@ -34,6 +35,7 @@ from drake_cafim.diagrams.world import (
     export_joints,
     export_tool_state,
 )
+from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.parameters import Parameters
 from drake_cafim.report.replay_data import Camera
 from drake_cafim.tasks.laws import QuasiStatic, stiffness_and_damping
@@ -133,11 +135,12 @@ def build_world(
         name: pinching
         input_ports: [command]
         output_ports: [measured_state, true_force, measured_force, plant_state, contact_results, joint_state,
-            joint_effort, contacts]
+            joint_effort, contact_wrench, tracked_pose, contacts]
 
     `command` (1,) m/s opens both jaws; `measured_state` (2,) is the left jaw's distance from the middle m and its
     velocity m/s; forces (1,) N push the left jaw outwards. `truth` may give `stiffness` N/m, and `damping` N s/m or
     `dissipation` s/m; with the latter the planner's law is Hunt and Crossley's.
+    `contact_wrench` (6,) on the left jaw and its `tracked_pose` (7,) are those of `export_touch`.
     The effects `concealed` are in the plant, but no controller accounts for them.
     `contacts` (2,), only in world `drake`, counts hydroelastic and point contacts.
     """
@@ -169,12 +172,18 @@ def build_world(
     state = export_tool_state(builder, plant, jaw, p_BT=FACE, axes=OUTWARDS)
     if world == "drake":
         force = _add_contact_sensor(builder, plant, jaw)
+        wrench = drake_wrench(builder, plant, [jaw.name()])
     else:
-        force = _add_planner_contact(builder, plant, model, model.parameters.vector(theta), state)
+        law = _add_planner_contact(builder, plant, model, model.parameters.vector(theta), state)
+        force = law.GetOutputPort("contact_force")
+        wrench = applied_wrench(builder, plant, law.GetOutputPort("spatial_forces"), jaw)
     added = connect_concealed(builder, plant, affected)
-    force = total_force(builder, affected.nominal.body("left_jaw").joint, added, OUTWARDS, force)
+    link = affected.nominal.body("left_jaw").joint
+    force = total_force(builder, link, added, OUTWARDS, force)
     export_force(builder, force, std=model.noise_std.tolist(), period=model.period, seed=seed)
     export_joints(builder, plant, gripper, affected)
+    on_jaw = [port for joint, port in added if joint == link]
+    export_touch(builder, plant, wrench, jaw, on_jaw)
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
     if meshcat is not None:
@@ -214,19 +223,25 @@ def _add_planner_contact(
     model: Pinching,
     theta: Array,
     state: ToolState,
-) -> OutputPort:
+) -> LeafSystem:
     """The planner's law on the left jaw, and its mirror image on the right one."""
-    law = PlannerContact(model, theta, coordinates=1, points=_touched_points(plant))
+    law: LeafSystem = PlannerContact(model, theta, coordinates=1, points=_touched_points(plant))
     builder.AddNamedSystem("planner_contact", law)
     builder.Connect(state.get_output_port(), law.get_input_port())
     builder.Connect(law.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
-    force: OutputPort = law.GetOutputPort("contact_force")
-    return force
+    return law
 
 
 def _touched_points(plant: MultibodyPlant) -> list[TouchedPoint]:
     jaws = (plant.GetBodyByName("left_jaw"), plant.GetBodyByName("right_jaw"))
     return [TouchedPoint(jaw.index(), FACE, as_array(side * OUTWARDS)) for jaw, side in zip(jaws, (1, -1), strict=True)]
+
+
+def true_contact(config: PinchingConfig, truth: Mapping[str, float], contact: SphereContact) -> SphereContact:
+    """The contact of a jaw and the ball by the law and with the numbers of world `drake`."""
+    model = hunt_crossley_pinching() if "dissipation" in truth else Pinching()
+    surface = ball_surface(config, **check_truth("pinching", pinching_task(model).truth, truth))
+    return contact_with(surface, contact, config.plant_config.contact_model, surface.friction)
 
 
 def tracked_robot(config: PinchingConfig) -> TrackedRobot:

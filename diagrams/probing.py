@@ -19,6 +19,7 @@ from drake_cafim.diagrams.movers import ArmMover
 from drake_cafim.diagrams.objects import Surface, add_shape
 from drake_cafim.diagrams.planner_contact import PlannerContact, TouchedPoint
 from drake_cafim.diagrams.sensing import ContactForce
+from drake_cafim.diagrams.touching import applied_wrench, drake_wrench, export_touch
 from drake_cafim.diagrams.tracked_contact import TrackedRobot
 from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
@@ -74,12 +75,13 @@ def build_probing_world(
         name: probing
         input_ports: [command]
         output_ports: [measured_state, true_force, measured_force, plant_state, contact_results, joint_state,
-            joint_effort, contacts]
+            joint_effort, contact_wrench, tracked_pose, contacts]
 
     `command` (nu,) m/s; `measured_state` (2 nu,), position and velocity of the tip's centre; forces (ny,) N on the
-    tip. `add_obstacle` adds the obstacle, with contact if its second argument is true; in world `model` the contact
-    law of the planner's `model` at the true `theta` acts on the tip instead. The effects `concealed` are in the plant,
-    but no controller accounts for them.
+    tip; `contact_wrench` (6,) on the probe and its `tracked_pose` (7,) are those of `export_touch`. `add_obstacle` adds
+    the obstacle, with contact if its second argument is true; in world `model` the contact law of the planner's `model`
+    at the true `theta` acts on the tip instead. The effects `concealed` are in the plant, but no controller accounts
+    for them.
     `contacts` (2,), only in world `drake`, counts hydroelastic and point contacts.
     """
     builder = DiagramBuilder()
@@ -112,6 +114,7 @@ def build_probing_world(
         builder.Connect(plant.get_contact_results_output_port(), sensor.get_input_port())
         builder.ExportOutput(sensor.GetOutputPort("contacts"), "contacts")
         force = sensor.GetOutputPort("force")
+        wrench = drake_wrench(builder, plant, [probe.name()])
     else:
         touched = TouchedPoint(probe.index(), tip, coordinates.directions)
         law = PlannerContact(model, theta, coordinates=len(coordinates.axes), points=[touched])
@@ -119,13 +122,16 @@ def build_probing_world(
         builder.Connect(state.get_output_port(), law.get_input_port())
         builder.Connect(law.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
         force = law.GetOutputPort("contact_force")
+        wrench = applied_wrench(builder, plant, law.GetOutputPort("spatial_forces"), probe)
     added = connect_concealed(builder, plant, affected)
-    force = total_force(builder, affected.nominal.body("flange").joint, added, coordinates.directions, force)
+    link = affected.nominal.body("flange").joint
+    force = total_force(builder, link, added, coordinates.directions, force)
     reading = MatrixGain(_measured_rows(model))
     builder.AddNamedSystem("sensor_axes", reading)
     builder.Connect(force, reading.get_input_port())
     export_force(builder, reading.get_output_port(), std=model.noise_std.tolist(), period=model.period, seed=seed)
     export_joints(builder, plant, instance, affected)
+    export_touch(builder, plant, wrench, probe, [port for joint, port in added if joint == link])
     builder.ExportOutput(plant.get_state_output_port(), "plant_state")
     builder.ExportOutput(plant.get_contact_results_output_port(), "contact_results")
     if meshcat is not None:

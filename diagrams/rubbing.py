@@ -14,13 +14,15 @@ from drake_cafim.contact.normal import NORMAL_LAWS, NormalLaw
 from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.diagrams.concealing import Concealed
 from drake_cafim.diagrams.configured import load_section
-from drake_cafim.diagrams.objects import Surface, add_fixture, add_shape
+from drake_cafim.diagrams.objects import Surface, add_fixture, add_shape, contact_with
 from drake_cafim.diagrams.probing import Coordinates, ProbingArm, build_probing_world, tracked_arm
 from drake_cafim.diagrams.showing import View
 from drake_cafim.diagrams.tracked_contact import TrackedRobot
 from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import WorldKind, check_kind, check_truth
+from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.effects.contact_law import SLIP_VELOCITY
 from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.report.replay_data import Camera
 from drake_cafim.tasks.laws import QuasiStatic
@@ -29,7 +31,6 @@ from drake_cafim.tasks.task import Candidate, Task
 
 WALL_AT = 0.8  # m, along y of W (paper)
 WALL_SIZE = (0.9, 0.05, 1.3)  # m
-SLIP_VELOCITY = 0.005  # m/s, width of the friction that comes with Drake's pressure field
 
 
 @dataclass
@@ -113,18 +114,14 @@ def build_world(
     Forces (2,) N: normal, away from the wall, unless it is not measured, and tangential, upwards, on the tip.
     """
     check_kind(world)
-    nominal = Rubbing.stiffness
-    theta = check_truth("rubbing", {"friction": Rubbing.friction, "stiffness": nominal}, truth or {})
-    mu, stiffness = theta["friction"], theta["stiffness"]
+    mu, stiffness = _truth(truth)
     model = Rubbing(
         tip_radius=config.robot.tip_radius,
         stiffness=stiffness,
         damping=config.damping,
         measures_normal=config.measures_normal,
     )
-    harder = stiffness / nominal
-    wall = replace(config.wall, friction=mu, point_stiffness=harder * config.wall.point_stiffness)
-    tip = replace(config.robot.tip, friction=mu, modulus=harder * config.robot.tip.modulus)
+    tip, wall = _surfaces(config, mu, stiffness)
 
     def add_wall(plant: MultibodyPlant, touches: bool) -> None:
         # Drake combines the two coefficients as 2 μ₁μ₂/(μ₁ + μ₂): the tip's is set to the wall's
@@ -148,6 +145,27 @@ def build_world(
         meshcat=meshcat,
         concealed=concealed,
     )
+
+
+def true_contact(config: RubbingConfig, truth: Mapping[str, float], contact: SphereContact) -> SphereContact:
+    """The contact of tip and wall by the law and with the numbers of world `drake`."""
+    mu, stiffness = _truth(truth)
+    tip, wall = _surfaces(config, mu, stiffness)
+    model = config.plant_config.contact_model
+    return contact_with(wall if model == "point" else tip, contact, model, mu)
+
+
+def _truth(truth: Mapping[str, float] | None) -> tuple[float, float]:
+    """Friction and stiffness N/m, checked."""
+    theta = check_truth("rubbing", {"friction": Rubbing.friction, "stiffness": Rubbing.stiffness}, truth or {})
+    return theta["friction"], theta["stiffness"]
+
+
+def _surfaces(config: RubbingConfig, friction: float, stiffness: float) -> tuple[Surface, Surface]:
+    """Tip and wall with this `friction` and `stiffness` N/m."""
+    harder = stiffness / Rubbing.stiffness
+    tip = replace(config.robot.tip, friction=friction, modulus=harder * config.robot.tip.modulus)
+    return tip, replace(config.wall, friction=friction, point_stiffness=harder * config.wall.point_stiffness)
 
 
 def tracked_robot(config: RubbingConfig) -> TrackedRobot:

@@ -75,6 +75,15 @@ def test_another_law_replaces_the_scenario_s() -> None:
         effect.numbers({"law": "rubber"})
 
 
+def test_friction_of_another_law_has_no_resistance() -> None:
+    """A slow tip rubs with μλ at once; by the paper's resistance it would with R|v| only, until that reaches μλ."""
+    rubbed = replace(PARAMETERS, radius=0.01, slip_velocity=None, resistance=2.0)
+    contact = replace(CONTACT, parameters=rubbed)
+    assert np.linalg.norm(contact.force(touch())[0][0, :2]) == pytest.approx(2.0 * 0.05)
+    x, y, z = ContactLawChange("tool/wall", {"modulus": 6e5, "dissipation": 3.0}).on(contact).force(touch())[0][0]
+    assert np.hypot(x, y) == pytest.approx(0.4 * z * LEVEL)
+
+
 def test_a_look_at_another_law_leads_to_its_modulus() -> None:
     contact = replace(CONTACT, parameters=replace(PARAMETERS, radius=0.01))
     depth = np.linspace(1e-4, 2e-3, 50)

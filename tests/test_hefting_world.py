@@ -19,7 +19,7 @@ from drake_cafim.typing import Array
 GRAVITY = 9.81
 # heft: accelerations between -8 and +14 m/s², speeds up to the bound of 1 m/s
 COMMANDS = (0.0, 0.3, 0.7, 1.0, 0.7, 0.3, -0.1, -0.5, -0.9, -1.0, -0.3, 0.4, 0.2, -0.2, -0.5, -0.6, 0.0, 0.0, 0.0)
-JOINTS = ("joint_state", "joint_effort")
+RECORDED = ("joint_state", "joint_effort", "contact_wrench", "tracked_pose")
 
 
 @dataclass(frozen=True)
@@ -73,10 +73,24 @@ def test_ports(diagram: Diagram) -> None:
     inputs = [diagram.get_input_port(i).get_name() for i in range(diagram.num_input_ports())]
     outputs = [diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())]
     assert inputs == ["command"]
-    named = {"measured_state", "true_force", "measured_force", "plant_state", "contact_results", *JOINTS}
+    named = {"measured_state", "true_force", "measured_force", "plant_state", "contact_results", *RECORDED}
     assert set(outputs) - {"contacts"} == named
     assert diagram.GetInputPort("command").size() == 1
     assert diagram.GetOutputPort("measured_state").size() == 2
+
+
+def test_hand_feels_what_the_ball_does(diagram: Diagram) -> None:
+    simulator = Simulator(diagram, start_context(diagram))
+    context = simulator.get_mutable_context()
+    diagram.GetInputPort("command").FixValue(context, [0.3])
+    simulator.AdvanceTo(0.2)
+    wrench, pose, force = (
+        np.array(diagram.GetOutputPort(name).Eval(context)) for name in ("contact_wrench", "tracked_pose", "true_force")
+    )
+    np.testing.assert_allclose(wrench[5], -force[0], atol=1e-9)
+    # it presses below the ball's centre, at most a finger's width beside it
+    about_ball = wrench[:3] - np.cross(pose[:3], wrench[3:])
+    assert np.linalg.norm(about_ball[:2]) < 0.01 * force[0]
 
 
 def test_start(diagram: Diagram, config: hefting.HeftingConfig) -> None:

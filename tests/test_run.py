@@ -95,6 +95,18 @@ def test_encoders_have_the_stated_noise(finished: Path, short: str) -> None:
         assert np.median(np.abs(rough)) / 0.6745 / np.sqrt(20.0) == pytest.approx(std, rel=0.1)
 
 
+def test_wrench_and_pose_are_recorded_with_noise(finished: Path) -> None:
+    recording = read(finished / "experiment_1.parquet")
+    wrench, pose = recording.wrench("palm"), recording.pose("ball")
+    # the palm faces up along its x; the ball weighs .05 · 9.81 N, and the sensor's noise is the planner's
+    assert np.mean(wrench[:, 0]) == pytest.approx(-0.49, abs=0.15)
+    assert np.abs(np.mean(wrench[:, 1:3], axis=0)).max() < 0.15
+    rough = np.diff(np.column_stack([wrench, pose[:, :3]]), n=3, axis=0)
+    std = [*[0.5] * 3, *[0.025] * 3, *[2.0e-4] * 3]
+    np.testing.assert_allclose(np.median(np.abs(rough), axis=0) / 0.6745 / np.sqrt(20.0), std, rtol=0.15)
+    np.testing.assert_allclose(np.linalg.norm(pose[:, 3:], axis=1), 1.0, atol=1e-12)
+
+
 def test_ends_with_the_diagnosis_of_its_recordings(short: str, tmp_path: Path) -> None:
     friction = Concealed("joint_viscous_friction", "joint2", {"coefficient": 8.0})
     record = go(short, tmp_path, experiments=2, concealed=(friction,), diagnosed=True)

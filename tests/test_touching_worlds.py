@@ -1,7 +1,7 @@
 """The Diagrams of rubbing, contouring and pinching: ports, tracking, and contact forces."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any
 
@@ -21,6 +21,7 @@ from drake_cafim.diagrams.pinching import PinchingConfig
 from drake_cafim.diagrams.planner_contact import PlannerContact, TouchedPoint
 from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import start_context
+from drake_cafim.dynamics.motion import motion
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.schema import load as scenario_file
 from drake_cafim.scene.address import resolve
@@ -38,7 +39,7 @@ MOTIONS: dict[str, Sequence[tuple[Sequence[float], int]]] = {
     "contouring": [((0.0, 0.3), 5), ((0.0, 0.0), 4), ((0.1, 0.0), 4), ((0.0, -0.3), 4), ((0.0, 0.0), 4)],
     "pinching": [((-0.2,), 2), ((-0.1,), 3), ((0.0,), 10), ((0.2,), 3), ((0.0,), 8)],
 }
-JOINTS = ("joint_state", "joint_effort")
+RECORDED = ("joint_state", "joint_effort", "contact_wrench", "tracked_pose")
 pinching_point = resolve("pinching_point")
 
 
@@ -55,6 +56,8 @@ class Run:
     state: Array  # (T, 2 nu)
     force: Array  # (T, ny)
     hydroelastic: Array  # (T,)
+    wrench: Array  # (T, 6) about Wo, moment first
+    pose: Array  # (T, 7)
 
 
 def load(name: str) -> Scenario:
@@ -71,14 +74,17 @@ def simulate(diagram: Diagram, scenario: Scenario) -> Run:
     simulator = Simulator(diagram, start_context(diagram))
     context = simulator.get_mutable_context()
     commands = [command for command, count in MOTIONS[scenario.name] for _ in range(count)]
-    states, forces, contacts = [], [], []
+    states, forces, contacts, wrenches, poses = [], [], [], [], []
     for index, command in enumerate(commands):
         diagram.GetInputPort("command").FixValue(context, command)
         simulator.AdvanceTo((index + 1) * scenario.task.model.period)
         states.append(np.array(diagram.GetOutputPort("measured_state").Eval(context)))
         forces.append(np.array(diagram.GetOutputPort("true_force").Eval(context)))
         contacts.append(diagram.GetOutputPort("contact_results").Eval(context).num_hydroelastic_contacts())
-    return Run(np.array(commands), np.array(states), np.array(forces), np.array(contacts))
+        wrenches.append(np.array(diagram.GetOutputPort("contact_wrench").Eval(context)))
+        poses.append(np.array(diagram.GetOutputPort("tracked_pose").Eval(context)))
+    found = (states, forces, contacts, wrenches, poses)
+    return Run(np.array(commands), *(np.array(rows) for rows in found))
 
 
 @pytest.fixture(scope="module", params=sorted(MOTIONS))
@@ -105,7 +111,7 @@ def run(diagram: Diagram, scenario: Scenario) -> Run:
 def test_ports(diagram: Diagram, scenario: Scenario, world: str) -> None:
     axes = len(scenario.task.robot_start) // 2
     outputs = {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())}
-    named = {"measured_state", "true_force", "measured_force", "plant_state", "contact_results", *JOINTS}
+    named = {"measured_state", "true_force", "measured_force", "plant_state", "contact_results", *RECORDED}
     assert outputs == named | ({"contacts"} if world == "drake" else set())
     assert diagram.GetInputPort("command").size() == axes
     assert diagram.GetOutputPort("measured_state").size() == 2 * axes
@@ -204,6 +210,43 @@ def test_a_concealed_change_of_a_contact_pushes_and_is_felt(
     np.testing.assert_allclose(run.force[still, 0] - 800.0 * depth[still], expected(depth[still]), rtol=0.05, atol=0.02)
     # it opens the jaws against their control, which knows nothing of it
     assert np.max(run.state[:, 0] - bare.state[:, 0]) > 1e-5
+
+
+def test_wrench_is_that_of_the_contact_force(run: Run, scenario: Scenario, world: str) -> None:
+    axes = scenario.module.view(scenario.module.load_config()).force_directions
+    np.testing.assert_allclose(run.wrench[:, 3:] @ axes.T, run.force, atol=1e-9)
+    about_body = run.wrench[:, :3] - np.cross(run.pose[:, :3], run.wrench[:, 3:])
+    size = np.linalg.norm(run.force, axis=1)
+    lever = np.linalg.norm(about_body, axis=1)[size > 0.5] / size[size > 0.5]
+    if scenario.name == "pinching":  # of a jaw, from its base to where it touches
+        np.testing.assert_allclose(lever, 0.065, atol=1e-3)
+    else:  # of a round tip, its centre
+        assert lever.max() < 0.041
+
+
+def test_rubbed_wrench_is_that_of_drakes_law_on_the_scenarios_contact() -> None:
+    """Place, law and lever: the soft tip is pressed flat, and rubs where it meets the wall, nearer than its radius."""
+    stage, scene = stage_of(scenario_file(resolve("rubbing")), "rubbing"), Scene.load("rubbing")
+    diagram = stage.diagram("drake", 0)
+    simulator = Simulator(diagram, start_context(diagram))
+    context, felt, expected = simulator.get_mutable_context(), [], []
+    law = rubbing.true_contact(stage.config, stage.task.truth, scene.physics.contacts[0])
+    for index, command in enumerate(command for command, count in MOTIONS["rubbing"] for _ in range(count)):
+        diagram.GetInputPort("command").FixValue(context, command)
+        simulator.AdvanceTo((index + 1) * 0.02)
+        state = np.array(diagram.GetOutputPort("joint_state").Eval(context))
+        moving = motion(scene.tree, state[None, :7], state[None, 7:])
+        p_WC = moving.point(6, law.p_JC)[0][0]
+        by_law = replace(scene.physics, contacts=(law,)).contact_wrenches(moving)[0, law.joint]
+        np.testing.assert_allclose(by_law, law.wrench(moving)[0], atol=1e-9)
+        acting = np.array(diagram.GetOutputPort("contact_wrench").Eval(context))
+        for wrench, found in ((acting, felt), (by_law, expected)):
+            found.append(np.concatenate([wrench[:3] - np.cross(p_WC, wrench[3:]), wrench[3:]]))
+    error, sizes = np.array(felt) - expected, np.array(expected)
+    sliding = np.abs(sizes[:, 5]) > 0.5
+    assert sliding.sum() >= 20
+    assert np.sqrt(np.mean(error[sliding, 3:] ** 2)) < 0.03 * np.abs(sizes[:, 3:]).max()
+    assert np.sqrt(np.mean(error[sliding, :3] ** 2)) < 0.05 * np.abs(sizes[:, :3]).max()
 
 
 def test_friction_of_drakes_wall_is_the_truth() -> None:

@@ -278,7 +278,7 @@ def _show_progress(progress: Progress, number: int, total: int, result: Experime
 def _write_recordings(request: RunRequest, result: RunResult, world: World, out: Path) -> list[str]:
     assert isinstance(world.system, Diagram)
     scene, joints = Scene.load(request.scenario), joint_names(world.system)
-    recordings = recordings_of(result, scene, joints, step=world.recording_period)
+    recordings = recordings_of(result, scene, joints, world)
     for recording in recordings:
         with replacing(out / recording.name) as temporary:
             write(recording, temporary)

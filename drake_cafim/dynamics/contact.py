@@ -66,10 +66,10 @@ class SphereContact:
 
     @cached_property
     def numbers(self) -> tuple[Array, Array] | None:
-        """Geometry (10,) and law (9,) as arguments of `sphere_wrenches`; None for other than a sphere without changes.
+        """Geometry (10,) and law (10,) as arguments of `sphere_wrenches`; None for other than a sphere without changes.
 
-        The law is its kind, stiffness, damping or dissipation, smoothing, friction, kind and width of the friction, and
-        narrowing and deficit of the pressure field.
+        The law is its kind, stiffness, damping or dissipation, smoothing, friction, kind and width of the friction,
+        narrowing and deficit of the pressure field, and `lifted`.
         """
         if type(self) is not SphereContact or self.changes:
             return None
@@ -79,7 +79,7 @@ class SphereContact:
         form, width = (1, values.slip_velocity) if values.slip_velocity is not None else (2, values.resistance)
         tangential = (0, 0.0) if width is None else (form, width)
         field = (numbers.get("narrowing", 1.0), numbers.get("deficit", 0.0))
-        law = (kind, numbers["stiffness"], loss, self.law.smoothing, values.friction, *tangential, *field)
+        law = (kind, numbers["stiffness"], loss, self.law.smoothing, values.friction, *tangential, *field, self.lifted)
         if any(np.ndim(number) for number in law):
             return None
         center, radius, point, normal = self._placed
@@ -89,6 +89,15 @@ class SphereContact:
     def _below(self) -> Array:
         """(1, 3) m, from the sphere's centre to its deepest point, world axes."""
         return np.asarray(-self.radius * self.normal[None])
+
+    @property
+    def lifted(self) -> float:
+        """How far above the sphere's deepest point its force acts, in penetrations: 1 for a soft sphere, else 0.
+
+        A plane presses a soft sphere flat, and the pressure acts where they meet; Drake's field has that surface.
+        """
+        given = self.parameters
+        return float(self.law.normal == "hydroelastic" and given.radius == self.radius and given.half_extent == 0.0)
 
     @property
     def memory(self) -> int:
@@ -139,7 +148,10 @@ class SphereContact:
         """The wrench (N, 6) on the joint's link about the world origin, moment first."""
         touch = self.touch(moving)
         force, moment = self.force(touch, memory)
-        return np.concatenate([cross(touch.position, force) + moment, force], axis=1)
+        place = touch.position
+        if self.lifted:
+            place = place + (self.lifted * touch.penetration)[:, None] * self.normal
+        return np.concatenate([cross(place, force) + moment, force], axis=1)
 
     def _split(self, memory: Array) -> list[tuple[ContactChange, Array]]:
         """Each change with its columns of the memory (N, m)."""

@@ -55,7 +55,7 @@ def sphere_wrenches(R: Array, p: Array, V: Array, joints: Indices, placed: Array
     """Wrenches (N, n, 6) on the links about the world's origin, moment first, by the contacts of C spheres with planes.
 
     `R`, `p` and `V` as for `touch_kinematics`. `joints` (C,) are the spheres' joints, `placed` (C, 10) centre, radius,
-    point and normal of each, `laws` (C, 9) the numbers of its law, as in `SphereContact.numbers`.
+    point and normal of each, `laws` (C, 10) the numbers of its law, as in `SphereContact.numbers`.
     """
     wrench, f = np.zeros((*p.shape[:2], 6)), np.empty(3)
     for k in range(len(joints)):
@@ -68,11 +68,13 @@ def sphere_wrenches(R: Array, p: Array, V: Array, joints: Indices, placed: Array
                 continue
             speed = np.sqrt(slip[i, 0] * slip[i, 0] + slip[i, 1] * slip[i, 1] + slip[i, 2] * slip[i, 2])
             rubbed = _friction_ratio(normal, speed, law)
+            lift = law[9] * depth[i]
             for x in range(3):
                 f[x] = normal * at[7 + x] - rubbed * slip[i, x]
             for x in range(3):
                 y, z = (x + 1) % 3, (x + 2) % 3
-                wrench[i, j, x] += place[i, y] * f[z] - place[i, z] * f[y]
+                arm_y, arm_z = place[i, y] + lift * at[7 + y], place[i, z] + lift * at[7 + z]
+                wrench[i, j, x] += arm_y * f[z] - arm_z * f[y]
                 wrench[i, j, 3 + x] += f[x]
     return wrench
 

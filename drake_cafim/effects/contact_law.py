@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from drake_cafim.effects.surroundings import Surroundings
 
 LAWS: Mapping[str, float] = {"hydroelastic": float(NORMAL_LAWS.index("hydroelastic"))}
 """The laws that replace the scenario's. Hunt and Crossley's is a spring with their dissipation, which has its name."""
+SLIP_VELOCITY = 0.005
+"""m/s, width of the friction that comes with Drake's pressure field, in place of the paper's resistance."""
 DEPTHS = (0.5, 0.8, 1.0)
 """Quantiles of the depth at which a look has the spring's force."""
 
@@ -59,8 +61,10 @@ class ContactLawChange(ContactEffect):
             yield from dict.fromkeys(cls.site(contact) for contact in spheres if contact.law.normal not in LAWS)
 
     def on(self, contact: SphereContact) -> SphereContact:
-        """The contact with the law and its parameters replaced."""
-        own = {name: self.values[name] for name in ("modulus", "dissipation")}
+        """The contact with the law and its parameters replaced; Drake's law has friction without a resistance."""
+        own: dict[str, Any] = {name: self.values[name] for name in ("modulus", "dissipation")}
+        if contact.parameters.resistance is not None:
+            own |= {"resistance": None, "slip_velocity": SLIP_VELOCITY}
         law = ContactLaw("hydroelastic", contact.law.smoothing)
         return replace(contact, law=law, parameters=replace(contact.parameters, **own))
 

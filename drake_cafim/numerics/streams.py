@@ -4,7 +4,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-Purpose: TypeAlias = Literal["force noise", "joint noise", "trial noise"]
+Purpose: TypeAlias = Literal["force noise", "joint noise", "trial noise", "wrench and pose noise"]
 
 
 def stream(purpose: Purpose, *where: int) -> np.random.Generator:

@@ -60,14 +60,14 @@ class Physics:
 
     @cached_property
     def spheres(self) -> tuple[Indices, Array, Array] | None:
-        """The contacts as arrays for `sphere_wrenches`: joints (C,), places (C, 10), laws (C, 7).
+        """The contacts as arrays for `sphere_wrenches`: joints (C,), places (C, 10), laws (C, 10).
 
         None where an effect changes one of the contacts, whose law is then no longer one of numbers alone.
         """
         numbers = [found for contact in self.contacts if (found := contact.numbers) is not None]
         if len(numbers) < len(self.contacts):
             return None
-        places, laws = (np.array([found[k] for found in numbers]).reshape(-1, size) for k, size in ((0, 10), (1, 9)))
+        places, laws = (np.array([found[k] for found in numbers]).reshape(-1, 10) for k in range(2))
         return np.array([contact.joint for contact in self.contacts], dtype=np.int64), places, laws
 
     @property

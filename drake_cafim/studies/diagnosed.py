@@ -17,7 +17,7 @@ def diagnose_run(result: RunResult, scenario: str, world: World) -> dict[str, An
     """The verdict on all experiments of `result` but the last, which is held out, as plain values."""
     assert isinstance(world.system, Diagram)
     scene, joints = Scene.load(scenario), joint_names(world.system)
-    recordings = recordings_of(result, scene, joints, step=world.recording_period)
+    recordings = recordings_of(result, scene, joints, world)
     verdict = diagnose(scene, recordings[:-1], held_out=recordings[-1:])
     assert verdict.held_out is not None
     return {
