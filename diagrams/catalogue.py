@@ -91,6 +91,7 @@ _WORLDS: Mapping[str, _Packaged] = {
         "tip",
         contouring.other_laws,
         contouring.tracked_robot,
+        contouring.true_contact,
     ),
 }
 
@@ -98,10 +99,7 @@ _WORLDS: Mapping[str, _Packaged] = {
 _UNDECIDED = {"hefting": "what a ball weighs that lies in a hand depends on no contact law"}
 
 
-_CONTACTLESS = {
-    "hefting": "its ball is free in the hand, and contacts here are of the robot with something fixed",
-    "contouring": "its box is touched round its edges, and contacts here are of a sphere with one plane",
-}
+_CONTACTLESS = {"hefting": "its ball is free in the hand, and contacts here are of the robot with something fixed"}
 
 
 @dataclass(frozen=True)

@@ -151,6 +151,11 @@ def _check_place(concealed: Concealed, kind: type[Effect], tree: Tree) -> None:
         if not any(kind(concealed.at).meets(contact) for contact in concealed.contacts):
             if not concealed.contacts:
                 raise InputError(f"{concealed.address}: found no contact under contact:, expected one")
+            boxes = [contact.name for contact in concealed.contacts if not contact.flat]
+            if kind.needs_plane and boxes:
+                raise InputError(
+                    f"{concealed.address}: it is of a plane, and {', '.join(boxes)} is a box touched all round"
+                )
             sites = dict.fromkeys(kind.site(contact) for contact in concealed.contacts)
             raise InputError(f"{concealed.address}: the scenario's contacts (contact:) have it at {', '.join(sites)}")
         return

@@ -13,13 +13,14 @@ from drake_cafim.contact.normal import NormalLaw
 from drake_cafim.diagrams.arrays import as_array
 from drake_cafim.diagrams.concealing import Concealed
 from drake_cafim.diagrams.configured import load_section
-from drake_cafim.diagrams.objects import Surface, add_fixture, add_shape
+from drake_cafim.diagrams.objects import Surface, add_fixture, add_shape, contact_with
 from drake_cafim.diagrams.probing import Coordinates, ProbingArm, build_probing_world, tip_at_start, tracked_arm
 from drake_cafim.diagrams.showing import View
 from drake_cafim.diagrams.tracked_contact import TrackedRobot
 from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import WorldKind, check_kind, check_truth
+from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.report.replay_data import Camera
 from drake_cafim.tasks.contouring import TRUE_LENGTH, TRUE_WIDTH, Contouring
@@ -27,6 +28,7 @@ from drake_cafim.tasks.laws import QuasiStatic
 from drake_cafim.tasks.task import Candidate, Task
 
 BOX_HEIGHT = 0.10  # m, above the tip's height of 0.08 m
+TRUTH = {"length": TRUE_LENGTH, "width": TRUE_WIDTH}  # m, unless given
 TABLE_SIZE = (0.7, 0.6, 0.04)  # m
 DISSIPATION = 0.5  # s/m, believed, of a law that has one
 
@@ -109,7 +111,7 @@ def build_world(
     """
     check_kind(world)
     model = Contouring(tip_radius=config.robot.tip_radius)
-    theta = check_truth("contouring", {"length": TRUE_LENGTH, "width": TRUE_WIDTH}, truth or {})
+    theta = check_truth("contouring", TRUTH, truth or {})
 
     def add_box(plant: MultibodyPlant, touches: bool) -> None:
         table = add_fixture(plant, "table", RigidTransform(as_array([*model.centre, -0.5 * TABLE_SIZE[2]])))
@@ -132,6 +134,13 @@ def build_world(
         meshcat=meshcat,
         concealed=concealed,
     )
+
+
+def true_contact(config: ContouringConfig, truth: Mapping[str, float], contact: SphereContact) -> SphereContact:
+    """The contact of tip and box by the law and with the numbers of world `drake`."""
+    for name, extent in {**check_truth("contouring", TRUTH, truth), "height": BOX_HEIGHT}.items():
+        contact = contact.with_parameter(name, extent)
+    return contact_with(config.box, contact, config.plant_config.contact_model, config.box.friction)
 
 
 def tracked_robot(config: ContouringConfig) -> TrackedRobot:

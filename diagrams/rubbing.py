@@ -22,7 +22,6 @@ from drake_cafim.diagrams.tracking import TrackingConfig
 from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import WorldKind, check_kind, check_truth
 from drake_cafim.dynamics.contact import SphereContact
-from drake_cafim.effects.contact_law import SLIP_VELOCITY
 from drake_cafim.parameters import Parameter, Parameters
 from drake_cafim.report.replay_data import Camera
 from drake_cafim.tasks.laws import QuasiStatic
@@ -30,6 +29,7 @@ from drake_cafim.tasks.rubbing import Rubbing
 from drake_cafim.tasks.task import Candidate, Task
 
 WALL_AT = 0.8  # m, along y of W (paper)
+SLIP_VELOCITY = 0.005  # m/s, width of friction to the planner, smooth enough for its derivatives
 WALL_SIZE = (0.9, 0.05, 1.3)  # m
 
 

@@ -224,29 +224,33 @@ def test_wrench_is_that_of_the_contact_force(run: Run, scenario: Scenario, world
         assert lever.max() < 0.041
 
 
-def test_rubbed_wrench_is_that_of_drakes_law_on_the_scenarios_contact() -> None:
+@pytest.mark.parametrize("name", ["rubbing", "contouring"])
+def test_recorded_wrench_is_that_of_drakes_law_on_the_scenarios_contact(name: str) -> None:
     """Place, law and lever: the soft tip is pressed flat, and rubs where it meets the wall, nearer than its radius."""
-    stage, scene = stage_of(scenario_file(resolve("rubbing")), "rubbing"), Scene.load("rubbing")
+    stage, scene = stage_of(scenario_file(resolve(name)), name), Scene.load(name)
     diagram = stage.diagram("drake", 0)
     simulator = Simulator(diagram, start_context(diagram))
-    context, felt, expected = simulator.get_mutable_context(), [], []
-    law = rubbing.true_contact(stage.config, stage.task.truth, scene.physics.contacts[0])
-    for index, command in enumerate(command for command, count in MOTIONS["rubbing"] for _ in range(count)):
+    context, felt, expected, slips = simulator.get_mutable_context(), [], [], []
+    law = load(name).module.true_contact(stage.config, stage.task.truth, scene.physics.contacts[0])
+    for index, command in enumerate(command for command, count in MOTIONS[name] for _ in range(count)):
         diagram.GetInputPort("command").FixValue(context, command)
-        simulator.AdvanceTo((index + 1) * 0.02)
+        simulator.AdvanceTo((index + 1) * stage.task.model.period)
         state = np.array(diagram.GetOutputPort("joint_state").Eval(context))
         moving = motion(scene.tree, state[None, :7], state[None, 7:])
         p_WC = moving.point(6, law.p_JC)[0][0]
         by_law = replace(scene.physics, contacts=(law,)).contact_wrenches(moving)[0, law.joint]
         np.testing.assert_allclose(by_law, law.wrench(moving)[0], atol=1e-9)
+        slips.append(np.linalg.norm(law.touch(moving).slip))
         acting = np.array(diagram.GetOutputPort("contact_wrench").Eval(context))
         for wrench, found in ((acting, felt), (by_law, expected)):
             found.append(np.concatenate([wrench[:3] - np.cross(p_WC, wrench[3:]), wrench[3:]]))
     error, sizes = np.array(felt) - expected, np.array(expected)
-    sliding = np.abs(sizes[:, 5]) > 0.5
-    assert sliding.sum() >= 20
-    assert np.sqrt(np.mean(error[sliding, 3:] ** 2)) < 0.03 * np.abs(sizes[:, 3:]).max()
-    assert np.sqrt(np.mean(error[sliding, :3] ** 2)) < 0.05 * np.abs(sizes[:, :3]).max()
+    # where it hardly slips, Drake's friction sticks
+    touching = (np.linalg.norm(sizes[:, 3:], axis=1) > 0.5) & (np.array(slips) > 0.005)
+    assert touching.sum() >= 4
+    assert np.sqrt(np.mean(error[touching, 3:] ** 2)) < 0.03 * np.abs(sizes[:, 3:]).max()
+    if name == "rubbing":
+        assert np.sqrt(np.mean(error[touching, :3] ** 2)) < 0.06 * np.abs(sizes[:, :3]).max()
 
 
 def test_friction_of_drakes_wall_is_the_truth() -> None:
@@ -332,8 +336,10 @@ def test_the_scenarios_robot_is_the_worlds(name: str) -> None:
         np.testing.assert_allclose(matrices[0][1], matrices[1][1], atol=1e-6)
 
 
-@pytest.mark.parametrize("name, why", [("hefting", "its ball is free"), ("contouring", "round its edges")])
-def test_why_no_contact_effect_acts_is_said(name: str, why: str) -> None:
-    adhesion = Concealed("contact_adhesion", "tip/box", {"force": 2.0, "range": 0.001})
-    with pytest.raises(InputError, match=f"contact_adhesion@tip/box: {name} names no contact .*{why}"):
-        stage_of(scenario_file(resolve(name)), name).diagram("drake", 0, concealed=[adhesion])
+def test_why_no_contact_effect_acts_is_said() -> None:
+    adhesion = Concealed("contact_adhesion", "palm/ball", {"force": 2.0, "range": 0.001})
+    with pytest.raises(InputError, match=r"contact_adhesion@palm/ball: hefting names no contact .*its ball is free"):
+        stage_of(scenario_file(resolve("hefting")), "hefting").diagram("drake", 0, concealed=[adhesion])
+    tilt = Concealed("surface_tilt", "box", {"y_slope_x": 0.1, "y_slope_y": 0.0})
+    with pytest.raises(InputError, match="surface_tilt@box: it is of a plane, and tip/box is a box touched all round"):
+        stage_of(scenario_file(resolve("contouring")), "contouring").diagram("drake", 0, concealed=[tilt])

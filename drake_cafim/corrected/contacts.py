@@ -26,7 +26,7 @@ def changed_contacts(
     pairs = []
     for after, before in zip(contacts, nominal, strict=True):
         before = replace(before, parameters=after.parameters)
-        moved = not (np.array_equal(after.point, before.point) and np.array_equal(after.normal, before.normal))
+        moved = not all(map(np.array_equal, after.place, before.place))
         if after.changes or moved or after.law != before.law:
             pairs.append((after, before))
     return pairs

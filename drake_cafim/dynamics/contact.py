@@ -45,6 +45,24 @@ class SphereContact:
         return replace(self, parameters=replace(self.parameters, **{name: value}))
 
     @property
+    def flat(self) -> bool:
+        """Whether the surface is a plane, with one normal."""
+        return True
+
+    @property
+    def place(self) -> tuple[Array, ...]:
+        """Where the surface is, as arrays."""
+        return (self.point, self.normal)
+
+    def raised(self, offset: float) -> "SphereContact":
+        """The contact with its surface `offset` m farther out."""
+        return replace(self, point=self.point + offset * self.normal)
+
+    def outward(self, touch: Touch) -> Array:
+        """The surface's outward normal (N, 3), or (1, 3) if it is constant, world axes."""
+        return np.asarray(self.normal[None])
+
+    @property
     def points(self) -> Array:
         """(K, 3) m in frame J: centres of the spheres that may touch; those of radius 0 are points."""
         return self.p_JC[None]
@@ -142,7 +160,7 @@ class SphereContact:
         if tangential is None:
             tangential = self.law.tangential_force(normal, touch.slip, self.parameters)
         pulled = normal + sum(change.pull(touch) for change in self.changes)
-        return pulled[:, None] * self.normal + tangential, moment
+        return pulled[:, None] * self.outward(touch) + tangential, moment
 
     def wrench(self, moving: Motion, memory: Array | None = None) -> Array:
         """The wrench (N, 6) on the joint's link about the world origin, moment first."""
@@ -150,7 +168,7 @@ class SphereContact:
         force, moment = self.force(touch, memory)
         place = touch.position
         if self.lifted:
-            place = place + (self.lifted * touch.penetration)[:, None] * self.normal
+            place = place + (self.lifted * touch.penetration)[:, None] * self.outward(touch)
         return np.concatenate([cross(place, force) + moment, force], axis=1)
 
     def _split(self, memory: Array) -> list[tuple[ContactChange, Array]]:

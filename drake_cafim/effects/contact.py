@@ -54,17 +54,20 @@ class ContactEffect(Effect, ContactChange):
     of_contact: ClassVar[bool] = True
     decides_bounces: ClassVar[bool] = False
     """Whether it determines where and how high a thrown body bounces."""
+    needs_plane: ClassVar[bool] = False
+    """Whether it is of the sliding on a plane, not on a box that is touched all round."""
 
     def add_to(self, physics: P) -> P:
         return on_contacts(self, physics)
 
     @classmethod
     def attachments(cls, where: Surroundings) -> Iterator[str]:
-        yield from dict.fromkeys(cls.site(contact) for contact in where.contacts)
+        able = [contact for contact in where.contacts if contact.flat or not cls.needs_plane]
+        yield from dict.fromkeys(cls.site(contact) for contact in able)
 
     def meets(self, contact: SphereContact) -> bool:
-        """Whether `at` names this contact's two bodies."""
-        return set(self.at.split("/")) == set(contact.bodies)
+        """Whether `at` names this contact's two bodies, and the effect can act there."""
+        return set(self.at.split("/")) == set(contact.bodies) and (contact.flat or not self.needs_plane)
 
     def on(self, contact: SphereContact) -> SphereContact:
         """The contact with the effect added to its changes."""

@@ -22,6 +22,7 @@ class ContactStribeckFriction(ContactEffect):
     """μ + (μs − μ) exp(−(vt/vs)²) in place of μ."""
 
     name: ClassVar[str] = "contact_stribeck_friction"
+    needs_plane: ClassVar[bool] = True
     group: ClassVar[str | None] = FRICTION
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("static", "1", 0.3, lower=0.0, upper=20.0),
@@ -65,6 +66,7 @@ class ContactAnisotropicFriction(ContactEffect):
     """
 
     name: ClassVar[str] = "contact_anisotropic_friction"
+    needs_plane: ClassVar[bool] = True
     group: ClassVar[str | None] = FRICTION
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("friction_1", "1", 0.3, lower=0.0, upper=20.0),
@@ -132,6 +134,7 @@ class ContactPresliding(ContactEffect):
     """
 
     name: ClassVar[str] = "contact_presliding"
+    needs_plane: ClassVar[bool] = True
     group: ClassVar[str | None] = FRICTION
     memory: ClassVar[int] = 9
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("distance", "m", 2e-4, lower=1e-7, upper=0.05),)
@@ -200,6 +203,7 @@ class ContactRollingResistance(ContactEffect):
     """A moment −c λ along the tangential angular velocity."""
 
     name: ClassVar[str] = "contact_rolling_resistance"
+    needs_plane: ClassVar[bool] = True
     strengths: ClassVar[tuple[Strength, ...]] = (Strength("coefficient", "m", 1e-3, lower=0.0),)
     reference: ClassVar[str] = "Johnson, Contact Mechanics, 1985, ch. 9"
     formula: ClassVar[str] = "−<i>c</i> λ against the rolling"

@@ -17,8 +17,11 @@ from drake_cafim.effects.surroundings import Surroundings
 
 LAWS: Mapping[str, float] = {"hydroelastic": float(NORMAL_LAWS.index("hydroelastic"))}
 """The laws that replace the scenario's. Hunt and Crossley's is a spring with their dissipation, which has its name."""
-SLIP_VELOCITY = 0.005
-"""m/s, width of the friction that comes with Drake's pressure field, in place of the paper's resistance."""
+SLIP_VELOCITY = 0.001
+"""m/s, width of the friction that comes with Drake's pressure field, in place of the paper's resistance.
+
+MultibodyPlant's default stiction tolerance; its discrete solvers slip less.
+"""
 DEPTHS = (0.5, 0.8, 1.0)
 """Quantiles of the depth at which a look has the spring's force."""
 

@@ -27,16 +27,20 @@ class SurfaceEffect(Effect):
     surprise: ClassVar[float] = -2.0 * float(np.log(10.0))
     """Prior odds 10 : 1 in favour: surfaces are placed by hand, to a millimetre or a degree, links are not."""
 
+    needs_plane: ClassVar[bool] = False
+    """Whether it can change a plane only, not a box that is touched all round."""
+
     def add_to(self, physics: P) -> P:
         return on_contacts(self, physics)
 
     @classmethod
     def attachments(cls, where: Surroundings) -> Iterator[str]:
-        yield from dict.fromkeys(cls.site(contact) for contact in where.contacts)
+        able = [contact for contact in where.contacts if contact.flat or not cls.needs_plane]
+        yield from dict.fromkeys(cls.site(contact) for contact in able)
 
     def meets(self, contact: SphereContact) -> bool:
         """Whether `at` is the surface body of this contact."""
-        return contact.bodies[1] == self.at
+        return contact.bodies[1] == self.at and (contact.flat or not self.needs_plane)
 
     @classmethod
     def site(cls, contact: SphereContact) -> str:
@@ -79,7 +83,7 @@ class SurfaceOffset(SurfaceEffect):
             yield {"offset": -size}
 
     def on(self, contact: SphereContact) -> SphereContact:
-        return replace(contact, point=contact.point + self.values["offset"] * contact.normal)
+        return contact.raised(self.values["offset"])
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,7 @@ class SurfaceTilt(SurfaceEffect):
     """The plane turned about its nominal origin: normal ~ (−tan sx, −tan sy, 1) in the surface's axes."""
 
     name: ClassVar[str] = "surface_tilt"
+    needs_plane: ClassVar[bool] = True
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("y_slope_x", "rad", 0.01, lower=-1.4, upper=1.4),
         Strength("y_slope_y", "rad", 0.01, lower=-1.4, upper=1.4),

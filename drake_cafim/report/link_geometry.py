@@ -11,6 +11,7 @@ from pydrake.geometry import Box, Cylinder, HalfSpace, InMemoryMesh, Mesh, Rgba,
 from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_cafim.dynamics.motion import Motion
+from drake_cafim.dynamics.sphere_on_box import SphereOnBox
 from drake_cafim.dynamics.tree import FIXED, Tree
 from drake_cafim.report.stl import obj_of
 from drake_cafim.scene.scene import Scene
@@ -154,8 +155,11 @@ def _bar(joint: int, end: Array, radius: float) -> Iterator[LinkShape]:
 
 
 def _grounds(scene: Scene, size: float) -> Iterator[LinkShape]:
-    """A plate under each contact plane."""
+    """A plate under each contact plane, and each box that is touched all round."""
     for contact in scene.physics.contacts:
+        if isinstance(contact, SphereOnBox):
+            yield LinkShape(FIXED, Box(*contact.size), _pose(RotationMatrix(contact.R_WG), contact.point), GROUND)
+            continue
         turned = _upright(contact.normal)
         thickness = 0.01 * size
         place = _pose(turned, contact.point - 0.5 * thickness * contact.normal)

@@ -101,6 +101,8 @@ class ContactPair:
     slip_velocity: float | None = number(None, "m/s", least=0.0, most=100.0, above=True)
     resistance: float | None = number(None, "N s/m", least=0.0, most=1e9, above=True)  # −R v_t, at most μ λ
     ground: Ground | None = None  # what the second body is, where the model file does not have it
+    # of a fixed box that a sphere touches: the one `nearest` to where the robot starts, or `all` with their edges
+    faces: str = "nearest"
 
 
 @dc.dataclass
@@ -179,6 +181,7 @@ class Scenario:
 MOST_ORDER = 20
 """Highest order of a `lowpass`."""
 LAWS = ("kelvin_voigt", "paper", "hunt_crossley", "hydroelastic")
+FACES = ("nearest", "all")
 FIELD = ("modulus", "radius", "half_extent", "resolution")
 """The keys of a contact that only the law hydroelastic has."""
 OF_HARDWARE_SIM = (
@@ -307,6 +310,8 @@ def _check_contact(pair: ContactPair, key: str) -> None:
         raise InputError(f"{key}.bodies is {pair.bodies}, expected the names of two bodies")
     if pair.law not in LAWS:
         raise InputError(f"{key}.law is {pair.law!r}; valid: {', '.join(LAWS)}")
+    if pair.faces not in FACES:
+        raise InputError(f"{key}.faces is {pair.faces!r}; valid: {', '.join(FACES)}")
     field = pair.law == "hydroelastic"
     needed, unit = ("modulus", "Pa") if field else ("stiffness", "N/m")
     if not getattr(pair, needed) > 0.0:

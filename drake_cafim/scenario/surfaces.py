@@ -9,6 +9,7 @@ from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.dynamics.box_contact import BoxContact
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.dynamics.motion import motion
+from drake_cafim.dynamics.sphere_on_box import SphereOnBox
 from drake_cafim.dynamics.tree import FIXED, FREE, Tree
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.schema import ContactPair
@@ -58,6 +59,13 @@ def contact_of(
         law = ContactLaw(pair.law)  # type: ignore[arg-type]
         if sphere is not None:
             joint, p_JC, size = sphere
+            if pair.faces == "all":
+                key = f"{source}: contact {'/'.join(names)}: faces: all"
+                X_WG, extents = _fixed_box(still, plant, scene_graph, key)
+                R_WG = np.array(X_WG.rotation().matrix())
+                centre: Array = np.array(X_WG.translation())
+                placed = (joint, p_JC, size, centre, R_WG[:, 2], law, parameters, ())
+                return SphereOnBox((moving, still), *placed, extents, R_WG)
             return SphereContact((moving, still), joint, p_JC, size, plane[0], plane[1], law, parameters)
         assert box is not None
         p_JG, R_JG, extents = box
@@ -118,6 +126,19 @@ def _plane(
         if isinstance(shape, Box):
             return _nearest_face(X_WG, np.array(shape.size()), p_WC)
     return None
+
+
+def _fixed_box(name: str, plant: MultibodyPlant, scene_graph: SceneGraph, key: str) -> tuple[RigidTransform, Array]:
+    """X_WG and extents (3,) m of the one collision box of a fixed body; `InputError` that begins with `key` else."""
+    inspector = scene_graph.model_inspector()
+    ids = plant.GetCollisionGeometriesForBody(plant.GetBodyByName(name)) if plant.HasBodyNamed(name) else []
+    shapes = [(inspector.GetShape(i), inspector.GetPoseInFrame(i)) for i in ids]
+    boxes = [(shape, X_BG) for shape, X_BG in shapes if isinstance(shape, Box)]
+    if len(boxes) != 1:
+        raise InputError(f"{key}: {name} has {len(boxes)} collision boxes, expected one that does not move")
+    X_WB = plant.EvalBodyPoseInWorld(plant.CreateDefaultContext(), plant.GetBodyByName(name))
+    [(box, X_BG)] = boxes
+    return X_WB.multiply(X_BG), np.array(box.size(), dtype=float)
 
 
 def _nearest_face(X_WG: RigidTransform, size: Array, p_WC: Array) -> tuple[Array, Array]:

@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_cafim.dynamics.box_contact import EXTENTS, BoxContact
+from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.dynamics.sphere_on_box import SphereOnBox
 from drake_cafim.dynamics.tree import Body
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.stated import bounds
@@ -67,7 +69,7 @@ class UnknownParameter:
             return physics
         if self.kind == "body" and self.parameter in SIZES:
             sized = (
-                contact.with_parameter(self.parameter, value) if contact.bodies[0] == self.at else contact
+                contact.with_parameter(self.parameter, value) if _sized(contact) == self.at else contact
                 for contact in physics.contacts
             )
             return replace(physics, contacts=tuple(sized))
@@ -233,18 +235,26 @@ def _body_value(physics: Physics, entry: Unknown) -> float:
     values = {"mass": body.mass, "inertia": 1.0}
     values |= {f"com_{axis}": float(x) for axis, x in zip("xyz", body.p_BBcm, strict=True)}
     for contact in physics.contacts:
-        if contact.bodies[0] == entry.body and isinstance(contact, BoxContact):
+        if _sized(contact) != entry.body:
+            continue
+        if isinstance(contact, BoxContact | SphereOnBox):
             values |= dict(zip(EXTENTS, contact.size.tolist(), strict=True))
-        elif contact.bodies[0] == entry.body:
+        else:
             values["radius"] = contact.radius
     return values.get(entry.parameter, np.nan)
 
 
 def _sizes(physics: Physics, body: str) -> dict[str, str]:
     """The size parameters of the body's contact shape with their units; empty where it has no contact."""
-    shapes = [contact for contact in physics.contacts if contact.bodies[0] == body]
-    names = {name for shape in shapes for name in (EXTENTS if isinstance(shape, BoxContact) else ("radius",))}
+    shapes = [contact for contact in physics.contacts if _sized(contact) == body]
+    boxes = (BoxContact, SphereOnBox)
+    names = {name for shape in shapes for name in (EXTENTS if isinstance(shape, boxes) else ("radius",))}
     return {name: SIZES[name] for name in SIZES if name in names}
+
+
+def _sized(contact: SphereContact) -> str:
+    """The body whose size is a parameter of the contact: the fixed box that a sphere touches, else what moves."""
+    return contact.bodies[1] if isinstance(contact, SphereOnBox) else contact.bodies[0]
 
 
 def priors(unknown: Sequence[UnknownParameter]) -> Parameters:

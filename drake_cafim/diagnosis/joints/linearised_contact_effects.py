@@ -111,4 +111,5 @@ def _concatenate(touches: list[Touch]) -> Touch:
     """The touches of several recordings, concatenated."""
     names = [field.name for field in fields(Touch) if field.name not in ("arm", "axes")]
     together = {name: np.concatenate([getattr(touch, name) for touch in touches]) for name in names}
-    return Touch(**together, arm=touches[0].arm, axes=touches[0].axes)
+    arm = touches[0].arm if len(touches[0].arm) == 1 else np.concatenate([touch.arm for touch in touches])
+    return Touch(**together, arm=arm, axes=touches[0].axes)

@@ -37,7 +37,7 @@ def impact_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matrix:
         states, start = memory[:, start : start + contact.memory], start + contact.memory
         touch = contact.touch(moving)
         depth = touch.penetration
-        wrong_side = ndtr(-np.abs(depth) / np.maximum(_depth_std(weak, contact, moving), 1e-300))
+        wrong_side = ndtr(-np.abs(depth) / np.maximum(_depth_std(weak, contact, moving, touch), 1e-300))
         enters = np.append(np.diff(np.signbit(depth)), False)
         near = np.flatnonzero((wrong_side > RARE_SIDE) | enters)
         if not len(near):
@@ -68,10 +68,10 @@ def _jump(
     return np.asarray(np.concatenate([moving.project(wrench) / physics.effort_gains, written], axis=1)[near])
 
 
-def _depth_std(weak: WeakForm, contact: SphereContact, moving: Motion) -> Array:
+def _depth_std(weak: WeakForm, contact: SphereContact, moving: Motion, touch: Touch) -> Array:
     """(N,) standard deviation of the depth by the noise of the smoothed positions, m."""
     s, total = weak.samples, np.zeros(len(weak.samples.time))
-    along = moving.force_at(contact.joint, contact.p_JC) @ contact.normal
+    along = np.einsum("nja,na->nj", moving.force_at(contact.joint, contact.p_JC), _each(contact.outward(touch), s.time))
     if s.estimated is not None:
         return np.asarray(np.sqrt(np.sum((s.estimated.q_std * along) ** 2, axis=1)))
     for j, name in enumerate(moving.tree.joint_names):
@@ -80,6 +80,11 @@ def _depth_std(weak: WeakForm, contact: SphereContact, moving: Motion) -> Array:
         variance = s.std[f"q.{name}"] ** 2 * np.asarray(correlated.multiply(s.smooth_q).sum(axis=1)).ravel()
         total += variance * along[:, j] ** 2
     return np.asarray(np.sqrt(total))
+
+
+def _each(normal: Array, time: Array) -> Array:
+    """A constant `normal` (1, 3), or one for each sample, as (N, 3)."""
+    return np.broadcast_to(normal, (len(time), 3))
 
 
 def _covariance_of(weak: WeakForm, physics: Physics, near: Indices, error: Array, rows: int) -> sp.csr_matrix:
