@@ -35,7 +35,7 @@ def friction_at_rest_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matr
         if not np.any(std):
             continue
         weighed = windows.value @ sp.diags_array(std / physics.effort_gains[joint])
-        shared = sp.coo_matrix(weighed @ _lasting(weak.samples.time, np.greater(std, 0.0)) @ weighed.T)
+        shared = sp.coo_matrix(weighed @ lasting(weak.samples.time, np.greater(std, 0.0)) @ weighed.T)
         rows, columns = (r * index + weak.dynamic.start + joint for index in (shared.row, shared.col))
         total = total + sp.csr_matrix((shared.data, (rows, columns)), shape=total.shape)
     return sp.csr_matrix(total)
@@ -51,7 +51,7 @@ def _doubt(effect: JointForce, joint: JointSamples) -> Array:
     return np.where(share > FAINT, size * share, 0.0)
 
 
-def _lasting(time: Array, at_rest: Flags) -> sp.csr_matrix:
+def lasting(time: Array, at_rest: Flags) -> sp.csr_matrix:
     """(N, N) correlation 1 − |Δt|/`REST_LASTING` among the samples `at_rest`; zero of all others and beyond that."""
     rest = np.flatnonzero(at_rest)
     ends = np.searchsorted(time[rest], time[rest] + REST_LASTING)

@@ -88,7 +88,13 @@ def _each(normal: Array, time: Array) -> Array:
 
 
 def _covariance_of(weak: WeakForm, physics: Physics, near: Indices, error: Array, rows: int) -> sp.csr_matrix:
-    """(R, R) covariance by independent errors of standard deviation `error` (K, n + 6 s) at the samples `near` (K,).
+    """(R, R) covariance by independent errors of standard deviation `error`, see `rows_by_sample`."""
+    by_sample = rows_by_sample(weak, physics, near, error, rows)
+    return sp.csr_matrix(by_sample @ by_sample.T)
+
+
+def rows_by_sample(weak: WeakForm, physics: Physics, near: Indices, error: Array, rows: int) -> sp.csr_matrix:
+    """(R, K) changes of the rows by forces and readings `error` (K, n + 6 s) at each of the samples `near` (K,).
 
     Only the first `rows` rows of each window are affected.
     """
@@ -98,4 +104,4 @@ def _covariance_of(weak: WeakForm, physics: Physics, near: Indices, error: Array
         place(weak, sp.csr_matrix(windows[k][:, near] @ sp.diags_array(error[:, k])), weak.dynamic.start + k)
         for k in range(rows - weak.dynamic.start)
     )
-    return sp.csr_matrix(by_sample @ by_sample.T)
+    return sp.csr_matrix(by_sample)

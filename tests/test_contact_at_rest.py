@@ -1,0 +1,58 @@
+"""A tip that sticks to a wall by Drake's friction: no law of the slip says with what force, and that is noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drake_cafim.contact.law import ContactLaw, ContactParameters
+from drake_cafim.diagnosis.rows.samples import samples_of
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.whitening.contact_at_rest import contact_at_rest_covariance
+from drake_cafim.recordings.recording import Recording
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.scene.scene import Scene
+
+FRICTION = 0.4
+
+
+@pytest.fixture(scope="module")
+def pressed() -> tuple[WeakForm, Physics, float]:
+    """The arm of rubbing pressed against its wall: at rest for half a second, then sliding; and the normal force."""
+    scene = Scene.load("rubbing")
+    contact = scene.physics.contacts[0]
+    time = 0.002 * np.arange(500)
+    rate = np.where(time < 0.5, 0.0, 0.3)
+    q0 = np.array([-2.0523, -1.2284, 1.522, -2.0797, 2.0121, 0.4472, 0.9845])
+    q = np.tile(q0, (500, 1))
+    q[:, 6] += np.cumsum(rate) * 0.002
+    v = np.zeros_like(q)
+    v[:, 6] = rate
+    columns = {f"{kind}.joint{j + 1}": x[:, j] for kind, x in (("q", q), ("v", v), ("u", 0.0 * q)) for j in range(7)}
+    columns |= {f"wrench.tip.{axis}": np.zeros(500) for axis in ("fx", "fy", "fz", "tx", "ty", "tz")}
+    std = {name: scene.std(name) or 0.0 for name in columns}
+    form = WeakForm(samples_of(scene, Recording("a", time, columns), std), scene.wrench_sensors)
+    own = ContactParameters(modulus=2300.0, radius=0.04, friction=FRICTION, slip_velocity=0.001)
+    p_WC = form.motion(scene.physics).point(contact.joint, contact.p_JC)[0][0]
+    wall = replace(contact, law=ContactLaw("hydroelastic"), parameters=own, point=p_WC + [0.0, 0.02, 0.0])
+    physics = scene.physics.changed(contacts=(wall,))
+    return form, physics, float(-wall.force(wall.touch(form.motion(physics)))[0][0, 1])
+
+
+def test_what_holds_a_tip_is_noise_while_it_sticks(pressed: tuple[WeakForm, Physics, float]) -> None:
+    form, physics, normal = pressed
+    covariance = contact_at_rest_covariance(form, physics)
+    variance = covariance.diagonal().reshape(-1, form.rows_per_window)
+    force = variance[:, form.dynamic.stop : form.dynamic.stop + 3].sum(axis=1)
+    sticking = form.samples.windows.centers < 0.4
+    # each window's mean force is in doubt by up to μ λ in two directions, all through: its weights' sum times that
+    whole = np.asarray(form.samples.windows.value.sum(axis=1)).ravel() * FRICTION * normal
+    np.testing.assert_allclose(np.sqrt(force[sticking]), np.sqrt(2.0) * whole[sticking], rtol=0.1)
+    assert np.all(variance[form.samples.windows.centers > 0.6] == 0.0)
+
+
+def test_friction_of_a_stated_width_leaves_no_doubt(pressed: tuple[WeakForm, Physics, float]) -> None:
+    form, physics, _ = pressed
+    (wall,) = physics.contacts
+    spring = replace(wall, law=ContactLaw("kelvin_voigt"), parameters=replace(wall.parameters, stiffness=100.0))
+    assert contact_at_rest_covariance(form, physics.changed(contacts=(spring,))).nnz == 0
