@@ -34,7 +34,7 @@ def pressed() -> tuple[WeakForm, Physics, float]:
     form = WeakForm(samples_of(scene, Recording("a", time, columns), std), scene.wrench_sensors)
     own = ContactParameters(modulus=2300.0, radius=0.04, friction=FRICTION, slip_velocity=0.001)
     p_WC = form.motion(scene.physics).point(contact.joint, contact.p_JC)[0][0]
-    wall = replace(contact, law=ContactLaw("hydroelastic"), parameters=own, point=p_WC + [0.0, 0.02, 0.0])
+    wall = replace(contact, law=ContactLaw("hydroelastic"), parameters=own, point=p_WC + 0.02 * np.eye(3)[1])
     physics = scene.physics.changed(contacts=(wall,))
     return form, physics, float(-wall.force(wall.touch(form.motion(physics)))[0][0, 1])
 

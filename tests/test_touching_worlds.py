@@ -12,6 +12,7 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
+from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.diagrams import contouring, pinching, rubbing
 from drake_cafim.diagrams.catalogue import stage_of
 from drake_cafim.diagrams.concealing import Concealed
@@ -21,7 +22,8 @@ from drake_cafim.diagrams.pinching import PinchingConfig
 from drake_cafim.diagrams.planner_contact import PlannerContact, TouchedPoint
 from drake_cafim.diagrams.workspace import Workspace
 from drake_cafim.diagrams.world import start_context
-from drake_cafim.dynamics.motion import motion
+from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.dynamics.motion import Motion, motion
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.schema import load as scenario_file
 from drake_cafim.scene.address import resolve
@@ -249,8 +251,38 @@ def test_recorded_wrench_is_that_of_drakes_law_on_the_scenarios_contact(name: st
     touching = (np.linalg.norm(sizes[:, 3:], axis=1) > 0.5) & (np.array(slips) > 0.005)
     assert touching.sum() >= 4
     assert np.sqrt(np.mean(error[touching, 3:] ** 2)) < 0.03 * np.abs(sizes[:, 3:]).max()
-    if name == "rubbing":
-        assert np.sqrt(np.mean(error[touching, :3] ** 2)) < 0.06 * np.abs(sizes[:, :3]).max()
+    # about the tip's centre, to which pressure on a hard tip has no lever
+    lever = 0.06 * np.abs(sizes[:, :3]).max() if name == "rubbing" else 0.0003 * np.abs(sizes[:, 3:]).max()
+    assert np.sqrt(np.mean(error[touching, :3] ** 2)) < lever
+
+
+def test_box_of_the_scenario_pushes_by_the_planners_law() -> None:
+    """At sides and edges, and damped: tips at random places about a corner of the box, moving in the plane."""
+    stage, scene = stage_of(scenario_file(resolve("contouring")), "contouring"), Scene.load("contouring")
+    contact = contouring.true_contact(stage.config, stage.task.truth, scene.physics.contacts[0])
+    task = stage.with_laws(stage.task, "all").with_law("hydroelastic")
+    theta = task.model.parameters.vector({**stage.task.truth, "modulus": 5.0e4, "dissipation": 0.5})
+    random = np.random.default_rng(2)
+    corner = np.array([0.563, -0.025])
+    for p, v in zip(corner + random.uniform(-0.015, 0.012, (60, 2)), random.uniform(-0.2, 0.2, (60, 2)), strict=True):
+        touch = contact.touch(_translating(scene, contact, np.array([*p, 0.05]), np.array([*v, 0.0])))
+        expected = task.model.contact(np.zeros(0), np.concatenate([p, v]), theta)
+        np.testing.assert_allclose(contact.force(touch)[0][0], [*expected, 0.0], atol=1e-7)
+    # a spring as stiff in its place pushes away from the nearest point
+    touch = contact.touch(_translating(scene, contact, np.array([0.567, -0.028, 0.05]), np.zeros(3)))
+    spring = replace(contact, law=ContactLaw("kelvin_voigt"), parameters=ContactParameters(stiffness=500.0))
+    np.testing.assert_allclose(spring.force(touch)[0][0], 500.0 * 0.005 * np.array([0.8, -0.6, 0.0]), atol=1e-9)
+    beside = _translating(scene, contact, np.array([0.563, 0.0, 0.05]), np.zeros(3))
+    np.testing.assert_allclose(spring.raised(0.001).touch(beside).penetration, 0.011)
+
+
+def _translating(scene: Scene, contact: SphereContact, p_WC: Array, v_WC: Array) -> Motion:
+    """A motion whose last frame translates: the tip's centre at `p_WC` with `v_WC`; the other frames are at rest."""
+    still = motion(scene.tree, np.zeros((1, 7)), np.zeros((1, 7)))
+    R, p, V = still.R_WJ.copy(), still.p_WJ.copy(), still.velocities.copy()
+    p[0, contact.joint] = p_WC - R[0, contact.joint] @ contact.p_JC
+    V[0, contact.joint] = [0.0, 0.0, 0.0, *v_WC]
+    return replace(still, R_WJ=R, p_WJ=p, velocities=V)
 
 
 def test_friction_of_drakes_wall_is_the_truth() -> None:

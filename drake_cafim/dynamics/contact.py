@@ -166,10 +166,13 @@ class SphereContact:
         """The wrench (N, 6) on the joint's link about the world origin, moment first."""
         touch = self.touch(moving)
         force, moment = self.force(touch, memory)
-        place = touch.position
-        if self.lifted:
-            place = place + (self.lifted * touch.penetration)[:, None] * self.outward(touch)
-        return np.concatenate([cross(place, force) + moment, force], axis=1)
+        return np.concatenate([cross(self.pushed(touch), force) + moment, force], axis=1)
+
+    def pushed(self, touch: Touch) -> Array:
+        """The point (N, 3) m on which the force acts, world axes: the sphere's deepest, or higher (`lifted`)."""
+        if not self.lifted:
+            return touch.position
+        return np.asarray(touch.position + (self.lifted * touch.penetration)[:, None] * self.outward(touch))
 
     def _split(self, memory: Array) -> list[tuple[ContactChange, Array]]:
         """Each change with its columns of the memory (N, m)."""
