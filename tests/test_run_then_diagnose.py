@@ -55,3 +55,17 @@ def test_a_run_says_that_its_ball_is_no_spring_and_damper(tmp_path: Path) -> Non
     # the corrected scenario names the law, and is read again
     scene = Scene.load(tmp_path / "diagnosis" / report["files"]["corrected_scenario"])
     assert [contact.law.normal for contact in scene.physics.contacts] == ["hydroelastic"]
+
+
+@pytest.mark.long
+def test_a_run_names_the_law_of_its_wall_with_drakes_numbers(tmp_path: Path) -> None:
+    """The paper's wall is a spring with a resistance; Drake's tip is a pressure field of 2300 Pa that rubs with .4."""
+    request = RunRequest("rubbing", "drake", Options(seed=1, experiments=2))
+    record = run_command(request, tmp_path, lambda text: None)
+    report = json.loads((tmp_path / record["diagnosis"]["report"]).read_text())
+    found = {(each["effect"], each["at"]): each["parameters"] for each in report["explanation"]}
+    law = found["contact_law", "tip/wall"]
+    assert law["modulus"]["value"] == pytest.approx(2300.0, rel=0.01)
+    assert law["dissipation"]["value"] == pytest.approx(0.5, rel=0.2)
+    (friction,) = report["parameters"]
+    assert friction["value"] == pytest.approx(0.4, rel=0.01)
