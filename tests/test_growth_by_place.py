@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.diagnosis.search import rivals_by_place
+from drake_cafim.diagnosis.search import determined, rivals_by_place
 from drake_cafim.diagnosis.search.growth_by_place import (
     GrowthByPlace,
     residual_without,
@@ -234,5 +234,27 @@ def test_what_blocks_of_time_do_not_determine_is_not_named(
         rivals_by_place._drop_undetermined(growth)
         assert not growth.best.model.effects
         assert [record.test for record in growth.trace.records[first:]][-1] == "undetermined"
+    finally:
+        growth.drop(growth.best.model.effects)
+
+
+def test_what_a_report_does_not_determine_is_not_named(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the standard deviations of a report, which may be wider than those of the fit."""
+    nothing = growth.best
+    assert growth.settle(nothing.model.with_effects([_friction(growth, 0.1)]))
+    try:
+        [rubbing] = growth.best.model.effects
+        position = len(growth.best.model.unknown)
+        for stds, named in ((3.5, True), (2.5, False)):
+            wide = growth.best.std.copy()
+            wide[position] = rubbing.vector[0] / stds
+            monkeypatch.setattr(determined, "standard_deviations", lambda *given, wide=wide: wide)
+            monkeypatch.setattr(rivals_by_place, "leaves_noise", lambda *given: True)
+            rivals_by_place._drop_unknown(growth)
+            assert len(growth.best.model.effects) == 1, "where noise is left, an effect is needed"
+            monkeypatch.setattr(rivals_by_place, "leaves_noise", lambda *given: False)
+            rivals_by_place._drop_unknown(growth)
+            assert bool(growth.best.model.effects) == named
+        assert growth.trace.records[-1].test == "undetermined"
     finally:
         growth.drop(growth.best.model.effects)

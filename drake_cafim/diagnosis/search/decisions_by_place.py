@@ -69,6 +69,11 @@ def record_undetermined(model: Model, effect: Effect, strength: str, std: float,
     return _record("admit", model, effect, std, size, False, words, "undetermined")
 
 
+def record_unknown(model: Model, effect: Effect, reason: str) -> Record:
+    """A law whose size is not known; `reason` is a clause."""
+    return _record("admit", model, effect, None, None, False, f"{reason}, so it is dropped", "undetermined")
+
+
 def record_support(model: Model, effect: Effect, share: float, least: float) -> Record:
     """Whether an effect explains more at its place than is left there."""
     passed = share >= least

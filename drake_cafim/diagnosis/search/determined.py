@@ -104,12 +104,24 @@ def descend(problem: SearchProblem, found: Fit, laws: Sequence[Effect]) -> tuple
     return found, descents
 
 
+def reasons_against(problem: SearchProblem, found: Fit) -> list[tuple[Effect, str]]:
+    """The effects of a fit whose size is not known by a report's standard deviations, and why, as a clause."""
+    std = _std(problem, found)
+    reasons = [(effect, _reason_by_std(found, effect, std)) for effect in found.model.effects]
+    return [(effect, reason) for effect, reason in reasons if reason is not None]
+
+
 def _reason_against(problem: SearchProblem, found: Fit, effect: Effect) -> str | None:
     """Why the size of an effect of a fit is not known, as a clause; None where it is."""
+    if strength_at_bound(effect) is not None:
+        return _reason_by_std(found, effect, found.std)
+    return _reason_by_std(found, effect, _std(problem, found))
+
+
+def _reason_by_std(found: Fit, effect: Effect, std_of_all: Array) -> str | None:
     bound = strength_at_bound(effect)
     if bound is not None:
         return f"its {bound.replace('_', ' ')} ends at the bound {short(effect.values[bound])}"
-    std_of_all = _std(problem, found)
     wide = undetermined_in(found, effect, std_of_all)
     if wide is None:
         return _reason_of_absence(found, effect, std_of_all)

@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
-from drake_cafim.diagnosis.search.determined import strength_at_bound, undetermined_in
+from drake_cafim.diagnosis.search.determined import reasons_against, strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.growth_by_place import (
     CONVERGED,
     GrowthByPlace,
@@ -71,6 +71,7 @@ def compare_by_place(growth: GrowthByPlace) -> Compared:
         growth.drop(shared)
     _drop_undetermined(growth)
     _drop_unsupported(growth)
+    _drop_unknown(growth)
     return Compared(tuple(other for leads in found.values() for _, other, _ in leads), probability)
 
 
@@ -146,6 +147,17 @@ def _drop_unsupported(growth: GrowthByPlace) -> None:
         if share >= NAMED_EXCESS_SHARE:
             return
         growth.drop([least])
+
+
+def _drop_unknown(growth: GrowthByPlace) -> None:
+    """Drops effects whose size is not known by the standard deviations that a report gives, beyond linearisation."""
+    best = growth.best
+    if not best.model.effects or leaves_noise(growth.problem, best, growth.settings.adequacy_level):
+        return
+    reasons = reasons_against(growth.problem, best)
+    growth.trace.add(*(decisions.record_unknown(best.model, effect, reason) for effect, reason in reasons))
+    if reasons:
+        growth.drop([effect for effect, _ in reasons])
 
 
 Lead = tuple[float, Fit, Effect]
