@@ -16,6 +16,7 @@ from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search import determined, rivals_by_place
 from drake_cafim.diagnosis.search.growth_by_place import (
     GrowthByPlace,
+    fit_without,
     residual_without,
     share_improved,
     share_removed,
@@ -129,6 +130,28 @@ def test_rows_without_an_effect_are_those_of_a_fit_without_it(growth: GrowthByPl
     assert float(predicted @ predicted) == pytest.approx(without.chi_square, abs=0.02 * gained)
 
 
+def test_a_fit_without_effects_is_theirs_to_first_order(growth: GrowthByPlace) -> None:
+    joint = growth.problem.scene.tree.joint_names[1]
+    spring = effect_named("joint_spring")(joint, {"stiffness": 0.5, "rest": 0.1})
+    found = fit(growth.problem, growth.best.model.with_effects([spring, _friction(growth, VISCOUS)]))
+    spring, friction = found.model.effects
+    for gone, left in ((spring, friction), (friction, spring)):
+        predicted, exact = fit_without(found, [gone]), fit(growth.problem, found.model.without(gone))
+        assert [effect.key for effect in predicted.model.effects] == [left.key]
+        np.testing.assert_array_less(np.abs(predicted.model.vector - exact.model.vector), 0.1 * exact.std + 1e-9)
+        np.testing.assert_allclose(predicted.std, exact.std, rtol=0.02)
+        assert predicted.chi_square == pytest.approx(exact.chi_square, rel=0.01)
+    assert not fit_without(found, [spring, friction]).model.effects
+
+
+def test_what_cannot_stand_is_not_fitted(growth: GrowthByPlace) -> None:
+    """Of several effects those that fail a test to first order are refused, and the others are fitted without them."""
+    joint = growth.problem.scene.tree.joint_names[1]
+    idle = effect_named("joint_spring")(joint, {"stiffness": 1e-4, "rest": 0.0})
+    assert growth._that_may_stand([idle, _friction(growth, VISCOUS)]) == [_friction(growth, VISCOUS)]
+    assert growth._that_may_stand([idle]) == []
+
+
 def test_shares_compare_rows_with_and_without(growth: GrowthByPlace) -> None:
     found, effect = _fitted(growth)
     without = residual_without(found, effect)
@@ -161,8 +184,53 @@ def test_positions_and_velocities_of_a_joint_gain_one_effect_a_round(
     other = effect_named("sensor_gain_error")(f"v.{second}", {"gain": 0.9})
     rubs = _friction(growth, VISCOUS)
     looks = [Candidate(effect, gain, 1, 1) for effect, gain in ((rubs, 4e4), (late, 3e4), (skewed, 2e4), (other, 1e4))]
-    monkeypatch.setattr(growth, "_looks", (growth.best, looks))
+    monkeypatch.setattr(growth, "_looks", (growth.best, {False: looks}))
     assert [candidate.effect for candidate in growth._promising()] == [rubs, late, other]
+
+
+def test_what_acts_once_waits_for_what_lasts(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:
+    joint, link = growth.problem.scene.tree.joint_names[0], growth.problem.scene.tree.bodies[-1].name
+    push = effect_named("external_disturbance")(link, {"x": 1.0, "start": 0.0, "stop": 0.2})
+    lasting, brief = Candidate(_friction(growth, VISCOUS), 1e4, 1, 1), Candidate(push, 1e6, 3, 1)
+    monkeypatch.setattr(growth, "_looks", (growth.best, {False: [lasting], True: [brief]}))
+    assert growth._promising() == [lasting]
+    monkeypatch.setattr(growth, "refused", {("joint_viscous_friction", joint)})
+    assert growth._promising() == [brief]
+
+
+def test_where_another_law_fails_the_one_that_it_would_replace_stays(growth: GrowthByPlace) -> None:
+    """And what is left of the explanation is none that was asked for, however good its likelihood."""
+    second = growth.problem.scene.tree.joint_names[1]
+    friction, idle = _friction(growth, 0.1), effect_named("joint_viscous_friction")(second, {"coefficient": 0.01})
+    assert growth.settle(growth.best.model.with_effects([friction, idle])), "without what fails it is accepted"
+    try:
+        # at a place where nothing acts, a law and the one in its stead are as good as none
+        growth.take(growth.best.model.with_effects([idle]))
+        spring = effect_named("joint_spring")(second, {"stiffness": 0.01, "rest": 0.0})
+        whole = growth.best
+        assert not rivals_by_place._settle_with(growth, {idle.key: spring})
+        assert growth.best is whole
+    finally:
+        growth.drop(growth.best.model.effects)
+
+
+def test_laws_that_do_not_fail_are_put_in_place_together(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    laws = {("old", f"j{k}"): effect_named("joint_viscous_friction")(f"j{k}", {"coefficient": 1.0}) for k in range(3)}
+    fails = laws["old", "j1"].key
+    asked: list[set[str]] = []
+
+    def settle_with(growth: GrowthByPlace, better: dict[tuple[str, str], Effect]) -> bool:
+        asked.append({key[1] for key in better})
+        failing = {fails} & {law.key for law in better.values()}
+        growth.failed |= failing
+        return not failing
+
+    monkeypatch.setattr(growth, "failed", set())
+    monkeypatch.setattr(rivals_by_place, "_settle_with", settle_with)
+    assert rivals_by_place._replace(growth, list(laws), laws)
+    assert asked == [{"j0", "j1", "j2"}, {"j0", "j2"}]
 
 
 def test_a_law_that_fails_once_all_is_fitted_shares_no_probability(
@@ -172,12 +240,12 @@ def test_a_law_that_fails_once_all_is_fitted_shares_no_probability(
     rival = effect_named("joint_spring")(friction.at, {"stiffness": 1.0})
     assert growth.settle(growth.best.model.with_effects([friction]))
     try:
-        monkeypatch.setattr(rivals_by_place, "_contenders", lambda *given: [(-1.0, growth.best, rival)])
-        monkeypatch.setattr(growth, "settle", lambda model: False)
+        monkeypatch.setattr(rivals_by_place, "_contenders", lambda *given: [(-3.0, growth.best, rival)])
+        monkeypatch.setattr(growth, "settle", lambda model, whole: False)
         shared = rivals_by_place.compare_by_place(growth).probability[friction.key]
         assert shared == pytest.approx(0.5)
 
-        def fails(model: Model) -> bool:
+        def fails(model: Model, whole: bool) -> bool:
             growth.failed.add(rival.key)
             return False
 
@@ -258,3 +326,43 @@ def test_what_a_report_does_not_determine_is_not_named(growth: GrowthByPlace, mo
         assert growth.trace.records[-1].test == "undetermined"
     finally:
         growth.drop(growth.best.model.effects)
+
+
+@pytest.mark.parametrize(
+    ("of_payload", "gone"),
+    [(0.15, [{"first", "second"}, {"payload"}, {"ripple"}]), (0.05, [{"payload"}, {"first", "second"}, {"ripple"}])],
+)
+def test_what_explains_little_goes_at_all_joints_at_once(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch, of_payload: float, gone: list[set[str]]
+) -> None:
+    """But what moves the rows of many joints goes alone: beside it the others may explain more."""
+    joints, link = growth.problem.scene.tree.joint_names, growth.problem.scene.tree.bodies[-1].name
+    asked = {
+        "first": (effect_named("joint_spring")(joints[0], {"stiffness": 1.0, "rest": 0.0}), 0.1),
+        "ripple": (effect_named("torque_ripple")(joints[0], {"amplitude": 1.0, "cycles": 2.0, "phase": 0.0}), 0.2),
+        "second": (effect_named("joint_spring")(joints[1], {"stiffness": 1.0, "rest": 0.0}), 0.3),
+        "payload": (effect_named("payload")(link, {"mass": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}), of_payload),
+        "friction": (effect_named("joint_viscous_friction")(joints[1], {"coefficient": 1.0}), 0.9),
+    }
+    share = {effect.key: value for effect, value in asked.values()}
+    name = {effect.key: word for word, (effect, _) in asked.items()}
+    dropped: list[set[str]] = []
+    whole = replace(growth.best, model=growth.best.model.with_effects([effect for effect, _ in asked.values()]))
+
+    def drop(effects: list[Effect]) -> None:
+        dropped.append({name[effect.key] for effect in effects})
+        left = tuple(effect for effect in growth.best.model.effects if effect not in effects)
+        growth.best = replace(growth.best, model=replace(growth.best.model, effects=left))
+
+    monkeypatch.setattr(growth, "best", whole)
+    monkeypatch.setattr(growth, "drop", drop)
+    monkeypatch.setattr(growth, "fails", lambda effect: False)
+    monkeypatch.setattr(rivals_by_place, "leaves_noise", lambda *given: False)
+    monkeypatch.setattr(rivals_by_place, "_share", lambda problem, best, effects: share[effects[0].key])
+    rivals_by_place._drop_unsupported(growth)
+    assert dropped == gone
+    assert [effect.name for effect in growth.best.model.effects] == ["joint_viscous_friction"]
+    monkeypatch.setattr(growth, "best", whole)
+    dropped.clear()
+    rivals_by_place._drop_unsupported(growth, [effect.key for effect, _ in asked.values()])
+    assert not dropped, "what is known to explain more than is left stays"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.diagnose import diagnose
-from drake_cafim.diagnosis.search.places import joint_of, place_of
+from drake_cafim.diagnosis.fit.places import joint_of, place_of
 from drake_cafim.diagnosis.verdict import Verdict
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.recordings.recording import Recording

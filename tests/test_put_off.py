@@ -1,5 +1,6 @@
 """When a search for few effects is put off for one for many, and that it goes on where that one finds nothing."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +14,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.search import judgement, search, state
 from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORCES, search_again
-from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.joint import JointCoulombFriction
 from tests.test_growth_by_place import arm_that_rubs
@@ -154,15 +155,52 @@ def test_a_search_for_many_effects_begins_with_those_that_were_found_before(
     assert effect.values["coefficient"] == pytest.approx(0.3, rel=0.02)
 
 
-def test_after_a_search_for_many_effects_the_next_begins_with_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    given: list[tuple[object, ...]] = []
-    monkeypatch.setattr(diagnose, "judge", lambda *arguments: given.append(arguments))
+@pytest.mark.parametrize(("name", "effects"), [(UNKNOWN_FORCES, 4), (UNKNOWN_FORCES, 2), ("", 2)])
+def test_many_effects_are_not_looked_for_again_under_less_noise(
+    monkeypatch: pytest.MonkeyPatch, name: str, effects: int
+) -> None:
+    given: list[tuple[str, tuple[object, ...]]] = []
+    for asked in ("judge", "judge_again"):
+        monkeypatch.setattr(diagnose, asked, lambda *arguments, asked=asked: given.append((asked, arguments)) or asked)
     finer = SimpleNamespace(mistakes=(), problem=lambda: "finer")
     prepared: Any = SimpleNamespace(with_noise_beside=lambda model: finer)
-    for name, effects in ((UNKNOWN_FORCES, _fit(7, 2).model.effects), ("", ())):
-        judged: Any = SimpleNamespace(best=_fit(7, 2), search=name)
-        diagnose._with_less_noise(prepared, judged, state.Settings(), lambda text: None)
-        assert given[-1][-1] == effects
+    judged: Any = SimpleNamespace(best=_fit(7, effects), search=name)
+    before = Trace()
+    before.add(Record("detect", "", 0.0, 0.01, True, ""))
+    again = diagnose._with_less_noise(prepared, judged, state.Settings(), lambda text: None, before)
+    assert again is not None
+    [(asked, arguments)] = given
+    assert again[1] == asked
+    if effects > state.Settings().most_effects:
+        assert asked == "judge_again" and arguments[1] is judged and again[2].records == before.records
+        monkeypatch.setattr(diagnose, "judge_again", lambda *arguments: None)
+        none = diagnose._with_less_noise(prepared, judged, state.Settings(), lambda text: None, before)
+        assert none is None, "the judgement under more noise stays"
+    else:
+        assert asked == "judge" and not again[2].records
+        assert arguments[-1] == (judged.best.model.effects if name else ())
+
+
+def test_effects_are_fitted_again_and_no_more_are_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    growth = arm_that_rubs(tmp_path, lambda v: 0.3 * v + 0.05 * np.tanh(v / 0.005))
+    problem, nominal = growth.nominal, fit(growth.nominal, growth.nominal.nominal())
+    joint = problem.scene.tree.joint_names[0]
+    begun = nominal.model.with_effects([effect_named("joint_viscous_friction")(joint, {"coefficient": 0.1})])
+    outcome = search.Outcome(problem, problem, nominal, fit(problem, begun), (), 100, (), 1e-9, {})
+    before = judgement.Judgement(outcome, outcome.best, "unexplained", search=UNKNOWN_FORCES)
+    again = judgement.judge_again(problem, before, state.Settings(), lambda text: None, Trace())
+    assert again is not None and again.search == UNKNOWN_FORCES
+    assert [effect.name for effect in again.best.model.effects] == ["joint_viscous_friction"]
+    assert again.best.model.effects[0].values["coefficient"] > 0.3
+    # what explained less than was left may stand under less noise
+    dry = effect_named("joint_coulomb_friction")(joint, {"torque": 0.1})
+    before = replace(before, outcome=replace(outcome, unsupported=(dry,)))
+    again = judgement.judge_again(problem, before, state.Settings(), lambda text: None, Trace())
+    assert again is not None
+    assert {effect.name for effect in again.best.model.effects} == {"joint_viscous_friction", dry.name}
+    monkeypatch.setattr(judgement, "search_again", lambda *given: None)
+    assert judgement.judge_again(problem, before, state.Settings(), lambda text: None, Trace()) is None
 
 
 def test_a_search_for_few_is_put_off_at_once_where_many_were_found_before(

@@ -40,7 +40,7 @@ ITERATIONS = {
     "search/law_shapes.py": "FINER",
     "search/state.py": "ROUNDS",
     "search/growth_by_place.py": "MOST_ROUNDS MOST_REFUSALS CONVERGED QUARTERS FIRST_ORDER_SHORTFALL",
-    "search/rivals_by_place.py": "MOST_ALONE ROUNDS FITTED_LEAD",
+    "search/rivals_by_place.py": "MOST_ALONE ROUNDS REPLACING_LEAD FITTED_LEAD",
     "whitening/unmodelled_force.py": "DRAWS MOST_STEPS TOLERANCE",
     "tosses/arc_rows.py": "CORRECTIONS",
     "tosses/initial_states.py": "ROUNDS SETTLED NEAR SECOND_LOOKS FIRST_DAMPING HARDER EASIER LEAST_DAMPING",

@@ -20,7 +20,7 @@ from drake_cafim.diagnosis.preparation import PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.conclusion import record_conclusion, record_data_mistake
 from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.diagnosis.search.goodness_of_fit import GoodnessOfFit, goodness_of_fit
-from drake_cafim.diagnosis.search.judgement import Judgement, judge
+from drake_cafim.diagnosis.search.judgement import Judgement, judge, judge_again
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORCES
 from drake_cafim.diagnosis.search.shared_evidence import withhold_shared
@@ -104,7 +104,7 @@ def judge_prepared(
         trace.add(*map(record_data_mistake, prepared.mistakes))
     judgement = judge(prepared.problem(), settings, progress, trace)
     for _ in range(EFFORT_NOISE_ROUNDS):
-        again = compute(partial(_with_less_noise, prepared, judgement, settings, progress))
+        again = compute(partial(_with_less_noise, prepared, judgement, settings, progress, trace))
         if isinstance(again, NotComputable):
             note = f"a search with less noise of the efforts cannot be computed: {again.reason}"
             judgement = replace(judgement, notes=(*judgement.notes, note))
@@ -157,20 +157,24 @@ class _Predictions:
 
 
 def _with_less_noise(
-    prepared: PreparedRecordings, judgement: Judgement, settings: Settings, progress: Progress
+    prepared: PreparedRecordings, judgement: Judgement, settings: Settings, progress: Progress, before: Trace
 ) -> tuple[PreparedRecordings, Judgement, Trace] | None:
     """The recordings with the noise of efforts that the judgement leaves, judged again; None where it hardly changed.
 
-    The trace is a new one, since decisions under the former noise did not shape the verdict.
+    Many effects are not looked for again: None also where none of them stands out any more, and the trace goes on from
+    the one `before`. Else it is a new one, since decisions under the former noise did not shape the verdict.
     """
     finer = prepared.with_noise_beside(judgement.best.model)
     if finer is None:
         return None
-    progress("searching again with less noise of the efforts")
-    trace = Trace()
-    trace.add(*map(record_data_mistake, finer.mistakes))
-    # many effects take long to find, and most of them are found again
     found = judgement.best.model.effects if judgement.search == UNKNOWN_FORCES else ()
+    trace = Trace(records=list(before.records) if len(found) > settings.most_effects else None)
+    trace.add(*map(record_data_mistake, finer.mistakes))
+    if len(found) > settings.most_effects:
+        progress("fitting again with less noise of the efforts")
+        again = judge_again(finer.problem(), judgement, settings, progress, trace)
+        return None if again is None else (finer, again, trace)
+    progress("searching again with less noise of the efforts")
     return finer, judge(finer.problem(), settings, progress, trace, found), trace
 
 

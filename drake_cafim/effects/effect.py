@@ -163,6 +163,8 @@ class Effect(ABC):
     """Step of finite differences with respect to the strengths, as a fraction of the typical size."""
     group: ClassVar[str | None] = None
     """Effects of one group are alternative laws of the same phenomenon: at most one of them acts at a place."""
+    narrows: ClassVar[Mapping[str, tuple[float, ...]]] = {}
+    """Simpler laws of its group, which it is where a weighted sum of its strengths is zero: by name, the weights."""
     surprise: ClassVar[float] = 0.0
     """−2 ln of its prior odds relative to the other effects."""
     reference: ClassVar[str]

@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_cafim.dynamics.tree import Tree
 from drake_cafim.effects.effect import Start, Strength
-from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointForce
+from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointCoulombFriction, JointForce
 from drake_cafim.effects.joint_samples import Force, JointSamples
 from drake_cafim.effects.mean_sign import MeanSign
 from drake_cafim.numerics.rounding import short
@@ -26,6 +26,7 @@ class JointStribeckFriction(JointForce):
         Strength("static", "N m", 0.5, lower=0.0, linear_unit="N"),
         Strength("velocity", "rad/s", 0.1, lower=1e-3, upper=10.0, linear_unit="m/s", amplitude=False),
     )
+    narrows: ClassVar[Mapping[str, tuple[float, ...]]] = {JointCoulombFriction.name: (-1.0, 1.0, 0.0)}
     shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY,)
     reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2.2"
     formula: ClassVar[str] = (
@@ -112,6 +113,7 @@ class JointLoadDependentFriction(JointForce):
         Strength("torque", "N m", 0.3, lower=0.0, linear_unit="N", amplitude=False),
         Strength("coefficient", "1", 0.05, lower=0.0, upper=1.0),
     )
+    narrows: ClassVar[Mapping[str, tuple[float, ...]]] = {JointCoulombFriction.name: (0.0, 1.0)}
     shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY, EXTERNAL)
     reference: ClassVar[str] = "Hamon, Gautier, Garrec, IEEE/RSJ IROS, 2010 (load-dependent joint friction)"
     formula: ClassVar[str] = "−(<i>T</i> + <i>c</i> |<i>u</i>| + <i>e</i> |load|) tanh(<i>v</i>/<i>w</i>)"

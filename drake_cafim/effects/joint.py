@@ -142,6 +142,7 @@ class JointAsymmetricCoulombFriction(JointForce):
         Strength("torque_positive", "N m", 0.3, lower=0.0, linear_unit="N"),
         Strength("torque_negative", "N m", 0.3, lower=0.0, linear_unit="N"),
     )
+    narrows: ClassVar[Mapping[str, tuple[float, ...]]] = {JointCoulombFriction.name: (1.0, -1.0)}
     shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY,)
     reference: ClassVar[str] = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, §2.1"
     formula: ClassVar[str] = "−<i>T</i><sub>+</sub> for <i>v</i> &gt; 0, +<i>T</i><sub>−</sub> for <i>v</i> &lt; 0"

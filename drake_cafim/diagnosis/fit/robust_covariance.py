@@ -105,12 +105,24 @@ def wald_statistic(problem: Problem, fitted: Fit, key: tuple[str, str]) -> tuple
 
 def wald_statistics(problem: Problem, fitted: Fit, key: tuple[str, str]) -> tuple[float, float]:
     """χ² of "the effect with this `key` is absent", by the stated noise and by blocks of time."""
+    effect = next((effect for effect in fitted.model.effects if effect.key == key), None)
+    if effect is None:
+        raise KeyError(key)
+    return contrast_statistics(problem, fitted, key, *effect.vanishing())
+
+
+def contrast_statistics(
+    problem: Problem, fitted: Fit, key: tuple[str, str], difference: Array, slope: Array
+) -> tuple[float, float]:
+    """χ² of "`difference` (c,) is zero", by the stated noise and by blocks of time.
+
+    `slope` (c, k) is its Jacobian in the strengths of the effect with this `key`.
+    """
     start = len(fitted.model.unknown)
     for effect in fitted.model.effects:
         stop = start + len(effect.strengths)
         if effect.key == key:
             part = slice(start, stop)
-            difference, slope = effect.vanishing()
             alone = slope**2 @ (1.0 / _sizes(fitted)[part] ** 2)
             known, nothing = _factors(fitted)
             factors = (np.hstack([factor, nothing]) for factor in (known, _block_factor(problem, fitted, known)))

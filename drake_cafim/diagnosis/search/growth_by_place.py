@@ -1,25 +1,27 @@
 """Forward selection at all places at once: friction at one joint does not show in the equations of another."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
+from drake_cafim.diagnosis.fit.beside import strengths_at
 from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, fit, fit_at_first_order
 from drake_cafim.diagnosis.fit.model import Key, Model
-from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
+from drake_cafim.diagnosis.fit.places import ELSEWHERE, equations_of
+from drake_cafim.diagnosis.fit.robust_covariance import contrast_statistics
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import is_simpler, is_unknown, strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
-from drake_cafim.diagnosis.search.places import ELSEWHERE, equations_of
 from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import (
     MISFIT_SHARE_TO_EXPLAIN,
+    NAMED_EXCESS_SHARE,
     NOISE_STD_TOLERANCE,
     RECORDINGS_SHARE_IMPROVED,
 )
@@ -55,8 +57,8 @@ class GrowthByPlace:
     refused: set[Key] = field(default_factory=set)
     failed: set[Key] = field(default_factory=set)
     """Effects that failed a test beside the others when an explanation with them was settled."""
-    _looks: tuple[Fit, list[Candidate]] | None = None
-    """Cache: the explanation that was looked beyond last, and what was found there."""
+    _looks: tuple[Fit, dict[bool, list[Candidate]]] | None = None
+    """Cache: the explanation that was looked beyond last, and what was found there that lasts, and that acts once."""
 
     @classmethod
     def of(
@@ -79,21 +81,24 @@ class GrowthByPlace:
         """Adds effects while one stands out."""
         refusals = 0
         for number in range(MOST_ROUNDS):
-            additions = self._promising()
-            while additions and refusals <= MOST_REFUSALS and not self._may_stand(additions):
-                refusals += len(additions)
-                self.refused |= {candidate.effect.key for candidate in additions}
-                additions = self._promising()
-            if not additions or refusals > MOST_REFUSALS:
-                break
+            additions: list[Effect] = []
+            while not additions and refusals <= MOST_REFUSALS:
+                promising = [candidate.effect for candidate in self._promising()]
+                if not promising:
+                    return
+                additions = self._that_may_stand(promising)
+                refusals += 0 if additions else len(promising)
+                self.refused |= {effect.key for effect in promising if effect not in additions}
+            if not additions:
+                return
             size = len(self.best.model.effects)
             self.progress(f"round {number + 1}, {size} effects: {len(additions)} more under unknown forces")
-            grown = self.settle(self.best.model.with_effects([candidate.effect for candidate in additions]))
+            grown = self.settle(self.best.model.with_effects(additions))
             refusals = 0 if grown else refusals + len(additions)
-            self.refused |= {candidate.effect.key for candidate in additions} - self.best.model.keys
+            self.refused |= {effect.key for effect in additions} - self.best.model.keys
 
-    def settle(self, model: Model) -> bool:
-        """Whether `model`, without its effects that fail a test, becomes the explanation.
+    def settle(self, model: Model, whole: bool = False) -> bool:
+        """Whether `model`, without its effects that fail a test, becomes the explanation; if `whole`, with all of them.
 
         It does where the likelihood, under the forces that it leaves, pays for its parameters. Then the rows are
         whitened with these forces, and what stood out by the former ones may fail.
@@ -104,11 +109,13 @@ class GrowthByPlace:
         shaped = fit_shapes(self.problem, fitted, model.keys - known, CONVERGED, own_noise=False)
         kept = self._without_failing(self.problem, shaped, own_noise=False)
         self.failed |= model.keys - kept.model.keys
-        if kept.model.keys == known:
+        if kept.model.keys == known or (whole and kept.model.keys != model.keys):
             return False
         problem = self._under_force_of(kept.model)
         best = self._without_failing(problem, fit(problem, kept.model, tolerance=CONVERGED))
         self.failed |= kept.model.keys - best.model.keys
+        if whole and best.model.keys != model.keys:
+            return False
         lead = self._evidence(problem, best) - self._evidence(self.problem, self.best)
         self.trace.add(decisions.record_likelihood(best.model, self.best.model, lead))
         if lead < 0.0:
@@ -126,7 +133,10 @@ class GrowthByPlace:
     def drop(self, effects: Sequence[Effect]) -> None:
         """Takes `effects` out of the explanation, whatever that costs."""
         rest = tuple(effect for effect in self.best.model.effects if effect not in effects)
-        model = Model(self.best.model.unknown, rest, self.best.model.free)
+        self.take(Model(self.best.model.unknown, rest, self.best.model.free))
+
+    def take(self, model: Model) -> None:
+        """Makes `model` the explanation, under the forces that it leaves, whatever that costs."""
         self.problem = self._under_force_of(fit(self.problem, model, tolerance=CONVERGED).model)
         self.best = fit(self.problem, model, tolerance=CONVERGED)
 
@@ -177,55 +187,69 @@ class GrowthByPlace:
         ]
 
     def _promising(self) -> list[Candidate]:
-        """The best candidates for each joint's motion and readings; or the best one elsewhere, where it gains more."""
-        if self._looks is None or self._looks[0] is not self.best:
-            self._looks = self.best, screen(self.problem, self.best, self.beside(self.best.model))
-        candidates = [candidate for candidate in self._looks[1] if candidate.effect.key not in self.refused]
-        by_place: dict[str, Candidate] = {}
-        for candidate in sorted(candidates, key=self.criterion_gain, reverse=True):
-            luck = float(chi2.sf(candidate.gain, candidate.strengths)) * self.trials
-            if self.criterion_gain(candidate) > 0.0 and luck <= self.settings.false_alarm_rate:
-                by_place.setdefault(equations_of(candidate.effect), candidate)
-        elsewhere = by_place.pop(ELSEWHERE, None)
-        if elsewhere is None:
-            return list(by_place.values())
-        most = max(map(self.criterion_gain, by_place.values()), default=0.0)
-        return [elsewhere] if self.criterion_gain(elsewhere) > most else list(by_place.values())
+        """The best candidates for each joint's motion and readings; or the best one elsewhere, where it gains more.
 
-    def _may_stand(self, additions: Sequence[Candidate]) -> bool:
-        """Whether any of the `additions` passes the tests, or nearly, where all are fitted to first order."""
-        effects, columns = [candidate.effect for candidate in additions], []
-        model = self.best.model.with_effects(effects)
-        for position in range(len(self.best.model.effects), len(model.effects)):
-            columns.append(self.problem.effect_columns(model, position))
-        first = fit_at_first_order(self.problem, self.best, model, columns)
-        added = first.model.effects[len(self.best.model.effects) :]
-        failures = [self._failure(self.problem, first, effect) for effect in added]
-        if any(failure is None or failure[1] < FIRST_ORDER_SHORTFALL for failure in failures):
-            return True
-        self.trace.add(*(failure[0] for failure in failures if failure is not None))
-        return False
+        Those that act once are looked for where none that lasts is left: a push explains any moment of a law that is
+        not there yet.
+        """
+        if self._looks is None or self._looks[0] is not self.best:
+            self._looks = self.best, {}
+        for brief in (False, True):
+            if brief not in self._looks[1]:
+                effects = [effect for effect in self.beside(self.best.model) if effect.brief == brief]
+                self._looks[1][brief] = screen(self.problem, self.best, effects)
+            found = best_by_place(self, self._looks[1][brief])
+            if found:
+                return found
+        return []
+
+    def _that_may_stand(self, additions: Sequence[Effect]) -> list[Effect]:
+        """The `additions` that pass the tests, or nearly, where they are fitted together to first order."""
+        known, kept = len(self.best.model.effects), list(additions)
+        model = self.best.model.with_effects(kept)
+        columns = [self.problem.effect_columns(model, known + number) for number in range(len(kept))]
+        while kept:
+            first = fit_at_first_order(self.problem, self.best, self.best.model.with_effects(kept), columns)
+            failures = [self._failure(self.problem, first, effect) for effect in first.model.effects[known:]]
+            badness = [0.0 if failure is None else failure[1] for failure in failures]
+            worst = max(badness)
+            if worst < FIRST_ORDER_SHORTFALL:
+                break
+            # one may fail by another's fault, as in `_without_failing`
+            stays = [bad < min(worst, 1.0) for bad in badness]
+            self.trace.add(*(failure[0] for failure, it in zip(failures, stays, strict=True) if failure and not it))
+            kept = [effect for effect, it in zip(kept, stays, strict=True) if it]
+            columns = [column for column, it in zip(columns, stays, strict=True) if it]
+        return kept
 
     def _without_failing(self, problem: SearchProblem, found: Fit, own_noise: bool = True) -> Fit:
         """The fit without the effects that fail a test, the clearest failures first; `own_noise` is as for `fit`."""
+        exact = found
         while found.model.effects:
             failed = {effect.key: self._failure(problem, found, effect) for effect in found.model.effects}
             failures = {key: failure for key, failure in failed.items() if failure is not None}
             self.trace.add(*(record for record, _ in failures.values()))
-            if not failures:
-                self.trace.add(*(self._admission(problem, found, effect) for effect in found.model.effects))
+            if not failures and found is exact:
+                for effect in found.model.effects:
+                    statistic, freedom = self.wald(problem, found, effect)
+                    self.trace.add(decisions.record_wald(found.model, effect, statistic, self.threshold(freedom)))
                 return found
             # those that hardly act go together; of the others one at a time, since each may fail by another's fault
-            worst = max(badness for _, badness in failures.values())
+            worst = max((badness for _, badness in failures.values()), default=0.0)
             dropped = {key for key, (_, badness) in failures.items() if badness >= min(worst, 1.0)}
-            rest = [effect for effect in found.model.effects if effect.key not in dropped]
-            fewer = Model(found.model.unknown, tuple(rest), found.model.free)
-            larger = [effect for effect in found.model.effects if effect.key in dropped and is_unknown(found, effect)]
-            found = fit(problem, fewer, tolerance=CONVERGED, own_noise=own_noise)
+            gone = [effect for effect in found.model.effects if effect.key in dropped]
+            larger = [effect for effect in gone if is_unknown(found, effect)]
+            # what fails besides shows to first order; only what is left is fitted
+            if gone and not larger:
+                found = fit_without(found, gone)
+                continue
+            rest = tuple(effect for effect in found.model.effects if effect not in gone)
+            fewer = Model(found.model.unknown, rest, found.model.free)
+            found = exact = fit(problem, fewer, tolerance=CONVERGED, own_noise=own_noise)
             simpler = self._simpler(problem, found, larger)
             if simpler:
-                found = fit(problem, fewer.with_effects(simpler), tolerance=CONVERGED, own_noise=own_noise)
-        return found
+                found = exact = fit(problem, fewer.with_effects(simpler), tolerance=CONVERGED, own_noise=own_noise)
+        return found if found is exact else fit(problem, found.model, tolerance=CONVERGED, own_noise=own_noise)
 
     def _simpler(self, problem: SearchProblem, found: Fit, larger: Sequence[Effect]) -> list[Effect]:
         """For each of the `larger` laws the simpler one of its group, if any, that is worth most beside `found`."""
@@ -251,25 +275,19 @@ class GrowthByPlace:
         threshold = self.threshold(freedom)
         if statistic < threshold:
             return decisions.record_wald(found.model, effect, statistic, threshold), 1.0 - statistic / threshold
-        if self._leaves_noise(problem, found):
+        if leaves_noise(problem, found, self.settings.adequacy_level):
             return None
         without = residual_without(found, effect)
         share = share_removed(problem, found.residual, without)
-        if share < MISFIT_SHARE_TO_EXPLAIN:
-            record = decisions.record_share(found.model, effect, share, MISFIT_SHARE_TO_EXPLAIN)
-            return record, 1.0 - share / MISFIT_SHARE_TO_EXPLAIN
+        # what acts once would be dropped in the end, if it explains less than is left: see `rivals_by_place`
+        least = MISFIT_SHARE_TO_EXPLAIN if effect.episode is None else NAMED_EXCESS_SHARE
+        if share < least:
+            return decisions.record_share(found.model, effect, share, least), 1.0 - share / least
         better = share_improved(problem, found.residual, without)
         if better < RECORDINGS_SHARE_IMPROVED and effect.episode is None:
             record = decisions.record_improved(found.model, effect, better, RECORDINGS_SHARE_IMPROVED)
             return record, 1.0 - better
         return None
-
-    def _leaves_noise(self, problem: SearchProblem, found: Fit) -> bool:
-        return leaves_noise(problem, found, self.settings.adequacy_level)
-
-    def _admission(self, problem: SearchProblem, found: Fit, effect: Effect) -> Record:
-        statistic, freedom = self.wald(problem, found, effect)
-        return decisions.record_wald(found.model, effect, statistic, self.threshold(freedom))
 
     def wald(self, problem: SearchProblem, found: Fit, effect: Effect) -> tuple[float, int]:
         """χ² of "the effect is absent" and its degrees of freedom: by blocks of time, unless the residual is white.
@@ -277,35 +295,77 @@ class GrowthByPlace:
         A covariance by few blocks is itself uncertain, so that a faint effect would not be seen; it is needed where
         the residual is correlated.
         """
-        by_noise, by_blocks = wald_statistics(problem, found, effect.key)
-        statistic = by_noise if self._leaves_noise(problem, found) else min(by_noise, by_blocks)
-        return statistic / (1.0 + NOISE_STD_TOLERANCE) ** 2, len(effect.vanishing()[0])
+        difference, slope = effect.vanishing()
+        return self.shown(problem, found, effect.key, difference, slope), len(difference)
+
+    def shown(self, problem: SearchProblem, found: Fit, key: Key, difference: Array, slope: Array) -> float:
+        """χ² of "`difference` (c,) of an effect's strengths is zero", as `wald` has it; see `contrast_statistics`."""
+        by_noise, by_blocks = contrast_statistics(problem, found, key, difference, slope)
+        statistic = by_noise if leaves_noise(problem, found, self.settings.adequacy_level) else min(by_noise, by_blocks)
+        return statistic / (1.0 + NOISE_STD_TOLERANCE) ** 2
 
     def threshold(self, freedom: int) -> float:
         """Wald statistic that noise alone exceeds in the best of all looks at the false-alarm rate."""
         return float(chi2.isf(self.settings.false_alarm_rate / self.trials, freedom))
 
 
+def best_by_place(growth: GrowthByPlace, looks: Sequence[Candidate]) -> list[Candidate]:
+    """The best of the `looks` for each joint's motion and readings; or the best one elsewhere, where it gains more."""
+    by_place: dict[str, Candidate] = {}
+    for candidate in sorted(looks, key=growth.criterion_gain, reverse=True):
+        luck = float(chi2.sf(candidate.gain, candidate.strengths)) * growth.trials
+        if candidate.effect.key in growth.refused or luck > growth.settings.false_alarm_rate:
+            continue
+        if growth.criterion_gain(candidate) > 0.0:
+            by_place.setdefault(equations_of(candidate.effect), candidate)
+    elsewhere = by_place.pop(ELSEWHERE, None)
+    if elsewhere is None:
+        return list(by_place.values())
+    most = max(map(growth.criterion_gain, by_place.values()), default=0.0)
+    return [elsewhere] if growth.criterion_gain(elsewhere) > most else list(by_place.values())
+
+
 def residual_without(found: Fit, *effects: Effect) -> Array:
-    """(R + n,) whitened rows without `effects`, to first order, all other parameters adapting.
+    """(R + n,) whitened rows without `effects`, to first order, all other parameters adapting."""
+    return np.asarray(found.residual + found.jacobian @ _change_without(found, effects)[0])
+
+
+def fit_without(found: Fit, effects: Sequence[Effect]) -> Fit:
+    """The fit without `effects`, to first order, all other parameters adapting."""
+    change, covariance = _change_without(found, effects)
+    kept = np.ones(len(change), dtype=bool)
+    for position, effect in enumerate(found.model.effects):
+        if effect in effects:
+            kept[strengths_at(found.model, position)] = False
+    moved = found.model.at(found.model.vector + change)
+    rest = tuple(it for it, was in zip(moved.effects, found.model.effects, strict=True) if was not in effects)
+    return replace(
+        found,
+        model=replace(moved, effects=rest),
+        residual=found.residual + found.jacobian @ change,
+        jacobian=found.jacobian[:, kept],
+        covariance=covariance[np.ix_(kept, kept)],
+    )
+
+
+def _change_without(found: Fit, effects: Sequence[Effect]) -> tuple[Array, Array]:
+    """The change (n + k,) of all parameters that makes `effects` vanish, and their covariance where these are absent.
 
     x − C Sᵀ (S C Sᵀ)⁻¹ d makes the effects vanish, with the covariance C of all parameters x and the effects'
-    difference d from none, S its derivative.
+    difference d from none, S its derivative; that of the others is then C − C Sᵀ (S C Sᵀ)⁻¹ S C.
     """
-    differences, slopes, position = [], [], len(found.model.unknown)
-    for other in found.model.effects:
-        stop = position + len(other.strengths)
-        if other in effects:
-            difference, slope = other.vanishing()
+    differences, slopes = [], []
+    for position, effect in enumerate(found.model.effects):
+        if effect in effects:
+            difference, slope = effect.vanishing()
             seen = np.zeros((len(difference), found.jacobian.shape[1]))
-            seen[:, position:stop] = slope
+            seen[:, strengths_at(found.model, position)] = slope
             differences.append(difference)
             slopes.append(seen)
-        position = stop
     all_slopes = np.concatenate(slopes)
     along = found.covariance @ all_slopes.T
-    change = -along @ np.linalg.lstsq(all_slopes @ along, np.concatenate(differences), rcond=None)[0]
-    return np.asarray(found.residual + found.jacobian @ change)
+    solved = np.linalg.lstsq(all_slopes @ along, np.column_stack([np.concatenate(differences), along.T]), rcond=None)[0]
+    return -along @ solved[:, 0], found.covariance - along @ solved[:, 1:]
 
 
 def share_removed(problem: SearchProblem, residual: Array, without: Array) -> float:

@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions
 from drake_cafim.diagnosis.search.determined import descend
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
-from drake_cafim.diagnosis.search.search import Outcome, search
+from drake_cafim.diagnosis.search.search import Outcome, fit_nominal, search
 from drake_cafim.diagnosis.search.search_under_unknown_force import (
     UNKNOWN_FORCES,
     geometric_misfit,
@@ -63,7 +63,28 @@ def judge(
     that is far from its prior makes the verdict `unexplained`, whatever remains.
     """
     trace = Trace() if trace is None else trace
-    judgement = _judge_searches(problem, settings, progress, trace, begin)
+    return _with_far_unknowns(problem, _judge_searches(problem, settings, progress, trace, begin), settings, trace)
+
+
+def judge_again(
+    problem: SearchProblem, before: Judgement, settings: Settings, progress: Callable[[str], None], trace: Trace
+) -> Judgement | None:
+    """The judgement `before`, made under unknown forces, on the same recordings with less noise of the efforts.
+
+    Its effects, and those that explained less than was left, are fitted and compared with others again. No more are
+    looked for: the noise of the efforts was among the forces out of which they stood. None where no effect stands out.
+    """
+    progress("fitting the nominal model")
+    problem, nominal = fit_nominal(problem, trace)
+    outcome = replace(before.outcome, problem=problem, nominal_problem=problem, nominal=nominal)
+    own = trace.of_search(UNKNOWN_FORCES)
+    begin = (*before.best.model.effects, *before.outcome.unsupported)
+    found = _under_unknown_forces(outcome, settings, progress, own, begin, more=False)
+    return None if found is None else _with_far_unknowns(problem, found, settings, trace)
+
+
+def _with_far_unknowns(problem: SearchProblem, judgement: Judgement, settings: Settings, trace: Trace) -> Judgement:
+    """The judgement, `unexplained` where an unknown parameter is far from its prior."""
     far = far_unknowns(problem.scene, judgement.best.model) if settings.most_effects else ()
     own = trace.of_search(judgement.search)
     own.add(*(decisions.record_far_unknown(problem.scene, unknown, judgement.best.model) for unknown in far))
@@ -111,9 +132,10 @@ def _under_unknown_forces(
     progress: Callable[[str], None],
     trace: Trace,
     begin: Sequence[Effect] = (),
+    more: bool = True,
 ) -> Judgement | None:
     """The judgement under unknown forces at the joints; None where no effect stands out of them."""
-    again = search_again(outcome, settings, progress, trace, begin)
+    again = search_again(outcome, settings, progress, trace, begin, more)
     if again is None:
         return None
     explained = is_explained(again, outcome.nominal, settings, trace)

@@ -9,9 +9,12 @@ from drake_cafim.diagnosis.fit.beside import Beside, strengths_at
 from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import reasons_against, strength_at_bound, undetermined_in
+from drake_cafim.diagnosis.search.friction_by_joint import Friction, choose_friction, is_friction
 from drake_cafim.diagnosis.search.growth_by_place import (
     CONVERGED,
     GrowthByPlace,
@@ -19,7 +22,6 @@ from drake_cafim.diagnosis.search.growth_by_place import (
     share_removed,
 )
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside, fit_shapes
-from drake_cafim.diagnosis.search.places import joint_of
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import (
     LEAST_PROBABILITY,
@@ -33,6 +35,10 @@ ROUNDS = 2
 """Largest number of comparisons, each after another law was preferred at some place."""
 MOST_ALONE = 4
 """Largest number of laws that are put in the places of others one by one."""
+REPLACING_LEAD = 2.0
+"""By how much the criterion of another law must be lower, to first order, for it to be tried in an effect's place: what
+is less is "not worth more than a bare mention" (Kass, Raftery, J. Am. Stat. Assoc. 90, 1995), and would be tried back
+and forth."""
 FITTED_LEAD = 6.0
 """Criterion beyond the best one's, to first order, up to which a law is fitted exactly: its probability is then 5 %."""
 
@@ -43,16 +49,27 @@ class Compared:
 
     others: tuple[Fit, ...]
     probability: dict[Key, float]
+    unsupported: tuple[Effect, ...]
+    """Effects that were dropped since they explain less than is left at their places."""
 
 
-def compare_by_place(growth: GrowthByPlace) -> Compared:
-    """Replaces effects of `growth.best` by better laws at their joints, and drops those that share their evidence."""
+def compare_by_place(growth: GrowthByPlace, supported: Collection[Key] = ()) -> Compared:
+    """Replaces effects of `growth.best` by better laws at their joints, and drops those that share their evidence.
+
+    The effects `supported` are known to explain more than is left at their places.
+    """
     growth.converge()
+    standing = choose_friction(growth)
     growth.failed.clear()
+    tried: set[tuple[Key, Key]] = set()
     for _ in range(ROUNDS):
         growth.progress(f"comparing {len(growth.best.model.effects)} effects with other laws at their joints")
         found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
-        better = {key: leads[0][2] for key, leads in found.items() if leads and leads[0][0] < 0.0}
+        first = {key: leads[0] for key, leads in found.items() if leads}
+        better = {
+            key: law for key, (lead, _, law) in first.items() if lead < -REPLACING_LEAD and (key, law.key) not in tried
+        }
+        tried |= {(key, law.key) for key, law in better.items()}
         before = growth.best.model.keys
         if not better or not _replace(growth, sorted(better, key=lambda key: found[key][0][0]), better):
             break
@@ -63,6 +80,7 @@ def compare_by_place(growth: GrowthByPlace) -> Compared:
     # a law that fails a test once all is fitted is none of those that the recordings support
     found = {key: [lead for lead in leads if lead[2].key not in growth.failed] for key, leads in found.items()}
     probability = _probabilities(growth, found)
+    sisters = _sisters(growth, standing, probability)
     for effect in growth.best.model.effects:
         of_it = probability[effect.key]
         growth.trace.add(decisions.record_shared(growth.best.model, effect, of_it, LEAST_PROBABILITY))
@@ -70,20 +88,27 @@ def compare_by_place(growth: GrowthByPlace) -> Compared:
     if shared:
         growth.drop(shared)
     _drop_undetermined(growth)
-    _drop_unsupported(growth)
+    stood = growth.best.model.effects
+    _drop_unsupported(growth, supported)
+    unsupported = tuple(effect for effect in stood if effect.key not in growth.best.model.keys)
     _drop_unknown(growth)
-    return Compared(tuple(other for leads in found.values() for _, other, _ in leads), probability)
+    others = (*(other for leads in found.values() for _, other, _ in leads), *sisters)
+    return Compared(others, probability, unsupported)
 
 
 def _replace(growth: GrowthByPlace, order: Sequence[Key], better: Mapping[Key, Effect]) -> bool:
     """Whether laws of `better` take the places of effects: all of them or, where that fails, those that do one by one.
 
-    Together one may fail by another's fault. One by one the first of the `order` come first.
+    Together one may fail by another's fault. All that do not fail a test are tried before, and one by one the first of
+    the `order` come first.
     """
     if _settle_with(growth, better):
         return True
     if len(order) == 1:
         return False
+    stand = {key: law for key, law in better.items() if law.key not in growth.failed}
+    if 1 < len(stand) < len(better) and _settle_with(growth, stand):
+        return True
     growth.failed.clear()
     replaced = [_settle_with(growth, {key: better[key]}) for key in order[:MOST_ALONE]]
     return any(replaced)
@@ -93,7 +118,8 @@ def _settle_with(growth: GrowthByPlace, better: Mapping[Key, Effect]) -> bool:
     effects = tuple(better.get(effect.key, effect) for effect in growth.best.model.effects)
     # two effects may prefer the same law
     effects = tuple({effect.key: effect for effect in effects}.values())
-    return growth.settle(Model(growth.best.model.unknown, effects, growth.best.model.free))
+    # where another law fails a test, the one that it would replace stays
+    return growth.settle(Model(growth.best.model.unknown, effects, growth.best.model.free), whole=True)
 
 
 def _fit_widths(growth: GrowthByPlace, keys: Collection[Key]) -> None:
@@ -127,26 +153,49 @@ def _drop_undetermined(growth: GrowthByPlace) -> None:
         growth.drop([least])
 
 
-def _drop_unsupported(growth: GrowthByPlace) -> None:
-    """Drops effects that explain less than is left at their places, the least of them first."""
+def _drop_unsupported(growth: GrowthByPlace, supported: Collection[Key] = ()) -> None:
+    """Drops effects that explain less than is left at their places, the least of them first, and one at each joint.
+
+    Those `supported` stay, unless they fail a test.
+    """
     while growth.best.model.effects:
         problem, best = growth.problem, growth.best
         if leaves_noise(problem, best, growth.settings.adequacy_level):
             return
-        shares = [
-            (share_removed(problem, best.residual, residual_without(best, effect)), effect)
-            for effect in best.model.effects
-        ]
         failing = [effect for effect in best.model.effects if growth.fails(effect)]
         if failing:
             growth.drop(failing[:1])
             continue
-        share, least = min(shares, key=lambda entry: entry[0])
-        told = shares if share >= NAMED_EXCESS_SHARE else [(share, least)]
+        shares = sorted(
+            ((_share(problem, best, _together(best.model, effect)), effect) for effect in best.model.effects),
+            key=lambda entry: (entry[0], _share(problem, best, [entry[1]])),
+        )
+        least: dict[str, tuple[float, Effect]] = {}
+        for share, effect in shares:
+            if share < NAMED_EXCESS_SHARE and effect.key not in supported:
+                least.setdefault(joint_of(effect), (share, effect))
+        # what acts elsewhere moves the rows of many joints, so that it goes alone
+        told = list(least.values())[:1] if next(iter(least), "") == ELSEWHERE else list(least.values())
+        told = [entry for entry in told if len(told) == 1 or joint_of(entry[1]) != ELSEWHERE] or shares
         growth.trace.add(*(decisions.record_support(best.model, it, of, NAMED_EXCESS_SHARE) for of, it in told))
-        if share >= NAMED_EXCESS_SHARE:
+        if not least:
             return
-        growth.drop([least])
+        growth.drop([effect for _, effect in told])
+
+
+def _share(problem: SearchProblem, best: Fit, effects: Sequence[Effect]) -> float:
+    """Share of χ² that `effects` remove from the rows that they explain best, to first order."""
+    return share_removed(problem, best.residual, residual_without(best, *effects))
+
+
+def _together(model: Model, effect: Effect) -> list[Effect]:
+    """The effects that are one phenomenon with `effect`: of friction all that of its joint, or else itself alone.
+
+    Viscous friction may explain less than dry friction does, and beside it is no less sure.
+    """
+    if not is_friction(effect):
+        return [effect]
+    return [other for other in model.effects if is_friction(other) and other.at == effect.at]
 
 
 def _drop_unknown(growth: GrowthByPlace) -> None:
@@ -173,7 +222,14 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
     kept = np.delete(np.arange(len(best.model.vector)), strengths_at(best.model, position))
     at_rest = Fit(rest, residual, beside.slopes, best.covariance[np.ix_(kept, kept)], best.data_rows)
     here = joint_of(effect)
-    laws = [other for other in growth.beside(rest) if other.key != effect.key and joint_of(other) == here]
+    laws = [
+        other
+        for other in growth.beside(rest)
+        if other.key != effect.key
+        and joint_of(other) == here
+        # which law of dry friction a joint has is chosen before, of all at once
+        and not (_is_dry(other) and _is_dry(effect))
+    ]
     unit = _evidence_unit(growth, effect)
     left = residual - beside.basis @ (beside.basis.T @ residual)
     lost = float(left @ left) - best.chi_square
@@ -233,6 +289,29 @@ def _evidence_unit(growth: GrowthByPlace, effect: Effect) -> float:
     by_noise, _ = wald_statistics(growth.problem, growth.best, effect.key)
     shown = growth.wald(growth.problem, growth.best, effect)[0]
     return max(1.0, by_noise / shown) if shown > 0.0 else 1.0
+
+
+def _sisters(
+    growth: GrowthByPlace, standing: Mapping[str, Sequence[Friction]], probability: dict[Key, float]
+) -> list[Fit]:
+    """The fits with other laws of dry friction than those named, which get their share of these laws' `probability`.
+
+    The laws are one phenomenon: what speaks for any of them speaks for the one that is named.
+    """
+    fits = []
+    for effect in growth.best.model.effects:
+        options = [option for option in standing.get(effect.at, ()) if effect.group == option.dry.group]
+        if not options:
+            continue
+        unit = _evidence_unit(growth, effect)
+        costs = np.array([criterion(option.found, 1.0, growth.trials) for option in options]) / unit
+        weights = np.exp(-0.5 * (costs - np.min(costs)))
+        for option, weight in zip(options, weights / np.sum(weights), strict=True):
+            key = option.dry.key
+            if key != effect.key:
+                probability[key] = probability.get(key, 0.0) + float(weight) * probability[effect.key]
+                fits.append(replace(option.found, jacobian=option.found.jacobian[:0]))
+    return fits
 
 
 def _probabilities(growth: GrowthByPlace, found: dict[Key, list[Lead]]) -> dict[Key, float]:

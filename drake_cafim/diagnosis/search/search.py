@@ -10,12 +10,12 @@ from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.evidence import leaves_inaccuracy, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, fit_at_first_order, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.fit.places import place_of
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import candidate_decisions, decisions
 from drake_cafim.diagnosis.search.competition import compete
 from drake_cafim.diagnosis.search.detection import detection_p_value
 from drake_cafim.diagnosis.search.growth import grow
-from drake_cafim.diagnosis.search.places import place_of
 from drake_cafim.diagnosis.search.posterior import inclusion_probabilities
 from drake_cafim.diagnosis.search.screening import Candidate, by_row, screen
 from drake_cafim.diagnosis.search.state import ROUNDS, Settings, State, has_moved
@@ -49,6 +49,8 @@ class Outcome:
     """Posterior probability of each effect, and of each unknown without its prior, by (name, place)."""
     compare: "Callable[[], Outcome] | None" = None
     """Compares the best fit with its rivals, where that was put off; None where it is done."""
+    unsupported: tuple[Effect, ...] = ()
+    """Effects that stood out of unknown forces and explain less than is left at their places."""
 
     def compared(self) -> "Outcome":
         """The outcome with its best fit compared with rivals."""
@@ -77,16 +79,7 @@ def search(
     """
     trace = Trace() if trace is None else trace
     progress("fitting the nominal model")
-    under, nominal = Model(problem.scene.priors.mean), unbiased_fit(problem, problem.nominal())
-    for number in range(ROUNDS):
-        moved = np.abs(nominal.model.unknown - under.unknown) > nominal.std[: len(under.unknown)]
-        if not has_moved(problem, under, nominal.model) and (number or not np.any(moved)):
-            break
-        # the noise covariance depends on the masses, and the arcs of a throw are fitted under them; the motion is
-        # estimated under them too, where they act as forces that the model lacks
-        under, problem = nominal.model, problem.rewhitened(nominal.model)
-        nominal = unbiased_fit(problem, under)
-        trace.add(decisions.record_whitening(problem, under, nominal.model, UNKNOWN_MOVE_IN_PRIOR_STDS))
+    problem, nominal = fit_nominal(problem, trace)
     effects = problem.hypotheses()
     progress(f"screening {len(effects)} hypotheses")
     screened = screen(problem, nominal, effects)
@@ -111,6 +104,21 @@ def search(
             *candidate_decisions.record_screening(nominal, screened, effects, trials, settings.false_alarm_rate, None)
         )
     return _concluded(state, begun, best)
+
+
+def fit_nominal(problem: SearchProblem, trace: Trace) -> tuple[SearchProblem, Fit]:
+    """The problem, whitened under the unknowns of the nominal model as fitted, and that fit."""
+    under, nominal = Model(problem.scene.priors.mean), unbiased_fit(problem, problem.nominal())
+    for number in range(ROUNDS):
+        moved = np.abs(nominal.model.unknown - under.unknown) > nominal.std[: len(under.unknown)]
+        if not has_moved(problem, under, nominal.model) and (number or not np.any(moved)):
+            break
+        # the noise covariance depends on the masses, and the arcs of a throw are fitted under them; the motion is
+        # estimated under them too, where they act as forces that the model lacks
+        under, problem = nominal.model, problem.rewhitened(nominal.model)
+        nominal = unbiased_fit(problem, under)
+        trace.add(decisions.record_whitening(problem, under, nominal.model, UNKNOWN_MOVE_IN_PRIOR_STDS))
+    return problem, nominal
 
 
 def _put_off(state: State, begun: Outcome, best: Fit, grown: bool) -> Outcome:

@@ -33,27 +33,34 @@ def search_again(
     progress: Callable[[str], None] = lambda text: None,
     trace: Trace | None = None,
     begin: Sequence[Effect] = (),
+    more: bool = True,
 ) -> Outcome | None:
     """The effects that stand out of unknown white forces at the joints; None where none does.
 
     `outcome` is of a search that ended unexplained; where effects to `begin` with are given, they take the place of
-    those that it found. Each decision is added to `trace`.
+    those that it found. Unless `more` may be found, none is looked for beyond these. Each decision is added to `trace`.
     """
     trace = Trace(UNKNOWN_FORCES) if trace is None else trace
     for ended in (outcome.problem, outcome.nominal_problem):
         ended.forget()
-    growth = GrowthByPlace.of(outcome.nominal_problem, outcome.nominal.model, outcome.hypotheses, settings, progress)
+    nominal = outcome.nominal.model
+    first = nominal.with_effects(begin) if begin else outcome.best.model
+    # what is only fitted again is weighed against the forces that all of it leaves
+    start = nominal if more else first
+    growth = GrowthByPlace.of(outcome.nominal_problem, start, outcome.hypotheses, settings, progress)
     if growth is None:
         return None
     growth.trace = trace
-    first = outcome.nominal.model.with_effects(begin) if begin else outcome.best.model
-    if first.effects:
+    if not more:
+        growth.take(growth.best.model)
+    elif first.effects:
         # as far as they stand out of unknown forces
         growth.settle(first)
     # whoever asks for fewer effects than usual wants those, and no search for more
-    if settings.most_effects >= MOST_EFFECTS:
+    if more and settings.most_effects >= MOST_EFFECTS:
         growth.grow()
-    compared = compare_by_place(growth)
+    # what explained more than was left under more noise is no less sure under less, of which more is left
+    compared = compare_by_place(growth, () if more else outcome.best.model.keys)
     if not growth.best.model.effects:
         trace.add(decisions.record_unknown_forces_failure(growth.best))
         return None
@@ -65,6 +72,7 @@ def search_again(
         competing=(best, *compared.others),
         probability=compared.probability,
         compare=None,
+        unsupported=compared.unsupported,
     )
 
 

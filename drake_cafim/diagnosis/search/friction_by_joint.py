@@ -1,0 +1,130 @@
+"""Chooses the friction of each joint: of nested laws the simplest one that the recordings support.
+
+The laws of dry friction are one phenomenon in more or less detail, and each may act beside viscous friction. One by one
+they share their evidence, and what a detail gains near rest says nothing against the law away from it. So they are
+fitted at each joint together with viscous friction and without, and a law stands only where the recordings show each of
+its parts, and that it is none of the simpler laws that it contains.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.beside import Beside, strengths_at
+from drake_cafim.diagnosis.fit.evidence import criterion
+from drake_cafim.diagnosis.fit.fitting import Fit, posterior
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std
+from drake_cafim.diagnosis.search.determined import strength_at_bound, undetermined_in
+from drake_cafim.diagnosis.search.growth_by_place import CONVERGED, FIRST_ORDER_SHORTFALL, GrowthByPlace
+from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside
+from drake_cafim.diagnosis.search.screening import Candidate, screen
+from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import DRY_FRICTION, JointViscousFriction
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class Friction:
+    """The `laws` of friction at a joint, one of them dry, `found` with all else refitted to first order."""
+
+    found: Fit
+    laws: tuple[Effect, ...]
+
+    @property
+    def dry(self) -> Effect:
+        """Its law of dry friction."""
+        return next(law for law in self.laws if law.group == DRY_FRICTION)
+
+
+def is_friction(effect: Effect) -> bool:
+    """Whether an effect is friction of a joint, viscous or dry."""
+    return effect.group == DRY_FRICTION or effect.name == JointViscousFriction.name
+
+
+def choose_friction(growth: GrowthByPlace) -> dict[str, list[Friction]]:
+    """Gives each joint of `growth.best` with dry friction the laws that stand there and have the least criterion.
+
+    All that stand are returned, by joint, the chosen ones first. Where none stands, nothing is changed.
+    """
+    joints = [effect.at for effect in growth.best.model.effects if effect.group == DRY_FRICTION]
+    standing: dict[str, list[Friction]] = {}
+    for joint in joints:
+        own = [option for option in _options(growth, joint) if stands(growth, option)]
+        if own:
+            standing[joint] = sorted(own, key=lambda option: criterion(option.found, 1.0, growth.trials))
+    model = growth.best.model
+    for joint, [chosen, *_] in standing.items():
+        rest = [effect for effect in model.effects if not (is_friction(effect) and effect.at == joint)]
+        model = Model(model.unknown, (*rest, *chosen.laws), model.free)
+    if model.keys != growth.best.model.keys:
+        growth.take(model)
+        growth.converge()
+    return standing
+
+
+def stands(growth: GrowthByPlace, option: Friction) -> bool:
+    """Whether the recordings determine each law of `option`, and show that it acts and is no simpler law."""
+    found = option.found
+    std = np.maximum(found.std, blockwise_std(growth.problem, found))
+    for law in option.laws:
+        if strength_at_bound(law) is not None or undetermined_in(found, law, std) is not None:
+            return False
+        if not growth.nominal.plausible(Model(found.model.unknown, (law,))):
+            return False
+        contrasts = [law.vanishing()]
+        for weights in law.narrows.values():
+            contrasts.append((np.array([law.vector @ weights]), np.array([weights])))
+        for difference, slope in contrasts:
+            shown = growth.shown(growth.problem, found, law.key, difference, slope)
+            if shown < growth.threshold(len(difference)):
+                return False
+    return True
+
+
+def _options(growth: GrowthByPlace, joint: str) -> Iterator[Friction]:
+    """The laws of dry friction at a `joint`, beside viscous friction and alone, that may stand to first order."""
+    problem, best = growth.problem, growth.best
+    laws = [law for law in growth.effects if law.at == joint and law.group == DRY_FRICTION]
+    for rest, slopes in _without_dry_friction(growth, joint):
+        beside = Beside(problem, len(rest.effects), rest.vector, slopes, *np.linalg.qr(slopes))
+        seen = slopes[: problem.rows]
+        at_rest = Fit(rest, problem.residual(rest), slopes, posterior(problem, rest, seen.T @ seen), best.data_rows)
+        for look in _that_may_stand(growth, screen(problem, best, laws, at_rest)):
+            found = beside.fit(rest.with_effects([look.effect]), CONVERGED)
+            found = fit_shape_beside(beside, found, CONVERGED)
+            yield Friction(found, tuple(law for law in found.model.effects if is_friction(law) and law.at == joint))
+
+
+def _that_may_stand(growth: GrowthByPlace, looks: Sequence[Candidate]) -> list[Candidate]:
+    """The `looks` without those that to first order explain hardly more than a simpler law that they contain."""
+    gain = {look.effect.name: look.gain for look in looks}
+    least = (1.0 - FIRST_ORDER_SHORTFALL) * growth.threshold(1)
+    return [
+        look for look in looks if all(look.gain - gain.get(simpler, 0.0) >= least for simpler in look.effect.narrows)
+    ]
+
+
+def _without_dry_friction(growth: GrowthByPlace, joint: str) -> Iterator[tuple[Model, Array]]:
+    """The explanation without dry friction at a `joint`, with viscous friction there and without; and its slopes."""
+    best = growth.best
+    dry = next(effect for effect in best.model.effects if effect.at == joint and effect.group == DRY_FRICTION)
+    rest, slopes = _less(best.model, best.jacobian, dry)
+    viscous = [law for law in rest.effects if law.at == joint and law.name == JointViscousFriction.name]
+    if viscous:
+        yield rest, slopes
+        yield _less(rest, slopes, viscous[0])
+        return
+    yield rest, slopes
+    for law in growth.beside(rest):
+        if law.at == joint and law.name == JointViscousFriction.name:
+            more = rest.with_effects([law.with_values(law.vector)])
+            added = growth.problem.effect_columns(more, len(rest.effects))
+            yield more, np.hstack([slopes, added])
+
+
+def _less(model: Model, slopes: Array, effect: Effect) -> tuple[Model, Array]:
+    """A model without one of its effects, and its slopes (R + n, m)."""
+    own = strengths_at(model, model.effects.index(effect))
+    return model.without(effect), np.delete(slopes, own, axis=1)
