@@ -9,6 +9,7 @@ from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.contact_at_rest import contact_at_rest_covariance
+from drake_cafim.diagnosis.whitening.covariance import whitening
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene
@@ -49,6 +50,15 @@ def test_what_holds_a_tip_is_noise_while_it_sticks(pressed: tuple[WeakForm, Phys
     whole = np.asarray(form.samples.windows.value.sum(axis=1)).ravel() * FRICTION * normal
     np.testing.assert_allclose(np.sqrt(force[sticking]), np.sqrt(2.0) * whole[sticking], rtol=0.1)
     assert np.all(variance[form.samples.windows.centers > 0.6] == 0.0)
+
+
+def test_rows_are_whitened_with_that_noise(pressed: tuple[WeakForm, Physics, float]) -> None:
+    form, physics, _ = pressed
+    variance, of_contact = (
+        found.diagonal().reshape(-1, form.rows_per_window)[form.samples.windows.centers < 0.4]
+        for found in (whitening(form, physics)[0].covariance, contact_at_rest_covariance(form, physics))
+    )
+    assert np.any(of_contact > 0.0) and np.all(variance >= of_contact)
 
 
 def test_friction_of_a_stated_width_leaves_no_doubt(pressed: tuple[WeakForm, Physics, float]) -> None:

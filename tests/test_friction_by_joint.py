@@ -91,6 +91,21 @@ def test_sister_laws_share_no_probability(tmp_path: Path, monkeypatch: pytest.Mo
     assert compared.probability[sister.key] == pytest.approx(0.5 * compared.probability[coulomb.key], rel=1e-6)
 
 
+@pytest.mark.parametrize("backward", [COULOMB, 1.5 * COULOMB])
+def test_a_larger_law_stands_only_where_it_is_no_simpler_one(tmp_path: Path, backward: float) -> None:
+    """Both torques of a symmetric friction are determined, and they do not differ."""
+
+    def rubbed(v: Array) -> Array:
+        return np.asarray(np.where(v > 0.0, COULOMB, backward) * np.tanh(v / WIDTH))
+
+    growth = arm_that_rubs(tmp_path, rubbed)
+    joint = growth.problem.scene.tree.joint_names[0]
+    values = {"torque_positive": COULOMB, "torque_negative": backward, "slip_velocity": WIDTH}
+    growth.take(growth.best.model.with_effects([effect_named("joint_asymmetric_coulomb_friction")(joint, values)]))
+    option = Friction(growth.best, growth.best.model.effects)
+    assert friction_by_joint.stands(growth, option) == (backward != COULOMB)
+
+
 def test_viscous_friction_beside_a_larger_law_is_named(tmp_path: Path) -> None:
     """It removes less than half of what is left at its joint; what the two remove together decides."""
 

@@ -182,6 +182,8 @@ class Effect(ABC):
     """Whether it is a hypothesis for recordings of a thrown body."""
     of_contact: ClassVar[bool] = False
     """Whether it changes contact forces and nothing else."""
+    changes_inertia: ClassVar[bool] = False
+    """Whether inertia or gravity is another under it, and with it the noise of motion in the equations."""
     late: ClassVar[bool] = False
     """Whether it is a sensor effect that records values, and their noise, at a shifted or filtered time."""
     needs_motion: ClassVar[bool] = False

@@ -24,6 +24,7 @@ class TreeEffect(Effect):
     """Inertia or gravity that the model lacks."""
 
     kind: ClassVar[str] = "tree"
+    changes_inertia: ClassVar[bool] = True
     of_inertia_alone: ClassVar[bool] = False
     """Whether inertial parameters and rotors' inertias are all that it changes: rows are linear in these."""
 

@@ -102,7 +102,10 @@ class Problem(ABC):
 
     @property
     def log_determinant(self) -> float:
-        """ln det of the covariance by which the rows are whitened; 0 where it is the same for every model."""
+        """ln det of the covariance by which the rows are whitened, less that of its part by the noise of motion.
+
+        With χ² it is −2 ln likelihood of the samples but for a constant; 0 where it is the same for every model.
+        """
         return 0.0
 
     def penalty(self, model: Model, own_noise: bool = True) -> float:

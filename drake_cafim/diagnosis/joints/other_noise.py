@@ -8,6 +8,7 @@ effort that it says does not act. Such models are compared each under its own no
 """
 
 from collections.abc import Iterable, Sequence
+from operator import attrgetter
 from typing import Protocol
 
 import numpy as np
@@ -22,8 +23,6 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
-OF_INERTIA = ("tree", "load")
-"""The kinds of effects that change inertia."""
 INSTANTS = 50
 """Instants of a recording at which inertias are compared."""
 
@@ -41,7 +40,7 @@ def is_other_noise(scene: Scene, weak: WeakForm, model: Model, under: Model) -> 
 
     By more than a factor of `OTHER_NOISE_RATIO`.
     """
-    for changes, size_of in ((_changes_inertia, _joint_inertias), (_changes_effort, _joint_efforts)):
+    for changes, size_of in ((attrgetter("changes_inertia"), _joint_inertias), (_changes_effort, _joint_efforts)):
         if _numbers_of(filter(changes, model.effects)) == _numbers_of(filter(changes, under.effects)):
             continue
         first, second = (np.maximum(size_of(weak, item.physics(scene)), 1e-300) for item in (model, under))
@@ -62,10 +61,6 @@ def noise_cost(problem: Whitened, own: Whitened, model: Model) -> float:
 
 def _log_determinant(problem: Whitened) -> float:
     return sum(run.whiten.log_determinant for run in problem.runs)
-
-
-def _changes_inertia(effect: Effect) -> bool:
-    return effect.kind in OF_INERTIA
 
 
 def _changes_effort(effect: Effect) -> bool:

@@ -272,7 +272,7 @@ def _is_dry(effect: Effect) -> bool:
 
 def _scales_noise(effect: Effect) -> bool:
     """Whether the noise of motion is larger or smaller in the equations by an effect: of inertia, or a stiff law."""
-    return _is_dry(effect) or effect.kind in ("tree", "load")
+    return _is_dry(effect) or effect.changes_inertia
 
 
 def _cost_of(growth: GrowthByPlace, best: Fit, effect: Effect) -> float:
