@@ -12,7 +12,7 @@ from drake_cafim.diagnosis.fit.fitting import unbiased_fit
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.servo_effect import CommandDelay
-from drake_cafim.effects.step_response import oscillator, responses
+from drake_cafim.effects.step_response import Answers, oscillator
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
@@ -45,7 +45,7 @@ def test_two_joints_answer_to_each_others_steps() -> None:
         1: Effort(time[[0, 3]], np.array([0.0, 1.0])),
     }
     ones = np.ones((len(time), 1))
-    answers = responses(time, M_inverse + 0.0 * time[:, None, None], (ones * k, ones * d), steps)
+    answers = Answers.of(time, M_inverse + 0.0 * time[:, None, None], (ones * k, ones * d), steps).responses
 
     def rate(t: float, state: Array) -> Array:
         effort = np.array([float(own.at(np.array([t]))[0]) for own in steps.values()]) - k * state[:2] - d * state[2:4]

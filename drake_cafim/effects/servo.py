@@ -58,6 +58,16 @@ class Servo:
             value, by_v = value * share, by_v * share
         return ServoEffort(value, -by_error * by_term, by_v, by_error * by_term)
 
+    def effort_by(
+        self, parameter: str, command: Array, q: Array, v: Array, gain: Array | float = 1.0, supply: Array | float = 1.0
+    ) -> Array:
+        """(N,) derivative of the effort of a servo without sag by its "stiffness" or its "damping"."""
+        if parameter == "damping":
+            return -v
+        error = command - q
+        beyond = gain * supply * (error - np.clip(error, -self.dead_band, self.dead_band))
+        return np.where(np.abs(self.stiffness * beyond) < self.limit * supply, beyond, 0.0)
+
 
 LEAST_SHARE = 0.05
 """Least 1 − sag |T| where the effort brakes: with less, the law has no solution."""

@@ -13,14 +13,15 @@ the other, each under what is left at the others, taken as linear in time with t
 Gauss-Seidel; M is positive definite).
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.numerics.compiled import compiled
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 SWEEPS = 4
 """Times that each joint is solved. An error falls by m_jk²/(m_jj m_kk) from one to the next, or by more."""
@@ -42,48 +43,136 @@ class StepResponse:
     v: Array
 
 
-def responses(
-    time: Array, mobility: Array, slopes: tuple[Array, Array], steps: Mapping[int, Effort]
-) -> dict[int, StepResponse]:
-    """The answer of each joint to the staircases `steps` of all of them, by joint index.
+@dataclass(frozen=True)
+class Left:
+    """By joint: `mean` and `moment` (P,) of E over each piece, about its middle, and x and ẋ (G,) at their edges."""
+
+    mean: dict[int, Array]
+    moment: dict[int, Array]
+    state: dict[int, tuple[Array, Array]]
+    sweeps: dict[int, list[tuple[Array, ...]]]
+    """x, ẋ (G,), and the acceleration under which they are solved, mean and slope (P,), in each sweep."""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """The joints' answers to all staircases `steps`, by joint index: P pieces lie between the G times `grid`.
 
     `mobility` M⁻¹ (N, n, n) and `slopes` k and d (N, n), none negative, hold from each sample of `time` (N,) s to the
     next. Where all slopes are zero nothing is taken back, and x is left at zero.
     """
-    edges = [own.times[(own.times > time[0]) & (own.times < time[-1])] for own in steps.values()]
-    grid = np.unique(np.concatenate([time, *edges]))
-    h, middle = np.diff(grid), 0.5 * (grid[1:] + grid[:-1])
-    at = np.searchsorted(grid, time)
-    piece = np.clip(np.searchsorted(time, middle, side="right") - 1, 0, len(time) - 2)
-    m, (k, d) = mobility[piece], (slope[piece] for slope in slopes)
-    # masses that a fit tries may be none at all: a joint then answers as if it were very heavy
-    alone = {j: np.maximum(m[:, j, j], LEAST_MOBILITY * np.median(np.abs(m[:, j, j]))) for j in steps}
-    held = {j: own.at(middle) for j, own in steps.items()}
-    taken = np.any([slope != 0.0 for slope in slopes])
-    # mean and moment of what is left over each piece, and the state at its edges
-    mean, moment = ({j: (0.0 if taken else 1.0) * held[j] for j in steps}, {j: np.zeros(len(h)) for j in steps})
-    state = {j: (np.zeros(len(grid)), np.zeros(len(grid))) for j in steps}
-    answers = {j: oscillator(own * k[:, j], own * d[:, j], h) for j, own in alone.items()} if taken else {}
-    for _ in range(SWEEPS if len(steps) > 1 else 1):
-        for j in answers:
-            others = [i for i in steps if i != j]
-            pushed = sum((m[:, j, i] * mean[i] for i in others), np.zeros(len(h)))
-            turned = sum((m[:, j, i] * moment[i] for i in others), np.zeros(len(h)))
-            x, v = state[j] = _follow(*answers[j], alone[j] * held[j] + pushed, 12.0 * turned / h**3)
-            mean[j] = (np.diff(v) / h - pushed) / alone[j]
-            moment[j] = (0.5 * h * (v[1:] + v[:-1]) - np.diff(x) - turned) / alone[j]
-    # about the middle of a sample interval, a piece beside it has a moment by its mean as well
-    arm = middle - 0.5 * (time[piece] + time[piece + 1])
-    found = {}
-    for j, own in steps.items():
-        x, v = (values[at] for values in state[j])
-        integral = np.asarray(np.bincount(piece, mean[j] * h, len(time) - 1), dtype=float)
-        about = np.asarray(np.bincount(piece, moment[j] + arm * mean[j] * h, len(time) - 1), dtype=float)
-        after = own.at(time) - slopes[0][:, j] * x - slopes[1][:, j] * v
+
+    time: Array
+    mobility: Array
+    slopes: tuple[Array, Array]
+    steps: Mapping[int, Effort]
+    grid: Array
+
+    @classmethod
+    def of(cls, time: Array, mobility: Array, slopes: tuple[Array, Array], steps: Mapping[int, Effort]) -> "Answers":
+        """The answers, on the times of the samples and of all steps."""
+        edges = [own.times[(own.times > time[0]) & (own.times < time[-1])] for own in steps.values()]
+        return cls(time, mobility, slopes, steps, np.unique(np.concatenate([time, *edges])))
+
+    @cached_property
+    def responses(self) -> dict[int, StepResponse]:
+        """What is left of each joint's steps."""
+        return {j: self._response(j, own, self._left) for j, own in self.steps.items()}
+
+    def by_slopes(self, joint: int, by_k: float, by_d: float, by_steps: Effort) -> dict[int, StepResponse]:
+        """The derivative of `responses` by a number, by which one joint's k, d and staircase have these derivatives."""
+        still = Effort(self.grid[:1], np.zeros(1))
+        steps = {j: by_steps if j == joint else still for j in self.steps}
+        changed = []
+        if joint in self._oscillators:
+            m = self._alone[joint]
+            k, d = (m * slope[self._piece, joint] for slope in self.slopes)
+            both = zip(*oscillator_slopes(k, d, self._h), strict=True)
+            by = [m * (by_k * by_stiffness + by_d * by_damping) for by_stiffness, by_damping in both]
+            for x, v, force, slope in self._left.sweeps[joint]:
+                way = by[0] * x[:-1] + by[1] * v[:-1] + by[4] * force + by[6] * slope
+                changed.append((way, by[2] * x[:-1] + by[3] * v[:-1] + by[5] * force + by[7] * slope))
+        left = self._solve(steps, {joint: changed})
+        found = {j: self._response(j, own, left) for j, own in steps.items()}
+        own = found[joint]
+        taken = by_k * self.responses[joint].q + by_d * self.responses[joint].v
+        found[joint] = replace(own, after=own.after - taken, before=own.before - taken)
+        return found
+
+    @cached_property
+    def _h(self) -> Array:
+        return np.diff(self.grid)
+
+    @cached_property
+    def _middle(self) -> Array:
+        return 0.5 * (self.grid[1:] + self.grid[:-1])
+
+    @cached_property
+    def _piece(self) -> Indices:
+        """(P,) the sample interval that each piece lies in."""
+        return np.clip(np.searchsorted(self.time, self._middle, side="right") - 1, 0, len(self.time) - 2)
+
+    @cached_property
+    def _m(self) -> Array:
+        """(P, n, n) the mobility."""
+        return self.mobility[self._piece]
+
+    @cached_property
+    def _alone(self) -> dict[int, Array]:
+        """(P,) each joint's own mobility; masses that a fit tries may be none at all: it is then as if very heavy."""
+        own = {j: self._m[:, j, j] for j in self.steps}
+        return {j: np.maximum(m, LEAST_MOBILITY * np.median(np.abs(m))) for j, m in own.items()}
+
+    @cached_property
+    def _oscillators(self) -> dict[int, tuple[Array, ...]]:
+        """How each joint goes over each piece; empty where nothing is taken back."""
+        k, d = (slope[self._piece] for slope in self.slopes)
+        taken = np.any(k != 0.0) or np.any(d != 0.0)
+        return {j: oscillator(m * k[:, j], m * d[:, j], self._h) for j, m in self._alone.items()} if taken else {}
+
+    @cached_property
+    def _left(self) -> Left:
+        return self._solve(self.steps, {})
+
+    def _by_others(self, joint: int, left: Left) -> tuple[Array, Array]:
+        """(P,) the mean acceleration of a joint by what is `left` at the others, and the integral of its moment."""
+        others, nothing = [i for i in self.steps if i != joint], np.zeros(len(self._h))
+        pushed = sum((self._m[:, joint, i] * left.mean[i] for i in others), nothing)
+        return pushed, sum((self._m[:, joint, i] * left.moment[i] for i in others), nothing)
+
+    def _solve(self, steps: Mapping[int, Effort], changed: Mapping[int, Sequence[tuple[Array, Array]]]) -> Left:
+        """What is left of `steps` where x and ẋ of a joint change by `changed` in each sweep, (P,) each, besides."""
+        held = {j: own.at(self._middle) for j, own in steps.items()}
+        # where nothing is taken back, all is left
+        mean = {j: (0.0 if self._oscillators else 1.0) * own for j, own in held.items()}
+        rest = {j: (np.zeros(len(self.grid)), np.zeros(len(self.grid))) for j in steps}
+        left = Left(mean, {j: np.zeros(len(self._h)) for j in steps}, rest, {j: [] for j in steps})
+        for sweep in range(SWEEPS if len(steps) > 1 else 1):
+            for j, answer in self._oscillators.items():
+                pushed, turned = self._by_others(j, left)
+                force, slope = self._alone[j] * held[j] + pushed, 12.0 * turned / self._h**3
+                way, rise = answer[4] * force + answer[6] * slope, answer[5] * force + answer[7] * slope
+                if j in changed:
+                    way, rise = way + changed[j][sweep][0], rise + changed[j][sweep][1]
+                x, v = left.state[j] = _follow(*answer[:4], way, rise)
+                left.sweeps[j].append((x, v, force, slope))
+                left.mean[j] = (np.diff(v) / self._h - pushed) / self._alone[j]
+                left.moment[j] = (0.5 * self._h * (v[1:] + v[:-1]) - np.diff(x) - turned) / self._alone[j]
+        return left
+
+    def _response(self, joint: int, steps: Effort, left: Left) -> StepResponse:
+        """The response of a joint of whose `steps` that is `left`."""
+        time, piece, h = self.time, self._piece, self._h
+        # about the middle of a sample interval, a piece beside it has a moment by its mean as well
+        arm = self._middle - 0.5 * (time[piece] + time[piece + 1])
+        integral = np.asarray(np.bincount(piece, left.mean[joint] * h, len(time) - 1), dtype=float)
+        moment = left.moment[joint] + arm * left.mean[joint] * h
+        about = np.asarray(np.bincount(piece, moment, len(time) - 1), dtype=float)
+        x, v = (values[np.searchsorted(self.grid, time)] for values in left.state[joint])
         last = np.maximum(np.arange(len(time)) - 1, 0)
-        before = own.before(time) - slopes[0][last, j] * x - slopes[1][last, j] * v
-        found[j] = StepResponse(integral, about, after, before, x, v)
-    return found
+        k, d = (slope[:, joint] for slope in self.slopes)
+        after, before = steps.at(time) - k * x - d * v, steps.before(time) - k[last] * x - d[last] * v
+        return StepResponse(integral, about, after, before, x, v)
 
 
 def oscillator(stiffness: Array, damping: Array, h: Array) -> tuple[Array, ...]:
@@ -114,6 +203,35 @@ def oscillator(stiffness: Array, damping: Array, h: Array) -> tuple[Array, ...]:
     return first, odd, -stiffness * odd, even - a * odd, way, odd, ramp - 0.5 * h * way, way - 0.5 * h * odd
 
 
+def oscillator_slopes(stiffness: Array, damping: Array, h: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """The derivatives of what `oscillator` gives by the stiffness ω², and by the damping λ."""
+    first, odd, _, even_less, way, _, turned, _ = oscillator(stiffness, damping, h)
+    a = 0.5 * damping
+    even = 0.5 * (first + even_less)
+    beyond = a**2 - stiffness
+    # g = −∂(sinh(b h) e^(−a h)/b)/∂ω²
+    close = np.abs(beyond) * h**2 < CLOSE
+    g = np.where(close, np.exp(-a * h) * h**3 / 6.0, (h * even - odd) / (2.0 * np.where(close, 1.0, beyond)))
+    # of a loose joint the way by one interval's force changes by far less than the velocity by the way before
+    loose = stiffness * h**2 < CLOSE
+    stiff, ramp = np.where(loose, 1.0, stiffness), turned + 0.5 * h * way
+    undamped = damping * h < CLOSE
+    loosely = np.where(undamped, -(h**4) / 24.0, (g - ramp) / np.where(undamped, 1.0, damping))
+    first_by, odd_by = (-0.5 * h * odd - a * g, stiffness * g), (-g, a * g - 0.5 * h * odd)
+    way_by = (np.where(loose, 0.0, -(first_by[0] + way) / stiff), -g)
+    ramp_by = (
+        np.where(loose, 0.0, (g - damping * way_by[0] - ramp) / stiff),
+        np.where(loose, loosely, (0.5 * h * odd + a * g - way) / stiff),
+    )
+    found = []
+    for i, (direct, half) in enumerate([(1.0, 0.0), (0.0, 0.5)]):
+        back = -direct * odd - stiffness * odd_by[i]
+        last = first_by[i] - 2.0 * (half * odd + a * odd_by[i])
+        by_ramp = ramp_by[i] - 0.5 * h * way_by[i], way_by[i] - 0.5 * h * odd_by[i]
+        found.append((first_by[i], odd_by[i], back, last, way_by[i], odd_by[i], *by_ramp))
+    return found[0], found[1]
+
+
 LEAST_MOBILITY = 1e-6
 """Least mobility of a joint, over its median."""
 CLOSE = 1e-5
@@ -121,21 +239,10 @@ CLOSE = 1e-5
 
 
 @compiled
-def _follow(
-    by_x: Array,
-    by_v: Array,
-    v_by_x: Array,
-    v_by_v: Array,
-    way: Array,
-    rise: Array,
-    way_by_slope: Array,
-    rise_by_slope: Array,
-    force: Array,
-    slope: Array,
-) -> tuple[Array, Array]:
-    """x and ẋ, (P + 1,) each, from rest, under `force` and its `slope` over each piece."""
-    x, v = np.zeros(len(force) + 1), np.zeros(len(force) + 1)
-    for i in range(len(force)):
-        x[i + 1] = by_x[i] * x[i] + by_v[i] * v[i] + way[i] * force[i] + way_by_slope[i] * slope[i]
-        v[i + 1] = v_by_x[i] * x[i] + v_by_v[i] * v[i] + rise[i] * force[i] + rise_by_slope[i] * slope[i]
+def _follow(by_x: Array, by_v: Array, v_by_x: Array, v_by_v: Array, way: Array, rise: Array) -> tuple[Array, Array]:
+    """x and ẋ, (P + 1,) each, from rest; `way` and `rise` (P,) are what a force adds to them over each piece."""
+    x, v = np.zeros(len(way) + 1), np.zeros(len(way) + 1)
+    for i in range(len(way)):
+        x[i + 1] = by_x[i] * x[i] + by_v[i] * v[i] + way[i]
+        v[i + 1] = v_by_x[i] * x[i] + v_by_v[i] * v[i] + rise[i]
     return x, v

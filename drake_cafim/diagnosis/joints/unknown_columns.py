@@ -1,4 +1,4 @@
-"""Derivatives of whitened rows by a scene's unknowns: of links and sensors by the chain rule, others by differences."""
+"""Derivatives of whitened rows by a scene's unknowns: analytic of links, sensors and servos, others by differences."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.differences import Differences
 from drake_cafim.diagnosis.joints.inertial_columns import InertialColumns
 from drake_cafim.diagnosis.joints.sensor_columns import SensorColumns
+from drake_cafim.diagnosis.joints.servo_columns import ServoColumns
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.scenario.unknown import inertials
 from drake_cafim.typing import Array
@@ -17,7 +18,7 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class UnknownColumns:
-    """The columns of a Jacobian by unknowns, from `differences` and, of inertials and `sensors`, analytic.
+    """The columns of a Jacobian by unknowns, from `differences` and, of inertials, `sensors` and `servos`, analytic.
 
     `prior_std` gives the (n,) standard deviations of the priors under a model.
     """
@@ -25,6 +26,7 @@ class UnknownColumns:
     differences: Differences
     prior_std: Callable[[Model], Array]
     sensors: SensorColumns
+    servos: ServoColumns
 
     def of(self, model: Model) -> list[Array]:
         """Whitened rows and prior rows (R + n, 1) by each unknown, or (R + n, 10) by a link's inertials, in order."""
@@ -50,6 +52,8 @@ class UnknownColumns:
         """(R + n,) derivative by an unknown that is no link's."""
         started = has_unknown_start(model.physics(self.differences.scene))
         rows = None if started else self.sensors.by_unknown(i)
+        if rows is None and not started:
+            rows = self.servos.by_unknown(model, i)
         if rows is None:
             return self.differences.by_unknown(model, i)
         prior = np.zeros(len(model.unknown))

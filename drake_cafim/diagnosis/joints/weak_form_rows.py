@@ -14,6 +14,7 @@ from drake_cafim.diagnosis.joints.differences import Differences
 from drake_cafim.diagnosis.joints.more_noise import noisy_parameters, with_more_effort_noise
 from drake_cafim.diagnosis.joints.other_noise import is_other_noise, noise_cost
 from drake_cafim.diagnosis.joints.sensor_columns import SensorColumns
+from drake_cafim.diagnosis.joints.servo_columns import ServoColumns
 from drake_cafim.diagnosis.joints.unknown_columns import UnknownColumns
 from drake_cafim.diagnosis.rows.adjustment import adjust
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
@@ -156,7 +157,8 @@ class WeakFormRows(Problem):
     def _by_unknowns(self) -> UnknownColumns:
         # not the own methods: a problem that refers to itself stays in memory until cycles are collected
         differences = Differences(self.scene, self.runs, partial(prior_rows, self.scene))
-        return UnknownColumns(differences, partial(prior_std, self.scene), self._by_sensors)
+        servos = ServoColumns(self.scene, self.runs)
+        return UnknownColumns(differences, partial(prior_std, self.scene), self._by_sensors, servos)
 
     @cached_property
     def _by_sensors(self) -> SensorColumns:

@@ -15,10 +15,18 @@ from drake_cafim.diagnosis.rows.measured_rows import MeasuredRows
 from drake_cafim.diagnosis.rows.measurement import Measurement, corrected_measurement, joint_samples_of
 from drake_cafim.diagnosis.rows.mobility import Mobility, rotors_of
 from drake_cafim.diagnosis.rows.samples import Samples
-from drake_cafim.diagnosis.rows.servo_efforts import ServoDrive, ServoMotion, servo_key, split_steps
+from drake_cafim.diagnosis.rows.servo_efforts import (
+    ServoDrive,
+    ServoMotion,
+    servo_key,
+    split_by_parameter,
+    split_steps,
+    step_answers,
+)
 from drake_cafim.dynamics.contact import WrenchSensor
 from drake_cafim.dynamics.motion import Motion, motion
 from drake_cafim.effects.joint_samples import JointSamples
+from drake_cafim.effects.step_response import Answers
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -45,6 +53,10 @@ class MotionTerms:
     samples: Samples
     servos: dict[int, ServoDrive] = field(default_factory=dict)
     """The efforts of the servos that drive joints, by the joint's index."""
+    acted_on: ServoMotion | None = None
+    """What the servos act on; None where none may drive."""
+    _answers: list[Answers] = field(default_factory=list, repr=False, compare=False)
+    """Cache: the answers of the joints to the steps of all servos."""
     in_doubt: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False, compare=False)
     """Cached rows of the unknown initial state of sensors' lags, by the sensor and its time constant."""
 
@@ -63,8 +75,12 @@ class MotionTerms:
             motion(self.moving.tree, *self.inertial.at_points), lasting=estimated.points.lasting(self.samples.time)
         )
 
-    def driven_by(self, servos: dict[int, ServoDrive], load: Array, physics: Physics) -> "MotionTerms":
-        """The terms with the efforts of `servos` added to the recorded ones, and the `load` (N, n) from outside."""
+    def driven_by(self, acted_on: ServoMotion, load: Array, physics: Physics) -> "MotionTerms":
+        """The terms with the efforts of servos added to the recorded ones, and the `load` (N, n) from outside.
+
+        `acted_on` is what the servos act on.
+        """
+        servos = acted_on.drives(physics)
         if servos:
             measured, mobility = self.driven.mobility is not None, self._mobility.of(physics)
             servos = split_steps(servos, self.rows.windows.time, mobility, measured)
@@ -85,7 +101,27 @@ class MotionTerms:
                 for j, joint in enumerate(self.acting.joints)
             )
         acting = ForceRows(self.acting.windows, self.acting.recording, at_points, self.acting.value, self.moving)
-        return replace(self, rows=rows, joints=joints, driven=driven, acting=acting, servos=servos)
+        return replace(
+            self, rows=rows, joints=joints, driven=driven, acting=acting, servos=servos, acted_on=acted_on, _answers=[]
+        )
+
+    def by_servo(self, physics: Physics, joint: int, parameter: str) -> tuple[EffortRows, Array]:
+        """The derivatives of `driven`, and of a joint's effort (N,), by its servo's "stiffness" or "damping".
+
+        The servo has no sag, and the joint no actuator effect.
+        """
+        assert self.acted_on is not None
+        time, measured = self.rows.windows.time, self.driven.mobility is not None
+        mobility = self._mobility.of(physics)
+        own = self.acted_on.by_parameter(physics, joint, parameter)
+        servo = physics.servo_at(physics.tree.joint_names[joint])
+        settling = self.servos[joint].settling_by(parameter, servo, time, mobility[:, joint, joint], measured)
+        if not self._answers:
+            self._answers.append(step_answers(self.servos, time, mobility, measured))
+        servos = split_by_parameter(self._answers[0], joint, own, settling)
+        u = np.zeros_like(self.rows.u)
+        u[:, joint] = own.mean.value
+        return EffortRows(replace(self.rows, u=u, servos=servos), self.driven.mobility), own.mean.value
 
     @cached_property
     def _mobility(self) -> Mobility:
@@ -116,7 +152,7 @@ class MotionTermsCache:
             make_room(self._driven, 8)
             base = self._cache[key]
             motion = ServoMotion(self.samples.time, self._read(physics), base.measured.v, self.samples.commands)
-            self._driven[under] = base.driven_by(motion.drives(physics), physics.loads(base.measured.q_hat), physics)
+            self._driven[under] = base.driven_by(motion, physics.loads(base.measured.q_hat), physics)
         return self._driven[under]
 
     def _read(self, physics: Physics) -> Array:

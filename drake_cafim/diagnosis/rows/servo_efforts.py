@@ -6,14 +6,15 @@ The effort also bends where it enters or leaves its limit or the dead band: what
 split off as well.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.servo import Servo, ServoEffort
-from drake_cafim.effects.step_response import StepResponse, responses
+from drake_cafim.effects.step_response import Answers, StepResponse
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.driving import Command
 from drake_cafim.typing import Array
@@ -38,6 +39,11 @@ class ServoDrive:
         """(K,) the steps of S at its times, N m or N."""
         return np.diff(self.steps.values, prepend=0.0)
 
+    @cached_property
+    def _slopes(self) -> tuple[float, float]:
+        """Medians of −∂effort/∂q and −∂effort/∂v where these act."""
+        return _median_above_zero(-self.mean.d_q), _median_above_zero(-self.mean.d_v)
+
     def settling(self, time: Array, own: Array, measured: bool) -> tuple[float, float]:
         """k and d by which the joint settles, of its `own` mobility (N,).
 
@@ -47,11 +53,18 @@ class ServoDrive:
         swing is taken as softer, so that it just does not, k = d² m/4: what is split off is the shape of the effort
         within an interval, and must not ring for seconds without the friction that ends that.
         """
-        stiffness, damping = _median_above_zero(-self.mean.d_q), _median_above_zero(-self.mean.d_v)
-        m = float(np.median(own))
+        (stiffness, damping), m = self._slopes, float(np.median(own))
         if not measured and damping * m * float(np.median(np.diff(time))) < SETTLES:
             return 0.0, 0.0
         return min(stiffness, 0.25 * damping**2 * m), damping
+
+    def settling_by(self, parameter: str, servo: Servo, time: Array, own: Array, measured: bool) -> tuple[float, float]:
+        """The derivatives of `settling` by the "stiffness" or the "damping" of the joint's `servo`, one without sag."""
+        k, d = self.settling(time, own, measured)
+        swings = k < self._slopes[0]
+        if parameter == "stiffness":
+            return (0.0 if swings else k / servo.stiffness if k else 0.0), 0.0
+        return (0.5 * d * float(np.median(own)) if swings else 0.0), (1.0 if d else 0.0)
 
     def bent_by(self, time: Array, own: Array, mobility: Array, other: "ServoDrive") -> "ServoDrive":
         """The drive with the bends split off at steps of `other` by which its damping is not that of `settling`.
@@ -59,6 +72,8 @@ class ServoDrive:
         `own` (N,) is this joint's own mobility, `mobility` (N,) its acceleration for a unit effort of the other one, at
         `time` (N,) s.
         """
+        if not np.any(self.mean.d_v != self.mean.d_v[0]):
+            return self
         at = np.clip(np.searchsorted(time, other.steps.times, side="right") - 1, 0, None)
         settling = self.settling(time, own, True)[1]
         beyond = (self.mean.d_v + settling) * mobility
@@ -103,10 +118,15 @@ def answers_to_steps(
 
     `measured` tells whether velocities are.
     """
+    return step_answers(servos, time, mobility, measured).responses
+
+
+def step_answers(servos: Mapping[int, ServoDrive], time: Array, mobility: Array, measured: bool) -> Answers:
+    """As `answers_to_steps`, with what their derivatives need."""
     by_q, by_v = np.zeros((2, *mobility.shape[:2]))
     for j, drive in servos.items():
         by_q[:, j], by_v[:, j] = drive.settling(time, mobility[:, j, j], measured)
-    return responses(time, mobility, (by_q, by_v), {j: drive.steps for j, drive in servos.items()})
+    return Answers.of(time, mobility, (by_q, by_v), {j: drive.steps for j, drive in servos.items()})
 
 
 def split_steps(
@@ -127,6 +147,24 @@ def split_steps(
     return found
 
 
+def split_by_parameter(
+    answers: Answers, joint: int, own: ServoDrive, settling: tuple[float, float]
+) -> dict[int, ServoDrive]:
+    """The derivatives of `split_steps` by a number of the servo at `joint`, which has no sag.
+
+    `answers` are those of all servos to their steps, `own` is the derivative of that servo's drive, and `settling` that
+    of its k and d.
+    """
+    time, by = answers.time, answers.by_slopes(joint, *settling, own.steps)
+    nothing = np.zeros(len(time))
+    still = ServoDrive(_constant(nothing), Effort(time[:1], np.zeros(1)), nothing)
+    found = {}
+    for j in by:
+        drive = own if j == joint else still
+        found[j] = replace(drive, response=by[j], rest=drive.rest + drive.steps.at(time) - by[j].after)
+    return found
+
+
 @dataclass(frozen=True)
 class ServoMotion:
     """What the servos of one recording act on: the `commands` by joint index, and q, v (N, n) at `time` (N,) s.
@@ -144,31 +182,73 @@ class ServoMotion:
         """The drive of each servo, by joint index."""
         found = {}
         for j, command in self.commands.items():
-            name = physics.tree.joints[j].name
-            sent = followed(physics, name, command.over(self.time))
-            found[j] = self._drive(physics.servo_at(name), command, sent, self.q[:, j], self.v[:, j])
+            servo, sent = self._servo(physics, j)
+            mean = servo.effort(mean_around(sent, self.time), *self._read(j), command.gain, command.supply)
+            bends = _bends_at_edges(servo, command, sent, self.time, *self._read(j))
+            ramps = () if bends is None else (bends.ramp,)
+            steps, rest = self._split(j, sent, lambda *at, servo=servo: servo.effort(*at).value)
+            found[j] = ServoDrive(
+                mean, steps, rest - sum(np.interp(self.time, r.times, r.values) for r in ramps), ramps
+            )
         return found
 
-    def _drive(self, servo: Servo, command: Command, sent: Effort, q: Array, v: Array) -> ServoDrive:
-        time = self.time
-        mean = servo.effort(mean_around(sent, time), q, v, command.gain, command.supply)
-        edges = _bends_at_edges(servo, command, sent, time, q, v)
-        bent = 0.0 if edges is None else np.interp(time, edges.times, edges.values)
-        ramps = () if edges is None else (edges,)
+    def by_parameter(self, physics: Physics, joint: int, parameter: str) -> ServoDrive:
+        """The derivative of a servo's drive by its "stiffness" or its "damping", of one without sag.
+
+        Its response is not that of `drives`, which other joints' steps belong to.
+        """
+        command, (servo, sent) = self.commands[joint], self._servo(physics, joint)
+        law = partial(servo.effort_by, parameter)
+        mean = law(mean_around(sent, self.time), *self._read(joint), command.gain, command.supply)
+        steps, rest = self._split(joint, sent, law)
+        bends = _bends_at_edges(servo, command, sent, self.time, *self._read(joint))
+        if bends is None or parameter != "stiffness":
+            return ServoDrive(_constant(mean), steps, rest)
+        ramp, moved = Effort(bends.ramp.times, bends.ramp.values / servo.stiffness, True), bends.moved_by_stiffness
+        rest = rest - np.interp(self.time, ramp.times, ramp.values) - moved.at(self.time)
+        return ServoDrive(_constant(mean), steps, rest, (ramp, moved))
+
+    def _servo(self, physics: Physics, joint: int) -> tuple[Servo, Effort]:
+        """The servo at a joint, and the commanded position that it follows."""
+        name = physics.tree.joints[joint].name
+        return physics.servo_at(name), followed(physics, name, self.commands[joint].over(self.time))
+
+    def _read(self, joint: int) -> tuple[Array, Array]:
+        return self.q[:, joint], self.v[:, joint]
+
+    def _split(self, joint: int, sent: Effort, law: Callable[..., Array]) -> tuple[Effort, Array]:
+        """The steps that a command `sent` makes in a `law` of it, q, v, gain and supply; and the rest at samples."""
+        time, command = self.time, self.commands[joint]
+        channels = (*self._read(joint), command.gain, command.supply)
         if sent.ramped:
-            return ServoDrive(mean, Effort(time[:1], np.zeros(1)), mean.value - bent, ramps)
+            return Effort(time[:1], np.zeros(1)), law(mean_around(sent, time), *channels)
         at = np.clip(sent.times[1:], time[0], time[-1])
-        there = [np.interp(at, time, channel) for channel in (q, v, command.gain, command.supply)]
-        after, before = (servo.effort(goal, *there).value for goal in (sent.values[1:], sent.values[:-1]))
+        there = [np.interp(at, time, channel) for channel in channels]
+        after, before = (law(goal, *there) for goal in (sent.values[1:], sent.values[:-1]))
         steps = Effort(sent.times, np.concatenate([[0.0], np.cumsum(after - before)]))
         # values at the samples, just after a step that is there
         index = np.clip(np.searchsorted(sent.times, time, side="right") - 1, 0, None)
-        now = servo.effort(sent.values[index], q, v, command.gain, command.supply).value
-        return ServoDrive(mean, steps, now - steps.values[index] - bent, ramps)
+        return steps, law(sent.values[index], *channels) - steps.values[index]
 
 
-def _bends_at_edges(servo: Servo, command: Command, sent: Effort, time: Array, q: Array, v: Array) -> Effort | None:
-    """The piecewise linear part of the effort that bends where the position error crosses an edge of the law.
+def _constant(value: Array) -> ServoEffort:
+    """An effort that nothing measured changes."""
+    return ServoEffort(value, *(np.zeros_like(value) for _ in range(3)))
+
+
+@dataclass(frozen=True)
+class Bends:
+    """The piecewise linear part of an effort that bends at edges of its law: `ramp`.
+
+    `moved_by_stiffness` is the part of its derivative by kp by which the instants of the bends move.
+    """
+
+    ramp: Effort
+    moved_by_stiffness: Effort
+
+
+def _bends_at_edges(servo: Servo, command: Command, sent: Effort, time: Array, q: Array, v: Array) -> Bends | None:
+    """The bends of the effort where the position error crosses an edge of the law.
 
     Edges are the dead band's and the limit's; between knots, the samples and the command's steps, the error is taken as
     linear. None where nothing bends.
@@ -185,12 +265,14 @@ def _bends_at_edges(servo: Servo, command: Command, sent: Effort, time: Array, q
     at = np.interp(knots, time, q)
     before, after, lasting = begin - at[:-1], end - at[1:], np.diff(knots)
     speed, gain, supply = (np.interp(knots[:-1], time, channel) for channel in (v, command.gain, command.supply))
-    instants, bends = [], []
+    instants, bends, later = [], [], []
     for level in levels:
-        edge = np.full_like(before, level)
+        edge, by_stiffness = np.full_like(before, level), np.zeros_like(before)
         if np.isnan(level):
-            edge = servo.dead_band + servo.limit / np.maximum(servo.stiffness * gain, 1e-300)
-        for side in (edge, -edge):
+            reach = servo.limit / np.maximum(servo.stiffness * gain, 1e-300)
+            edge, by_stiffness = servo.dead_band + reach, -reach / max(servo.stiffness, 1e-300)
+        for sign_of_side in (1.0, -1.0):
+            side = sign_of_side * edge
             k = np.flatnonzero((before - side) * (after - side) < 0.0)
             rate = (after[k] - before[k]) / lasting[k]
             aside = EDGE * np.sign(rate)
@@ -200,19 +282,24 @@ def _bends_at_edges(servo: Servo, command: Command, sent: Effort, time: Array, q
             ]
             instants.append(knots[k] + (side[k] - before[k]) / rate)
             bends.append((slopes[0] - slopes[1]) * rate)
+            later.append(sign_of_side * by_stiffness[k] / rate)
     # a step of the command may cross an edge as well
     rates = (after - before) / lasting
     slopes = [servo.effort(error, 0.0 * error, speed, gain, supply).d_command for error in (before, after)]
     crossed = np.flatnonzero(slopes[0][1:] != slopes[1][:-1])
     instants.append(knots[1:-1][crossed])
     bends.append(((slopes[0][1:] - slopes[1][:-1]) * 0.5 * (rates[1:] + rates[:-1]))[crossed])
+    later.append(np.zeros(len(crossed)))
     times, bent = np.concatenate(instants), np.concatenate(bends)
     if not len(times):
         return None
     order = np.argsort(times, kind="stable")
+    moved = np.cumsum((-bent * np.concatenate(later))[order])
+    stairs = Effort(np.concatenate([[time[0]], times[order]]), np.concatenate([[0.0], moved]))
     times = np.concatenate([[time[0]], times[order], [time[-1]]])
     slope = np.concatenate([[0.0], np.cumsum(bent[order])])
-    return Effort(times, np.concatenate([[0.0], np.cumsum(slope * np.diff(times))]), True)
+    ramp = Effort(times, np.concatenate([[0.0], np.cumsum(slope * np.diff(times))]), True)
+    return Bends(ramp, stairs)
 
 
 EDGE = 1e-9

@@ -9,7 +9,7 @@ For each window w and joint k, in exact arithmetic and with the true physics, al
 The noise of the samples enters them to first order through the Jacobian of `noise_jacobian`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -157,6 +157,29 @@ def acting_effort(weak: WeakForm, physics: Physics) -> Array:
         if effect.place is Place.ACTUATOR:
             effort[:, physics.tree.joint_index(effect.at)] += physics.joint_force(effect, joints).value
     return effort
+
+
+def slope_by_servo(weak: WeakForm, physics: Physics, joint: int, parameter: str) -> Array:
+    """The derivative (M, r) of `WeakForm.residual` by the "stiffness" or the "damping" of a joint's servo.
+
+    The servo has no sag, and the joint no actuator effect.
+    """
+    terms, samples = weak.terms(physics), weak.samples
+    rows = np.zeros((len(samples.windows), weak.rows_per_window))
+    if joint not in terms.servos:
+        return rows
+    driven, effort = terms.by_servo(physics, joint, parameter)
+    bare = replace(physics, actuators=())
+    if weak.kinematic_rows:
+        rows[:, : weak.kinematic_rows] = -driven.steps(bare) * terms.louder
+    rows[:, weak.dynamic] = -driven.integral(bare)
+    at_points = effort if samples.estimated is None else samples.estimated.points.between(effort)
+    for effect in physics.joint_forces:
+        if effect.at == physics.tree.joint_names[joint]:
+            by_effort = effect.force(terms.acting.joints[joint]).d_u
+            rows[:, weak.dynamic.start + joint] -= samples.law_value @ (by_effort * at_points)
+    rows[:, weak.dynamic] /= physics.effort_gains
+    return rows
 
 
 def _integrate_joint_forces(physics: Physics, terms: MotionTerms) -> Array:
