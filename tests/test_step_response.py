@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from drake_cafim.diagnosis.fit.fitting import unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import fit, unbiased_fit
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.effects.actuator import Effort
 from drake_cafim.effects.servo_effect import CommandDelay
@@ -85,8 +85,26 @@ def test_servos_of_light_joints_are_known_at_coarse_steps(tmp_path: Path, inerti
         assert abs(fitted.effects[0].values["delay"] - late) < 0.01 * PERIOD
 
 
-def _turntable(folder: Path, inertia: float) -> Scene:
-    """One upright axis under a servo."""
+@pytest.mark.parametrize("inertia", [0.02, 0.1])
+def test_a_fit_far_from_the_prior_ends_at_a_minimum(tmp_path: Path, inertia: float) -> None:
+    """With the slopes at the prior it ended where χ² still fell by 8 per standard deviation."""
+    scene = _turntable(tmp_path, inertia, (40.0, 0.4))
+    problem = prepare(scene, [_driven(inertia, 0.0)]).problem()
+    found = fit(problem, problem.nominal())
+
+    def chi_square(i: int, change: float) -> float:
+        beside = found.model.vector.copy()
+        beside[i] += change
+        return float(np.sum(problem.residual(found.model.at(beside)) ** 2))
+
+    for i, std in enumerate(found.std):
+        slope = (chi_square(i, 0.1 * std) - chi_square(i, -0.1 * std)) / 0.2
+        assert abs(slope) < 0.3
+
+
+def _turntable(folder: Path, inertia: float, guessed: tuple[float, float] = (KP, KV)) -> Scene:
+    """One upright axis under a servo, whose stiffness and damping are known to half of those that are guessed."""
+    kp, kv = guessed
     (folder / "pan.urdf").write_text(
         '<robot name="pan"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 0"/><mass value="0.5"/>'
         f'<inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -95,9 +113,9 @@ def _turntable(folder: Path, inertia: float) -> Scene:
     )
     (folder / "pan.yaml").write_text(
         "model: pan.urdf\nweld: [{body: base}]\nchannels: {q: {std: 1.0e-4}, v: {std: 1.0e-3}}\n"
-        f"servo: {{kp: {KP}, kv: {KV}}}\n"
-        f"unknown: [{{parameter: servo_stiffness, joint: pan, std: {KP / 2}}},"
-        f" {{parameter: servo_damping, joint: pan, std: {KV / 2}}}]\n"
+        f"servo: {{kp: {kp}, kv: {kv}}}\n"
+        f"unknown: [{{parameter: servo_stiffness, joint: pan, std: {kp / 2}}},"
+        f" {{parameter: servo_damping, joint: pan, std: {kv / 2}}}]\n"
     )
     return Scene.load(folder / "pan.yaml")
 

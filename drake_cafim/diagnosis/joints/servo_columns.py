@@ -57,4 +57,4 @@ def _key(physics: Physics) -> object:
 
 
 def _rounded(value: float) -> float:
-    return float(f"{value:.2g}")
+    return float(f"{value:.3g}")
