@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.diagnose import diagnose
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.diagnosis.search.push_locations import locate_named
+from drake_cafim.diagnosis.search.pushes import locate_named
 from drake_cafim.diagnosis.verdict import Location, Verdict
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.joint import JointViscousFriction

@@ -16,7 +16,7 @@ from drake_cafim.diagnosis.notes.effort_scale import effort_scale_notes
 from drake_cafim.diagnosis.preparation import PreparedRecordings
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement
-from drake_cafim.diagnosis.search.push_locations import locate_named
+from drake_cafim.diagnosis.search.pushes import locate_named
 from drake_cafim.diagnosis.thresholds import RIVAL_EXCESS_CHI_SQUARE
 from drake_cafim.diagnosis.verdict import (
     Comparison,

@@ -21,6 +21,7 @@ from drake_cafim.diagnosis.search.conclusion import record_conclusion, record_da
 from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.diagnosis.search.goodness_of_fit import GoodnessOfFit, goodness_of_fit
 from drake_cafim.diagnosis.search.judgement import Judgement, judge, judge_again
+from drake_cafim.diagnosis.search.pushes import withhold_refuted_pushes
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORCES
 from drake_cafim.diagnosis.search.shared_evidence import withhold_shared
@@ -111,7 +112,8 @@ def judge_prepared(
         if again is None or isinstance(again, NotComputable):
             break
         prepared, judgement, trace = again
-    return prepared, withhold_shared(judgement, trace), trace
+    judgement = withhold_refuted_pushes(withhold_shared(judgement, trace), settings, trace)
+    return prepared, judgement, trace
 
 
 def select_findings(

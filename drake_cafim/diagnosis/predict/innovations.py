@@ -33,7 +33,8 @@ SEGMENT = 0.5
 DIFFERENCE = 1e-6
 """Step of finite differences of q, rad (m), and v, rad/s (m/s)."""
 RENEWED = 8
-"""Number of samples for which the transition matrix is reused where the model has no contact: it changes little."""
+"""Number of samples for which the changes by unknown parameters are reused, and the transition matrix where nothing
+acts whose slope changes at once."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,8 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
     transitions = np.tile(np.eye(2 * n + len(doubts)), (len(begin), 1, 1))
     by_efforts = np.zeros((len(begin), 2 * n + len(doubts), n))
     lost_at = np.full(len(time), False)
+    # a joint that slides is carried on quite differently from one that dry friction holds, or a servo at its limit
+    renewed = 1 if physics.contacts or physics.joint_forces or servo is not None else RENEWED
     for k in range(int(np.max(end - begin))):
         alive = np.flatnonzero(begin + k + 1 <= end)
         if len(alive) == 0:
@@ -97,7 +100,7 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
         start = State(mean[alive, :n], mean[alive, n : 2 * n], memory[now])
         duration = time[following] - time[now]
         asked = servo.at(now) if servo is not None else None
-        if physics.contacts or k % RENEWED == 0:
+        if k % renewed == 0:
             with_effort = bool(np.any(effort_variance))
             moved, transitions[alive, : 2 * n, : 2 * n], by_efforts[alive, : 2 * n] = _predict(
                 physics, start, effort[now], duration, with_effort, asked

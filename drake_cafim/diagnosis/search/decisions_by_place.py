@@ -85,6 +85,16 @@ def record_support(model: Model, effect: Effect, share: float, least: float) -> 
     return _record("test", model, effect, share, least, passed, words, "share of the misfit")
 
 
+def record_push(model: Model, effect: Effect, left: float, most: float) -> Record:
+    """Whether no more than noise is left while a push acts; `left` and `most` are mean squares of whitened rows."""
+    passed = not left > most
+    words = (
+        f"while it acts, the mean square of what is left is {short(left)} times the noise; a pulse of force and "
+        f"nothing else would leave at most {short(most)}, so it is {'named' if passed else 'not named'}"
+    )
+    return _record("test", model, effect, left, most, passed, words, "mean square during the push")
+
+
 def record_contender(best: Model, effect: Effect, other: Key, lead: float) -> Record:
     """An effect that was fitted exactly in the place of an accepted one; `lead` is its criterion beyond that one's."""
     words = (

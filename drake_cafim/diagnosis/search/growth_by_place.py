@@ -1,6 +1,6 @@
 """Forward selection at all places at once: friction at one joint does not show in the equations of another."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -97,24 +97,25 @@ class GrowthByPlace:
             refusals = 0 if grown else refusals + len(additions)
             self.refused |= {effect.key for effect in additions} - self.best.model.keys
 
-    def settle(self, model: Model, whole: bool = False) -> bool:
-        """Whether `model`, without its effects that fail a test, becomes the explanation; if `whole`, with all of them.
+    def settle(self, model: Model, needed: Collection[Key] = ()) -> bool:
+        """Whether `model`, without its effects that fail a test, becomes the explanation: none that is `needed` may.
 
         It does where the likelihood, under the forces that it leaves, pays for its parameters. Then the rows are
         whitened with these forces, and what stood out by the former ones may fail.
         """
+        needed = frozenset(needed)
         known = self.best.model.keys
         # what is kept is then compared under the noise that it has itself
         fitted = fit(self.problem, model, tolerance=CONVERGED, own_noise=False)
         shaped = fit_shapes(self.problem, fitted, model.keys - known, CONVERGED, own_noise=False)
         kept = self._without_failing(self.problem, shaped, own_noise=False)
         self.failed |= model.keys - kept.model.keys
-        if kept.model.keys == known or (whole and kept.model.keys != model.keys):
+        if kept.model.keys == known or not needed <= kept.model.keys:
             return False
         problem = self._under_force_of(kept.model)
         best = self._without_failing(problem, fit(problem, kept.model, tolerance=CONVERGED))
         self.failed |= kept.model.keys - best.model.keys
-        if whole and best.model.keys != model.keys:
+        if not needed <= best.model.keys:
             return False
         lead = self._evidence(problem, best) - self._evidence(self.problem, self.best)
         self.trace.add(decisions.record_likelihood(best.model, self.best.model, lead))

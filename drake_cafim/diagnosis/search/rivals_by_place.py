@@ -1,5 +1,6 @@
 """Compares each effect found under unknown forces with the other laws at its place, and gives their probabilities."""
 
+import itertools
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.beside import Beside, strengths_at
 from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
-from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
@@ -29,7 +30,7 @@ from drake_cafim.diagnosis.thresholds import (
     RIVALS_FITTED_PER_PARENT,
 )
 from drake_cafim.effects.effect import Effect
-from drake_cafim.effects.joint import DRY_FRICTION
+from drake_cafim.effects.joint import DRY_FRICTION, JointCoulombFriction
 
 ROUNDS = 2
 """Largest number of comparisons, each after another law was preferred at some place."""
@@ -59,6 +60,7 @@ def compare_by_place(growth: GrowthByPlace, supported: Collection[Key] = ()) -> 
     The effects `supported` are known to explain more than is left at their places.
     """
     growth.converge()
+    _drop_superseded(growth)
     standing = choose_friction(growth)
     growth.failed.clear()
     tried: set[tuple[Key, Key]] = set()
@@ -119,7 +121,8 @@ def _settle_with(growth: GrowthByPlace, better: Mapping[Key, Effect]) -> bool:
     # two effects may prefer the same law
     effects = tuple({effect.key: effect for effect in effects}.values())
     # where another law fails a test, the one that it would replace stays
-    return growth.settle(Model(growth.best.model.unknown, effects, growth.best.model.free), whole=True)
+    needed = {law.key for law in better.values()}
+    return growth.settle(Model(growth.best.model.unknown, effects, growth.best.model.free), needed)
 
 
 def _fit_widths(growth: GrowthByPlace, keys: Collection[Key]) -> None:
@@ -131,6 +134,37 @@ def _fit_widths(growth: GrowthByPlace, keys: Collection[Key]) -> None:
     model = fit_shapes(growth.problem, growth.best, dry, CONVERGED).model
     if model is not growth.best.model:
         growth.lead_of(model, accept=True)
+
+
+def _drop_superseded(growth: GrowthByPlace) -> None:
+    """Drops one of two laws at a joint that act alike, where without it the samples are predicted better.
+
+    Of two that explain the same, the one that was found first stays beside the other, and takes its part of what that
+    one explains, if only one of them changes the noise of motion in the equations. So each alone is compared with both
+    under its own noise, dry friction with the width that it has alone.
+    """
+    for a, b in itertools.combinations(growth.best.model.effects, 2):
+        if joint_of(a) != joint_of(b) or joint_of(a) == ELSEWHERE or not _act_alike(a, b):
+            continue
+        if _scales_noise(a) == _scales_noise(b) or not {a.key, b.key} <= growth.best.model.keys:
+            continue
+        alone = [_refitted_without(growth, effect.key) for effect in (a, b)]
+        growth.lead_of(min(alone, key=growth.lead_of), accept=True)
+
+
+def _act_alike(a: Effect, b: Effect) -> bool:
+    """Whether one of two effects lists the other, or the simplest law of dry friction for any, among those alike."""
+    names = [{effect.name} | ({JointCoulombFriction.name} if _is_dry(effect) else set()) for effect in (a, b)]
+    return bool(names[0] & b.alike.keys() or names[1] & a.alike.keys())
+
+
+def _refitted_without(growth: GrowthByPlace, key: Key) -> Model:
+    """The explanation without one of its effects, fitted again with the widths of dry frictions at its joint."""
+    model = growth.best.model
+    effect = next(effect for effect in model.effects if effect.key == key)
+    rest = fit(growth.problem, model.without(effect), tolerance=CONVERGED)
+    here = {other.key for other in rest.model.effects if _is_dry(other) and joint_of(other) == joint_of(effect)}
+    return fit_shapes(growth.problem, rest, here, CONVERGED).model
 
 
 def _drop_undetermined(growth: GrowthByPlace) -> None:
@@ -240,9 +274,11 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
     looks = sorted(screen(problem, best, laws, at_rest), key=lambda look: price[look.effect.key] - look.gain)
     near = [look for look in looks if lost - look.gain + price[look.effect.key] - own <= FITTED_LEAD * unit]
     near = near[:RIVALS_FITTED_PER_PARENT]
-    if not _is_dry(effect) and not any(_is_dry(look.effect) for look in near):
-        # under another law's noise, dry friction near rest looks as if it predicted badly
-        near += [look for look in looks if _is_dry(look.effect)][:1]
+    if not _is_dry(effect):
+        # under another law's noise dry friction near rest looks as if it predicted badly; the simplest law stands for
+        # all, of which one is chosen afterwards
+        dry = sorted((look for look in looks if _is_dry(look.effect)), key=lambda look: len(look.effect.strengths))
+        near = [*dry[:1], *(look for look in near if not _is_dry(look.effect))]
     for candidate in near:
         added = beside.fit(rest.with_effects([candidate.effect]), CONVERGED)
         other = fit_shape_beside(beside, added, CONVERGED)
