@@ -311,7 +311,10 @@ class GrowthByPlace:
 
 
 def best_by_place(growth: GrowthByPlace, looks: Sequence[Candidate]) -> list[Candidate]:
-    """The best of the `looks` for each joint's motion and readings; or the best one elsewhere, where it gains more."""
+    """The best of the `looks` for each joint's motion and readings; or the best one elsewhere, where it gains more.
+
+    What acts at one place alone does not show in the equations of another, so that their gains add up.
+    """
     by_place: dict[str, Candidate] = {}
     for candidate in sorted(looks, key=growth.criterion_gain, reverse=True):
         luck = float(chi2.sf(candidate.gain, candidate.strengths)) * growth.trials
@@ -322,8 +325,8 @@ def best_by_place(growth: GrowthByPlace, looks: Sequence[Candidate]) -> list[Can
     elsewhere = by_place.pop(ELSEWHERE, None)
     if elsewhere is None:
         return list(by_place.values())
-    most = max(map(growth.criterion_gain, by_place.values()), default=0.0)
-    return [elsewhere] if growth.criterion_gain(elsewhere) > most else list(by_place.values())
+    together = sum(map(growth.criterion_gain, by_place.values()))
+    return [elsewhere] if growth.criterion_gain(elsewhere) > together else list(by_place.values())
 
 
 def residual_without(found: Fit, *effects: Effect) -> Array:
