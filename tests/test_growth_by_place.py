@@ -2,7 +2,7 @@
 
 import gc
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
-from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search import determined, rivals_by_place
@@ -214,6 +214,18 @@ def test_where_another_law_fails_the_one_that_it_would_replace_stays(growth: Gro
         growth.drop(growth.best.model.effects)
 
 
+def test_a_better_law_is_put_in_place_though_another_effect_then_fails(growth: GrowthByPlace) -> None:
+    second = growth.problem.scene.tree.joint_names[1]
+    friction, idle = _friction(growth, 0.1), effect_named("joint_viscous_friction")(second, {"coefficient": 0.01})
+    spring = effect_named("joint_spring")(friction.at, {"stiffness": 0.01, "rest": 0.0})
+    try:
+        growth.take(growth.best.model.with_effects([spring, idle]))
+        assert rivals_by_place._settle_with(growth, {spring.key: friction})
+        assert growth.best.model.keys == {friction.key}
+    finally:
+        growth.drop(growth.best.model.effects)
+
+
 def test_laws_that_do_not_fail_are_put_in_place_together(
     growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -241,16 +253,21 @@ def test_a_law_that_fails_once_all_is_fitted_shares_no_probability(
     assert growth.settle(growth.best.model.with_effects([friction]))
     try:
         monkeypatch.setattr(rivals_by_place, "_contenders", lambda *given: [(-3.0, growth.best, rival)])
-        monkeypatch.setattr(growth, "settle", lambda model, whole: False)
+        monkeypatch.setattr(growth, "settle", lambda model, needed: False)
         shared = rivals_by_place.compare_by_place(growth).probability[friction.key]
         assert shared == pytest.approx(0.5)
 
-        def fails(model: Model, whole: bool) -> bool:
+        def fails(model: Model, needed: Collection[Key]) -> bool:
             growth.failed.add(rival.key)
             return False
 
         monkeypatch.setattr(growth, "settle", fails)
         assert rivals_by_place.compare_by_place(growth).probability[friction.key] > 0.99
+        # what is dropped since it fails a test has none, and so is no rival of what stands
+        monkeypatch.setattr(
+            rivals_by_place, "_drop_unsupported", lambda growth, _: growth.drop(growth.best.model.effects)
+        )
+        assert friction.key not in rivals_by_place.compare_by_place(growth).probability
     finally:
         monkeypatch.undo()
         growth.drop(growth.best.model.effects)

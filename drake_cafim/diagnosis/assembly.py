@@ -189,7 +189,8 @@ def _rivals(scene: Scene, judgement: Judgement) -> tuple[Rival, ...]:
     ]
     # what an explanation that is as good without it holds besides, stands for nothing
     least = [keys for keys in as_good if not any(fewer < keys for fewer in as_good)]
-    found = {key: outcome.probability[key] for keys in least if present for key in keys - present}
+    besides = {key for keys in least if present for key in keys - present}
+    found = {key: outcome.probability[key] for key in besides & outcome.probability.keys()}
     found |= {effect.key: outcome.probability.get(effect.key, 1.0) for effect in judgement.withheld}
     return tuple(
         Rival(None, at, value, FAR_ALIKE, name)

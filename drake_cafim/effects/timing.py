@@ -129,6 +129,7 @@ class SensorDelay(ShiftedSensor):
     alike: ClassVar[Mapping[str, str]] = {
         "sensor_lag": "slow signals are late by the time constant, whichever of the two it is",
         "actuator_delay": "late position and late effort are the same at one joint; the other joints tell them apart",
+        "command_delay": "late position and late command are the same at one joint; the other joints tell them apart",
         "clock_skew": "over a short recording a growing delay is one of its mean",
     }
 
@@ -154,6 +155,7 @@ class SensorLag(TimingEffect):
     alike: ClassVar[Mapping[str, str]] = {
         "sensor_delay": "slow signals are late by the time constant, whichever of the two it is",
         "actuator_lag": "late position and late effort are alike at one joint; the other joints tell them apart",
+        "command_lag": "late position and late command are alike at one joint; the other joints tell them apart",
         "sensor_gain_error": "a fast signal comes out smaller",
     }
 

@@ -46,7 +46,10 @@ FITTED_LEAD = 6.0
 
 @dataclass(frozen=True)
 class Compared:
-    """Explanations in which another law replaces an effect, and the probability of each effect and each such law."""
+    """Explanations in which another law replaces an effect, and the probability of each effect and each such law.
+
+    Effects that were dropped since they fail a test have none.
+    """
 
     others: tuple[Fit, ...]
     probability: dict[Key, float]
@@ -89,11 +92,14 @@ def compare_by_place(growth: GrowthByPlace, supported: Collection[Key] = ()) -> 
     shared = [effect for effect in growth.best.model.effects if probability[effect.key] < LEAST_PROBABILITY]
     if shared:
         growth.drop(shared)
+    had = growth.best.model.keys
     _drop_undetermined(growth)
     stood = growth.best.model.effects
     _drop_unsupported(growth, supported)
     unsupported = tuple(effect for effect in stood if effect.key not in growth.best.model.keys)
     _drop_unknown(growth)
+    # what was dropped for its own sake is no rival of what stands
+    probability = {key: value for key, value in probability.items() if key not in had - growth.best.model.keys}
     others = (*(other for leads in found.values() for _, other, _ in leads), *sisters)
     return Compared(others, probability, unsupported)
 
@@ -279,6 +285,8 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
         # all, of which one is chosen afterwards
         dry = sorted((look for look in looks if _is_dry(look.effect)), key=lambda look: len(look.effect.strengths))
         near = [*dry[:1], *(look for look in near if not _is_dry(look.effect))]
+    # what is far from linear, such as a delay of half a period, is hardly seen to first order
+    near += [look for look in looks if look not in near and _is_nonlinear_rival(effect, look.effect)]
     for candidate in near:
         added = beside.fit(rest.with_effects([candidate.effect]), CONVERGED)
         other = fit_shape_beside(beside, added, CONVERGED)
@@ -300,6 +308,11 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
         # of many explanations, the slopes would take gigabytes
         found.append((lead, replace(other, jacobian=other.jacobian[:0]), law))
     return sorted(found, key=lambda entry: entry[0])
+
+
+def _is_nonlinear_rival(effect: Effect, law: Effect) -> bool:
+    """Whether two laws are listed as alike, and one of them is far from linear in its strengths."""
+    return _act_alike(effect, law) and not (effect.all_but_linear and law.all_but_linear)
 
 
 def _is_dry(effect: Effect) -> bool:
