@@ -152,7 +152,7 @@ def _drop_superseded(growth: GrowthByPlace) -> None:
     for a, b in itertools.combinations(growth.best.model.effects, 2):
         if joint_of(a) != joint_of(b) or joint_of(a) == ELSEWHERE or not _act_alike(a, b):
             continue
-        if _scales_noise(a) == _scales_noise(b) or not {a.key, b.key} <= growth.best.model.keys:
+        if _noise_changed(a) == _noise_changed(b) or not {a.key, b.key} <= growth.best.model.keys:
             continue
         alone = [_refitted_without(growth, effect.key) for effect in (a, b)]
         growth.lead_of(min(alone, key=growth.lead_of), accept=True)
@@ -298,7 +298,7 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
         ):
             continue
         lead = (criterion(other, 1.0, growth.trials) - criterion(best, 1.0, growth.trials)) / unit
-        if _scales_noise(law) != _scales_noise(effect) and (_is_dry(law) or lead <= FITTED_LEAD):
+        if _noise_changed(law) != _noise_changed(effect) and (_is_dry(law) or lead <= FITTED_LEAD):
             # laws of one group have about the same noise
             kind = law.group or law.name
             if kind not in by_noise:
@@ -319,9 +319,13 @@ def _is_dry(effect: Effect) -> bool:
     return effect.group == DRY_FRICTION
 
 
-def _scales_noise(effect: Effect) -> bool:
-    """Whether the noise of motion is larger or smaller in the equations by an effect: of inertia, or a stiff law."""
-    return _is_dry(effect) or effect.changes_inertia
+def _noise_changed(effect: Effect) -> str:
+    """How an effect changes the noise of motion in the equations: as a stiff law, an inertia or a filter; else ""."""
+    if _is_dry(effect):
+        return "stiffness"
+    if effect.changes_inertia:
+        return "inertia"
+    return "filter" if effect.late else ""
 
 
 def _cost_of(growth: GrowthByPlace, best: Fit, effect: Effect) -> float:
