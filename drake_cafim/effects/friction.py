@@ -111,7 +111,9 @@ class JointLoadDependentFriction(JointForce):
     group: ClassVar[str | None] = DRY_FRICTION
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength("torque", "N m", 0.3, lower=0.0, linear_unit="N", amplitude=False),
-        Strength("coefficient", "1", 0.05, lower=0.0, upper=1.0),
+        # gears that lose more than half of what goes through them cannot be driven from outside; near 1 the law takes
+        # the whole effort away, whatever it is, and so explains anything
+        Strength("coefficient", "1", 0.05, lower=0.0, upper=0.5),
     )
     narrows: ClassVar[Mapping[str, tuple[float, ...]]] = {JointCoulombFriction.name: (0.0, 1.0)}
     shapes: ClassVar[tuple[Strength, ...]] = (SLIP_VELOCITY, EXTERNAL)
