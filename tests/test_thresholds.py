@@ -119,6 +119,7 @@ DERIVED = {
     "fit/evidence.py": "FAR_UNKNOWN_SURPRISE",
 }
 FIGURES = {
+    "verdict.py": "TOLD_TOGETHER",
     # what figures and words of the report are defined by; the verdict does not read them
     "notes/effort_scale.py": "DETERMINED",
     "left_out/law_words.py": "REPEATING_SHARE FEWEST_PERIODS MOST_PERIODS FLAT_SHARE MEAN_SHARE STEP_SHARE ALIKE",

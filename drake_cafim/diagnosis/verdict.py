@@ -7,10 +7,13 @@ from typing import Literal
 from drake_cafim.diagnosis.trace import Record
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.learned_force import LearnedForce
-from drake_cafim.numerics.rounding import rounded
+from drake_cafim.numerics.rounding import listed, rounded, short
 from drake_cafim.scene.scene import Scene
 
 Kind = Literal["none", "explained", "unexplained"]
+
+TOLD_TOGETHER = 3
+"""Least number of places of one kind of effect that the sentence tells together."""
 
 
 @dataclass(frozen=True)
@@ -290,11 +293,16 @@ def _correction(verdict: Verdict) -> list[str]:
     learned = [f"Learned without a name: {'; '.join(law.words for law in verdict.learned)}."] if verdict.learned else []
     if correction.as_given and (verdict.explanation or verdict.parameters):
         return ["The corrected scene is the one given: nothing that was found predicts left-out recordings better."]
-    named = " and ".join(f"{left.effect.replace('_', ' ')} at {left.at}" for left in correction.left_out)
+    left_out = dict[str, list[str]]()
+    for left in correction.left_out:
+        left_out.setdefault(left.effect.replace("_", " "), []).append(left.at)
+    named = " and ".join(f"{effect} at {listed(at)}" for effect, at in left_out.items())
     unknowns = ["the unknown parameters as fitted"] if correction.unknowns_held else []
     parts = ", ".join([*([named] if named else []), *unknowns])
-    left = [f"Not in the corrected scene, since left-out recordings are not predicted better: {parts}."] * bool(parts)
-    return [*left, *learned]
+    missing = [f"Not in the corrected scene, since left-out recordings are not predicted better: {parts}."] * bool(
+        parts
+    )
+    return [*missing, *learned]
 
 
 def mistakes_sentence(mistakes: Sequence[str]) -> str:
@@ -311,7 +319,7 @@ def _finding(verdict: Verdict) -> str:
             "Nothing is missing: the recordings are as the model and its noise predict "
             f"(p = {rounded(verdict.mismatch.p_value, 2)})."
         )
-    named = "; ".join(explanation.sentence for explanation in verdict.explanation)
+    named = _spoken(verdict.explanation)
     if verdict.kind == "explained":
         return f"The model lacks {named}. With that, what remains is noise."
     far = " ".join(map(far_sentence, verdict.far))
@@ -333,6 +341,35 @@ def _finding(verdict: Verdict) -> str:
         laws = ", ".join(f"{(r.effect or r.parameter or '').replace('_', ' ')} at {r.at}" for r in verdict.rivals[:3])
         return f"{differ} they do not tell which of several laws explains it, as {laws}. {far}".rstrip()
     return f"{differ} no known effect explains it. {remains} {far}".rstrip()
+
+
+def _spoken(explanation: Sequence[Explanation]) -> str:
+    """The effects, their places and their parameters, "joint spring at a, b and c (stiffness 0.2 to 0.3 N m/rad)".
+
+    Effects of one kind follow each other, in the order in which the first of each comes.
+    """
+    kinds: dict[str, list[Explanation]] = {}
+    for found in explanation:
+        kinds.setdefault(found.effect.name, []).append(found)
+    return "; ".join(
+        _together(of_kind) if len(of_kind) >= TOLD_TOGETHER else "; ".join(found.sentence for found in of_kind)
+        for of_kind in kinds.values()
+    )
+
+
+def _together(of_kind: Sequence[Explanation]) -> str:
+    """Effects of one kind, with the range of each parameter."""
+    first = of_kind[0]
+    ranges = []
+    for name, value in first.values.items():
+        if value.std is None:
+            continue
+        numbers = [found.values[name].value for found in of_kind]
+        low, high = short(min(numbers)), short(max(numbers))
+        size = low if low == high else f"{low} to {high}"
+        ranges.append(f"{name.replace('_', ' ')} {size} {value.unit}".removesuffix(" 1"))
+    at = listed([found.effect.at for found in of_kind])
+    return f"{first.effect.name.replace('_', ' ')} at {at} ({', '.join(ranges)})"
 
 
 def far_sentence(found: NominalParameter) -> str:

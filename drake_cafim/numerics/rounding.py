@@ -1,4 +1,6 @@
-"""Formatting of numbers in sentences and on pages of reports."""
+"""Formatting of numbers and lists in sentences and on pages of reports."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -30,3 +32,8 @@ def grouped(text: str) -> str:
     """The decimal number `text` with the digits before the point in groups of three, if there are more than four."""
     whole, point, rest = text.partition(".")
     return (f"{int(whole):,}".replace(",", THIN_SPACE) if len(whole.lstrip("-")) > 4 else whole) + point + rest
+
+
+def listed(names: Sequence[str]) -> str:
+    """Such as "a, b and c"."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

@@ -14,6 +14,7 @@ from drake_cafim.diagnosis.thresholds import (
     MISTAKE_PART_SHARE_LEFT,
     MISTAKES_A_RECORDING,
 )
+from drake_cafim.numerics.rounding import listed
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.typing import Array
 
@@ -130,8 +131,3 @@ def sentences(found: Sequence[Corrected[E]]) -> tuple[str, ...]:
             if mistake.key in shared or not clean or recording.left <= max(MISTAKE_CHI_SQUARE_PER_ROW, clean):
                 files.setdefault(mistake.key, []).append(recording.name)
     return tuple(f"{subject} of {listed([*dict.fromkeys(names)])} {words}" for (subject, words), names in files.items())
-
-
-def listed(names: Sequence[str]) -> str:
-    """The names as "a, b and c"."""
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

@@ -13,7 +13,7 @@ from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.thresholds import LAW_ACCURACY, UNKNOWN_FORCE_VARIANCE_SHARE
 from drake_cafim.diagnosis.whitening.covariance import Whitening, lower_band, unknown_force_factors, whitening
 from drake_cafim.diagnosis.whitening.whitened_run import Run
-from drake_cafim.numerics.rounding import rounded
+from drake_cafim.numerics.rounding import listed, rounded
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Indices
 
@@ -78,7 +78,7 @@ def _change_of_unknowns(problem: WeakFormRows, model: Model, whitened: Sequence[
 
 
 def remarks(problem: WeakFormRows) -> tuple[str, ...]:
-    """A sentence for each joint at which unknown forces are a large part of the rows' noise, with their size.
+    """A sentence on the joints at which unknown forces are a large part of the rows' noise, with their sizes, if any.
 
     Forces within the accuracy that laws are taken to have are no news.
     """
@@ -93,10 +93,9 @@ def remarks(problem: WeakFormRows) -> tuple[str, ...]:
     ):
         if share > UNKNOWN_FORCE_VARIANCE_SHARE and density > least:
             size = f"{rounded(float(np.sqrt(density / windows.width)), 2)} {'N' if joint.prismatic else 'N m'}"
-            found.append(
-                f"unknown random forces act at {joint.name}, like white noise of {size} over {windows.width:.2g} s"
-            )
-    return tuple(found)
+            found.append(f"of {size} at {joint.name}")
+    words = f"unknown random forces act like white noise over {windows.width:.2g} s, {listed(found)}" if found else ""
+    return (words,) if words else ()
 
 
 def _parts(run: Run, physics: Physics) -> list[float]:

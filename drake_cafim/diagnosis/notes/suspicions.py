@@ -4,9 +4,10 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from drake_cafim.diagnosis.fit.data_mistakes import Suspicion, listed
+from drake_cafim.diagnosis.fit.data_mistakes import Suspicion
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.dynamics.motion import bias_force, motion
+from drake_cafim.numerics.rounding import listed
 from drake_cafim.recordings.recording import WRENCH_COMPONENTS, Recording
 from drake_cafim.recordings.units import DEGREES
 from drake_cafim.scene.scene import Scene
