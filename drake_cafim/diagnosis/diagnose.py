@@ -18,6 +18,7 @@ from drake_cafim.diagnosis.left_out.selection import Selection, everything, sele
 from drake_cafim.diagnosis.predict.forecast import Forecast
 from drake_cafim.diagnosis.preparation import PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.conclusion import record_conclusion, record_data_mistake
+from drake_cafim.diagnosis.search.decisions import record_servos
 from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.diagnosis.search.goodness_of_fit import GoodnessOfFit, goodness_of_fit
 from drake_cafim.diagnosis.search.judgement import Judgement, judge, judge_again
@@ -103,6 +104,10 @@ def judge_prepared(
         # an effect that compensates for wrong data is no physics, and without motion none can be told apart
         settings = replace(settings, most_effects=0)
         trace.add(*map(record_data_mistake, prepared.mistakes))
+    simulated = prepared.with_servos_simulated(progress)
+    if simulated is not None:
+        prepared, errors = simulated
+        trace.add(record_servos(*errors))
     judgement = judge(prepared.problem(), settings, progress, trace)
     for _ in range(EFFORT_NOISE_ROUNDS):
         again = compute(partial(_with_less_noise, prepared, judgement, settings, progress, trace))

@@ -1,17 +1,18 @@
 """Prepares recordings for a diagnosis: estimates their noise, finds mistakes of the data, sets up their equations."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.joints.effort_noise import effort_noise, effort_notes, with_std
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.quality import qualities, surprisal
+from drake_cafim.diagnosis.joints.servo_simulation import fit_servos, servos_with_unknowns, simulation_error
 from drake_cafim.diagnosis.likelihood.efficiency import bounds
 from drake_cafim.diagnosis.likelihood.finish import finish
 from drake_cafim.diagnosis.noise.coloured import (
@@ -30,7 +31,7 @@ from drake_cafim.diagnosis.notes.recording_notes import mistakes_of, notes_of, n
 from drake_cafim.diagnosis.predict.forecast import Forecast, forecasts_within
 from drake_cafim.diagnosis.rows.samples import moves, samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
-from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_SETTLED
+from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_SETTLED, MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.tosses.preparation import prepare_tosses
 from drake_cafim.diagnosis.verdict import ChannelNoise, Quality
 from drake_cafim.effects.effect import channel_unit
@@ -77,6 +78,15 @@ class PreparedRecordings(Protocol):
 
     def with_noise_beside(self, model: Model) -> "PreparedRecordings | None":
         """The same recordings with the noise estimated again under `model`; None where it has hardly changed."""
+        ...
+
+    def with_servos_simulated(
+        self, progress: Callable[[str], None]
+    ) -> "tuple[PreparedRecordings, tuple[float, float]] | None":
+        """The recordings with the unknowns of position servos settled by simulations; None where that is not needed.
+
+        Beside it the errors of simulations by what the equations of motion alone tell of them, and so settled.
+        """
         ...
 
     def problem(self) -> SearchProblem:
@@ -148,6 +158,8 @@ class Prepared:
     effort_noise: Mapping[str, float]
     """Estimated std by column of the efforts without a stated one, N m or N."""
     layout: Layout
+    settled: Scene | None = None
+    """The scene with the priors of its servos' unknowns at what simulations tell of them, where the search needs it."""
 
     def laid_out(self, recording: Recording) -> WeakForm:
         """Another recording of the same robot, under the same noise. Raises `InputError` where it lacks something."""
@@ -190,17 +202,44 @@ class Prepared:
         """Whether any joint moves in any of the recordings by more than noise."""
         return any(moves(form.samples) for form in self.weak)
 
+    @property
+    def searched(self) -> Scene:
+        """The scene whose priors a search uses."""
+        return self.settled or self.scene
+
+    def with_servos_simulated(self, progress: Callable[[str], None]) -> "tuple[Prepared, tuple[float, float]] | None":
+        """The recordings with the unknowns of their servos settled by simulations.
+
+        None where no servo has unknowns, where the equations of motion are satisfied to noise, or where the values that
+        satisfy them best predict no worse. Beside it the errors of these and of the settled ones, `simulation_error`.
+        """
+        if not servos_with_unknowns(self.scene, self.weak):
+            return None
+        progress("fitting the unknowns of servos to the equations of motion")
+        problem = self.problem()
+        found = unbiased_fit(problem, problem.nominal())
+        if found.reduced_chi_square < MISFIT_REDUCED_CHI_SQUARE:
+            return None
+        progress("fitting the unknowns of servos to simulations")
+        settled = fit_servos(self.scene, self.weak)
+        by_equations, by_simulation = (
+            simulation_error(self.scene, self.weak, model) for model in (found.model, Model(settled.priors.mean))
+        )
+        if by_equations <= by_simulation:
+            return None
+        return replace(self, settled=settled), (by_equations, by_simulation)
+
     def bounds(self, model: Model) -> Array | NotComputable:
         """(n + k,) the least standard deviations that the recordings allow."""
-        return bounds(self.scene, self.weak, model)
+        return bounds(self.searched, self.weak, model)
 
     def finished(self, fitted: Fit) -> Fit | NotComputable:
         """The fit of highest likelihood of whole recordings."""
-        return finish(self.scene, self.weak, fitted)
+        return finish(self.searched, self.weak, fitted)
 
     def problem(self) -> WeakProblem:
         """The recordings' equations, whitened under the model as given."""
-        return WeakProblem.of(self.scene, self.weak, Model(self.scene.priors.mean))
+        return WeakProblem.of(self.searched, self.weak, Model(self.searched.priors.mean))
 
     def simulated(
         self, model: Model, recordings: Sequence[int], within: tuple[float, float], horizon: float

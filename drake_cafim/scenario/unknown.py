@@ -49,6 +49,8 @@ class UnknownParameter:
     """The effect's parameter that this one is multiplied by in its law, as a place by the mass that is there."""
     typical: float = np.inf
     """The usual size of an effect's parameter, which a prior may be far wider than."""
+    settled: bool = False
+    """Whether its prior is what simulations of the recordings tell of it, so that no search sets it aside."""
 
     @property
     def key(self) -> tuple[str, str, str | None]:

@@ -49,7 +49,7 @@ def free_priors(scene: Scene, parent: Fit, least: float) -> Iterator[Model]:
     H, g = J.T @ J, J.T @ z
     for i, unknown in enumerate(scene.unknown):
         # of a link's inertials, ten of one prior, the effect `inertial_error` is what no prior holds
-        if unknown in parent.model.free or unknown.kind == INERTIALS:
+        if unknown in parent.model.free or unknown.kind == INERTIALS or unknown.settled:
             continue
         prior, distance = J[data + i], z[data + i]
         own_H, own_g = H - np.outer(prior, prior), g - prior * distance

@@ -1,6 +1,6 @@
 """Preparation of tosses for a diagnosis: tracked body, noise, tracks and their checks."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,6 +63,9 @@ class PreparedTosses:
 
     def with_noise_beside(self, model: Model) -> None:
         """None: a toss has no efforts whose noise would depend on `model`."""
+
+    def with_servos_simulated(self, progress: Callable[[str], None]) -> None:
+        """None: nothing drives a thrown body."""
 
     @property
     def moves(self) -> bool:
