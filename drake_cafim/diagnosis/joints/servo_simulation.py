@@ -32,11 +32,11 @@ from drake_cafim.typing import Array
 
 MOST_WINDOWS = 600
 """Most windows that are simulated, spread evenly over all recordings."""
-MOST_STEPS = 10
+MOST_STEPS = 15
 """Most Gauss-Newton steps."""
 LEAST_DECREASE = 1.0
 """Decrease of −2 ln p by a step below which the fit ends: it then moves no number by more than its std."""
-RELATIVE_STEP = 0.1
+RELATIVE_STEP = 0.02
 """Step of the differences, over the number or its std, the larger of the two: simulations with friction are rough."""
 FRICTION_SHARE = 0.1
 """Torque of the friction at the start, over the root mean square of the servo's effort at the prior means."""
@@ -82,27 +82,33 @@ def fit_servos(scene: Scene, forms: Sequence[WeakForm]) -> Scene:
     lower, upper = _bounds(scene, model)
     mean, std = _priors(scene, model)
 
-    def penalised(found: Array, vector: Array) -> float:
-        prior = sum(float(np.sum(((vector[own] - mean[own]) / std[own]) ** 2)) for own in map(_indices, numbers))
-        return float(np.sum(errors.costs(found))) + prior
+    def costs(found: Array, vector: Array) -> Array:
+        prior = [float(np.sum(((vector[own] - mean[own]) / std[own]) ** 2)) for own in indices]
+        return np.asarray(errors.costs(found) + np.array(prior), dtype=float)
 
-    vector, damping = model.vector, 1e-2
-    found = errors.of(model)
+    vector, found, indices = model.vector, errors.of(model), [_indices(own) for own in numbers]
+    damping = np.full(len(joints), 1e-2)
     for _ in range(MOST_STEPS):
         systems = _systems(errors, model.at(vector), found, numbers, (mean, std), (lower, upper))
-        cost, taken = penalised(found, vector), None
-        while taken is None and damping < MOST_DAMPING:
+        before, taken = costs(found, vector), None
+        while taken is None and np.any(damping < MOST_DAMPING):
             trial = vector.copy()
-            for own, system in zip(map(_indices, numbers), systems, strict=True):
-                trial[own] -= system.step(damping)
+            for own, system, own_damping in zip(indices, systems, damping, strict=True):
+                trial[own] -= system.step(own_damping)
             trial = np.clip(trial, lower, upper)
             after = errors.of(model.at(trial))
-            taken = (trial, after) if penalised(after, trial) < cost else None
-            damping = damping * 10.0 if taken is None else max(damping / 10.0, 1e-4)
+            # a joint whose own error grows stays where it is
+            worse = costs(after, trial) >= before
+            for own in (own for own, stays in zip(indices, worse, strict=True) if stays):
+                trial[own] = vector[own]
+            if np.any(worse) and not np.all(worse):
+                after = errors.of(model.at(trial))
+            taken = (trial, after) if np.sum(costs(after, trial)) < np.sum(before) else None
+            damping = np.where(worse | (taken is None), damping * 10.0, np.maximum(damping / 10.0, 1e-4))
         if taken is None:
             break
         vector, found = taken
-        if cost - penalised(found, vector) < LEAST_DECREASE:
+        if np.sum(before - costs(found, vector)) < LEAST_DECREASE:
             break
     systems = _systems(errors, model.at(vector), found, numbers, (mean, std), (lower, upper))
     scales = _scale_stds(errors, model.at(vector), found, numbers, systems, (mean, std))
@@ -234,7 +240,9 @@ def _systems(
 ) -> list[_System]:
     """The normal equations of each joint at `model`, whose errors are `found` (S, joints)."""
     vector, (mean, std), (lower, upper) = model.vector, priors, bounds
-    step = RELATIVE_STEP * np.maximum(np.abs(vector), np.where(np.isfinite(std), std, 0.0))
+    # of the two further numbers the prior says nothing: what they begin with is their size
+    size = np.where(np.arange(len(std)) < len(model.unknown), std, 0.1 * std)
+    step = RELATIVE_STEP * np.maximum(np.abs(vector), size)
     step = np.where(vector + step > upper, -step, step)
     slopes: list[dict[str, Array]] = [{} for _ in numbers]
     for name in dict.fromkeys(name for own in numbers for name in own):
@@ -268,7 +276,7 @@ def _systems(
 
 def _scaled(name: str) -> bool:
     """Whether a number is an effort over a position, a velocity or nothing."""
-    return name in (".servo_stiffness", ".servo_damping", "joint_coulomb_friction.torque")
+    return name.startswith(".servo_") or name == "joint_coulomb_friction.torque"
 
 
 def _scale_stds(
@@ -282,8 +290,9 @@ def _scale_stds(
     """(joints,) relative standard deviations of the scale of all efforts of each joint's servo and friction.
 
     Where neither inertia nor gravity fixes it, simulations hardly depend on it, and slopes by differences, rough as
-    simulations with friction are, seem to know it all the same. It is the factor by which the efforts change until
-    −2 ln p rises by one, all other numbers adapted to first order, on the side on which that takes longer.
+    simulations with friction are, seem to know it all the same. It is the change of ln scale by which −2 ln p rises by
+    one, all other numbers adapted to first order: the widest of those that changes of several sizes imply, since what
+    is rough rises too much over small ones.
     """
     (mean, std), vector = priors, model.vector
 
@@ -295,21 +304,19 @@ def _scale_stds(
         left = errors.of(model.at(beside)) if scale != 1.0 else found.copy()
         prior = np.zeros(len(numbers))
         for j, (names, system) in enumerate(zip(numbers, systems, strict=True)):
-            others = system.slopes[:, [not _scaled(name) for name in names]]
+            first = next(name for name in names if _scaled(name))
+            others = system.slopes[:, [name != first for name in names]]
             left[:, j] -= others @ np.linalg.lstsq(others, left[:, j], rcond=None)[0]
-            at = [i for name, i in names.items() if name in (".servo_stiffness", ".servo_damping")]
+            at = [i for name, i in names.items() if name.startswith(".servo_")]
             prior[j] = np.sum(((beside[at] - mean[at]) / std[at]) ** 2)
         return errors.costs(left) + prior
 
-    here, sides = costs(1.0), []
-    for direction in (-1.0, 1.0):
-        side = np.full(len(numbers), SCALES[-1])
-        for change in reversed(SCALES):
-            risen = costs(float(np.exp(direction * change))) - here
-            # a rise by Δ at a change c is a standard deviation of c/√Δ
-            side = np.where(risen >= 1.0, change / np.sqrt(np.maximum(risen, 1.0)), side)
-        sides.append(side)
-    return np.asarray(np.max(sides, axis=0))
+    here, widest = costs(1.0), np.zeros(len(numbers))
+    for change in (sign * size for size in SCALES for sign in (-1.0, 1.0)):
+        # a rise by Δ at a change c is a standard deviation of c/√Δ; without a rise, of c at least
+        rise = np.maximum(costs(float(np.exp(change))) - here, 1.0)
+        widest = np.maximum(widest, abs(change) / np.sqrt(rise))
+    return np.asarray(widest, dtype=float)
 
 
 def _moved_by_others(
