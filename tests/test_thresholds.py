@@ -96,6 +96,7 @@ APPROXIMATION = {
     "tosses/tangent.py": "INSIDE",
     "whitening/impact_noise.py": "JUST_INSIDE RARE_SIDE",
     "whitening/friction_at_rest.py": "SLIDING FAINT",
+    "whitening/contact_step.py": "NORMAL_STEPS FRICTION_STEPS",
     "whitening/kinked_law_noise.py": "NODES SHARES LEAST_SHARE",
     "whitening/momentum_derivatives.py": "STEP",
 }

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_cafim.dynamics.contact import WrenchSensor
-from drake_cafim.dynamics.motion import motion
+from drake_cafim.dynamics.motion import mass_matrix, motion
 from drake_cafim.experiment.closed_loop import ExperimentResult, RunResult
 from drake_cafim.experiment.world import World
 from drake_cafim.numerics.streams import stream
@@ -35,6 +35,7 @@ def recordings_of(result: RunResult, scene: Scene, joints: Sequence[str], world:
             step=world.recording_period,
             std=std,
             random=stream("joint noise", result.options.seed, number),
+            held=_held(experiment, scene, joints, world.recording_period),
         )
         random = stream("wrench and pose noise", result.options.seed, number)
         felt = _wrench_columns(experiment, scene, joints, world.touching, float(result.task.model.noise_std[0]), random)
@@ -51,18 +52,22 @@ def joint_recording(
     step: float,
     std: Mapping[str, float],
     random: np.random.Generator,
+    held: Array | float = 0.0,
 ) -> Recording:
     """The recording of an experiment: q, v, u of `joints`, and the planner's commands and forces.
 
     `std` is the std of white noise by column, SI; `step` h s is the plant's, q_{k+1} = q_k + h v_{k+1}:
     its v_k is the mean velocity between q_{k-1} and q_k, and its effort u_k takes v_k to v_{k+1}. As samples of one
     continuous motion, to second order in h, v_k and the beginning of u_k therefore belong half a step before q_k, where
-    the position is q_k − h v_k / 2. Row k holds this position, v_k and u_k.
+    the position is q_k − h v_k / 2 − h² a / 12. Row k holds this position, v_k and u_k.
+
+    `held` (N, n) is the acceleration a by all but the efforts, which the plant holds over a step as it holds these: its
+    velocity is linear there, that of the continuous motion is not, and goes less far by h³ ȧ / 12.
     """
     n = len(joints)
     state, effort = experiment.recorded["joint_state"][:-1], experiment.recorded["joint_effort"][1:, :n]
     v = state[:, n:]
-    q = state[:, :n] - 0.5 * step * v
+    q = state[:, :n] - 0.5 * step * v - step**2 / 12.0 * held
     time: Array = step * np.arange(len(state), dtype=float)
     columns: dict[str, Array] = {}
     for kind, values in (("q", q), ("v", v), ("u", effort)):
@@ -70,6 +75,19 @@ def joint_recording(
             column = f"{kind}.{joint}"
             columns[column] = values[:, index] + std.get(column, 0.0) * random.standard_normal(len(time))
     return Recording(name, time, columns | _planner_columns(experiment, time))
+
+
+def _held(experiment: ExperimentResult, scene: Scene, joints: Sequence[str], step: float) -> Array:
+    """The acceleration (N, n) of `joints` by all but their efforts, in the scene's model; 0 for those that it locks."""
+    state, effort = experiment.recorded["joint_state"], experiment.recorded["joint_effort"]
+    moved = [list(joints).index(name) for name in scene.tree.joint_names]
+    q, v = state[:, : len(joints)][:, moved], state[:, len(joints) :][:, moved]
+    inertia = mass_matrix(motion(scene.tree, q[:-1], v[:-1])) + np.diag(scene.physics.rotor_inertias)
+    by_effort = np.linalg.solve(inertia, effort[1:, moved, None])[..., 0]
+    of_step = np.diff(v, axis=0) / step - by_effort
+    held = np.zeros((len(of_step), len(joints)))
+    held[:, moved] = 0.5 * (of_step + np.concatenate([of_step[:1], of_step[:-1]]))
+    return held
 
 
 def _wrench_columns(

@@ -39,7 +39,7 @@ def contact_at_rest_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matri
             continue
         correlated = lasting(weak.samples.time, doubt > 0.0)[near][:, near]
         for along in touch.axes.T[:2]:
-            pushed = _by_force(weak, physics, contact, touch.position, doubt[:, None] * along)
+            pushed = by_force(weak, physics, contact, touch.position, doubt[:, None] * along)
             by_sample = rows_by_sample(weak, physics, near, pushed[near], weak.rows_per_window)
             total = total + by_sample @ correlated @ by_sample.T
     return sp.csr_matrix(total)
@@ -50,7 +50,7 @@ def _sticks(contact: SphereContact) -> bool:
     return contact.law.normal == "hydroelastic" and bool(given.friction) and given.slip_velocity is not None
 
 
-def _by_force(weak: WeakForm, physics: Physics, contact: SphereContact, place: Array, force: Array) -> Array:
+def by_force(weak: WeakForm, physics: Physics, contact: SphereContact, place: Array, force: Array) -> Array:
     """(N, n + 6 s) generalised forces and sensor readings by a `force` (N, 3) on the contact's link at `place`."""
     moving = weak.motion(physics)
     wrench = moving.no_wrenches

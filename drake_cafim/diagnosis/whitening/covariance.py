@@ -9,6 +9,7 @@ from scipy.linalg import lapack
 
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.contact_at_rest import contact_at_rest_covariance
+from drake_cafim.diagnosis.whitening.contact_step import contact_step_covariance
 from drake_cafim.diagnosis.whitening.friction_at_rest import friction_at_rest_covariance
 from drake_cafim.diagnosis.whitening.impact_noise import impact_covariance
 from drake_cafim.diagnosis.whitening.kinked_law_noise import kinked_law_covariance
@@ -99,6 +100,7 @@ def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> 
         + friction_at_rest_covariance(weak, physics)
         + impact_covariance(weak, physics)
         + contact_at_rest_covariance(weak, physics)
+        + contact_step_covariance(weak, physics)
         + mobility_covariance(weak, physics)
     )
     for density, part in (
