@@ -9,6 +9,7 @@ from drake_cafim.contact.law import ContactLaw, ContactParameters
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.contact_at_rest import contact_at_rest_covariance
+from drake_cafim.diagnosis.whitening.contact_step import contact_step_covariance
 from drake_cafim.diagnosis.whitening.covariance import whitening
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.physics import Physics
@@ -66,3 +67,19 @@ def test_friction_of_a_stated_width_leaves_no_doubt(pressed: tuple[WeakForm, Phy
     (wall,) = physics.contacts
     spring = replace(wall, law=ContactLaw("kelvin_voigt"), parameters=replace(wall.parameters, stiffness=100.0))
     assert contact_at_rest_covariance(form, physics.changed(contacts=(spring,))).nnz == 0
+
+
+def test_where_within_a_sample_a_slip_sets_in_is_noise(pressed: tuple[WeakForm, Physics, float]) -> None:
+    form, physics, normal = pressed
+    variance = contact_step_covariance(form, physics).diagonal().reshape(-1, form.rows_per_window)
+    force = variance[:, form.dynamic.stop : form.dynamic.stop + 3].sum(axis=1)
+    # the tip is at rest until .5 s, then slides, and friction begins: half of that in doubt at the two samples between
+    (wall,) = physics.contacts
+    pushed, _ = wall.force(wall.touch(form.motion(physics)))
+    begins = 0.5 * np.gradient(pushed - pushed @ np.outer(wall.normal, wall.normal), axis=0)
+    assert np.linalg.norm(begins, axis=1).max() > 0.2 * FRICTION * normal
+    value = form.samples.windows.value.toarray()
+    alike, anew = ((value @ begins) ** 2).sum(axis=1), (value**2 @ begins**2).sum(axis=1)
+    over = np.abs(form.samples.windows.centers - 0.5) < 0.03
+    assert over.any() and np.all(anew[over] > 0.2 * alike[over])
+    np.testing.assert_allclose(force[over], (alike + anew)[over], rtol=0.02)

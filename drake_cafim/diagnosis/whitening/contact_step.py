@@ -4,10 +4,9 @@ Its solver is implicit (Castro, Han, Masterjohn, "Irrotational contact fields", 
 normal force is that of the position and the velocity at t + h, and friction has the direction of the slip there, while
 the positions in the middle of that step are those at t. Next to the same law as a function of time, the normal force is
 early by about a step, which acts as damping, and the friction's direction by half of one. With a sample a step, forces
-are therefore in doubt by what they change from one sample to the next, alike for as long as a window.
+are therefore in doubt by what they change from one sample to the next, alike for as long as a window; and friction anew
+at each sample, since where within a step the slip turns is another thing each time.
 """
-
-from collections.abc import Iterator
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,7 +16,6 @@ from drake_cafim.diagnosis.whitening.contact_at_rest import by_force
 from drake_cafim.diagnosis.whitening.impact_noise import rows_by_sample
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.typing import Array
 
 NORMAL_STEPS, FRICTION_STEPS = 1.0, 0.5
 """By how many samples the normal force and the friction are early."""
@@ -35,25 +33,28 @@ def contact_step_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matrix:
         start = states.stop
         if contact.law.normal != "hydroelastic":
             continue
-        for change in _changes(weak, physics, contact, states):
-            of_window = np.arange(change.size) // r
-            by_window = sp.csr_matrix((change.ravel(), (np.arange(change.size), of_window)))
+        pushing, rubbing = _changes(weak, physics, contact, states)
+        for change in (pushing, rubbing):
+            summed = np.asarray(change.sum(axis=1)).ravel()
+            by_window = sp.csr_matrix((summed, (np.arange(len(summed)), np.arange(len(summed)) // r)))
             total = total + by_window @ alike @ by_window.T
+        total = total + rubbing @ rubbing.T
     return sp.csr_matrix(total)
 
 
-def _changes(weak: WeakForm, physics: Physics, contact: SphereContact, states: slice) -> Iterator[Array]:
-    """Changes of the rows (M, r) by a normal force and by a friction that are as early as that."""
+def _changes(
+    weak: WeakForm, physics: Physics, contact: SphereContact, states: slice
+) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Changes of the rows (R, N) by a normal force and by a friction that are as early as that at each sample."""
     moving = weak.motion(physics)
     touch = contact.touch(moving)
     force, _ = contact.force(touch, weak.contact_memory(physics)[:, states])
     outward = np.broadcast_to(contact.outward(touch), force.shape)
     normal = np.einsum("ni,ni->n", force, outward)[:, None] * outward
-    r, place = weak.rows_per_window, contact.pushed(touch)
-    for part, steps in ((normal, NORMAL_STEPS), (force - normal, FRICTION_STEPS)):
-        change = steps * np.gradient(part, axis=0)
-        near = np.flatnonzero(np.any(change != 0.0, axis=1))
-        if not len(near):
-            continue
-        early = by_force(weak, physics, contact, place, change)
-        yield np.asarray(rows_by_sample(weak, physics, near, early[near], r).sum(axis=1)).reshape(-1, r)
+    place, every = contact.pushed(touch), np.arange(len(force))
+    pushing, rubbing = (
+        by_force(weak, physics, contact, place, steps * np.gradient(part, axis=0))
+        for part, steps in ((normal, NORMAL_STEPS), (force - normal, FRICTION_STEPS))
+    )
+    r = weak.rows_per_window
+    return rows_by_sample(weak, physics, every, pushing, r), rows_by_sample(weak, physics, every, rubbing, r)
