@@ -28,7 +28,7 @@ from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORC
 from drake_cafim.diagnosis.search.shared_evidence import withhold_shared
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_ROUNDS, UNKNOWN_FAR_IN_PRIOR_STDS
-from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.diagnosis.verdict import (
     ChannelNoise,
     Comparison,
@@ -104,8 +104,11 @@ def judge_prepared(
         # an effect that compensates for wrong data is no physics, and without motion none can be told apart
         settings = replace(settings, most_effects=0)
         trace.add(*map(record_data_mistake, prepared.mistakes))
-    simulated = prepared.with_servos_simulated(progress)
-    if simulated is not None:
+    notes: tuple[str, ...] = ()
+    simulated = compute(lambda: prepared.with_servos_simulated(progress))
+    if isinstance(simulated, NotComputable):
+        notes = (f"a fit of the servos' unknowns to simulations cannot be computed: {simulated.reason}",)
+    elif simulated is not None:
         prepared, errors = simulated
         trace.add(record_servos(*errors))
     judgement = judge(prepared.problem(), settings, progress, trace)
@@ -118,7 +121,7 @@ def judge_prepared(
             break
         prepared, judgement, trace = again
     judgement = withhold_refuted_pushes(withhold_shared(judgement, trace), settings, trace)
-    return prepared, judgement, trace
+    return prepared, replace(judgement, notes=(*notes, *judgement.notes)), trace
 
 
 def select_findings(
@@ -175,7 +178,8 @@ def _with_less_noise(
     if finer is None:
         return None
     found = judgement.best.model.effects if judgement.search == UNKNOWN_FORCES else ()
-    trace = Trace(records=list(before.records) if len(found) > settings.most_effects else None)
+    lasting = before.records if len(found) > settings.most_effects else _of_servos(before)
+    trace = Trace(records=list(lasting))
     trace.add(*map(record_data_mistake, finer.mistakes))
     if len(found) > settings.most_effects:
         progress("fitting again with less noise of the efforts")
@@ -183,6 +187,11 @@ def _with_less_noise(
         return None if again is None else (finer, again, trace)
     progress("searching again with less noise of the efforts")
     return finer, judge(finer.problem(), settings, progress, trace, found), trace
+
+
+def _of_servos(trace: Trace) -> list[Record]:
+    """The decisions on the servos' unknowns, which are made before any search."""
+    return [record for record in trace.records if record.step == "servos"]
 
 
 @dataclass(frozen=True)
