@@ -154,8 +154,13 @@ def _drop_superseded(growth: GrowthByPlace) -> None:
             continue
         if _noise_changed(a) == _noise_changed(b) or not {a.key, b.key} <= growth.best.model.keys:
             continue
+        # which friction a joint has is chosen of all its laws at once
+        if is_friction(a) and is_friction(b):
+            continue
         alone = [_refitted_without(growth, effect.key) for effect in (a, b)]
-        growth.lead_of(min(alone, key=growth.lead_of), accept=True)
+        leads = [growth.lead_of(model) for model in alone]
+        if min(leads) < 0.0:
+            growth.lead_of(alone[int(np.argmin(leads))], accept=True)
 
 
 def _act_alike(a: Effect, b: Effect) -> bool:
@@ -266,7 +271,8 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
         other
         for other in growth.beside(rest)
         if other.key != effect.key
-        and joint_of(other) == here
+        # a raised surface and a biased position are the same touch
+        and (joint_of(other) == here or (other.of_contact != effect.of_contact and _act_alike(effect, other)))
         # which law of dry friction a joint has is chosen before, of all at once
         and not (_is_dry(other) and _is_dry(effect))
     ]
@@ -286,7 +292,8 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
         dry = sorted((look for look in looks if _is_dry(look.effect)), key=lambda look: len(look.effect.strengths))
         near = [*dry[:1], *(look for look in near if not _is_dry(look.effect))]
     # what is far from linear, such as a delay of half a period, is hardly seen to first order
-    near += [look for look in looks if look not in near and _is_nonlinear_rival(effect, look.effect)]
+    hidden = [look for look in looks if look not in near and _is_nonlinear_rival(effect, look.effect)]
+    near += {look.effect.name: look for look in reversed(hidden)}.values()
     for candidate in near:
         added = beside.fit(rest.with_effects([candidate.effect]), CONVERGED)
         other = fit_shape_beside(beside, added, CONVERGED)
