@@ -34,8 +34,11 @@ def judgement(monkeypatch: pytest.MonkeyPatch) -> Judgement:
     left = np.random.default_rng(1).normal(size=(2, WINDOWS, ROWS))
     left[:, (TIME > 6.0) & (TIME < 7.0)] *= 2.0
     problem: Any = SimpleNamespace(
-        rows=left.size, runs=[SimpleNamespace(name=name, shape=(WINDOWS, ROWS), time=TIME) for name in ("a", "b")]
+        rows=left.size,
+        runs=[SimpleNamespace(name=name, shape=(WINDOWS, ROWS), time=TIME) for name in ("a", "b")],
+        rows_of=lambda model: left.ravel(),
     )
+    problem.rewhitened = lambda model: problem
     monkeypatch.setattr(pushes, "unbiased_fit", lambda problem, model: _fit(model, left))
     monkeypatch.setattr(pushes, "mean_square", lambda problem, fit: 3.0)
     outcome: Any = SimpleNamespace(problem=problem, nominal_problem=problem, nominal=_fit(Model(np.zeros(0)), left))

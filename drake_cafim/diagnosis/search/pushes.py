@@ -50,18 +50,20 @@ def locate_named(problem: SearchProblem, best: Model, lacking: Model) -> tuple[L
 
 
 def withhold_refuted_pushes(judgement: Judgement, settings: Settings, trace: Trace) -> Judgement:
-    """The judgement without pushes while which more than noise is left; each test is added to `trace`.
+    """The judgement without pushes during which more than noise is left; each test is added to `trace`.
 
-    It is asked where more than noise is left somewhere, of all rows in which a push acts together, at the adequacy's
-    level. The other effects are fitted again without it.
+    It is asked where more than noise is left somewhere, of all rows during a push together, at the adequacy's level.
+    The noise is that of the channels alone: of unknown forces, too, a push takes its part. The other effects are fitted
+    again without it.
     """
     if judgement.kind != "unexplained" or judgement.adequate:
         return judgement
     outcome, best, own = judgement.outcome, judgement.best, trace.of_search(judgement.search)
     pushes = [effect for effect in best.model.effects if effect.episode is not None]
     refuted = []
+    problem = outcome.nominal_problem.rewhitened(best.model) if pushes else outcome.nominal_problem
     for push in pushes:
-        left, count = _left_during(outcome.problem, best, push)
+        left, count = _left_during(problem, best, push)
         level = settings.adequacy_level / len(pushes)
         most = float(chi2.isf(level, count)) * (1.0 + NOISE_STD_TOLERANCE) ** 2 if count else 0.0
         own.add(decisions.record_push(best.model, push, left / max(count, 1), most / max(count, 1)))
@@ -79,7 +81,7 @@ def _left_during(problem: Problem, best: Fit, push: Effect) -> tuple[float, int]
     episode = push.episode
     assert episode is not None
     left, count = 0.0, 0
-    for index, z in by_run(problem, best.residual[: problem.rows]):
+    for index, z in by_run(problem, problem.rows_of(best.model)):
         run = problem.runs[index]
         if episode.recording in (None, run.name):
             inside = z[(run.time >= episode.start) & (run.time <= episode.stop)]
