@@ -65,6 +65,16 @@ def test_two_joints_answer_to_each_others_steps() -> None:
         assert np.max(np.abs(answer.integral)) > 5e-3
 
 
+def test_sweeps_that_diverge_leave_what_no_fit_takes() -> None:
+    """Masses that a fit tries may be none: the joints' mobility is then not positive definite."""
+    time = np.arange(0.0, 4.0, 0.02)
+    mobility = np.array([[1e-3, 1e200], [1e200, 1e-3]]) + 0.0 * time[:, None, None]
+    ones = np.ones((len(time), 2))
+    steps = {j: Effort(time, np.sin(time + j)) for j in range(2)}
+    answers = Answers.of(time, mobility, (30.0 * ones, ones), steps).responses
+    assert not np.all(np.isfinite(answers[0].after))
+
+
 @pytest.mark.parametrize("late", [0.0, 0.013])
 @pytest.mark.parametrize("inertia", [1e-5, 1e-3, 5e-3, 0.1])
 def test_servos_of_light_joints_are_known_at_coarse_steps(tmp_path: Path, inertia: float, late: float) -> None:

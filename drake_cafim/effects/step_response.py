@@ -140,6 +140,8 @@ class Answers:
         pushed = sum((self._m[:, joint, i] * left.mean[i] for i in others), nothing)
         return pushed, sum((self._m[:, joint, i] * left.moment[i] for i in others), nothing)
 
+    # sweeps that diverge, under values that a fit tries, leave infinite rows, which no fit takes
+    @np.errstate(over="ignore", invalid="ignore")
     def _solve(self, steps: Mapping[int, Effort], changed: Mapping[int, Sequence[tuple[Array, Array]]]) -> Left:
         """What is left of `steps` where x and ẋ of a joint change by `changed` in each sweep, (P,) each, besides."""
         held = {j: own.at(self._middle) for j, own in steps.items()}
@@ -160,6 +162,7 @@ class Answers:
                 left.moment[j] = (0.5 * self._h * (v[1:] + v[:-1]) - np.diff(x) - turned) / self._alone[j]
         return left
 
+    @np.errstate(over="ignore", invalid="ignore")
     def _response(self, joint: int, steps: Effort, left: Left) -> StepResponse:
         """The response of a joint of whose `steps` that is `left`."""
         time, piece, h = self.time, self._piece, self._h
