@@ -1,5 +1,6 @@
 """Contacts that a simulation holds over its step: what recordings say of them, and the noise that they leave."""
 
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -85,3 +86,15 @@ def test_a_law_of_its_own_width_leaves_no_such_doubt(pinched: tuple[Scene, Recor
     scene = Scene.load("pinching")
     weak = prepare(scene, [pinched[1]]).problem().runs[0].weak
     assert contact_step_covariance(weak, scene.physics).nnz == 0
+
+
+def test_where_no_contact_is_drakes_memory_does_not_grow_with_the_square_of_the_windows(
+    pinched: tuple[Scene, Recording],
+) -> None:
+    scene = Scene.load("pinching")
+    weak = prepare(scene, [pinched[1]]).problem().runs[0].weak
+    tracemalloc.start()
+    contact_step_covariance(weak, scene.physics)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 8 * len(weak.samples.windows) ** 2

@@ -8,6 +8,7 @@ import pytest
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.thresholds import REST_LASTING
 from drake_cafim.diagnosis.whitening.friction_at_rest import friction_at_rest_covariance, lasting
 from tests.turntable import problem_of, write_turntable
 
@@ -61,4 +62,6 @@ def test_a_width_that_is_stated_leaves_no_doubt(tmp_path: Path) -> None:
 def test_the_force_of_a_resting_joint_lasts(tmp_path: Path) -> None:
     time = np.array([0.0, 0.25, 0.5, 1.4])
     expected = np.array([[1.0, 0.0, 0.5, 0.0], [0.0] * 4, [0.5, 0.0, 1.0, 0.1], [0.0, 0.0, 0.1, 1.0]])
-    np.testing.assert_allclose(lasting(time, np.array([True, False, True, True])).toarray(), expected, atol=1e-12)
+    np.testing.assert_allclose(
+        lasting(time, np.array([True, False, True, True]), REST_LASTING).toarray(), expected, atol=1e-12
+    )

@@ -16,6 +16,7 @@ from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search import determined, rivals_by_place
 from drake_cafim.diagnosis.search.growth_by_place import (
     GrowthByPlace,
+    best_by_place,
     fit_without,
     residual_without,
     share_improved,
@@ -186,6 +187,19 @@ def test_positions_and_velocities_of_a_joint_gain_one_effect_a_round(
     looks = [Candidate(effect, gain, 1, 1) for effect, gain in ((rubs, 4e4), (late, 3e4), (skewed, 2e4), (other, 1e4))]
     monkeypatch.setattr(growth, "_looks", (growth.best, {False: looks}))
     assert [candidate.effect for candidate in growth._promising()] == [rubs, late, other]
+
+
+@pytest.mark.parametrize(("gain", "drag_first"), [(3e4, False), (5e4, True)])
+def test_what_acts_elsewhere_comes_first_where_it_gains_more_than_the_joints_together(
+    growth: GrowthByPlace, gain: float, drag_first: bool
+) -> None:
+    """The drag of a link looks like friction at all joints below it, and each of these alone gains less."""
+    joints, link = growth.problem.scene.tree.joint_names[:2], growth.problem.scene.tree.bodies[-1].name
+    rubs = [effect_named("joint_viscous_friction")(joint, {"coefficient": VISCOUS}) for joint in joints]
+    drag = effect_named("aerodynamic_drag")(link)
+    looks = [Candidate(drag, gain, 1, 1), *(Candidate(effect, 2e4, 1, 1) for effect in rubs)]
+    chosen = [candidate.effect for candidate in best_by_place(growth, looks)]
+    assert chosen == ([drag] if drag_first else rubs)
 
 
 def test_what_acts_once_waits_for_what_lasts(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,8 @@ from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.rivals_by_place import compare_by_place
 from drake_cafim.diagnosis.search.state import Settings
-from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.catalogue import EFFECTS, effect_named
+from drake_cafim.effects.joint import DRY_FRICTION
 from tests.pan_servo import KP, pan_recorded, pan_scene
 
 FRICTION = 0.3
@@ -23,6 +24,10 @@ def test_a_dead_band_gives_way_to_dry_friction(tmp_path: Path) -> None:
     growth = _growth(tmp_path)
     assert growth.settle(growth.best.model.with_effects([BAND]))
     _require_friction_alone(growth)
+    # of all laws of dry friction the simplest one is tried in its place; which one it is, is chosen afterwards
+    compared = {record.asked.partition("@")[0] for record in growth.trace.records if record.test == "criterion"}
+    dry = {effect.name for effect in EFFECTS if effect.group == DRY_FRICTION}
+    assert len(dry) > 1 and compared & dry == {"joint_coulomb_friction"}
 
 
 def test_a_dead_band_found_first_does_not_outlive_dry_friction_found_beside_it(tmp_path: Path) -> None:

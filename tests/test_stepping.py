@@ -9,6 +9,7 @@ from drake_cafim.contact import NORMAL_LAWS, ContactLaw
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.predict.stepper import State, advance, step
 from drake_cafim.dynamics.motion import motion
+from drake_cafim.dynamics.stepping import _solve
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scenario.physics import Physics
 from tests.concealed.make import make
@@ -82,3 +83,13 @@ def test_a_changed_contact_keeps_its_change(press: Physics) -> None:
     physics = press.with_effects([effect])
     assert physics.spheres is None
     _assert_alike(physics)
+
+
+def test_a_singular_inertia_loses_one_simulation_alone() -> None:
+    """Once a simulation runs away, its matrix may be singular or no number: the others made beside it go on."""
+    A = np.array([[[2.0, 0.0], [0.0, 4.0]], [[1.0, 1.0], [1.0, 1.0]], [[np.nan, 0.0], [0.0, 1.0]]])
+    b = np.ones((3, 2))
+    for matrix, vector in zip(A, b, strict=True):
+        _solve(matrix, vector)
+    np.testing.assert_allclose(b[0], [0.5, 0.25])
+    assert np.all(np.isnan(b[1:]))

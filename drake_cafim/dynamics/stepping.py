@@ -10,13 +10,21 @@ from drake_cafim.typing import Array, Indices
 
 @compiled
 def _solve(A: Array, b: Array) -> None:
-    """Overwrites `b` (n,) with A⁻¹ b by Gaussian elimination with partial pivoting; `A` (n, n) is overwritten too."""
+    """Overwrites `b` (n,) with A⁻¹ b by Gaussian elimination with partial pivoting; `A` (n, n) is overwritten too.
+
+    Where `A` is singular or not finite, as once a simulation runs away, with NaN: compiled code raises an error at a
+    division by zero, and with it all simulations that are made at once would be lost.
+    """
     n = len(b)
     for k in range(n):
         pivot = k
         for i in range(k + 1, n):
             if abs(A[i, k]) > abs(A[pivot, k]):
                 pivot = i
+        if not abs(A[pivot, k]) > 0.0:
+            for i in range(n):
+                b[i] = np.nan
+            return
         if pivot != k:
             for j in range(n):
                 A[k, j], A[pivot, j] = A[pivot, j], A[k, j]

@@ -17,10 +17,11 @@ from drake_cafim.diagnosis.left_out import decisions
 from drake_cafim.diagnosis.left_out.law_terms import Candidate, candidates, with_steps_in_one_term
 from drake_cafim.diagnosis.left_out.parts import Part, parts_of
 from drake_cafim.diagnosis.left_out.simulations import (
+    ByColumn,
     Predictions,
     both_horizons,
     errors_over,
-    mean_of_known,
+    mean_differences,
     mean_with_error,
 )
 from drake_cafim.diagnosis.predict.forecast import SHORT_HORIZON
@@ -134,7 +135,7 @@ class Learning:
         gains = {}
         now = self._short("")
         for joint in tuple(self.chosen):
-            mean, error = mean_with_error(mean_of_known(now - self._short(joint)))
+            mean, error = mean_with_error(mean_differences(now, self._short(joint)))
             gains[joint] = -mean
             record = decisions.by_simulation(f"{LearnedForce.name}@{joint}", mean, error, "0.1 s")
             self.records.append(replace(record, step=decisions.LEARN))
@@ -158,7 +159,7 @@ class Learning:
             best = sorted(self.chosen, key=lambda joint: -gains[joint])[: len(self.chosen) // 2]
             self.chosen = {joint: law for joint, law in self.chosen.items() if joint in best}
 
-    def _short(self, but: str) -> Array:
+    def _short(self, but: str) -> Sequence[ByColumn]:
         models = [self.model.with_effects(self.laws(part, but)) for part in range(len(self.parts))]
         return errors_over(self.predictions, models, self.parts, SHORT_HORIZON)[0]
 

@@ -16,11 +16,12 @@ from drake_cafim.diagnosis.left_out import decisions
 from drake_cafim.diagnosis.left_out.parts import Part, parts_of
 from drake_cafim.diagnosis.left_out.refits import UNKNOWNS, Items, Refits
 from drake_cafim.diagnosis.left_out.simulations import (
+    ByColumn,
     Errors,
     Predictions,
     both_horizons,
     errors_over,
-    mean_of_known,
+    mean_differences,
     mean_with_error,
 )
 from drake_cafim.diagnosis.predict.forecast import SHORT_HORIZON
@@ -128,7 +129,7 @@ class _Elimination:
             now = self._short(self.kept)
             outcomes = {}
             for item in tried:
-                worse = mean_of_known(now - self._short(self.kept - {item}))
+                worse = mean_differences(now, self._short(self.kept - {item}))
                 outcomes[item] = mean_with_error(np.where(self.refits.shown(item), worse, np.nan))
                 gains[item] = -outcomes[item][0]
             records = {k: decisions.by_simulation(self._name(k), *found, "0.1 s") for k, found in outcomes.items()}
@@ -215,8 +216,8 @@ class _Elimination:
         effect = self.refits.fitted.model.effects[item]
         return f"{effect.name}@{effect.at}"
 
-    def _short(self, kept: Items) -> Array:
-        """ln rms errors (p, c) over 0.1 s."""
+    def _short(self, kept: Items) -> Sequence[ByColumn]:
+        """ln rms errors of each part over 0.1 s."""
         assert self.predictions is not None
         models = [self.refits.model(kept, part) for part in range(len(self.parts))]
         return errors_over(self.predictions, models, self.parts, SHORT_HORIZON)[0]

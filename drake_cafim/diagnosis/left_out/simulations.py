@@ -1,6 +1,6 @@
 """Errors of simulations of parts that were left out, by models refitted without them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
@@ -26,31 +26,35 @@ class Predictions(Protocol):
         ...
 
 
+ByColumn = Mapping[str, float]
+"""ln of the root mean square errors of a part's measured columns; none where the part cannot be simulated."""
+
+
 @dataclass(frozen=True)
 class Errors:
-    """Of each part (p,), by its measured columns (p, c): ln of the root mean square errors of simulations.
+    """Of each part, by its measured columns, ln of the root mean square errors of simulations over both horizons.
 
-    NaN where there is none. `diverges` (p,) tells whether a simulation of a second left a joint's range.
+    `diverges` (p,) tells whether a simulation of a second left a joint's range.
     """
 
-    long: Array
-    short: Array
+    long: Sequence[ByColumn]
+    short: Sequence[ByColumn]
     diverges: Flags
 
     def worse_than(self, other: "Errors") -> Array:
         """(p,) mean over columns of ln(own error/the other's) over 1 s, or over 0.1 s where one of the two diverges."""
-        over_second, shortly = self.long - other.long, self.short - other.short
-        either = (self.diverges | other.diverges)[:, None]
-        difference = np.where(either, shortly, over_second)
-        return mean_of_known(difference)
+        either = self.diverges | other.diverges
+        return np.where(either, mean_differences(self.short, other.short), mean_differences(self.long, other.long))
 
 
-def mean_of_known(values: Array) -> Array:
-    """(p,) means of the numbers in each row of `values` (p, c) that are known; NaN where none is."""
-    known = np.isfinite(values)
-    count = np.count_nonzero(known, axis=1)
-    total = np.sum(np.where(known, values, 0.0), axis=1)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+def mean_differences(errors: Sequence[ByColumn], others: Sequence[ByColumn]) -> Array:
+    """(p,) by part, the mean of ln(error/the other's) over the columns of which both are known; NaN where none is."""
+    differences = []
+    for own, other in zip(errors, others, strict=True):
+        here = np.array([own[column] - other[column] for column in own if column in other])
+        here = here[np.isfinite(here)]
+        differences.append(float(np.mean(here)) if len(here) else np.nan)
+    return np.array(differences)
 
 
 def mean_with_error(values: Array) -> tuple[float, float]:
@@ -64,35 +68,33 @@ def mean_with_error(values: Array) -> tuple[float, float]:
 
 def errors_over(
     predictions: Predictions, models: Sequence[Model], parts: Sequence[Part], horizon: float
-) -> tuple[Array, Flags]:
-    """ln rms errors (p, c) of each part over `horizon` s by the model that was fitted without it; whether any diverged.
+) -> tuple[list[ByColumn], Flags]:
+    """ln rms errors of each part over `horizon` s by the model that was fitted without it; (p,) whether any diverged.
 
     Once a joint has left its range its position there counts: the error of a simulation that diverges is large, and
-    finite. What cannot be simulated has an infinite one.
+    finite. What cannot be simulated at all counts as diverged, without an error.
     """
-    rows: list[dict[str, float] | None] = []
+    errors: list[ByColumn] = []
     diverged = np.zeros(len(parts), dtype=bool)
     for k, (model, part) in enumerate(zip(models, parts, strict=True)):
         found = compute(partial(predictions.simulate, model, part, horizon))
         if isinstance(found, NotComputable):
-            rows.append(None)
+            errors.append({})
             diverged[k] = True
             continue
-        rows.append(_root_mean_square(found))
+        errors.append(_ln_root_mean_square(found))
         diverged[k] = any(forecast.diverges for forecast in found)
-    columns = sorted({column for row in rows if row is not None for column in row})
-    table = [[np.inf] * len(columns) if row is None else [row.get(c, np.nan) for c in columns] for row in rows]
-    with np.errstate(divide="ignore"):
-        return np.log(np.array(table).reshape(len(parts), len(columns))), diverged
+    return errors, diverged
 
 
-def _root_mean_square(forecasts: Sequence[Forecast]) -> dict[str, float]:
+def _ln_root_mean_square(forecasts: Sequence[Forecast]) -> ByColumn:
     found = {}
     for column in {column for forecast in forecasts for column in forecast.predicted}:
         misses = np.concatenate([f.predicted[column] - f.measured[column] for f in forecasts if column in f.predicted])
         misses = misses[~np.isnan(misses)]
         if len(misses):
-            found[column] = float(np.sqrt(np.mean(misses**2)))
+            with np.errstate(divide="ignore"):
+                found[column] = float(0.5 * np.log(np.mean(misses**2)))
     return found
 
 

@@ -141,7 +141,7 @@ def estimate_memories(
         if p_value < COLOURED_NOISE_P_VALUE and memory > 0.0:
             time = -step / float(np.log(memory))
             found |= dict.fromkeys(columns, Memory(time))
-            notes.append(f"the noise of {kind} is not white as stated: its correlation time is {1e3 * time:.2g} ms")
+            notes.append(f"the noise of {kind} is not white: its correlation time is {1e3 * time:.2g} ms")
     return found, tuple(notes)
 
 

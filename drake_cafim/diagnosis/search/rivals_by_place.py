@@ -318,8 +318,11 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
 
 
 def _is_nonlinear_rival(effect: Effect, law: Effect) -> bool:
-    """Whether two laws are listed as alike, and one of them is far from linear in its strengths."""
-    return _act_alike(effect, law) and not (effect.all_but_linear and law.all_but_linear)
+    """Whether two laws are listed as alike, and one of them is far from linear in its strengths.
+
+    Laws of dry friction are none: the simplest stands for all of them.
+    """
+    return not _is_dry(law) and _act_alike(effect, law) and not (effect.all_but_linear and law.all_but_linear)
 
 
 def _is_dry(effect: Effect) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.thresholds import REST_LASTING
 from drake_cafim.diagnosis.whitening.friction_at_rest import FAINT, lasting
 from drake_cafim.diagnosis.whitening.impact_noise import rows_by_sample
 from drake_cafim.dynamics.contact import SphereContact
@@ -37,7 +38,7 @@ def contact_at_rest_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matri
         near = np.flatnonzero(doubt > 0.0)
         if not len(near):
             continue
-        correlated = lasting(weak.samples.time, doubt > 0.0)[near][:, near]
+        correlated = lasting(weak.samples.time, doubt > 0.0, REST_LASTING)[near][:, near]
         for along in touch.axes.T[:2]:
             pushed = by_force(weak, physics, contact, touch.position, doubt[:, None] * along)
             by_sample = rows_by_sample(weak, physics, near, pushed[near], weak.rows_per_window)

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.contact_at_rest import by_force
+from drake_cafim.diagnosis.whitening.friction_at_rest import lasting
 from drake_cafim.diagnosis.whitening.impact_noise import rows_by_sample
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.scenario.physics import Physics
@@ -25,14 +26,13 @@ def contact_step_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matrix:
     """(R, R) the rows' covariance by contacts under Drake's law whose force changes from one sample to the next."""
     r, windows = weak.rows_per_window, weak.samples.windows
     total = sp.csr_matrix((r * len(windows), r * len(windows)))
-    apart = np.abs(windows.centers[:, None] - windows.centers) / windows.width
-    alike = sp.csr_matrix(np.maximum(1.0 - apart, 0.0))
     start = 0
     for contact in physics.contacts:
         states = slice(start, start + contact.memory)
         start = states.stop
         if contact.law.normal != "hydroelastic":
             continue
+        alike = lasting(windows.centers, np.ones(len(windows), dtype=bool), windows.width)
         pushing, rubbing = _changes(weak, physics, contact, states)
         for change in (pushing, rubbing):
             summed = np.asarray(change.sum(axis=1)).ravel()

@@ -35,7 +35,7 @@ def friction_at_rest_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matr
         if not np.any(std):
             continue
         weighed = windows.value @ sp.diags_array(std / physics.effort_gains[joint])
-        shared = sp.coo_matrix(weighed @ lasting(weak.samples.time, np.greater(std, 0.0)) @ weighed.T)
+        shared = sp.coo_matrix(weighed @ lasting(weak.samples.time, np.greater(std, 0.0), REST_LASTING) @ weighed.T)
         rows, columns = (r * index + weak.dynamic.start + joint for index in (shared.row, shared.col))
         total = total + sp.csr_matrix((shared.data, (rows, columns)), shape=total.shape)
     return sp.csr_matrix(total)
@@ -51,13 +51,16 @@ def _doubt(effect: JointForce, joint: JointSamples) -> Array:
     return np.where(share > FAINT, size * share, 0.0)
 
 
-def lasting(time: Array, at_rest: Flags) -> sp.csr_matrix:
-    """(N, N) correlation 1 − |Δt|/`REST_LASTING` among the samples `at_rest`; zero of all others and beyond that."""
-    rest = np.flatnonzero(at_rest)
-    ends = np.searchsorted(time[rest], time[rest] + REST_LASTING)
-    counts = ends - np.arange(len(rest))
-    first = np.repeat(np.arange(len(rest)), counts)
+def lasting(time: Array, where: Flags, reach: float) -> sp.csr_matrix:
+    """(N, N) correlation 1 − |Δt|/`reach` among the instants `where` (N,) is set; zero of all others and beyond that.
+
+    `time` (N,) increases, s, as is `reach`.
+    """
+    at = np.flatnonzero(where)
+    ends = np.searchsorted(time[at], time[at] + reach)
+    counts = ends - np.arange(len(at))
+    first = np.repeat(np.arange(len(at)), counts)
     second = first + np.arange(len(first)) - np.repeat(np.cumsum(counts) - counts, counts)
-    near = 1.0 - (time[rest[second]] - time[rest[first]]) / REST_LASTING
-    upper = sp.csr_matrix((near, (rest[first], rest[second])), shape=(len(time), len(time)))
+    near = 1.0 - (time[at[second]] - time[at[first]]) / reach
+    upper = sp.csr_matrix((near, (at[first], at[second])), shape=(len(time), len(time)))
     return sp.csr_matrix(upper + upper.T - sp.diags_array(upper.diagonal()))
