@@ -8,6 +8,8 @@ import pytest
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.search.judgement import judge
+from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import REST_LASTING
 from drake_cafim.diagnosis.whitening.friction_at_rest import friction_at_rest_covariance, lasting
 from tests.turntable import problem_of, write_turntable
@@ -65,3 +67,16 @@ def test_the_force_of_a_resting_joint_lasts(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         lasting(time, np.array([True, False, True, True]), REST_LASTING).toarray(), expected, atol=1e-12
     )
+
+
+def test_efforts_that_turn_within_a_window_move_no_resting_joint(tmp_path: Path) -> None:
+    """A controller that makes up for the friction turns the effort round; neither that nor its gain is seen at rest."""
+    step, inertia, friction = 0.002, 0.01, 0.05
+    time = np.arange(0.0, 6.0, step)
+    effort = 0.9 * friction * np.sign(np.sin(2.0 * np.pi * 1.3 * time))
+    rng = np.random.default_rng(5)
+    read = {"q.axis": rng.normal(0.0, 1e-5, time.size), "v.axis": rng.normal(0.0, 1e-3, time.size), "u.axis": effort}
+    write_turntable(tmp_path, pd.DataFrame({"time": time, **read}), (1e-5, 1e-3), inertia, friction=friction)
+    problem = problem_of(tmp_path)
+    assert np.mean(problem.residual(problem.nominal()) ** 2) < 1.2
+    assert judge(problem, Settings(), lambda text: None).kind == "none"

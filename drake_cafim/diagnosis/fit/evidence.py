@@ -81,6 +81,10 @@ def _by_channel(problem: Problem, fit: Fit) -> tuple[Array, float]:
     return parts, fit.chi_square - float(np.sum(parts))
 
 
+UNDER_ITS_OWN_NOISE = "gain under its own noise"
+"""The name of the test whether an explanation gains under the noise that it implies as well."""
+
+
 @dataclass(frozen=True)
 class Check:
     """A test of a larger explanation: `passed` where its `statistic` reaches the `threshold`."""
@@ -136,7 +140,7 @@ def _checks(problem: Problem, before: Fit, after: Fit, trials: int, rate: float)
         yield Check("Wald statistic", statistic, threshold, not chi2.sf(statistic, freedom) * trials > rate)
     # last, since it whitens and fits both again
     gain = gain_over_residual(problem, *refit_under_noise_of(problem, before, after))
-    yield Check("gain under its own noise", gain, lucky, luck_p_value(gain, strengths) * trials <= rate)
+    yield Check(UNDER_ITS_OWN_NOISE, gain, lucky, luck_p_value(gain, strengths) * trials <= rate)
 
 
 def law_inaccuracy(problem: Problem, found: Fit) -> float:

@@ -30,16 +30,16 @@ from drake_cafim.typing import Array
 
 POSITION_STEP, VELOCITY_STEP = 1e-6, 1e-5
 """Steps of central differences, rad and rad/s (m and m/s)."""
-CONTRADICTED = 5.0
-"""Distance of a joint's velocities under the model from those by the samples alone, in standard deviations of the
-latter, from which on the model's acceleration says nothing of the joint's motion: stiff laws of light joints that are
-coupled with each other cannot be integrated joint by joint."""
 LEAST_STD = 1e-12
 """rad or rad/s (m or m/s): exact samples would leave the filter without a scale."""
 
 
 def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
-    """The recording of `weak` with its positions and velocities as estimated under `physics`; efforts as recorded."""
+    """The recording of `weak` with its positions and velocities as estimated under `physics`; efforts as recorded.
+
+    A joint whose samples are likelier with nothing known of its acceleration is estimated by these alone: stiff laws of
+    light joints that are coupled with each other cannot be integrated joint by joint.
+    """
     samples, names = weak.samples, physics.tree.joint_names
     as_read = weak.measurement(physics)
     of_q, of_v = ([_noise(samples, physics, f"{kind}.{name}") for name in names] for kind in "qv")
@@ -55,7 +55,7 @@ def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
         if not (np.all(np.isfinite(transition.rise_v)) and np.all(np.isfinite(transition.rise_q))):
             break
         before, found = found, smooth(*read, transition.without_model(contradicted))
-        contradicted |= found.distance(free) > CONTRADICTED
+        contradicted |= found.surprise > free.surprise
         found = found.with_joints(contradicted, free)
         bend = np.where(contradicted, 0.0, bend)
         current = _with_trajectory(weak, physics, found, bend, _unmodelled_force(current, physics, found, mobility))

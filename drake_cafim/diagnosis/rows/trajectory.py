@@ -41,7 +41,8 @@ SETTLED = 0.3
 class Trajectory:
     """Estimated positions and velocities `q`, `v` and the standard deviations of both, (N, n) each, SI units.
 
-    `density` (n,) are the spectral densities S of the accelerations that the model does not explain.
+    `density` (n,) are the spectral densities S of the accelerations that the model does not explain, and `surprise`
+    (n,) is −2 ln likelihood of the innovations, but for a constant.
     """
 
     q: Array
@@ -49,16 +50,12 @@ class Trajectory:
     q_std: Array
     v_std: Array
     density: Array
-
-    def distance(self, other: "Trajectory") -> Array:
-        """(n,) root mean square difference of the velocities from those of `other`, in its standard deviations."""
-        apart = np.clip((self.v - other.v) / np.maximum(other.v_std, np.finfo(float).tiny), -1e100, 1e100)
-        return np.asarray(np.sqrt(np.mean(apart**2, axis=0)))
+    surprise: Array
 
     def with_joints(self, chosen: Flags, other: "Trajectory") -> "Trajectory":
-        """The same with the `chosen` joints (n,) as in `other`."""
-        names = ("q", "v", "q_std", "v_std", "density")
-        return Trajectory(*(np.where(chosen, getattr(other, name), getattr(self, name)) for name in names))
+        """The same with the motion of the `chosen` joints (n,) as in `other`; what the model misses is as it was."""
+        names = ("q", "v", "q_std", "v_std")
+        return replace(self, **{name: np.where(chosen, getattr(other, name), getattr(self, name)) for name in names})
 
 
 @dataclass(frozen=True)
@@ -160,7 +157,8 @@ def smooth(
         columns.append((*_smoothed(*numbers, density), density))
     q_hat, v_hat, q_std, v_std = (np.stack([column[k] for column in columns], axis=1) for k in range(4))
     q_hat, v_hat = q_hat + transition.about[0], v_hat + transition.about[1]
-    return Trajectory(q_hat, v_hat, q_std, v_std, np.array([column[4] for column in columns]))
+    surprise, densities = (np.array([column[k] for column in columns]) for k in (4, 5))
+    return Trajectory(q_hat, v_hat, q_std, v_std, densities, surprise)
 
 
 def _state_space(transition: Transition, j: int, noises: Sequence[ChannelNoise]) -> tuple[Array, ...]:
@@ -316,14 +314,14 @@ def _smoothed(
     fresh: Array,
     start: Array,
     density: float,
-) -> tuple[Array, Array, Array, Array]:
-    """Smoothed q, v and their standard deviations, (N,) each."""
+) -> tuple[Array, Array, Array, Array, float]:
+    """Smoothed q, v and their standard deviations, (N,) each, and −2 ln likelihood of the innovations."""
     N, m = len(read), len(start)
     longest = LONGEST_PAUSE * np.median(h)
     means, covariances = np.empty((N, m)), np.empty((N, m, m))
     innovations, gains = np.empty((N, 2, 2)), np.empty((N, 2, m))
     model = (variance, seen, steps, rise, fresh, start)
-    _filtered(h, read, *model, density, means, covariances, innovations, gains)
+    cost = _filtered(h, read, *model, density, means, covariances, innovations, gains)
     q, v, q_std, v_std = np.empty(N), np.empty(N), np.empty(N), np.empty(N)
     # what the samples after k say: the state is x − P a, its covariance P − P A P
     a, A = np.zeros(m), np.zeros((m, m))
@@ -375,4 +373,4 @@ def _smoothed(
                 A[i, j] = 0.0
                 for p in range(m):
                     A[i, j] += product[i, p] * F[p, j]
-    return q, v, q_std, v_std
+    return q, v, q_std, v_std, cost

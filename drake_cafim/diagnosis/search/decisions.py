@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import Misfit, adequacy, misfits
-from drake_cafim.diagnosis.fit.evidence import Check, law_inaccuracy, leaves_inaccuracy
+from drake_cafim.diagnosis.fit.evidence import UNDER_ITS_OWN_NOISE, Check, law_inaccuracy, leaves_inaccuracy
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.problem import Problem
@@ -35,7 +35,7 @@ TESTS = {
     "gain for its parameters": "lowers χ² by {s}; the Bayesian information criterion requires {t} for its parameters",
     "Wald statistic": "has a Wald statistic of {s} (χ² of its difference from no effect); on noise alone, the best of "
     "all candidates would have less than {t}",
-    "gain under its own noise": "lowers χ² by {s} under the noise covariance that it implies, each channel in units of "
+    UNDER_ITS_OWN_NOISE: "lowers χ² by {s} under the noise covariance that it implies, each channel in units of "
     "the noise that remains there; at least {t} is required",
 }
 """The sentence of each test that an effect must pass, by the test's name."""

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.fit.evidence import checks, leaves_noise, scale_of
+from drake_cafim.diagnosis.fit.evidence import UNDER_ITS_OWN_NOISE, Check, checks, leaves_noise, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.search import candidate_decisions, decisions
@@ -21,15 +21,18 @@ def grow(state: State, best: Fit) -> Fit:
         if not _is_worth_more(state, best):
             break
         _expand(state, depth)
-        for candidate in state.frontier:
+        for candidate in tuple(state.frontier):
             # the quick fits rank candidates, but noise in their regressors biases them: tests need the unbiased fit
             larger = unbiased_fit(state.problem, candidate.model)
             state.pool.add(larger)
-            if _admit(state, best, larger):
+            done = _tested(state, best, larger)
+            if all(check.passed for check in done):
                 grown = state.rewhiten(larger)
                 if grown is not None:
                     best = grown
                     break
+            elif done[-1].name == UNDER_ITS_OWN_NOISE:
+                state.dismiss(candidate)
         else:
             state.trace.add(candidate_decisions.record_none_admitted(best))
             break
@@ -47,11 +50,11 @@ def _is_worth_more(state: State, best: Fit) -> bool:
     return worth
 
 
-def _admit(state: State, best: Fit, larger: Fit) -> bool:
-    """Whether `larger` passes all tests against `best`."""
+def _tested(state: State, best: Fit, larger: Fit) -> list[Check]:
+    """The tests of `larger` against `best`, up to the first that fails."""
     done = list(checks(state.problem, best, larger, state.trials, state.settings.false_alarm_rate))
     state.trace.add(*decisions.record_admission(best, larger, done))
-    return all(check.passed for check in done)
+    return done
 
 
 def _expand(state: State, depth: int) -> None:

@@ -108,6 +108,11 @@ class State:
             self.screens[key] = screen(self.problem, parent, free)
         return self.screens[key]
 
+    def dismiss(self, found: Fit) -> None:
+        """No longer extends or chooses `found`: what it gains is an artefact of the noise under which it was fitted."""
+        self.frontier = [other for other in self.frontier if other.model.keys != found.model.keys]
+        self.pool.fits.pop(found.model.keys, None)
+
     def cost(self, scale: float) -> Callable[[Fit], float]:
         """The information criterion in units of the noise that is left, `scale`."""
         return lambda found: criterion(found, scale, self.trials)

@@ -2,8 +2,10 @@
 
 A joint at rest is held by whatever force it takes, up to the friction's size T. The law T tanh(v/w) puts a creep with
 v of the order of w in its place, and w is not known where a model file states the friction alone. The force then
-differs from the law by up to T (1 − |tanh(v/w)|), for as long as the joint rests; that is counted as noise. A friction
-whose width is stated, or was fitted, is a function of the velocity, and there is no such noise.
+differs from the law by up to T (1 − |tanh(v/w)|); that is counted as noise, once as what is alike for as long as the
+joint rests, and once as what turns within a window, since the force follows what pushes the joint: a controller that
+makes up for the friction turns it from −T to T within a few samples. A friction whose width is stated, or was fitted,
+is a function of the velocity, and there is no such noise.
 """
 
 import numpy as np
@@ -20,6 +22,9 @@ SLIDING = 20.0
 """Velocity in widths w at which a joint slides for certain."""
 FAINT = 1e-3
 """Share of the friction below which its doubt counts as none."""
+TAKEN_AWAY = 3.0
+"""Standard deviation of the multiple of a resting joint's effort that friction takes away, of which 1 is true: so wide
+that next to nothing is known of it."""
 
 
 def friction_at_rest_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matrix:
@@ -31,24 +36,36 @@ def friction_at_rest_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matr
         if effect.group != DRY_FRICTION or SLIP_VELOCITY.name in effect.values:
             continue
         joint = physics.tree.joint_index(effect.at)
-        std = _doubt(effect, joints[joint])
-        if not np.any(std):
+        size, share = _doubt(effect, joints[joint])
+        if not np.any(share):
             continue
-        weighed = windows.value @ sp.diags_array(std / physics.effort_gains[joint])
-        shared = sp.coo_matrix(weighed @ lasting(weak.samples.time, np.greater(std, 0.0), REST_LASTING) @ weighed.T)
+        scaled = windows.value @ sp.diags_array(share / physics.effort_gains[joint])
+        shared = sp.coo_matrix(scaled @ _held(weak, size, joints[joint].u, np.greater(share, 0.0)) @ scaled.T)
         rows, columns = (r * index + weak.dynamic.start + joint for index in (shared.row, shared.col))
         total = total + sp.csr_matrix((shared.data, (rows, columns)), shape=total.shape)
     return sp.csr_matrix(total)
 
 
-def _doubt(effect: JointForce, joint: JointSamples) -> Array:
-    """(N,) the size of the friction times 1 − |tanh(v/w)|, N m or N; zero away from rest."""
+def _doubt(effect: JointForce, joint: JointSamples) -> tuple[Array, Array]:
+    """(N,) the size of the friction, N m or N, and (N,) 1 − |tanh(v/w)|; zero away from rest."""
     width = SLIP_VELOCITY.nominal
     sliding = np.full_like(joint.v, SLIDING * width)
     forward, backward = (effect.force(JointSamples(joint.q, v, joint.u, load=joint.load)) for v in (sliding, -sliding))
-    size = 0.5 * np.abs(forward.value - backward.value)
     share = np.maximum(1.0 - np.abs(joint.sign(width).value), 0.0)
-    return np.where(share > FAINT, size * share, 0.0)
+    return 0.5 * np.abs(forward.value - backward.value), np.where(share > FAINT, share, 0.0)
+
+
+def _held(weak: WeakForm, size: Array, effort: Array, at_rest: Flags) -> sp.csr_matrix:
+    """(N, N) covariance of the force that holds a joint `at_rest` (N,), (N m)² or N².
+
+    Of what lasts and of what turns within a window, both of the friction's `size` (N,), and of an unknown multiple of
+    the joint's `effort` (N,), which the friction takes away: without that, a law by which efforts do not act would
+    explain all that is left at such a joint by a single number.
+    """
+    time, width = weak.samples.time, weak.samples.windows.width
+    long, brief = lasting(time, at_rest, REST_LASTING), lasting(time, at_rest, width)
+    by_size, by_effort = sp.diags_array(size), sp.diags_array(TAKEN_AWAY * np.clip(effort, -size, size))
+    return sp.csr_matrix(by_size @ (long + brief) @ by_size + by_effort @ long @ by_effort)
 
 
 def lasting(time: Array, where: Flags, reach: float) -> sp.csr_matrix:
