@@ -19,6 +19,9 @@ Unit: s. Not calibrated: chosen."""
 REST_LASTING = 1.0
 """Time over which the force that holds a resting joint by dry friction is taken as the same. Unit: s. Not calibrated:
 chosen."""
+RESTING_EFFORT_STD = 3.0
+"""Standard deviation of the multiple of a resting joint's effort that dry friction takes away, of which 1 is true: so
+wide that next to nothing is known of it. Unit: 1. Not calibrated: chosen."""
 MASS_MATRIX_STD = 0.2
 """Relative standard deviation of the mass matrix by which positions and velocities are compared between samples. Unit:
 1. Source: that of a link's inertials where only a model file is given."""

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
-from drake_cafim.diagnosis.thresholds import REST_LASTING
+from drake_cafim.diagnosis.thresholds import REST_LASTING, RESTING_EFFORT_STD
 from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointForce
 from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.scenario.physics import Physics
@@ -22,9 +22,6 @@ SLIDING = 20.0
 """Velocity in widths w at which a joint slides for certain."""
 FAINT = 1e-3
 """Share of the friction below which its doubt counts as none."""
-TAKEN_AWAY = 3.0
-"""Standard deviation of the multiple of a resting joint's effort that friction takes away, of which 1 is true: so wide
-that next to nothing is known of it."""
 
 
 def friction_at_rest_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matrix:
@@ -64,7 +61,7 @@ def _held(weak: WeakForm, size: Array, effort: Array, at_rest: Flags) -> sp.csr_
     """
     time, width = weak.samples.time, weak.samples.windows.width
     long, brief = lasting(time, at_rest, REST_LASTING), lasting(time, at_rest, width)
-    by_size, by_effort = sp.diags_array(size), sp.diags_array(TAKEN_AWAY * np.clip(effort, -size, size))
+    by_size, by_effort = sp.diags_array(size), sp.diags_array(RESTING_EFFORT_STD * np.clip(effort, -size, size))
     return sp.csr_matrix(by_size @ (long + brief) @ by_size + by_effort @ long @ by_effort)
 
 
