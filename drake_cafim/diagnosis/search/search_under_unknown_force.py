@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.evidence import leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.problem import Problem
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.rivals_by_place import compare_by_place
@@ -94,15 +94,14 @@ def mean_square(problem: Problem, fit: Fit) -> float:
     return float(np.mean(problem.rewhitened(fit.model).rows_of(fit.model) ** 2))
 
 
-def geometric_misfit(problem: Problem, fit: Fit) -> float:
-    """The geometric mean over the kinds of rows of their mean squares under a fit, as `mean_square` whitens them.
+def geometric_misfit(problem: SearchProblem, fit: Fit) -> float:
+    """The geometric mean of the mean squares of each kind of row under a fit and the noise of the channels alone.
 
     The likelihood under a force of unknown size at each joint: a joint that is explained counts as much as another one
-    that is far more noise variances away, and whose forces pass on to all.
+    that is far more noise variances away.
     """
-    whitened = problem.rewhitened(fit.model)
-    rows = np.concatenate([z for _, z in by_run(whitened, whitened.rows_of(fit.model))])
-    return float(np.exp(np.mean(np.log(np.maximum(np.mean(rows**2, axis=0), 1e-300)))))
+    mean_squares = problem.rewhitened(fit.model).mean_squares(fit.model)
+    return float(np.exp(np.mean(np.log(np.maximum(mean_squares, 1e-300)))))
 
 
 def _excess(problem: Problem, fit: Fit) -> float:

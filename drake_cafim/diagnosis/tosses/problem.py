@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
+from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.pictures import Pictures
@@ -13,6 +16,7 @@ from drake_cafim.diagnosis.tosses.location import locate_tosses
 from drake_cafim.diagnosis.tosses.pictures import TossPictures
 from drake_cafim.diagnosis.verdict import Location
 from drake_cafim.effects.effect import Effect
+from drake_cafim.typing import Array
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,11 @@ class TossProblem(ArcRows, SearchProblem):
 
     def locate(self, lacking: Model) -> tuple[Location, ...]:
         return locate_tosses(self, lacking)
+
+    def mean_squares(self, model: Model) -> Array:
+        # innovations are independent as they are
+        rows = np.concatenate([own for _, own in by_run(self, self.rows_of(model))])
+        return np.asarray(np.mean(rows**2, axis=0), dtype=float)
 
     @cached_property
     def pictures(self) -> Pictures:
