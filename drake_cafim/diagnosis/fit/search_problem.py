@@ -43,8 +43,8 @@ class SearchProblem(Problem):
         """Where and when the recordings differ from the model `lacking`: shares of the excess χ², strongest first."""
 
     @abstractmethod
-    def mean_squares(self, model: Model) -> Array:
-        """(r,) mean squares of each kind of row under `model`, each row over its own standard deviation.
+    def apart(self, rows: Array) -> Array:
+        """Whitened rows (R,) as they are without whitening, each over its own standard deviation.
 
         Whitening makes rows independent by subtracting from each what those before it tell of its noise. Where one is
         far from noise, as at a joint at which something is missing, that spreads to all.

@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.pictures import Pictures
 from drake_cafim.diagnosis.fit.search_problem import Looks, SearchProblem
 from drake_cafim.diagnosis.joints.linearised_effects import hypotheses, looks
-from drake_cafim.diagnosis.joints.location import locate, standardised
+from drake_cafim.diagnosis.joints.location import locate
 from drake_cafim.diagnosis.joints.pictures import JointPictures
 from drake_cafim.diagnosis.joints.unknown_force import force_density, remarks
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
@@ -37,10 +37,12 @@ class WeakProblem(WeakFormRows, SearchProblem):
     def locate(self, lacking: Model) -> tuple[Location, ...]:
         return locate(self, lacking)
 
-    def mean_squares(self, model: Model) -> Array:
-        physics = model.physics(self.scene)
-        rows = np.concatenate([standardised(run, run.noisy_rows(physics)) for run in self.runs])
-        return np.asarray(np.mean(rows**2, axis=0), dtype=float)
+    def apart(self, rows: Array) -> Array:
+        ends = np.cumsum([run.rows for run in self.runs])[:-1]
+        own = zip(self.runs, np.split(rows, ends), strict=True)
+        return np.concatenate(
+            [run.whiten.unwhiten(part) / np.sqrt(run.whiten.covariance.diagonal()) for run, part in own]
+        )
 
     def forget(self) -> None:
         for cache in (self.found_pushes, self.tried_pulses, self.force_looks):

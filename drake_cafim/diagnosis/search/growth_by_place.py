@@ -373,9 +373,12 @@ def _change_without(found: Fit, effects: Sequence[Effect]) -> tuple[Array, Array
 
 
 def share_removed(problem: SearchProblem, residual: Array, without: Array) -> float:
-    """Share of χ² by which `residual` is less than `without`, in the kind of rows where that is largest."""
+    """Share of squares by which `residual` is less than `without`, in the kind of rows where that is largest.
+
+    Each row is taken `apart`: whitened ones would share what is left at other joints.
+    """
     left, had = (
-        np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, rows[: problem.rows])], axis=0)
+        np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, problem.apart(rows[: problem.rows]))], axis=0)
         for rows in (residual, without)
     )
     return float(np.max(1.0 - left / np.maximum(had, 1e-300)))

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.evidence import leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.problem import Problem
@@ -95,13 +96,14 @@ def mean_square(problem: Problem, fit: Fit) -> float:
 
 
 def geometric_misfit(problem: SearchProblem, fit: Fit) -> float:
-    """The geometric mean of the mean squares of each kind of row under a fit and the noise of the channels alone.
+    """The geometric mean of the mean squares of each kind of row, each `apart`, under the noise of the channels alone.
 
     The likelihood under a force of unknown size at each joint: a joint that is explained counts as much as another one
     that is far more noise variances away.
     """
-    mean_squares = problem.rewhitened(fit.model).mean_squares(fit.model)
-    return float(np.exp(np.mean(np.log(np.maximum(mean_squares, 1e-300)))))
+    whitened = problem.rewhitened(fit.model)
+    rows = np.concatenate([z for _, z in by_run(whitened, whitened.apart(whitened.rows_of(fit.model)))])
+    return float(np.exp(np.mean(np.log(np.maximum(np.mean(rows**2, axis=0), 1e-300)))))
 
 
 def _excess(problem: Problem, fit: Fit) -> float:

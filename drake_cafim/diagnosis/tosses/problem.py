@@ -3,9 +3,6 @@
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
-from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.pictures import Pictures
@@ -32,10 +29,9 @@ class TossProblem(ArcRows, SearchProblem):
     def locate(self, lacking: Model) -> tuple[Location, ...]:
         return locate_tosses(self, lacking)
 
-    def mean_squares(self, model: Model) -> Array:
+    def apart(self, rows: Array) -> Array:
         # innovations are independent as they are
-        rows = np.concatenate([own for _, own in by_run(self, self.rows_of(model))])
-        return np.asarray(np.mean(rows**2, axis=0), dtype=float)
+        return rows
 
     @cached_property
     def pictures(self) -> Pictures:
