@@ -8,12 +8,15 @@ import pytest
 
 from drake_cafim.diagnosis.fit.beside import Beside
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
-from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.fit.places import joint_of
 from drake_cafim.diagnosis.joints import unknown_force
 from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.rows.kinematic_rows import KinematicRows
 from drake_cafim.diagnosis.search import rivals_by_place
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside, fit_shapes
+from drake_cafim.diagnosis.search.posterior import FITTED_LEAD
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
 from tests.test_growth_by_place import arm_that_rubs
@@ -143,3 +146,52 @@ def test_forces_that_are_felt_long_are_followed_to_the_end(growth: GrowthByPlace
         by_parts = sum(float(np.sum(seen**2)) for _, seen in unknown_force._whitened(run.whiten, factor))
         whole = run.whiten(factor.toarray())
         assert by_parts == pytest.approx(float(np.sum(whole**2)), rel=1e-6)
+
+
+def test_rivals_stand_where_nothing_has_changed_at_their_joint(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the comparison after a law was replaced at the first joint, and of the one under less noise of the efforts."""
+    own = replace(growth)
+    asked: list[Key] = []
+    contenders = rivals_by_place._contenders
+    monkeypatch.setattr(
+        rivals_by_place, "_contenders", lambda given, effect: asked.append(effect.key) or contenders(given, effect)
+    )
+    first, second = (effect.key for effect in own.best.model.effects)
+    compared = rivals_by_place.compare_by_place(own)
+    names = [effect.name for effect in own.best.model.effects if joint_of(effect) == first[1]]
+    assert "joint_coulomb_friction" in names, "the law that is there has taken the place of the other one"
+    assert asked.count(second) == 1, "nothing has changed at the second joint"
+    assert asked[:2] == [first, second] and len(asked) > 2, "its new law is compared with others, too"
+    rivals = compared.rivals
+    assert rivals is not None
+    kept = rivals.at(own.best, whitened=True)
+    assert kept, "no strength has moved, and none has a rival"
+    for key, leads in kept.items():
+        for lead, other, law in leads:
+            assert lead > FITTED_LEAD
+            assert other.model.keys == own.best.model.keys - {key} | {law.key}
+    effect = next(effect for effect in own.best.model.effects if effect.key in kept)
+    std = own.best.std[len(own.best.model.unknown) :].max()
+    moved = effect.with_values(effect.vector + 10.0 * std)
+    others = [other for other in own.best.model.effects if other is not effect]
+    elsewhere = replace(own.best, model=replace(own.best.model, effects=(*others, moved)))
+    assert effect.key not in rivals.at(elsewhere, whitened=True)
+    assert effect.key in rivals.at(elsewhere, whitened=False), "the same noise, and no other law"
+
+
+def test_of_an_estimated_motion_no_noise_is_weighed_under_a_lag(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, asked = growth.problem, list[str]()
+    assert isinstance(problem, WeakProblem)
+    assert all(run.weak.samples.estimated is not None for run in problem.runs)
+    variance = KinematicRows._variance
+    monkeypatch.setattr(
+        KinematicRows, "_variance", lambda own, column, rows: asked.append(column) or variance(own, column, rows)
+    )
+    lag = effect_named("sensor_lag")(f"v.{problem.scene.tree.joint_names[0]}", {"time_constant": 0.0123})
+    changed = problem.residual(problem.nominal().with_effects([lag])) - problem.residual(problem.nominal())
+    assert np.linalg.norm(changed) > 1.0
+    assert not asked

@@ -46,13 +46,14 @@ class KinematicRows:
             partner, j = "v" if kind == "q" else "q", joints.index(joint)
             ahead = cast(sp.csr_matrix, lag.kinematic_correction(time))  # an effect with a settling time has one
             channels[partner][:, j] = lag.measured(time, channels[partner][:, j : j + 1])[:, 0]
-            as_noisy, noisy = np.zeros(len(windows)), np.zeros(len(windows))
-            for name, read in ((kind, ahead), (partner, sp.csr_matrix(ahead @ lag.filter_matrix(time)))):
+            for name in (kind, partner):
                 channels[name][:, j] = ahead @ channels[name][:, j]
-                as_noisy += self._variance(f"{name}.{joint}", slopes[name])
-                noisy += self._variance(f"{name}.{joint}", sp.csr_matrix(slopes[name] @ read))
+            # an estimated motion has no noise of samples that a filter could smooth
             if self.samples.estimated is None:
-                factor[:, j] *= np.sqrt(as_noisy / noisy)
+                own, other = (self._variance(f"{name}.{joint}", slopes[name]) for name in (kind, partner))
+                read = self._variance(f"{kind}.{joint}", sp.csr_matrix(slopes[kind] @ ahead))
+                filtered = sp.csr_matrix(slopes[partner] @ ahead @ lag.filter_matrix(time))
+                factor[:, j] *= np.sqrt((own + other) / (read + self._variance(f"{partner}.{joint}", filtered)))
         return channels["q"], channels["v"], factor
 
     def _variance(self, column: str, rows: sp.csr_matrix) -> Array:

@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
-from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
+from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import reasons_against, strength_at_bound, undetermined_in
@@ -23,6 +23,14 @@ from drake_cafim.diagnosis.search.growth_by_place import (
     share_removed,
 )
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside, fit_shapes
+from drake_cafim.diagnosis.search.posterior import (
+    FITTED_LEAD,
+    Lead,
+    Rivals,
+    cost_of,
+    evidence_unit,
+    probabilities_by_place,
+)
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import (
     LEAST_PROBABILITY,
@@ -40,8 +48,6 @@ REPLACING_LEAD = 2.0
 """By how much the criterion of another law must be lower, to first order, for it to be tried in an effect's place: what
 is less is "not worth more than a bare mention" (Kass, Raftery, J. Am. Stat. Assoc. 90, 1995), and would be tried back
 and forth."""
-FITTED_LEAD = 6.0
-"""Criterion beyond the best one's, to first order, up to which a law is fitted exactly: its probability is then 5 %."""
 
 
 @dataclass(frozen=True)
@@ -55,21 +61,24 @@ class Compared:
     probability: dict[Key, float]
     unsupported: tuple[Effect, ...]
     """Effects that were dropped since they explain less than is left at their places."""
+    rivals: Rivals | None = None
+    """The laws that the effects were compared with."""
 
 
-def compare_by_place(growth: GrowthByPlace, supported: Collection[Key] = ()) -> Compared:
+def compare_by_place(growth: GrowthByPlace, supported: Collection[Key] = (), known: Rivals | None = None) -> Compared:
     """Replaces effects of `growth.best` by better laws at their joints, and drops those that share their evidence.
 
-    The effects `supported` are known to explain more than is left at their places.
+    The effects `supported` are known to explain more than is left at their places. Of an earlier comparison under other
+    noise, the rivals that are `known` are not looked for again where nothing has changed.
     """
     growth.converge()
     _drop_superseded(growth)
     standing = choose_friction(growth)
     growth.failed.clear()
+    found = _all_contenders(growth, known.at(growth.best, whitened=True) if known else {})
+    rivals = Rivals.of(growth.best, found)
     tried: set[tuple[Key, Key]] = set()
     for _ in range(ROUNDS):
-        growth.progress(f"comparing {len(growth.best.model.effects)} effects with other laws at their joints")
-        found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
         first = {key: leads[0] for key, leads in found.items() if leads}
         better = {
             key: law for key, (lead, _, law) in first.items() if lead < -REPLACING_LEAD and (key, law.key) not in tried
@@ -80,11 +89,11 @@ def compare_by_place(growth: GrowthByPlace, supported: Collection[Key] = ()) -> 
             break
         _fit_widths(growth, growth.best.model.keys - before)
         growth.converge()
-    else:
-        found = {effect.key: _contenders(growth, effect) for effect in growth.best.model.effects}
+        found = _all_contenders(growth, rivals.at(growth.best, whitened=False))
+        rivals = Rivals.of(growth.best, found)
     # a law that fails a test once all is fitted is none of those that the recordings support
     found = {key: [lead for lead in leads if lead[2].key not in growth.failed] for key, leads in found.items()}
-    probability = _probabilities(growth, found)
+    probability = probabilities_by_place(growth, found)
     sisters = _sisters(growth, standing, probability)
     for effect in growth.best.model.effects:
         of_it = probability[effect.key]
@@ -101,7 +110,7 @@ def compare_by_place(growth: GrowthByPlace, supported: Collection[Key] = ()) -> 
     # what was dropped for its own sake is no rival of what stands
     probability = {key: value for key, value in probability.items() if key not in had - growth.best.model.keys}
     others = (*(other for leads in found.values() for _, other, _ in leads), *sisters)
-    return Compared(others, probability, unsupported)
+    return Compared(others, probability, unsupported, rivals)
 
 
 def _replace(growth: GrowthByPlace, order: Sequence[Key], better: Mapping[Key, Effect]) -> bool:
@@ -254,8 +263,13 @@ def _drop_unknown(growth: GrowthByPlace) -> None:
         growth.drop([effect for effect, _ in reasons])
 
 
-Lead = tuple[float, Fit, Effect]
-"""By how much an explanation's criterion exceeds the best one's, in units of what blocks show; itself; its own law."""
+def _all_contenders(growth: GrowthByPlace, known: Mapping[Key, list[Lead]]) -> dict[Key, list[Lead]]:
+    """`_contenders` of each effect, of some of which they are `known`."""
+    growth.progress(f"comparing {len(growth.best.model.effects)} effects with other laws at their joints")
+    return {
+        effect.key: known[effect.key] if effect.key in known else _contenders(growth, effect)
+        for effect in growth.best.model.effects
+    }
 
 
 def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
@@ -276,13 +290,13 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
         # which law of dry friction a joint has is chosen before, of all at once
         and not (_is_dry(other) and _is_dry(effect))
     ]
-    unit = _evidence_unit(growth, effect)
+    unit = evidence_unit(growth, effect)
     left = residual - beside.basis @ (beside.basis.T @ residual)
     lost = float(left @ left) - best.chi_square
-    own = _cost_of(growth, best, effect)
+    own = cost_of(growth, best, effect)
     found: list[Lead] = []
     by_noise: dict[str, float] = {}
-    price = {law.key: _cost_of(growth, best, law) for law in laws}
+    price = {law.key: cost_of(growth, best, law) for law in laws}
     looks = sorted(screen(problem, best, laws, at_rest), key=lambda look: price[look.effect.key] - look.gain)
     near = [look for look in looks if lost - look.gain + price[look.effect.key] - own <= FITTED_LEAD * unit]
     near = near[:RIVALS_FITTED_PER_PARENT]
@@ -338,22 +352,6 @@ def _noise_changed(effect: Effect) -> str:
     return "filter" if effect.late else ""
 
 
-def _cost_of(growth: GrowthByPlace, best: Fit, effect: Effect) -> float:
-    """What the information criterion asks of an effect for its strengths, and for having been chosen."""
-    return len(effect.strengths) * float(np.log(max(best.data_rows, 2))) + effect.surprise
-
-
-def _evidence_unit(growth: GrowthByPlace, effect: Effect) -> float:
-    """How many times less the blocks of time tell of an effect than independent rows would, at least 1.
-
-    What remains is correlated, so that differences of χ² are larger than their evidence by this factor (composite
-    likelihood; Varin, Vidoni, Biometrika 92(3), 2005).
-    """
-    by_noise, _ = wald_statistics(growth.problem, growth.best, effect.key)
-    shown = growth.wald(growth.problem, growth.best, effect)[0]
-    return max(1.0, by_noise / shown) if shown > 0.0 else 1.0
-
-
 def _sisters(
     growth: GrowthByPlace, standing: Mapping[str, Sequence[Friction]], probability: dict[Key, float]
 ) -> list[Fit]:
@@ -366,7 +364,7 @@ def _sisters(
         options = [option for option in standing.get(effect.at, ()) if effect.group == option.dry.group]
         if not options:
             continue
-        unit = _evidence_unit(growth, effect)
+        unit = evidence_unit(growth, effect)
         costs = np.array([criterion(option.found, 1.0, growth.trials) for option in options]) / unit
         weights = np.exp(-0.5 * (costs - np.min(costs)))
         for option, weight in zip(options, weights / np.sum(weights), strict=True):
@@ -375,18 +373,3 @@ def _sisters(
                 probability[key] = probability.get(key, 0.0) + float(weight) * probability[effect.key]
                 fits.append(replace(option.found, jacobian=option.found.jacobian[:0]))
     return fits
-
-
-def _probabilities(growth: GrowthByPlace, found: dict[Key, list[Lead]]) -> dict[Key, float]:
-    """By effect: P ∝ exp(−Δ/2), Δ its criterion beyond the best one's, over the laws at its place and none of them."""
-    probability: dict[Key, float] = {}
-    for effect in growth.best.model.effects:
-        unit = _evidence_unit(growth, effect)
-        by_noise, _ = wald_statistics(growth.problem, growth.best, effect.key)
-        none = by_noise / unit - _cost_of(growth, growth.best, effect) - 2.0 * float(np.log(growth.trials))
-        leads = [(effect.key, 0.0), *((law.key, lead) for lead, _, law in found[effect.key])]
-        weights = np.array([np.exp(-0.5 * max(lead, 0.0)) for _, lead in leads])
-        total = float(weights.sum()) + float(np.exp(-0.5 * max(none, 0.0)))
-        for (key, _), weight in zip(leads, weights, strict=True):
-            probability[key] = max(probability.get(key, 0.0), float(weight) / total)
-    return probability

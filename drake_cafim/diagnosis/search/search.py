@@ -16,7 +16,7 @@ from drake_cafim.diagnosis.search import candidate_decisions, decisions
 from drake_cafim.diagnosis.search.competition import compete
 from drake_cafim.diagnosis.search.detection import detection_p_value
 from drake_cafim.diagnosis.search.growth import grow
-from drake_cafim.diagnosis.search.posterior import inclusion_probabilities
+from drake_cafim.diagnosis.search.posterior import Rivals, inclusion_probabilities
 from drake_cafim.diagnosis.search.screening import Candidate, by_row, screen
 from drake_cafim.diagnosis.search.state import ROUNDS, Settings, State, has_moved
 from drake_cafim.diagnosis.thresholds import (
@@ -51,6 +51,8 @@ class Outcome:
     """Compares the best fit with its rivals, where that was put off; None where it is done."""
     unsupported: tuple[Effect, ...] = ()
     """Effects that stood out of unknown forces and explain less than is left at their places."""
+    rivals: Rivals | None = None
+    """The laws that effects under unknown forces were compared with."""
 
     def compared(self) -> "Outcome":
         """The outcome with its best fit compared with rivals."""

@@ -61,7 +61,8 @@ def search_again(
     if more and settings.most_effects >= MOST_EFFECTS:
         growth.grow()
     # what explained more than was left under more noise is no less sure under less, of which more is left
-    compared = compare_by_place(growth, () if more else outcome.best.model.keys)
+    supported, known = ((), None) if more else (outcome.best.model.keys, outcome.rivals)
+    compared = compare_by_place(growth, supported, known)
     if not growth.best.model.effects:
         trace.add(decisions.record_unknown_forces_failure(growth.best))
         return None
@@ -74,6 +75,7 @@ def search_again(
         probability=compared.probability,
         compare=None,
         unsupported=compared.unsupported,
+        rivals=compared.rivals,
     )
 
 
