@@ -172,11 +172,16 @@ def test_rivals_stand_where_nothing_has_changed_at_their_joint(
         for lead, other, law in leads:
             assert lead > FITTED_LEAD
             assert other.model.keys == own.best.model.keys - {key} | {law.key}
+    key, [(lead, other, law), *others] = next((key, leads) for key, leads in kept.items() if leads)
+    alike = replace(other, penalty=other.penalty - other.chi_square + own.best.chi_square + 1.0)
+    near = replace(rivals, found={**rivals.found, key: [(lead, alike, law), *others]})
+    assert key not in near.at(own.best, whitened=True), "by its χ² it is a rival"
+    assert key in near.at(own.best, whitened=False)
     effect = next(effect for effect in own.best.model.effects if effect.key in kept)
     std = own.best.std[len(own.best.model.unknown) :].max()
     moved = effect.with_values(effect.vector + 10.0 * std)
-    others = [other for other in own.best.model.effects if other is not effect]
-    elsewhere = replace(own.best, model=replace(own.best.model, effects=(*others, moved)))
+    present = [moved if it is effect else it for it in own.best.model.effects]
+    elsewhere = replace(own.best, model=replace(own.best.model, effects=tuple(present)))
     assert effect.key not in rivals.at(elsewhere, whitened=True)
     assert effect.key in rivals.at(elsewhere, whitened=False), "the same noise, and no other law"
 

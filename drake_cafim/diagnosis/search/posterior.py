@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.beside import strengths_at
+from drake_cafim.diagnosis.fit.evidence import scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
 from drake_cafim.diagnosis.fit.robust_covariance import wald_statistics
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
+from drake_cafim.diagnosis.thresholds import RIVAL_EXCESS_CHI_SQUARE
 from drake_cafim.effects.effect import Effect
 
 Lead = tuple[float, Fit, Effect]
@@ -49,7 +51,7 @@ class Rivals:
             leads, here = self.found.get(effect.key), joint_of(effect)
             if leads is None or changed & {here, ELSEWHERE} or (here == ELSEWHERE and changed):
                 continue
-            if whitened and any(lead <= FITTED_LEAD for lead, _, _ in leads):
+            if whitened and any(map(self._is_rival, leads)):
                 continue
             rest, risen = best.model.without(effect), best.chi_square - self.beside.chi_square
             kept[effect.key] = [
@@ -57,6 +59,12 @@ class Rivals:
                 for lead, other, law in leads
             ]
         return kept
+
+    def _is_rival(self, contender: Lead) -> bool:
+        """Whether a law comes near in its probability, or in its χ² as a report's rivals do."""
+        lead, other, _ = contender
+        near = RIVAL_EXCESS_CHI_SQUARE * scale_of(self.beside)
+        return lead <= FITTED_LEAD or other.chi_square - self.beside.chi_square < near
 
     def _unlike(self, best: Fit, whitened: bool) -> list[Effect]:
         """The effects that only one of both fits has or, where the rows were `whitened` anew, that moved."""
