@@ -28,6 +28,7 @@ class OneWindow:
 
     rows = 1
     runs = (SimpleNamespace(shape=(1, 1)),)
+    scene = SimpleNamespace(unknown=())
 
 
 @dataclass
@@ -105,6 +106,7 @@ class Wandering:
     lasting: bool
     rows = 40 * 4 * WINDOWS_PER_BLOCK
     runs = (SimpleNamespace(shape=(rows, 1)),)
+    scene = SimpleNamespace(unknown=())
 
     def residual(self, model: Model) -> Any:
         length = 4 * WINDOWS_PER_BLOCK if self.lasting else 1

@@ -1,10 +1,13 @@
 """Unknowns of position servos by the errors of simulations, where the equations of motion lead astray."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from drake_cafim.diagnosis.fit.fitting import unbiased_fit
+from drake_cafim.diagnosis.fit.intervals import doubt_of_settled, standard_deviations, unknowns_std
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.servo_simulation import fit_servos, simulation_error
 from drake_cafim.diagnosis.preparation import Prepared, prepare
@@ -109,3 +112,38 @@ def _recorded(
     noise: Array = random.normal(size=(2, samples))
     columns = {"q.pan": positions + 3e-4 * noise[0], "v.pan": velocities + 1e-2 * noise[1], "cmd.pan": command}
     return Recording(f"pan {seed}", time, columns)
+
+
+def test_what_simulations_settled_is_not_known_better_by_the_same_recordings(tmp_path: Path) -> None:
+    """The rows are the samples that were simulated, so that they add nothing to what these tell of the servo."""
+    prepared = _prepared(tmp_path, 2e-3, 0.0)
+    found = prepared.with_servos_simulated(lambda text: None)
+    assert found is not None and found[0].settled is not None
+    settled = np.array([unknown.prior.std for unknown in found[0].settled.unknown])
+    problem = found[0].problem()
+    best = unbiased_fit(problem, problem.nominal())
+    # as further data the rows would leave a part of it only
+    assert np.all(best.std[:2] < 0.7 * settled)
+    std = standard_deviations(problem, best, 1.0)
+    assert np.all(std[:2] > 0.99 * settled) and np.all(std[:2] < 1.01 * settled)
+    assert np.all(unknowns_std(problem.scene, best) > 0.99 * settled)
+
+
+def test_what_depends_on_settled_values_is_as_uncertain_as_they_are() -> None:
+    """Two settled unknowns with correlated slopes beside a strength that follows them: exact for linear rows."""
+    random = np.random.default_rng(3)
+    J, prior = random.normal(size=(40, 3)) + 0.7 * random.normal(size=(40, 1)), np.array([0.05, 0.3])
+    scene = SimpleNamespace(unknown=[SimpleNamespace(settled=True)] * 2, priors=SimpleNamespace(std=prior))
+    together = np.linalg.inv(J.T @ J + np.diag([*prior**-2.0, 0.0]))
+    fitted = SimpleNamespace(covariance=together, model=SimpleNamespace(vector=np.zeros(3)))
+    variance = np.diag(together) + doubt_of_settled(scene, fitted)  # type: ignore[arg-type]
+    # the third number fitted to rows with noise and the others drawn from their priors
+    own = J[:, 2] / (J[:, 2] @ J[:, 2])
+    expected = own @ own + np.sum((own @ J[:, :2] * prior) ** 2)
+    assert np.allclose(variance, [*prior**2, expected], rtol=1e-9)
+    assert together[2, 2] < 0.95 * expected and np.all(np.diag(together)[:2] < 0.99 * prior**2)
+
+
+def test_unknowns_that_nothing_settled_have_no_further_doubt(tmp_path: Path) -> None:
+    problem = _prepared(tmp_path, 2e-3, 0.0, friction=0.0, late=0.0).problem()
+    assert not np.any(doubt_of_settled(problem.scene, unbiased_fit(problem, problem.nominal())))

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import norm
 
 from drake_cafim.diagnosis.fit.fitting import Fit
-from drake_cafim.diagnosis.fit.intervals import standard_deviations
+from drake_cafim.diagnosis.fit.intervals import standard_deviations, unknowns_std
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.left_out.law_words import words_of
 from drake_cafim.diagnosis.left_out.selection import Selection
@@ -85,7 +85,7 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, selection: Se
         *(held_out[0].missing("held_out") if held_out else ()),
         *effort_scale_notes(outcome.problem, best),
     )
-    parameters = parameters_of(scene, best, bound=bound)
+    parameters = parameters_of(scene, best, unknowns_std(outcome.problem.scene, best), bound)
     unknown = far_unknowns(scene, best.model) if kind == "unexplained" and not prepared.mistakes else ()
     far = tuple(parameters[scene.unknown.index(parameter)] for parameter in unknown)
     # two-sided p-value of the farthest unknown by its prior, times the number of unknowns (Bonferroni)

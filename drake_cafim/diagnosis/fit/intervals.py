@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from drake_cafim.diagnosis.fit.fitting import NOTHING_KNOWN, Fit
+from drake_cafim.diagnosis.fit.fitting import LEAST_INFORMATION, NOTHING_KNOWN, Fit
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_p_value
 from drake_cafim.diagnosis.thresholds import EFFECT_SHOWN_P_VALUE, INTERVAL_REACH_IN_STDS, PARABOLIC_RISE_SHARE
+from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 DOUBLINGS, REFINEMENTS = 6, 2
@@ -22,6 +23,7 @@ def standard_deviations(problem: Problem, fit: Fit, scale: float) -> Array:
     minima by noise (Davies, Biometrika 74(1), 1987): its shape is unknown, and the std of an amplitude is its value.
     """
     std = np.maximum(fit.std * np.sqrt(scale), blockwise_std(problem, fit))
+    std = np.hypot(std, np.sqrt(doubt_of_settled(problem.scene, fit)))
     n = len(fit.model.unknown)
     if n:
         # what was known before the recordings is still known, whatever the noise
@@ -39,6 +41,39 @@ def standard_deviations(problem: Problem, fit: Fit, scale: float) -> Array:
         # a strength that the recordings do not determine is known by its bounds
         std[index] = min(std[index], max(abs(bound) for bound in bounds) / INTERVAL_REACH_IN_STDS)
     return np.asarray(np.maximum(std, _least_std(problem, fit)))
+
+
+def unknowns_std(scene: Scene, fit: Fit) -> Array:
+    """(n,) standard deviations of the unknowns under the stated noise, those settled before known no better by a fit.
+
+    `scene` is the one whose priors the fit had.
+    """
+    n = len(scene.unknown)
+    return np.asarray(np.hypot(fit.std, np.sqrt(doubt_of_settled(scene, fit)))[:n])
+
+
+def doubt_of_settled(scene: Scene, fit: Fit) -> Array:
+    """(n + k,) variances to be added since the priors of some unknowns are of the same recordings as the rows.
+
+    Simulations of the recordings settled these unknowns s with covariance P (diagonal). The rows are the same samples
+    once more: taken as further ones, they would make s known far too well. So s keeps P, and whatever depends on it is
+    as uncertain as that makes it (a cut; Plummer, Statistics and Computing 25, 2015): with the covariance C of the fit,
+
+        C + A (P − C_ss)₊ Aᵀ,   A = C_·s C_ss⁻¹,
+
+    of which this is the diagonal of the second term. It is zero where nothing was settled.
+    """
+    added = np.zeros(len(fit.model.vector))
+    at = [i for i, unknown in enumerate(scene.unknown) if unknown.settled]
+    if not at:
+        return added
+    # in units of P the part that counts twice is that of the eigenvalues below one
+    prior = scene.priors.std[at]
+    own = fit.covariance[np.ix_(at, at)] / np.outer(prior, prior)
+    known, axes = np.linalg.eigh(own)
+    known = np.maximum(known, LEAST_INFORMATION * max(1.0, float(known[-1])))
+    along = (fit.covariance[:, at] / prior) @ axes / known * np.sqrt(np.maximum(1.0 - known, 0.0))
+    return np.asarray(np.sum(along**2, axis=1))
 
 
 def _least_std(problem: Problem, fit: Fit) -> Array:
