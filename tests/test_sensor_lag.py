@@ -11,6 +11,8 @@ from drake_cafim.diagnosis.fit.fitting import unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import Prepared, prepare
+from drake_cafim.diagnosis.rows.kinematic_rows import KinematicRows
+from drake_cafim.effects.sensor import SensorBias
 from drake_cafim.effects.timing import SensorDelay, SensorLag
 from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate
@@ -110,3 +112,22 @@ def test_how_far_a_sensor_was_behind_at_first_is_not_known(seed: int, at: str, t
     rows = fitted.residual[: problem.rows].reshape(3, -1, problem.runs[0].weak.rows_per_window)
     first = rows[:, :8, scene.tree.joint_index(at.partition(".")[2])]
     assert float(np.mean(first**2)) < 2.5
+
+
+def test_a_lag_is_reckoned_once_while_other_numbers_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An encoder's bias moves the whole motion, but not the lag's filter; of an estimate no noise is smoothed."""
+    problem, scene, effect = _problem("single:sensor_lag", "arm2", 4, tmp_path)
+    asked: list[str] = []
+    for owner, name in ((SensorLag, "kinematic_correction"), (KinematicRows, "_variance")):
+        own = getattr(owner, name)
+        monkeypatch.setattr(owner, name, lambda *args, own=own, name=name: asked.append(name) or own(*args))
+    lag, joint = SensorLag(effect["at"], {"time_constant": 0.01}), scene.tree.joint_names[-1]
+    biased = SensorBias(f"q.{joint}", {"bias": 0.01})
+    rows = [problem.rows_of(Model(scene.priors.mean, effects)) for effects in ((lag,), (lag, biased))]
+    assert not np.allclose(*rows) and "_variance" not in asked
+    asked.clear()
+    samples = problem.runs[0].weak.samples
+    kinematic = KinematicRows(samples)
+    read = [kinematic.compared([lag], scene.tree.joint_names, samples.q + bias, samples.v) for bias in (0.0, 0.01)]
+    assert asked == ["kinematic_correction"]
+    assert not np.allclose(read[0][0], read[1][0]) and np.array_equal(read[0][2], read[1][2])

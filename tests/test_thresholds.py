@@ -114,6 +114,7 @@ MEMORY = {
     "rows/inertial_regressor.py": "CACHED_REGRESSORS WINDOWS_AT_ONCE",
     "rows/inertial_rows.py": "COMPUTED_ALONE",
     "rows/initial_uncertainty.py": "CACHED_LAGS",
+    "rows/kinematic_rows.py": "CACHED_LAGS",
     "rows/mobility.py": "CACHED",
     "tosses/pulses.py": "TOGETHER",
     "rows/velocity_smoothing.py": "CACHED_STDS",

@@ -13,6 +13,9 @@ from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.typing import Array
 
+CACHED_LAGS = 16
+"""Most lags, by sensor and time constant, whose filters are kept."""
+
 
 def lags_of(sensors: Iterable[SensorEffect]) -> tuple[SensorEffect, ...]:
     """The sensor effects that are lags (have a settling time) of measured positions or velocities."""
@@ -25,6 +28,9 @@ class KinematicRows:
 
     samples: Samples
     _alike: dict[CorrelatedNoise, sp.csr_matrix] = field(default_factory=dict, repr=False, compare=False)
+    _of_lags: dict[tuple[object, ...], tuple[sp.csr_matrix, Array | None]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     def compared(
         self, lags: Sequence[SensorEffect], joints: Sequence[str], q: Array, v: Array
@@ -40,21 +46,38 @@ class KinematicRows:
         windows, time = self.samples.windows, self.samples.time
         factor = np.ones((len(windows), q.shape[1]))
         channels = {"q": q.copy(), "v": v.copy()} if lags else {"q": q, "v": v}
-        slopes = {"q": windows.rate, "v": windows.velocity}
         for lag in lags:
             kind, joint = lag.at.split(".", 1)
             partner, j = "v" if kind == "q" else "q", joints.index(joint)
-            ahead = cast(sp.csr_matrix, lag.kinematic_correction(time))  # an effect with a settling time has one
+            ahead, quieter = self._filtered(lag, kind, partner, joint)
             channels[partner][:, j] = lag.measured(time, channels[partner][:, j : j + 1])[:, 0]
             for name in (kind, partner):
                 channels[name][:, j] = ahead @ channels[name][:, j]
-            # an estimated motion has no noise of samples that a filter could smooth
-            if self.samples.estimated is None:
-                own, other = (self._variance(f"{name}.{joint}", slopes[name]) for name in (kind, partner))
-                read = self._variance(f"{kind}.{joint}", sp.csr_matrix(slopes[kind] @ ahead))
-                filtered = sp.csr_matrix(slopes[partner] @ ahead @ lag.filter_matrix(time))
-                factor[:, j] *= np.sqrt((own + other) / (read + self._variance(f"{partner}.{joint}", filtered)))
+            if quieter is not None:
+                factor[:, j] *= quieter
         return channels["q"], channels["v"], factor
+
+    def _filtered(self, lag: SensorEffect, kind: str, partner: str, joint: str) -> tuple[sp.csr_matrix, Array | None]:
+        """The matrix (N, N) that reads both channels a time constant later, and the noise factor (M,) of a lag.
+
+        None where the motion is estimated: the estimate has no samples' noise to be smoothed. Cached, since most
+        changes of a model leave the lags as they are.
+        """
+        key = (lag.key, *lag.values.values())
+        if key not in self._of_lags:
+            time, windows = self.samples.time, self.samples.windows
+            ahead = cast(sp.csr_matrix, lag.kinematic_correction(time))  # an effect with a settling time has one
+            quieter = None
+            if self.samples.estimated is None:
+                slopes = {"q": windows.rate, "v": windows.velocity}
+                as_noisy, noisy = np.zeros(len(windows)), np.zeros(len(windows))
+                for name, read in ((kind, ahead), (partner, sp.csr_matrix(ahead @ lag.filter_matrix(time)))):
+                    as_noisy += self._variance(f"{name}.{joint}", slopes[name])
+                    noisy += self._variance(f"{name}.{joint}", sp.csr_matrix(slopes[name] @ read))
+                quieter = np.sqrt(as_noisy / noisy)
+            make_room(self._of_lags, CACHED_LAGS)
+            self._of_lags[key] = ahead, quieter
+        return self._of_lags[key]
 
     def _variance(self, column: str, rows: sp.csr_matrix) -> Array:
         """(M,) variance of `rows` (M, N) applied to the noise of `column`."""
