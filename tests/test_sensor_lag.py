@@ -131,3 +131,15 @@ def test_a_lag_is_reckoned_once_while_other_numbers_change(tmp_path: Path, monke
     read = [kinematic.compared([lag], scene.tree.joint_names, samples.q + bias, samples.v) for bias in (0.0, 0.01)]
     assert asked == ["kinematic_correction"]
     assert not np.allclose(read[0][0], read[1][0]) and np.array_equal(read[0][2], read[1][2])
+
+
+def test_the_matrix_of_a_lag_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a time grid and a time constant, whatever it filters; another grid and another constant have their own."""
+    time, lag = 0.0173 * np.arange(40.0), SensorLag("q.a", {"time_constant": 0.0211})
+    first = lag.measured(time, np.sin(time)[:, None])
+    monkeypatch.setattr("scipy.sparse.diags_array", lambda *args, **names: pytest.fail("made again"))
+    assert not np.allclose(lag.measured(time, np.cos(time)[:, None]), first)
+    assert np.array_equal(lag.measured(time, np.sin(time)[:, None]), first)
+    monkeypatch.undo()
+    assert not np.allclose(SensorLag("q.a", {"time_constant": 0.05}).measured(time, np.sin(time)[:, None]), first)
+    assert not np.allclose(lag.measured(0.5 * time, np.sin(time)[:, None]), first)

@@ -170,7 +170,7 @@ class SensorLag(TimingEffect):
             return true
         # written[k + 1] − kept[k] written[k] = (input matrix @ true)[k + 1]
         band = np.stack([np.ones(len(time)), np.append(-np.exp(-np.diff(time) / tau), 0.0)])
-        return np.asarray(solve_banded((1, 0), band, _input_matrix(time, tau) @ true, check_finite=False))
+        return np.asarray(solve_banded((1, 0), band, _input_matrix(time.tobytes(), tau) @ true, check_finite=False))
 
     def filter_matrix(self, time: Array) -> sp.csr_matrix:
         tau = self.values["time_constant"]
@@ -183,7 +183,7 @@ class SensorLag(TimingEffect):
                 break
             diagonals.append(np.exp(-apart / tau))
             offsets.append(-offset)
-        return sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets) @ _input_matrix(time, tau))
+        return sp.csr_matrix(sp.diags_array(diagonals, offsets=offsets) @ _input_matrix(time.tobytes(), tau))
 
     def true(self, time: Array, measured: Array) -> Array:
         return np.asarray(self.correction(time) @ measured)
@@ -226,8 +226,13 @@ class ClockSkew(ShiftedSensor):
         return np.asarray((time[:, None] * slope)[..., None])
 
 
-def _input_matrix(time: Array, tau: float) -> sp.csr_matrix:
-    """Input matrix (N, N) of the lag's recursion; exact for a signal that is a parabola between two samples."""
+@lru_cache(maxsize=16)
+def _input_matrix(grid: bytes, tau: float) -> sp.csr_matrix:
+    """Input matrix (N, N) of the lag's recursion; exact for a signal that is a parabola between two samples.
+
+    Cached by time grid and time constant, which most changes of a model leave as they are.
+    """
+    time = np.frombuffer(grid)
     steps = np.diff(time)
     a = steps / tau
     kept = np.exp(-a)
@@ -237,7 +242,7 @@ def _input_matrix(time: Array, tau: float) -> sp.csr_matrix:
         return sp.csr_matrix(straight)
     # ∫ e^(−u/τ)/τ · u (h − u)/2 du: how far a parabola of unit curvature lies below its chord
     below = 0.5 * tau**2 * (a * (1.0 - (1.0 + a) * kept) - 2.0 + (a**2 + 2.0 * a + 2.0) * kept)
-    return sp.csr_matrix(straight - sp.diags_array(np.append(0.0, below)) @ _curvature(time.tobytes()))
+    return sp.csr_matrix(straight - sp.diags_array(np.append(0.0, below)) @ _curvature(grid))
 
 
 @lru_cache(maxsize=16)
