@@ -35,6 +35,7 @@ ITERATIONS = {
     "likelihood/flow.py": "TOLERANCE MOST_STEPS",
     "likelihood/whole_recordings.py": "ITERATIONS SETTLED FREEDOMS NEAR WORSE SMALL_DAMPING LARGE_DAMPING",
     "rows/initial_uncertainty.py": "MOST_SWEEPS TOLERANCE",
+    "rows/adjustment.py": "CONTRADICTED",
     "rows/trajectory.py": "DENSITIES REFINEMENTS PASSES SETTLED REFUSED",
     "fit/beside.py": "MOST_STEPS MOST_HALVINGS",
     "search/law_shapes.py": "FINER",

@@ -30,6 +30,9 @@ from drake_cafim.typing import Array
 
 POSITION_STEP, VELOCITY_STEP = 1e-6, 1e-5
 """Steps of central differences, rad and rad/s (m and m/s)."""
+CONTRADICTED = 10.0
+"""Density of the accelerations that the model does not explain, over that of all accelerations, from which on the
+model's say nothing of a joint's motion. Less may come from a few moments that it does not explain."""
 LEAST_STD = 1e-12
 """rad or rad/s (m or m/s): exact samples would leave the filter without a scale."""
 
@@ -37,8 +40,9 @@ LEAST_STD = 1e-12
 def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
     """The recording of `weak` with its positions and velocities as estimated under `physics`; efforts as recorded.
 
-    A joint whose samples are likelier with nothing known of its acceleration is estimated by these alone: stiff laws of
-    light joints that are coupled with each other cannot be integrated joint by joint.
+    A joint whose samples are likelier with nothing known of its acceleration, of which the model leaves far more than
+    all (`CONTRADICTED`), is estimated by these alone: stiff laws of light joints that are coupled with each other
+    cannot be integrated joint by joint.
     """
     samples, names = weak.samples, physics.tree.joint_names
     as_read = weak.measurement(physics)
@@ -55,7 +59,7 @@ def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
         if not (np.all(np.isfinite(transition.rise_v)) and np.all(np.isfinite(transition.rise_q))):
             break
         before, found = found, smooth(*read, transition.without_model(contradicted))
-        contradicted |= found.surprise > free.surprise
+        contradicted |= (found.surprise > free.surprise) & (found.density > CONTRADICTED * free.density)
         found = found.with_joints(contradicted, free)
         bend = np.where(contradicted, 0.0, bend)
         current = _with_trajectory(weak, physics, found, bend, _unmodelled_force(current, physics, found, mobility))
