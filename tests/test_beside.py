@@ -10,13 +10,12 @@ from drake_cafim.diagnosis.fit.beside import Beside
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import joint_of
+from drake_cafim.diagnosis.fit.rivals import FITTED_LEAD
 from drake_cafim.diagnosis.joints import unknown_force
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.rows.kinematic_rows import KinematicRows
 from drake_cafim.diagnosis.search import rivals_by_place
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside, fit_shapes
-from drake_cafim.diagnosis.search.posterior import FITTED_LEAD
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
 from tests.test_growth_by_place import arm_that_rubs
@@ -184,19 +183,3 @@ def test_rivals_stand_where_nothing_has_changed_at_their_joint(
     elsewhere = replace(own.best, model=replace(own.best.model, effects=tuple(present)))
     assert effect.key not in rivals.at(elsewhere, whitened=True)
     assert effect.key in rivals.at(elsewhere, whitened=False), "the same noise, and no other law"
-
-
-def test_of_an_estimated_motion_no_noise_is_weighed_under_a_lag(
-    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    problem, asked = growth.problem, list[str]()
-    assert isinstance(problem, WeakProblem)
-    assert all(run.weak.samples.estimated is not None for run in problem.runs)
-    variance = KinematicRows._variance
-    monkeypatch.setattr(
-        KinematicRows, "_variance", lambda own, column, rows: asked.append(column) or variance(own, column, rows)
-    )
-    lag = effect_named("sensor_lag")(f"v.{problem.scene.tree.joint_names[0]}", {"time_constant": 0.0123})
-    changed = problem.residual(problem.nominal().with_effects([lag])) - problem.residual(problem.nominal())
-    assert np.linalg.norm(changed) > 1.0
-    assert not asked

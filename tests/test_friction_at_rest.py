@@ -1,5 +1,6 @@
 """A joint that dry friction holds: no law of the velocity says with what force, and that is no missing physics."""
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.search.judgement import judge
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import REST_LASTING
-from drake_cafim.diagnosis.whitening.friction_at_rest import friction_at_rest_covariance, lasting
+from drake_cafim.diagnosis.whitening import lasting_noise
+from drake_cafim.diagnosis.whitening.friction_at_rest import friction_at_rest_covariance
 from tests.turntable import problem_of, write_turntable
 
 INERTIA, FRICTION = 0.01, 0.05
@@ -61,12 +63,39 @@ def test_a_width_that_is_stated_leaves_no_doubt(tmp_path: Path) -> None:
     assert friction_at_rest_covariance(form, physics.changed(joint_forces=(stated,))).nnz == 0
 
 
-def test_the_force_of_a_resting_joint_lasts(tmp_path: Path) -> None:
-    time = np.array([0.0, 0.25, 0.5, 1.4])
-    expected = np.array([[1.0, 0.0, 0.5, 0.0], [0.0] * 4, [0.5, 0.0, 1.0, 0.1], [0.0, 0.0, 0.1, 1.0]])
+def test_what_holds_a_joint_may_turn_from_one_window_to_the_next(tmp_path: Path) -> None:
+    """A joint at rest without an effort, as other joints shake it: half of what holds it is not what held it before."""
+    time = np.arange(0.0, 2.0, 0.002)
+    still = {f"{channel}.axis": np.zeros_like(time) for channel in "qvu"}
+    write_turntable(tmp_path, pd.DataFrame({"time": time, **still}), (1e-5, 1e-3), INERTIA, friction=FRICTION)
+    problem = problem_of(tmp_path)
+    held = friction_at_rest_covariance(problem.forms[0], problem.scene.physics).toarray()
+    rows = np.flatnonzero(np.diag(held) > 0.5 * np.max(held))
+    # four windows on, a tenth of a second later
+    assert held[rows[10], rows[14]] / held[rows[10], rows[10]] == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize("at_once", [1, 2, 2000])
+def test_the_force_of_a_resting_joint_lasts(monkeypatch: pytest.MonkeyPatch, at_once: int) -> None:
+    monkeypatch.setattr(lasting_noise, "INSTANTS_AT_ONCE", at_once)
+    time = np.array([0.0, 0.5, 1.4])
+    expected = np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.1], [0.0, 0.1, 1.0]])
+    rows = sp.csr_matrix(np.array([[2.0, 0.0, 0.0], [0.0, 1.0, -3.0]]))
     np.testing.assert_allclose(
-        lasting(time, np.array([True, False, True, True]), REST_LASTING).toarray(), expected, atol=1e-12
+        lasting_noise.lasting(rows, time, REST_LASTING).toarray(), rows @ expected @ rows.T, atol=1e-12
     )
+
+
+def test_a_minute_at_rest_takes_no_memory_for_each_pair_of_samples() -> None:
+    time = 1e-3 * np.arange(6e4)
+    rows = sp.csr_matrix((np.full(len(time), 1e-3), (np.arange(len(time)) // 30, np.arange(len(time)))))
+    tracemalloc.start()
+    covariance = lasting_noise.lasting(rows, time, REST_LASTING)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # pairs of samples within a second of each other would take 1.4 GB
+    assert peak < 3e8
+    assert covariance.diagonal()[100] == pytest.approx(0.03**2, rel=0.02)
 
 
 def test_efforts_that_turn_within_a_window_move_no_resting_joint(tmp_path: Path) -> None:

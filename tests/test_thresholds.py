@@ -41,7 +41,7 @@ ITERATIONS = {
     "search/law_shapes.py": "FINER",
     "search/state.py": "ROUNDS",
     "search/growth_by_place.py": "MOST_ROUNDS MOST_REFUSALS CONVERGED QUARTERS FIRST_ORDER_SHORTFALL",
-    "search/posterior.py": "FITTED_LEAD",
+    "fit/rivals.py": "FITTED_LEAD",
     "search/rivals_by_place.py": "MOST_ALONE ROUNDS REPLACING_LEAD",
     "whitening/unmodelled_force.py": "DRAWS MOST_STEPS TOLERANCE",
     "tosses/arc_rows.py": "CORRECTIONS",
@@ -119,6 +119,7 @@ MEMORY = {
     "rows/mobility.py": "CACHED",
     "tosses/pulses.py": "TOGETHER",
     "rows/velocity_smoothing.py": "CACHED_STDS",
+    "whitening/lasting_noise.py": "INSTANTS_AT_ONCE",
     "whitening/whitened_run.py": "CACHED_STARTS",
 }
 DERIVED = {

@@ -11,6 +11,7 @@ from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
+from drake_cafim.diagnosis.fit.rivals import FITTED_LEAD, Lead, Rivals
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
@@ -23,14 +24,7 @@ from drake_cafim.diagnosis.search.growth_by_place import (
     share_removed,
 )
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside, fit_shapes
-from drake_cafim.diagnosis.search.posterior import (
-    FITTED_LEAD,
-    Lead,
-    Rivals,
-    cost_of,
-    evidence_unit,
-    probabilities_by_place,
-)
+from drake_cafim.diagnosis.search.posterior import cost_of, evidence_unit, probabilities_by_place
 from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import (
     LEAST_PROBABILITY,
@@ -293,10 +287,10 @@ def _contenders(growth: GrowthByPlace, effect: Effect) -> list[Lead]:
     unit = evidence_unit(growth, effect)
     left = residual - beside.basis @ (beside.basis.T @ residual)
     lost = float(left @ left) - best.chi_square
-    own = cost_of(growth, best, effect)
+    own = cost_of(best, effect)
     found: list[Lead] = []
     by_noise: dict[str, float] = {}
-    price = {law.key: cost_of(growth, best, law) for law in laws}
+    price = {law.key: cost_of(best, law) for law in laws}
     looks = sorted(screen(problem, best, laws, at_rest), key=lambda look: price[look.effect.key] - look.gain)
     near = [look for look in looks if lost - look.gain + price[look.effect.key] - own <= FITTED_LEAD * unit]
     near = near[:RIVALS_FITTED_PER_PARENT]

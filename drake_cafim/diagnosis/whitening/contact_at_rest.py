@@ -10,8 +10,9 @@ import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import REST_LASTING
-from drake_cafim.diagnosis.whitening.friction_at_rest import FAINT, lasting
+from drake_cafim.diagnosis.whitening.friction_at_rest import FAINT
 from drake_cafim.diagnosis.whitening.impact_noise import rows_by_sample
+from drake_cafim.diagnosis.whitening.lasting_noise import lasting
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.numerics.cross import cross
 from drake_cafim.scenario.physics import Physics
@@ -38,11 +39,10 @@ def contact_at_rest_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matri
         near = np.flatnonzero(doubt > 0.0)
         if not len(near):
             continue
-        correlated = lasting(weak.samples.time, doubt > 0.0, REST_LASTING)[near][:, near]
         for along in touch.axes.T[:2]:
             pushed = by_force(weak, physics, contact, touch.position, doubt[:, None] * along)
             by_sample = rows_by_sample(weak, physics, near, pushed[near], weak.rows_per_window)
-            total = total + by_sample @ correlated @ by_sample.T
+            total = total + lasting(by_sample, weak.samples.time[near], REST_LASTING)
     return sp.csr_matrix(total)
 
 

@@ -13,8 +13,8 @@ import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.contact_at_rest import by_force
-from drake_cafim.diagnosis.whitening.friction_at_rest import lasting
 from drake_cafim.diagnosis.whitening.impact_noise import rows_by_sample
+from drake_cafim.diagnosis.whitening.lasting_noise import lasting
 from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.scenario.physics import Physics
 
@@ -32,12 +32,11 @@ def contact_step_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matrix:
         start = states.stop
         if contact.law.normal != "hydroelastic":
             continue
-        alike = lasting(windows.centers, np.ones(len(windows), dtype=bool), windows.width)
         pushing, rubbing = _changes(weak, physics, contact, states)
         for change in (pushing, rubbing):
             summed = np.asarray(change.sum(axis=1)).ravel()
             by_window = sp.csr_matrix((summed, (np.arange(len(summed)), np.arange(len(summed)) // r)))
-            total = total + by_window @ alike @ by_window.T
+            total = total + lasting(by_window, windows.centers, windows.width)
         total = total + rubbing @ rubbing.T
     return sp.csr_matrix(total)
 

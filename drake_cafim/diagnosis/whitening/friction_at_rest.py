@@ -13,10 +13,11 @@ import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import REST_LASTING, RESTING_EFFORT_STD
+from drake_cafim.diagnosis.whitening.lasting_noise import lasting
 from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointForce
 from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.typing import Array, Flags
+from drake_cafim.typing import Array
 
 SLIDING = 20.0
 """Velocity in widths w at which a joint slides for certain."""
@@ -33,48 +34,37 @@ def friction_at_rest_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matr
         if effect.group != DRY_FRICTION or SLIP_VELOCITY.name in effect.values:
             continue
         joint = physics.tree.joint_index(effect.at)
-        size, share = _doubt(effect, joints[joint])
-        if not np.any(share):
-            continue
-        scaled = windows.value @ sp.diags_array(share / physics.effort_gains[joint])
-        shared = sp.coo_matrix(scaled @ _held(weak, size, joints[joint].u, np.greater(share, 0.0)) @ scaled.T)
-        rows, columns = (r * index + weak.dynamic.start + joint for index in (shared.row, shared.col))
-        total = total + sp.csr_matrix((shared.data, (rows, columns)), shape=total.shape)
+        held = sp.coo_matrix(_held(weak, effect, joints[joint]) / physics.effort_gains[joint] ** 2)
+        rows, columns = (r * index + weak.dynamic.start + joint for index in (held.row, held.col))
+        total = total + sp.csr_matrix((held.data, (rows, columns)), shape=total.shape)
     return sp.csr_matrix(total)
 
 
+def _held(weak: WeakForm, effect: JointForce, joint: JointSamples) -> sp.csr_matrix:
+    """(M, M) covariance of the impulses over the windows of what holds a joint at rest beyond the friction's law.
+
+    Of what lasts and of what turns within a window, both of the friction's size, and of an unknown multiple of the
+    joint's effort, which the friction takes away: without that, a law by which efforts do not act would explain all
+    that is left at such a joint by a single number.
+    """
+    windows = weak.samples.windows
+    size, share = _doubt(effect, joint)
+    at_rest = np.flatnonzero(share)
+    size, effort, time = size[at_rest], joint.u[at_rest], weak.samples.time[at_rest]
+    at_rest_alone = windows.value[:, at_rest] @ sp.diags_array(share[at_rest])
+    by_size = sp.csr_matrix(at_rest_alone @ sp.diags_array(size))
+    by_effort = sp.csr_matrix(at_rest_alone @ sp.diags_array(RESTING_EFFORT_STD * np.clip(effort, -size, size)))
+    return sp.csr_matrix(
+        lasting(by_size, time, REST_LASTING)
+        + lasting(by_size, time, windows.width)
+        + lasting(by_effort, time, REST_LASTING)
+    )
+
+
 def _doubt(effect: JointForce, joint: JointSamples) -> tuple[Array, Array]:
-    """(N,) the size of the friction, N m or N, and (N,) 1 − |tanh(v/w)|; zero away from rest."""
+    """(N,) the size of the friction, N m or N, and (N,) the share 1 − |tanh(v/w)| of it, zero away from rest."""
     width = SLIP_VELOCITY.nominal
     sliding = np.full_like(joint.v, SLIDING * width)
     forward, backward = (effect.force(JointSamples(joint.q, v, joint.u, load=joint.load)) for v in (sliding, -sliding))
     share = np.maximum(1.0 - np.abs(joint.sign(width).value), 0.0)
     return 0.5 * np.abs(forward.value - backward.value), np.where(share > FAINT, share, 0.0)
-
-
-def _held(weak: WeakForm, size: Array, effort: Array, at_rest: Flags) -> sp.csr_matrix:
-    """(N, N) covariance of the force that holds a joint `at_rest` (N,), (N m)² or N².
-
-    Of what lasts and of what turns within a window, both of the friction's `size` (N,), and of an unknown multiple of
-    the joint's `effort` (N,), which the friction takes away: without that, a law by which efforts do not act would
-    explain all that is left at such a joint by a single number.
-    """
-    time, width = weak.samples.time, weak.samples.windows.width
-    long, brief = lasting(time, at_rest, REST_LASTING), lasting(time, at_rest, width)
-    by_size, by_effort = sp.diags_array(size), sp.diags_array(RESTING_EFFORT_STD * np.clip(effort, -size, size))
-    return sp.csr_matrix(by_size @ (long + brief) @ by_size + by_effort @ long @ by_effort)
-
-
-def lasting(time: Array, where: Flags, reach: float) -> sp.csr_matrix:
-    """(N, N) correlation 1 − |Δt|/`reach` among the instants `where` (N,) is set; zero of all others and beyond that.
-
-    `time` (N,) increases, s, as is `reach`.
-    """
-    at = np.flatnonzero(where)
-    ends = np.searchsorted(time[at], time[at] + reach)
-    counts = ends - np.arange(len(at))
-    first = np.repeat(np.arange(len(at)), counts)
-    second = first + np.arange(len(first)) - np.repeat(np.cumsum(counts) - counts, counts)
-    near = 1.0 - (time[at[second]] - time[at[first]]) / reach
-    upper = sp.csr_matrix((near, (at[first], at[second])), shape=(len(time), len(time)))
-    return sp.csr_matrix(upper + upper.T - sp.diags_array(upper.diagonal()))

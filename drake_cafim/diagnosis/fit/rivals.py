@@ -1,0 +1,77 @@
+"""The laws that compete with each effect of a fit at its place, kept for where nothing has changed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.beside import strengths_at
+from drake_cafim.diagnosis.fit.evidence import scale_of
+from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.model import Key
+from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
+from drake_cafim.diagnosis.thresholds import RIVAL_EXCESS_CHI_SQUARE
+from drake_cafim.effects.effect import Effect
+
+Lead = tuple[float, Fit, Effect]
+"""By how much an explanation's criterion exceeds the best one's, in units of what blocks show; itself; its own law."""
+
+FITTED_LEAD = 6.0
+"""Criterion beyond the best one's, to first order, up to which a law is fitted exactly: its probability is then 5 %."""
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """The contenders that were found for each effect of a fit, by its key.
+
+    What acts at one joint does not show in the equations of another, so that they stand wherever nothing has changed at
+    an effect's joint.
+    """
+
+    beside: Fit
+    """The fit, without its slopes."""
+    found: Mapping[Key, Sequence[Lead]]
+
+    @classmethod
+    def of(cls, best: Fit, found: Mapping[Key, Sequence[Lead]]) -> "Rivals":
+        """Those `found` beside a fit."""
+        return cls(replace(best, jacobian=best.jacobian[:0]), found)
+
+    def at(self, best: Fit, whitened: bool) -> dict[Key, list[Lead]]:
+        """Those of the effects of another fit `best` at whose joints nothing has changed, beside that fit.
+
+        Where the rows were `whitened` anew, nothing has if no strength there moved by more than its standard deviation,
+        and only laws stand that were no rivals: of others the evidence is another.
+        """
+        changed = {joint_of(effect) for effect in self._unlike(best, whitened)}
+        kept: dict[Key, list[Lead]] = {}
+        for effect in best.model.effects:
+            leads, here = self.found.get(effect.key), joint_of(effect)
+            if leads is None or changed & {here, ELSEWHERE} or (here == ELSEWHERE and changed):
+                continue
+            if whitened and any(map(self._is_rival, leads)):
+                continue
+            rest, risen = best.model.without(effect), best.chi_square - self.beside.chi_square
+            kept[effect.key] = [
+                (lead, replace(other, model=rest.with_effects([law]), penalty=other.penalty + risen), law)
+                for lead, other, law in leads
+            ]
+        return kept
+
+    def _is_rival(self, contender: Lead) -> bool:
+        """Whether a law comes near in its probability, or in its χ² as a report's rivals do."""
+        lead, other, _ = contender
+        near = RIVAL_EXCESS_CHI_SQUARE * scale_of(self.beside)
+        return lead <= FITTED_LEAD or other.chi_square - self.beside.chi_square < near
+
+    def _unlike(self, best: Fit, whitened: bool) -> list[Effect]:
+        """The effects that only one of both fits has or, where the rows were `whitened` anew, that moved."""
+        sides = (self.beside.model, best.model)
+        unlike = [it for model in sides for it in model.effects if it.key not in sides[0].keys & sides[1].keys]
+        had = {effect.key: (position, effect) for position, effect in enumerate(self.beside.model.effects)}
+        for effect in best.model.effects if whitened else ():
+            if effect.key in had:
+                position, before = had[effect.key]
+                std = np.sqrt(np.diag(self.beside.covariance))[strengths_at(self.beside.model, position)]
+                unlike += [effect] if np.any(np.abs(effect.vector - before.vector) > std) else []
+        return unlike
