@@ -127,3 +127,8 @@ def list_names(names: Iterable[str]) -> str:
     """The names as text for a sentence: up to 8 in full, of more the first 6 and the number of the others."""
     known = list(dict.fromkeys(names))
     return ", ".join(known) if len(known) <= 8 else f"{', '.join(known[:6])} and {len(known) - 6} more"
+
+
+def describe_negative_damping(place: str, damping: float) -> str:
+    """A note on a joint, which `place` names, whose damping drives it on, as that of a fit may; Drake refuses it."""
+    return f"{place} has the damping {damping:g}, which would drive it on: 0 is used"

@@ -7,12 +7,13 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_cafim.description.description import Description, StatedEffect, list_names
+from drake_cafim.description.description import Description, StatedEffect, describe_negative_damping, list_names
 from drake_cafim.description.inertia import is_unphysical, nearest_physical_inertia
 from drake_cafim.description.mjcf_actuators import effort_limits, read_actuators
 from drake_cafim.description.mjcf_couplings import read_closures, read_couplings
 from drake_cafim.description.mjcf_defaults import Defaults, bodies, include_all
 from drake_cafim.description.mjcf_frames import Compiler, binding_range, set_pose
+from drake_cafim.description.mjcf_mesh_inertia import MeshInertias
 from drake_cafim.description.mjcf_meshes import Meshes
 from drake_cafim.description.mjcf_servos import read_servos
 from drake_cafim.description.packages import Packages
@@ -25,7 +26,7 @@ POSE = ("pos", "quat", "axisangle", "euler", "xyaxes", "zaxis")
 GEOM = ("name", "type", "size", "mass", "density", "rgba", "fromto", *POSE)
 JOINT = ("name", "type", "pos", "axis", "range", "limited", "damping")
 BODY = ("name", *POSE)
-COMPILER = ("angle", "eulerseq", "autolimits", "inertiafromgeom")
+COMPILER = ("angle", "eulerseq", "autolimits")
 
 
 @dataclass
@@ -57,11 +58,12 @@ def mjcf_description(document: XmlDocument, packages: Packages) -> Description:
     closures = read_closures(root)
     efforts, notes = effort_limits(driving, worlds, compiler)
     servos = read_servos(driving)
+    inertias = MeshInertias(document.path)
     for world in worlds:
         _keep_shapes(world, taken)
         moving = _moving_bodies(world)
         for body, _ in bodies(world):
-            _read_body(document, body, compiler, taken, body in moving)
+            _read_body(document, body, compiler, taken, inertias if body in moving else None)
     mimics, uncoupled = read_couplings(root, taken.references)
     taken.acting += servos.acting
     taken.notes += [*notes, *servos.notes, *uncoupled, *_describe_unread(root)]
@@ -118,15 +120,20 @@ def _moving_bodies(world: Element) -> set[Element]:
     return {below for body in jointed for below in body.iter("body")}
 
 
-def _read_body(document: XmlDocument, body: Element, compiler: Compiler, taken: _Extracted, moves: bool) -> None:
-    """Reduce a body to what Drake's parser reads; `moves` says whether its mass matters."""
+def _read_body(
+    document: XmlDocument, body: Element, compiler: Compiler, taken: _Extracted, inertias: MeshInertias | None
+) -> None:
+    """Reduce a body to what Drake's parser reads; without `inertias` it stands still, so that its mass is nothing."""
     name = body.get("name", "")
     place = f"{document.place(body)}: body {name!r}"
     if float(body.get("gravcomp", "0")) != 0.0:
         taken.notes.append(f"{place}: its compensation of gravity is ignored")
+    if compiler.says("inertiafromgeom", "auto") == "true" and body.find("geom") is not None:
+        for overruled in body.findall("inertial"):
+            body.remove(overruled)
     _lighten_other_groups(body, compiler)
-    if moves and body.find("inertial") is None and any(_heavy_mesh(geom) for geom in body.findall("geom")):
-        raise InputError(f"{place} weighs what its mesh does, and meshes are not read; expected an <inertial>")
+    if inertias and body.find("inertial") is None and any(_heavy_mesh(geom) for geom in body.findall("geom")):
+        inertias.write(body, place)
     weighs = _mend_inertia(body, place, compiler, taken)
     _keep_shapes(body, taken, weighs)
     free = [joint for joint in body.findall("joint") if joint.get("type") == "free"]
@@ -171,7 +178,10 @@ def _read_joint(document: XmlDocument, joint: Element, compiler: Compiler, taken
     if span:
         joint.set("range", " ".join(map(repr, span)))
     if joint.get("damping"):
-        joint.set("damping", repr(first("damping")))
+        damping = first("damping")
+        joint.set("damping", repr(max(damping, 0.0)))
+        if damping < 0.0:
+            taken.notes.append(describe_negative_damping(place, damping))
     for key in [key for key in joint.attrib if key not in JOINT]:
         del joint.attrib[key]
 
@@ -213,7 +223,7 @@ def _mend_inertia(body: Element, place: str, compiler: Compiler, taken: _Extract
     Returns whether the body has a mass.
     """
     inertial = body.find("inertial")
-    if inertial is None or compiler.says("inertiafromgeom", "auto") == "true":
+    if inertial is None:
         return True
     if numbers(inertial, "mass", "0")[0] <= 0.0:
         body.remove(inertial)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
-from drake_cafim.description.description import SHOWN, Description, StatedEffect, list_names
+from drake_cafim.description.description import SHOWN, Description, StatedEffect, describe_negative_damping, list_names
 from drake_cafim.description.packages import Packages
 from drake_cafim.description.xml_document import XmlDocument
 
@@ -11,7 +11,7 @@ from drake_cafim.description.xml_document import XmlDocument
 def sdf_description(document: XmlDocument, packages: Packages) -> Description:
     """The description of an SDFormat file; files that it includes are read by Drake unchanged."""
     acting = [effect for joint in document.root.iter("joint") for effect in _take_effects(joint)]
-    notes = tuple(_remove_meshes(document, packages))
+    notes = (*_mend_dampings(document), *_remove_meshes(document, packages))
     named = [element for element in document.root.iter() if element.tag in ("link", "joint")]
     places = {element.get("name", ""): document.place(element) for element in named}
     return Description(document.text(), "sdf", tuple(acting), {}, {}, (), notes, places)
@@ -40,6 +40,17 @@ def _take_effects(joint: Element) -> Iterator[StatedEffect]:
         yield StatedEffect("joint_coulomb_friction", name, {"torque": friction})
     if stiffness > 0.0:
         yield StatedEffect("joint_spring", name, {"stiffness": stiffness, "rest": rest})
+
+
+def _mend_dampings(document: XmlDocument) -> Iterator[str]:
+    """Replace negative dampings by 0; a note for each."""
+    for joint in document.root.iter("joint"):
+        place = f"{document.place(joint)}: joint {joint.get('name')!r}"
+        for given in joint.findall("axis/dynamics/damping"):
+            damping = _number(given.text or "0", f"{place}: damping")
+            if damping < 0.0:
+                given.text = "0"
+                yield describe_negative_damping(place, damping)
 
 
 def _remove_meshes(document: XmlDocument, packages: Packages) -> Iterator[str]:

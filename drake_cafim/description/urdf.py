@@ -5,7 +5,14 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from drake_cafim.description.description import SHOWN, Description, Mimic, StatedEffect, list_names
+from drake_cafim.description.description import (
+    SHOWN,
+    Description,
+    Mimic,
+    StatedEffect,
+    describe_negative_damping,
+    list_names,
+)
 from drake_cafim.description.inertia import is_unphysical, nearest_physical_inertia
 from drake_cafim.description.packages import Packages
 from drake_cafim.description.xml_document import XmlDocument, numbers
@@ -24,9 +31,11 @@ def urdf_description(document: XmlDocument, packages: Packages) -> Description:
     """The description of a URDF. Raises `InputError` that names the body or joint and the line."""
     root = document.root
     _refuse_macros(document)
+    _refuse_empty_ranges(document)
     if not root.get("name"):
         root.set("name", document.path.stem)
     notes = [*_remove_empty_shapes(document), *_remove_meshes(document, packages), *_mend_inertias(document)]
+    notes += _mend_dampings(document)
     mimics = tuple(_take_mimics(document))
     acting = tuple(_take_frictions(document))
     limits = dict(_effort_limits(document))
@@ -47,6 +56,16 @@ def _refuse_macros(document: XmlDocument) -> None:
                 f"{document.place(element)}: found <{element.tag}>, which is a macro; expected the URDF that "
                 f"`xacro {document.path.name}` writes"
             )
+
+
+def _refuse_empty_ranges(document: XmlDocument) -> None:
+    for joint in document.root.findall("joint"):
+        limit, place = joint.find("limit"), f"{document.place(joint)}: joint {joint.get('name')!r}"
+        if limit is None or joint.get("type") not in ("revolute", "prismatic"):
+            continue
+        lower, upper = (_number(limit, key, place) for key in ("lower", "upper"))
+        if lower > upper:
+            raise InputError(f"{place} has the limits {lower:g} to {upper:g}, expected the lower one first")
 
 
 def _remove_empty_shapes(document: XmlDocument) -> Iterator[str]:
@@ -213,6 +232,15 @@ def _take_frictions(document: XmlDocument) -> Iterator[StatedEffect]:
             yield StatedEffect("joint_coulomb_friction", name, {"torque": friction})
 
 
+def _mend_dampings(document: XmlDocument) -> Iterator[str]:
+    """Replace negative dampings by 0; a note for each."""
+    for joint in document.root.findall("joint"):
+        dynamics, place = joint.find("dynamics"), f"{document.place(joint)}: joint {joint.get('name')!r}"
+        if dynamics is not None and (damping := _number(dynamics, "damping", place)) < 0.0:
+            dynamics.set("damping", "0")
+            yield describe_negative_damping(place, damping)
+
+
 def _effort_limits(document: XmlDocument) -> Iterator[tuple[str, float]]:
     """The effort limits of joints that are above zero; exporters write 0 for an unknown limit."""
     for joint in document.root.findall("joint"):
@@ -223,9 +251,12 @@ def _effort_limits(document: XmlDocument) -> Iterator[tuple[str, float]]:
 
 
 def _remove_transmissions(document: XmlDocument) -> Iterator[str]:
-    """Remove gear reductions, and transmissions that are not simple ones of a moving joint; a note on the latter."""
+    """Remove gear reductions, and transmissions that are not simple ones of a moving joint; a note on the latter.
+
+    Actuators of the same name get their joint's beside it, since Drake takes each name once.
+    """
     moving = {joint.get("name") for joint in document.root.findall("joint") if joint.get("type") in MOVING}
-    other = []
+    other, actuators = [], set[str]()
     for transmission in document.root.findall("transmission"):
         kind = (transmission.findtext("type") or transmission.get("type") or "").strip()
         joints = [joint.get("name") for joint in transmission.findall("joint")]
@@ -237,5 +268,9 @@ def _remove_transmissions(document: XmlDocument) -> Iterator[str]:
         for element in [transmission, *transmission]:
             for child in element.findall("mechanicalReduction"):
                 element.remove(child)  # it converts motor efforts; a recording has those at the joint
+        for actuator in transmission.findall("actuator"):
+            if actuator.get("name", "") in actuators:
+                actuator.set("name", f"{actuator.get('name')} of {joints[0]}")
+            actuators.add(actuator.get("name", ""))
     if other:
         yield f"transmissions other than simple ones are ignored: efforts are those at the joints ({list_names(other)})"
