@@ -2,6 +2,7 @@
 
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
 from drake_cafim.errors import InputError
@@ -42,7 +43,7 @@ class MeshInertias:
         return float(body.mass[0]), body.ipos, body.iquat, body.inertia
 
     @cached_property
-    def _compiled(self):  # type: ignore[no-untyped-def]
+    def _compiled(self) -> Any:
         import mujoco  # optional: few files need it
 
         return mujoco.MjModel.from_xml_path(str(self._path))
