@@ -1,5 +1,6 @@
 """Mass and inertia that an MJCF leaves to its meshes, as MuJoCo computes them where it is installed."""
 
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -34,7 +35,7 @@ class MeshInertias:
             ) from None
         for given in body.findall("inertial"):
             body.remove(given)
-        values = {"mass": [mass], "pos": p_BBcm, "quat": quaternion, "diaginertia": moments}
+        values: dict[str, Iterable[float]] = {"mass": [mass], "pos": p_BBcm, "quat": quaternion, "diaginertia": moments}
         SubElement(body, "inertial", {key: " ".join(repr(float(x)) for x in value) for key, value in values.items()})
 
     def _of(self, name: str) -> tuple[float, Array, Array, Array]:
