@@ -199,6 +199,14 @@ def test_limits_the_wrong_way_round_name_the_joint_and_the_line(tmp_path: Path) 
         scene_of(tmp_path, text)
 
 
+def test_bodies_without_gravity_are_told_once_with_the_remedy(tmp_path: Path) -> None:
+    body = '<body name="{}" gravcomp="1"><joint name="{}"/><geom size="0.1"/>{}</body>'
+    inner = body.format("lower", "elbow", "")
+    text = f"<mujoco><worldbody>{body.format('upper', 'shoulder', inner)}</worldbody></mujoco>"
+    [said] = [note for note in scene_of(tmp_path, text, "arm.xml").stated.notes if "gravcomp" in note]
+    assert "upper, lower" in said and "`gravity: [0, 0, 0]`" in said
+
+
 def test_actuators_may_share_a_name(tmp_path: Path) -> None:
     one = """<transmission name="t{0}"><type>transmission_interface/SimpleTransmission</type><joint name="{0}"/>
       <actuator name="motor"/></transmission>"""

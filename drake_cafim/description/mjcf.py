@@ -40,6 +40,8 @@ class _Extracted:
     notes: list[str] = field(default_factory=list)
     meshes: dict[str, list[Element]] = field(default_factory=dict)
     """Mesh geometries of each body."""
+    compensated: list[str] = field(default_factory=list)
+    """Bodies whose gravity the simulator of the file takes away."""
 
 
 def mjcf_description(document: XmlDocument, packages: Packages) -> Description:
@@ -64,6 +66,11 @@ def mjcf_description(document: XmlDocument, packages: Packages) -> Description:
         moving = _moving_bodies(world)
         for body, _ in bodies(world):
             _read_body(document, body, compiler, taken, inertias if body in moving else None)
+    if taken.compensated:
+        taken.notes.append(
+            f"the file takes gravity from {list_names(taken.compensated)} (gravcomp), which is ignored; where the "
+            "recorded efforts carry none, expected `gravity: [0, 0, 0]` in the scenario"
+        )
     mimics, uncoupled = read_couplings(root, taken.references)
     taken.acting += servos.acting
     taken.notes += [*notes, *servos.notes, *uncoupled, *_describe_unread(root)]
@@ -127,7 +134,7 @@ def _read_body(
     name = body.get("name", "")
     place = f"{document.place(body)}: body {name!r}"
     if float(body.get("gravcomp", "0")) != 0.0:
-        taken.notes.append(f"{place}: its compensation of gravity is ignored")
+        taken.compensated.append(name)
     if compiler.says("inertiafromgeom", "auto") == "true" and body.find("geom") is not None:
         for overruled in body.findall("inertial"):
             body.remove(overruled)

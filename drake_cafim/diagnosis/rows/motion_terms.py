@@ -57,6 +57,8 @@ class MotionTerms:
     """What the servos act on; None where none may drive."""
     _answers: list[Answers] = field(default_factory=list, repr=False, compare=False)
     """Cache: the answers of the joints to the steps of all servos."""
+    _loads: list[tuple[Physics, Array]] = field(default_factory=list, repr=False, compare=False)
+    """Cache: the last load from outside, and the physics that it follows from."""
     in_doubt: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False, compare=False)
     """Cached rows of the unknown initial state of sensors' lags, by the sensor and its time constant."""
 
@@ -105,6 +107,16 @@ class MotionTerms:
             self, rows=rows, joints=joints, driven=driven, acting=acting, servos=servos, acted_on=acted_on, _answers=[]
         )
 
+    def load(self, physics: Physics) -> Array:
+        """(N, n) the efforts by gravity and contacts at the joints, at rest at the smoothed positions."""
+        if self._loads:
+            before, load = self._loads[0]
+            alike = before.tree is physics.tree and before.contacts == physics.contacts
+            if alike and np.array_equal(before.gravity, physics.gravity):
+                return load
+        self._loads[:] = [(physics, physics.loads(self.measured.q_hat))]
+        return self._loads[0][1]
+
     def by_servo(self, physics: Physics, joint: int, parameter: str) -> tuple[EffortRows, Array]:
         """The derivatives of `driven`, and of a joint's effort (N,), by its servo's "stiffness" or "damping".
 
@@ -152,7 +164,7 @@ class MotionTermsCache:
             make_room(self._driven, 8)
             base = self._cache[key]
             motion = ServoMotion(self.samples.time, self._read(physics), base.measured.v, self.samples.commands)
-            self._driven[under] = base.driven_by(motion, physics.loads(base.measured.q_hat), physics)
+            self._driven[under] = base.driven_by(motion, base.load(physics), physics)
         return self._driven[under]
 
     def _read(self, physics: Physics) -> Array:
