@@ -8,9 +8,9 @@ import pytest
 from drake_cafim import recordings
 from drake_cafim.diagnosis.fit.fitting import unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.errors import InputError
 from drake_cafim.scene.scene import Scene

@@ -6,9 +6,9 @@ import pytest
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.fit.fitting import fit, unbiased_fit
+from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
-from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.effects.coupling import JointBacklash
 from drake_cafim.scene.scene import Scene
 from tests.concealed.make import simulate

@@ -11,20 +11,17 @@ import pytest
 
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.fit.screening import Candidate
+from drake_cafim.diagnosis.fit.without_effects import fit_without, residual_without, share_improved, share_removed
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search import determined, rivals_by_place
 from drake_cafim.diagnosis.search.growth_by_place import (
     GrowthByPlace,
     best_by_place,
-    fit_without,
-    residual_without,
-    share_improved,
-    share_removed,
     strength_at_bound,
     undetermined_in,
 )
-from drake_cafim.diagnosis.search.screening import Candidate
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
@@ -208,7 +205,7 @@ def test_what_acts_once_waits_for_what_lasts(growth: GrowthByPlace, monkeypatch:
     lasting, brief = Candidate(_friction(growth, VISCOUS), 1e4, 1, 1), Candidate(push, 1e6, 3, 1)
     monkeypatch.setattr(growth, "_looks", (growth.best, {False: [lasting], True: [brief]}))
     assert growth._promising() == [lasting]
-    monkeypatch.setattr(growth, "refused", {("joint_viscous_friction", joint)})
+    monkeypatch.setattr(growth, "refused", {("joint_viscous_friction", joint): frozenset()})
     assert growth._promising() == [brief]
 
 

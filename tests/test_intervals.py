@@ -11,8 +11,8 @@ import pytest
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import WINDOWS_PER_BLOCK
 from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.joint import JointViscousFriction

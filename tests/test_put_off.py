@@ -11,8 +11,8 @@ import pytest
 from drake_cafim.diagnosis import diagnose
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.screening import Candidate, screen
 from drake_cafim.diagnosis.search import judgement, search, state
-from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORCES, search_again
 from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.effects.catalogue import effect_named

@@ -7,9 +7,9 @@ import pytest
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.fit.without_effects import residual_without, share_removed
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.diagnosis.search.growth_by_place import residual_without, share_removed
 from drake_cafim.diagnosis.search.search_under_unknown_force import geometric_misfit
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.typing import Array

@@ -10,10 +10,10 @@ from drake_cafim.commands.inputs import read_all
 from drake_cafim.diagnosis.fit.evidence import scale_of
 from drake_cafim.diagnosis.fit.fitting import fit, unbiased_fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
+from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
-from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.scene.scene import Scene
 
 from .alike import same_place

@@ -83,6 +83,11 @@ class SearchProblem(Problem):
         raise TypeError(f"{type(self).__name__} has no forces at joints")
 
     @property
+    def forced_joints(self) -> tuple[str, ...]:
+        """The joints at which unknown forces are a large part of the noise."""
+        return ()
+
+    @property
     def force_remarks(self) -> tuple[str, ...]:
         """A sentence for each joint at which unknown forces are a large part of the noise."""
         return ()

@@ -13,6 +13,7 @@ from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.thresholds import LAW_ACCURACY, UNKNOWN_FORCE_VARIANCE_SHARE
 from drake_cafim.diagnosis.whitening.covariance import Whitening, lower_band, unknown_force_factors, whitening
 from drake_cafim.diagnosis.whitening.whitened_run import Run
+from drake_cafim.dynamics.tree import Joint
 from drake_cafim.numerics.rounding import listed, rounded
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Indices
@@ -77,8 +78,8 @@ def _change_of_unknowns(problem: WeakFormRows, model: Model, whitened: Sequence[
     return np.asarray(-np.linalg.solve(information / np.outer(size, size), gradient / size) / size)
 
 
-def remarks(problem: WeakFormRows) -> tuple[str, ...]:
-    """A sentence on the joints at which unknown forces are a large part of the rows' noise, with their sizes, if any.
+def forced_joints(problem: WeakFormRows) -> list[tuple[Joint, float]]:
+    """The joints at which unknown forces are a large part of the rows' noise, and their densities.
 
     Forces within the accuracy that laws are taken to have are no news.
     """
@@ -87,15 +88,23 @@ def remarks(problem: WeakFormRows) -> tuple[str, ...]:
     part = np.mean([_parts(run, physics) for run in problem.runs], axis=0) * problem.unknown_force
     efforts = np.concatenate([run.weak.mean_effort(physics) for run in problem.runs])
     within = LAW_ACCURACY**2 * np.mean(efforts**2, axis=0) * windows.spacing
-    found = []
-    for joint, share, density, least in zip(
-        problem.scene.tree.joints, part, problem.unknown_force, within, strict=True
-    ):
-        if share > UNKNOWN_FORCE_VARIANCE_SHARE and density > least:
-            size = f"{rounded(float(np.sqrt(density / windows.width)), 2)} {'N' if joint.prismatic else 'N m'}"
-            found.append(f"of {size} at {joint.name}")
-    words = f"unknown random forces act like white noise over {windows.width:.2g} s, {listed(found)}" if found else ""
-    return (words,) if words else ()
+    return [
+        (joint, float(density))
+        for joint, share, density, least in zip(
+            problem.scene.tree.joints, part, problem.unknown_force, within, strict=True
+        )
+        if share > UNKNOWN_FORCE_VARIANCE_SHARE and density > least
+    ]
+
+
+def remarks(problem: WeakFormRows) -> tuple[str, ...]:
+    """A sentence on the `forced_joints`, if any, with the sizes of the forces."""
+    width = problem.runs[0].weak.samples.windows.width
+    found = [
+        f"of {rounded(float(np.sqrt(density / width)), 2)} {'N' if joint.prismatic else 'N m'} at {joint.name}"
+        for joint, density in forced_joints(problem)
+    ]
+    return (f"unknown random forces act like white noise over {width:.2g} s, {listed(found)}",) if found else ()
 
 
 def _parts(run: Run, physics: Physics) -> list[float]:

@@ -7,8 +7,8 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.evidence import least_gain, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.screening import Candidate
 from drake_cafim.diagnosis.search.decisions import REFUSED, model_name, parameters_in_words
-from drake_cafim.diagnosis.search.screening import Candidate
 from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE
 from drake_cafim.diagnosis.trace import OTHERS, Record, name_of, spoken
 from drake_cafim.effects.effect import Effect

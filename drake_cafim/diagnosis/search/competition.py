@@ -9,10 +9,10 @@ import numpy as np
 from drake_cafim.diagnosis.fit.evidence import scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.search import decisions
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns, free_priors
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
-from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.search.state import ROUNDS, State
 from drake_cafim.diagnosis.thresholds import (
     CONTENDER_CRITERION_REACH,

@@ -8,8 +8,8 @@ from drake_cafim.diagnosis.fit.adequacy import adequacy
 from drake_cafim.diagnosis.fit.evidence import luck_p_value, refit_under_noise_of
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.robust_covariance import wald_p_value
+from drake_cafim.diagnosis.fit.screening import Candidate
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
-from drake_cafim.diagnosis.search.screening import Candidate
 from drake_cafim.diagnosis.thresholds import (
     ALARM_P_VALUE_CERTAIN,
     ALARM_P_VALUE_WORTH_FITTING,

@@ -9,9 +9,9 @@ from drake_cafim.diagnosis.fit.evidence import criterion, scale_of
 from drake_cafim.diagnosis.fit.fitting import NOTHING_KNOWN, Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std
+from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
-from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import LEAST_STRENGTH_STDS, UNDETERMINED_STD_SHARE
 from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.computation import NotComputable, compute

@@ -7,9 +7,9 @@ from scipy.stats import chi2
 from drake_cafim.diagnosis.fit.evidence import UNDER_ITS_OWN_NOISE, Check, checks, leaves_noise, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key
+from drake_cafim.diagnosis.fit.screening import Candidate
 from drake_cafim.diagnosis.search import candidate_decisions, decisions
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
-from drake_cafim.diagnosis.search.screening import Candidate
 from drake_cafim.diagnosis.search.state import State
 from drake_cafim.diagnosis.thresholds import CANDIDATE_GAIN_SHARE_REFITTED, GAIN_SHARE_FAR_LESS
 

@@ -1,23 +1,23 @@
 """Forward selection at all places at once: friction at one joint does not show in the equations of another."""
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.fit.adequacy import by_run
-from drake_cafim.diagnosis.fit.beside import strengths_at
 from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, fit, fit_at_first_order
 from drake_cafim.diagnosis.fit.model import Key, Model
-from drake_cafim.diagnosis.fit.places import ELSEWHERE, equations_of
+from drake_cafim.diagnosis.fit.places import ELSEWHERE, equations_of, joint_of
 from drake_cafim.diagnosis.fit.robust_covariance import contrast_statistics
+from drake_cafim.diagnosis.fit.screening import Candidate, screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.fit.without_effects import fit_without, residual_without, share_improved, share_removed
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import is_simpler, is_unknown, strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
-from drake_cafim.diagnosis.search.screening import Candidate, screen
+from drake_cafim.diagnosis.search.pairs_by_place import best_pairs
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import (
     MISFIT_SHARE_TO_EXPLAIN,
@@ -37,8 +37,6 @@ FIRST_ORDER_SHORTFALL = 0.3
 """By what share a test may be missed to first order by an effect that is fitted nevertheless."""
 CONVERGED = 0.1
 """Decrease of χ² by one more fit below which a fit counts as converged."""
-QUARTERS = 4
-"""Number of parts into which recordings are cut where there are fewer."""
 
 
 @dataclass
@@ -54,7 +52,10 @@ class GrowthByPlace:
     settings: Settings
     progress: Callable[[str], None]
     trace: Trace = field(default_factory=Trace)
-    refused: set[Key] = field(default_factory=set)
+    refused: dict[Key, frozenset[Key]] = field(default_factory=dict)
+    """Effects that were tried in vain, and those that were at their joint then: beside others they may stand."""
+    refused_pairs: set[frozenset[Key]] = field(default_factory=set)
+    """Two effects with those whose place they took, all tried in vain."""
     failed: set[Key] = field(default_factory=set)
     """Effects that failed a test beside the others when an explanation with them was settled."""
     _looks: tuple[Fit, dict[bool, list[Candidate]]] | None = None
@@ -85,17 +86,31 @@ class GrowthByPlace:
             while not additions and refusals <= MOST_REFUSALS:
                 promising = [candidate.effect for candidate in self._promising()]
                 if not promising:
-                    return
+                    break
                 additions = self._that_may_stand(promising)
                 refusals += 0 if additions else len(promising)
-                self.refused |= {effect.key for effect in promising if effect not in additions}
-            if not additions:
+                self._refuse(effect for effect in promising if effect not in additions)
+            if not additions and not self._settle_pair():
                 return
+            if not additions:
+                continue
             size = len(self.best.model.effects)
             self.progress(f"round {number + 1}, {size} effects: {len(additions)} more under unknown forces")
             grown = self.settle(self.best.model.with_effects(additions))
             refusals = 0 if grown else refusals + len(additions)
-            self.refused |= {effect.key for effect in additions} - self.best.model.keys
+            self._refuse(effect for effect in additions if effect.key not in self.best.model.keys)
+
+    def is_refused(self, effect: Effect) -> bool:
+        """Whether an effect was tried in vain beside what is at its joint now."""
+        return self.refused.get(effect.key) == self._at_joint_of(effect)
+
+    def _refuse(self, effects: Iterable[Effect]) -> None:
+        self.refused |= {effect.key: self._at_joint_of(effect) for effect in effects}
+
+    def _at_joint_of(self, effect: Effect) -> frozenset[Key]:
+        """The keys of the explanation's effects at an effect's joint."""
+        joint = joint_of(effect)
+        return frozenset(other.key for other in self.best.model.effects if joint_of(other) == joint)
 
     def settle(self, model: Model, needed: Collection[Key] = ()) -> bool:
         """Whether `model`, without its effects that fail a test, becomes the explanation: none that is `needed` may.
@@ -175,8 +190,12 @@ class GrowthByPlace:
 
     def criterion_gain(self, candidate: Candidate) -> float:
         """Decrease of the information criterion by a candidate, to first order; see `evidence.criterion`."""
-        paid = candidate.strengths * np.log(max(self.problem.rows, 2)) + 2.0 * np.log(self.trials)
-        return float(candidate.gain - paid - candidate.effect.surprise)
+        return candidate.gain - self._price(candidate.effect)
+
+    def _price(self, effect: Effect) -> float:
+        """What the information criterion asks for an effect."""
+        paid = len(effect.strengths) * np.log(max(self.problem.rows, 2)) + 2.0 * np.log(self.trials)
+        return float(paid + effect.surprise)
 
     def beside(self, model: Model) -> list[Effect]:
         """The effects that may be added to `model`."""
@@ -203,6 +222,18 @@ class GrowthByPlace:
             if found:
                 return found
         return []
+
+    def _settle_pair(self) -> bool:
+        """Whether two effects at one joint that hide each other become part of the explanation, see `best_pairs`."""
+        for pair in best_pairs(self.problem, self.best, self.effects, self._price, CONVERGED):
+            keys = frozenset(effect.key for effect in (*pair.effects, *pair.present))
+            if keys in self.refused_pairs:
+                continue
+            self.refused_pairs.add(keys)
+            self.progress(f"{' and '.join(effect.name for effect in pair.effects)} at {pair.effects[0].at}")
+            if self.settle(pair.in_place(self.best.model), {effect.key for effect in pair.effects}):
+                return True
+        return False
 
     def _that_may_stand(self, additions: Sequence[Effect]) -> list[Effect]:
         """The `additions` that pass the tests, or nearly, where they are fitted together to first order."""
@@ -318,7 +349,7 @@ def best_by_place(growth: GrowthByPlace, looks: Sequence[Candidate]) -> list[Can
     by_place: dict[str, Candidate] = {}
     for candidate in sorted(looks, key=growth.criterion_gain, reverse=True):
         luck = float(chi2.sf(candidate.gain, candidate.strengths)) * growth.trials
-        if candidate.effect.key in growth.refused or luck > growth.settings.false_alarm_rate:
+        if growth.is_refused(candidate.effect) or luck > growth.settings.false_alarm_rate:
             continue
         if growth.criterion_gain(candidate) > 0.0:
             by_place.setdefault(equations_of(candidate.effect), candidate)
@@ -327,70 +358,3 @@ def best_by_place(growth: GrowthByPlace, looks: Sequence[Candidate]) -> list[Can
         return list(by_place.values())
     together = sum(map(growth.criterion_gain, by_place.values()))
     return [elsewhere] if growth.criterion_gain(elsewhere) > together else list(by_place.values())
-
-
-def residual_without(found: Fit, *effects: Effect) -> Array:
-    """(R + n,) whitened rows without `effects`, to first order, all other parameters adapting."""
-    return np.asarray(found.residual + found.jacobian @ _change_without(found, effects)[0])
-
-
-def fit_without(found: Fit, effects: Sequence[Effect]) -> Fit:
-    """The fit without `effects`, to first order, all other parameters adapting."""
-    change, covariance = _change_without(found, effects)
-    kept = np.ones(len(change), dtype=bool)
-    for position, effect in enumerate(found.model.effects):
-        if effect in effects:
-            kept[strengths_at(found.model, position)] = False
-    moved = found.model.at(found.model.vector + change)
-    rest = tuple(it for it, was in zip(moved.effects, found.model.effects, strict=True) if was not in effects)
-    return replace(
-        found,
-        model=replace(moved, effects=rest),
-        residual=found.residual + found.jacobian @ change,
-        jacobian=found.jacobian[:, kept],
-        covariance=covariance[np.ix_(kept, kept)],
-    )
-
-
-def _change_without(found: Fit, effects: Sequence[Effect]) -> tuple[Array, Array]:
-    """The change (n + k,) of all parameters that makes `effects` vanish, and their covariance where these are absent.
-
-    x − C Sᵀ (S C Sᵀ)⁻¹ d makes the effects vanish, with the covariance C of all parameters x and the effects'
-    difference d from none, S its derivative; that of the others is then C − C Sᵀ (S C Sᵀ)⁻¹ S C.
-    """
-    differences, slopes = [], []
-    for position, effect in enumerate(found.model.effects):
-        if effect in effects:
-            difference, slope = effect.vanishing()
-            seen = np.zeros((len(difference), found.jacobian.shape[1]))
-            seen[:, strengths_at(found.model, position)] = slope
-            differences.append(difference)
-            slopes.append(seen)
-    all_slopes = np.concatenate(slopes)
-    along = found.covariance @ all_slopes.T
-    solved = np.linalg.lstsq(all_slopes @ along, np.column_stack([np.concatenate(differences), along.T]), rcond=None)[0]
-    return -along @ solved[:, 0], found.covariance - along @ solved[:, 1:]
-
-
-def share_removed(problem: SearchProblem, residual: Array, without: Array) -> float:
-    """Share of squares by which `residual` is less than `without`, in the kind of rows where that is largest.
-
-    Each row is taken `apart`: whitened ones would share what is left at other joints.
-    """
-    left, had = (
-        np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, problem.apart(rows[: problem.rows]))], axis=0)
-        for rows in (residual, without)
-    )
-    return float(np.max(1.0 - left / np.maximum(had, 1e-300)))
-
-
-def share_improved(problem: SearchProblem, residual: Array, without: Array) -> float:
-    """Share of the recordings, or of the quarters of fewer than four, in which `residual` is less than `without`."""
-    cut = 1 if len(problem.runs) >= QUARTERS else QUARTERS
-    each = zip(by_run(problem, residual[: problem.rows]), by_run(problem, without[: problem.rows]), strict=True)
-    parts = [
-        float(np.sum(b**2) - np.sum(a**2))
-        for (_, left), (_, had) in each
-        for a, b in zip(np.array_split(left, cut), np.array_split(had, cut), strict=True)
-    ]
-    return float(np.mean(np.array(parts) > 0.0))

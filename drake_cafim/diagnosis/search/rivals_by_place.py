@@ -13,19 +13,15 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
 from drake_cafim.diagnosis.fit.rivals import FITTED_LEAD, Lead, Rivals
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std
+from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.fit.without_effects import residual_without, share_removed
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import reasons_against, strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.friction_by_joint import Friction, choose_friction, is_friction
-from drake_cafim.diagnosis.search.growth_by_place import (
-    CONVERGED,
-    GrowthByPlace,
-    residual_without,
-    share_removed,
-)
+from drake_cafim.diagnosis.search.growth_by_place import CONVERGED, GrowthByPlace
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside, fit_shapes
 from drake_cafim.diagnosis.search.posterior import cost_of, evidence_unit, probabilities_by_place
-from drake_cafim.diagnosis.search.screening import screen
 from drake_cafim.diagnosis.thresholds import (
     LEAST_PROBABILITY,
     NAMED_EXCESS_SHARE,

@@ -12,13 +12,13 @@ from drake_cafim.diagnosis.fit.fitting import Fit, fit_at_first_order, unbiased_
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import place_of
 from drake_cafim.diagnosis.fit.rivals import Rivals
+from drake_cafim.diagnosis.fit.screening import Candidate, by_row, screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import candidate_decisions, decisions
 from drake_cafim.diagnosis.search.competition import compete
 from drake_cafim.diagnosis.search.detection import detection_p_value
 from drake_cafim.diagnosis.search.growth import grow
 from drake_cafim.diagnosis.search.posterior import inclusion_probabilities
-from drake_cafim.diagnosis.search.screening import Candidate, by_row, screen
 from drake_cafim.diagnosis.search.state import ROUNDS, Settings, State, has_moved
 from drake_cafim.diagnosis.thresholds import (
     MISFIT_REDUCED_CHI_SQUARE,

@@ -8,10 +8,10 @@ import numpy as np
 from drake_cafim.diagnosis.fit.evidence import criterion, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.fit.screening import Candidate, screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
-from drake_cafim.diagnosis.search.screening import Candidate, screen
 from drake_cafim.diagnosis.thresholds import (
     ADEQUACY_LEVEL,
     CANDIDATES_FITTED,

@@ -55,7 +55,7 @@ def _best_look(problem: SearchProblem, at: Fit, effect: Effect, basis: Array, re
     trials = looks.tried
     for columns, build in looks.found:
         trials += 1
-        solved = _projected(columns, basis[: len(columns)], residual[: len(columns)])
+        solved = solve_beside(columns, basis[: len(columns)], residual[: len(columns)])
         if solved is None:
             continue
         coefficients, gain = solved
@@ -78,7 +78,7 @@ def by_row(problem: SearchProblem, residual: Array) -> Array:
     return np.asarray(np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, residual[: problem.rows])], axis=0))
 
 
-def _projected(columns: Array, basis: Array, residual: Array) -> tuple[Array, float] | None:
+def solve_beside(columns: Array, basis: Array, residual: Array) -> tuple[Array, float] | None:
     """Coefficients (c,) of `columns` X (R, c) by least squares beside the nuisance, and the decrease of χ².
 
     With P = I − QQᵀ for the nuisance's orthonormal `basis` Q, and the `residual` z = P z, c = −(XᵀPX)⁻¹ Xᵀz and the

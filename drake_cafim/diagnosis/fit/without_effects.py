@@ -1,0 +1,83 @@
+"""What a fit leaves without some of its effects, to first order, and the shares of the misfit that these remove."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.adequacy import by_run
+from drake_cafim.diagnosis.fit.beside import strengths_at
+from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.effects.effect import Effect
+from drake_cafim.typing import Array
+
+QUARTERS = 4
+"""Number of parts into which recordings are cut where there are fewer."""
+
+
+def residual_without(found: Fit, *effects: Effect) -> Array:
+    """(R + n,) whitened rows without `effects`, to first order, all other parameters adapting."""
+    return np.asarray(found.residual + found.jacobian @ _change_without(found, effects)[0])
+
+
+def fit_without(found: Fit, effects: Sequence[Effect]) -> Fit:
+    """The fit without `effects`, to first order, all other parameters adapting."""
+    change, covariance = _change_without(found, effects)
+    kept = np.ones(len(change), dtype=bool)
+    for position, effect in enumerate(found.model.effects):
+        if effect in effects:
+            kept[strengths_at(found.model, position)] = False
+    moved = found.model.at(found.model.vector + change)
+    rest = tuple(it for it, was in zip(moved.effects, found.model.effects, strict=True) if was not in effects)
+    return replace(
+        found,
+        model=replace(moved, effects=rest),
+        residual=found.residual + found.jacobian @ change,
+        jacobian=found.jacobian[:, kept],
+        covariance=covariance[np.ix_(kept, kept)],
+    )
+
+
+def _change_without(found: Fit, effects: Sequence[Effect]) -> tuple[Array, Array]:
+    """The change (n + k,) of all parameters that makes `effects` vanish, and their covariance where these are absent.
+
+    x − C Sᵀ (S C Sᵀ)⁻¹ d makes the effects vanish, with the covariance C of all parameters x and the effects'
+    difference d from none, S its derivative; that of the others is then C − C Sᵀ (S C Sᵀ)⁻¹ S C.
+    """
+    differences, slopes = [], []
+    for position, effect in enumerate(found.model.effects):
+        if effect in effects:
+            difference, slope = effect.vanishing()
+            seen = np.zeros((len(difference), found.jacobian.shape[1]))
+            seen[:, strengths_at(found.model, position)] = slope
+            differences.append(difference)
+            slopes.append(seen)
+    all_slopes = np.concatenate(slopes)
+    along = found.covariance @ all_slopes.T
+    solved = np.linalg.lstsq(all_slopes @ along, np.column_stack([np.concatenate(differences), along.T]), rcond=None)[0]
+    return -along @ solved[:, 0], found.covariance - along @ solved[:, 1:]
+
+
+def share_removed(problem: SearchProblem, residual: Array, without: Array) -> float:
+    """Share of squares by which `residual` is less than `without`, in the kind of rows where that is largest.
+
+    Each row is taken `apart`: whitened ones would share what is left at other joints.
+    """
+    left, had = (
+        np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, problem.apart(rows[: problem.rows]))], axis=0)
+        for rows in (residual, without)
+    )
+    return float(np.max(1.0 - left / np.maximum(had, 1e-300)))
+
+
+def share_improved(problem: SearchProblem, residual: Array, without: Array) -> float:
+    """Share of the recordings, or of the quarters of fewer than four, in which `residual` is less than `without`."""
+    cut = 1 if len(problem.runs) >= QUARTERS else QUARTERS
+    each = zip(by_run(problem, residual[: problem.rows]), by_run(problem, without[: problem.rows]), strict=True)
+    parts = [
+        float(np.sum(b**2) - np.sum(a**2))
+        for (_, left), (_, had) in each
+        for a, b in zip(np.array_split(left, cut), np.array_split(had, cut), strict=True)
+    ]
+    return float(np.mean(np.array(parts) > 0.0))

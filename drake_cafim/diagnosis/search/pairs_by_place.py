@@ -1,0 +1,81 @@
+"""Two effects at one joint that hide each other: each alone leaves what the other does, and so hardly shows."""
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.places import equations_of
+from drake_cafim.diagnosis.fit.screening import solve_beside
+from drake_cafim.diagnosis.fit.search_problem import Look, SearchProblem
+from drake_cafim.effects.effect import Effect
+from drake_cafim.typing import Array
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two `effects` that may take the place of those that are `present` at their joint, to first order."""
+
+    effects: tuple[Effect, Effect]
+    present: tuple[Effect, ...]
+
+    def in_place(self, model: Model) -> Model:
+        """`model` with them instead."""
+        rest = tuple(effect for effect in model.effects if effect not in self.present)
+        return Model(model.unknown, (*rest, *self.effects), model.free)
+
+
+def best_pairs(
+    problem: SearchProblem, best: Fit, effects: Sequence[Effect], price: Callable[[Effect], float], tolerance: float
+) -> Iterator[Pair]:
+    """For each joint with forces that nobody knows the two lasting effects that lower the criterion most, if any do.
+
+    They take the place of what `best` has there; `price` is what the criterion asks for an effect. A law that makes no
+    sense alone, as a spring that pushes away, may do so beside another one. `tolerance` is that of a fit.
+    """
+    for joint in problem.forced_joints:
+        present = tuple(effect for effect in best.model.effects if equations_of(effect) == joint)
+        others = [effect for effect in best.model.effects if effect not in present]
+        laws = [law for law in effects if equations_of(law) == joint and not law.brief]
+        laws = [law for law in laws if not any(law.excludes(other) for other in others)]
+        fewer = Model(best.model.unknown, tuple(others), best.model.free)
+        rest = fit(problem, fewer, tolerance=tolerance, own_noise=False) if present else best
+        lost = rest.chi_square - best.chi_square - sum(price(effect) for effect in present)
+        pair = _best_of(problem, rest, laws, price, lost)
+        if pair is not None and {law.key for law in pair} != {effect.key for effect in present}:
+            yield Pair(pair, present)
+
+
+def _best_of(
+    problem: SearchProblem, rest: Fit, laws: Sequence[Effect], price: Callable[[Effect], float], least: float
+) -> tuple[Effect, Effect] | None:
+    """The two of the `laws` that gain most beyond their prices, more than `least`, and act as their names say."""
+    basis = np.linalg.qr(rest.jacobian)[0]
+    residual = rest.residual - basis @ (basis.T @ rest.residual)
+    looks = [(law, look) for law in laws if (look := _best_look(problem, rest, law, basis, residual)) is not None]
+    best, most = None, least
+    for (one, (own, build_one)), (other, (beside, build_other)) in itertools.combinations(looks, 2):
+        if one.excludes(other) or other.excludes(one):
+            continue
+        columns = np.concatenate([own, beside], axis=1)
+        solved = solve_beside(columns, basis[: len(columns)], residual[: len(columns)])
+        if solved is None or solved[1] - price(one) - price(other) <= most:
+            continue
+        built = build_one(solved[0][: own.shape[1]]), build_other(solved[0][own.shape[1] :])
+        if built[0] is not None and built[1] is not None and built[0].plausible() and built[1].plausible():
+            best, most = (built[0], built[1]), solved[1] - price(one) - price(other)
+    return best
+
+
+def _best_look(problem: SearchProblem, rest: Fit, law: Effect, basis: Array, residual: Array) -> Look | None:
+    """The look at a law that gains most, whether it makes sense alone or not."""
+    best, most = None, 0.0
+    for look in problem.looks(rest, law).found:
+        columns = look[0]
+        solved = solve_beside(columns, basis[: len(columns)], residual[: len(columns)])
+        if solved is not None and solved[1] > most:
+            best, most = look, solved[1]
+    return best
