@@ -1,0 +1,149 @@
+"""Two effects at one joint, each of which hides the other: they are found together, or not at all."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.search_problem import Looks
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.search.growth_by_place import CONVERGED, GrowthByPlace
+from drake_cafim.diagnosis.search.pairs_by_place import Pair, best_pairs
+from drake_cafim.diagnosis.search.state import Settings
+from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.effect import Effect
+from drake_cafim.typing import Array
+from tests.concealed.make import simulate
+from tests.concealed_case import written
+
+GAIN, BIAS = 0.8, 0.4
+"""The actuator's gain, and N m."""
+
+
+def _search(folder: Path, effort: Callable[[Array], Array]) -> GrowthByPlace:
+    """A search that begins with nothing, of an arm whose first joint's recorded effort is `effort` of the true one."""
+    scene, read = written(simulate("null", "arm2", 12), folder)
+    u = f"u.{scene.tree.joint_names[0]}"
+    changed = [replace(part, columns={**part.columns, u: effort(part[u])}) for part in read]
+    problem = prepare(scene, changed).problem()
+    assert isinstance(problem, WeakProblem)
+    growth = GrowthByPlace.of(problem, problem.nominal(), 100, Settings(), lambda text: None)
+    assert growth is not None
+    return growth
+
+
+@pytest.fixture(scope="module")
+def growth(tmp_path_factory: pytest.TempPathFactory) -> GrowthByPlace:
+    return _search(tmp_path_factory.mktemp("arm"), lambda u: (u - BIAS) / GAIN)
+
+
+def _at_first_joint(growth: GrowthByPlace, **effects: dict[str, float]) -> list[Effect]:
+    joint = growth.problem.scene.tree.joint_names[0]
+    return [effect_named(name)(joint, values) for name, values in effects.items()]
+
+
+def test_both_are_found_with_their_strengths(growth: GrowthByPlace) -> None:
+    first = growth.problem.scene.tree.joint_names[0]
+    [pair, *others] = best_pairs(growth.problem, growth.best, growth.effects, growth._price, CONVERGED)
+    assert not others, "nothing is missing at the second joint"
+    found = {effect.key: effect for effect in pair.effects}
+    assert set(found) == {("actuator_gain_error", first), ("actuator_bias", first)}
+    gain, bias = (found[name, first] for name in ("actuator_gain_error", "actuator_bias"))
+    assert gain.values["gain"] == pytest.approx(GAIN, rel=0.02)
+    assert bias.values["torque"] == pytest.approx(BIAS, rel=0.05)
+
+
+def test_they_take_the_place_of_what_stood_in_for_them(growth: GrowthByPlace) -> None:
+    wrong = _at_first_joint(growth, joint_viscous_friction={"coefficient": 0.1})
+    best = fit(growth.problem, growth.best.model.with_effects(wrong), tolerance=CONVERGED)
+    [pair] = best_pairs(growth.problem, best, growth.effects, growth._price, CONVERGED)
+    assert [effect.key for effect in pair.present] == [wrong[0].key]
+    instead = pair.in_place(best.model)
+    assert wrong[0].key not in instead.keys and len(instead.effects) == 2
+
+
+def test_where_they_stand_no_others_are_looked_for(growth: GrowthByPlace) -> None:
+    right = _at_first_joint(growth, actuator_gain_error={"gain": GAIN}, actuator_bias={"torque": BIAS})
+    before = growth.problem, growth.best
+    try:
+        assert growth.settle(growth.best.model.with_effects(right))
+        assert not growth.problem.forced_joints
+        assert not list(best_pairs(growth.problem, growth.best, growth.effects, growth._price, CONVERGED))
+    finally:
+        growth.problem, growth.best = before
+
+
+def test_the_growth_finds_them_where_either_alone_is_refused(growth: GrowthByPlace) -> None:
+    joint = growth.problem.scene.tree.joint_names[0]
+    before = growth.problem, growth.best
+    try:
+        growth.refused = {law.key: frozenset[tuple[str, str]]() for law in growth.effects}
+        growth.grow()
+        assert growth.best.model.keys == {("actuator_gain_error", joint), ("actuator_bias", joint)}
+    finally:
+        growth.problem, growth.best = before
+        growth.refused.clear()
+        growth.refused_pairs.clear()
+
+
+def test_what_was_refused_is_tried_again_beside_other_effects_at_its_joint(growth: GrowthByPlace) -> None:
+    first, second = growth.problem.scene.tree.joint_names[:2]
+    gain, bias = _at_first_joint(growth, actuator_gain_error={"gain": GAIN}, actuator_bias={"torque": BIAS})
+    elsewhere = effect_named("actuator_bias")(second, {"torque": BIAS})
+    before = growth.best
+    try:
+        growth._refuse([bias, elsewhere])
+        assert growth.is_refused(bias) and growth.is_refused(elsewhere) and not growth.is_refused(gain)
+        growth.best = fit(growth.problem, growth.best.model.with_effects([gain]), tolerance=CONVERGED)
+        assert not growth.is_refused(bias)
+        assert growth.is_refused(elsewhere), "nothing has changed at the second joint"
+        assert first != second
+    finally:
+        growth.best = before
+        growth.refused.clear()
+
+
+NAMES = {"joint_viscous_friction": "coefficient", "joint_coulomb_friction": "torque"}
+
+
+class _TwoLaws:
+    """Rows of two laws at one joint whose columns nearly cancel: alone, each would have to drive the joint."""
+
+    rows = 400
+    forced_joints = ("shoulder",)
+
+    def __init__(self, plausible: bool) -> None:
+        rng = np.random.default_rng(3)
+        first = rng.normal(size=self.rows)
+        second = -0.9 * first + 0.4 * rng.normal(size=self.rows)
+        sizes = (1.0, 3.0) if plausible else (-1.0, 3.0)
+        self.residual = -(sizes[0] * first + sizes[1] * second) + 0.01 * rng.normal(size=self.rows)
+        self.columns = {"joint_viscous_friction": first, "joint_coulomb_friction": second}
+        self.laws = [effect_named(name)("shoulder", {NAMES[name]: 1.0}) for name in self.columns]
+
+    def looks(self, at: Fit, law: Effect) -> Looks:
+        def built(found: Array) -> Effect:
+            return effect_named(law.name)(law.at, {NAMES[law.name]: float(found[0])})
+
+        return Looks(iter([(self.columns[law.name][:, None], built)]))
+
+    def pairs(self) -> list[Pair]:
+        best = Fit(Model(np.zeros(0)), self.residual, np.zeros((self.rows, 0)), np.zeros((0, 0)), self.rows)
+        return list(best_pairs(self, best, self.laws, lambda effect: 10.0, CONVERGED))  # type: ignore[arg-type]
+
+
+def test_a_law_that_makes_no_sense_alone_may_stand_beside_another() -> None:
+    problem = _TwoLaws(plausible=True)
+    alone = problem.columns["joint_viscous_friction"]
+    assert alone @ problem.residual > 0.0, "alone, the viscous friction that fits best drives the joint"
+    [pair] = problem.pairs()
+    assert [effect.values[NAMES[effect.name]] for effect in pair.effects] == pytest.approx([1.0, 3.0], rel=0.01)
+
+
+def test_two_laws_of_which_one_makes_no_sense_are_none() -> None:
+    assert not _TwoLaws(plausible=False).pairs()
