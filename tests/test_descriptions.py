@@ -208,9 +208,9 @@ def test_bodies_without_gravity_are_told_once_with_the_remedy(tmp_path: Path) ->
 
 
 def test_actuators_may_share_a_name(tmp_path: Path) -> None:
-    one = """<transmission name="t{0}"><type>transmission_interface/SimpleTransmission</type><joint name="{0}"/>
+    simple = """<transmission name="t{0}"><type>transmission_interface/SimpleTransmission</type><joint name="{0}"/>
       <actuator name="motor"/></transmission>"""
-    text = arm().replace("</robot>", one.format("shoulder") + one.format("elbow") + "</robot>")
+    text = arm().replace("</robot>", simple.format("shoulder") + simple.format("elbow") + "</robot>")
     assert [joint.effort_limit for joint in scene_of(tmp_path, text).tree.joints] == [10.0, 10.0]
 
 

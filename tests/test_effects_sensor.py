@@ -135,3 +135,9 @@ def test_writing_is_the_matrix_of_measured(effect: TimingEffect) -> None:
     time = np.cumsum(np.random.default_rng(0).uniform(0.001, 0.003, 400))
     true = np.sin(20.0 * time)[:, None]
     np.testing.assert_allclose(effect.filter_matrix(time) @ true, effect.measured(time, true), atol=5e-4)
+
+
+def test_no_position_is_off_by_more_than_half_a_turn() -> None:
+    assert SensorBias("q.a", {"bias": -3.1}).plausible()
+    assert not SensorBias("q.a", {"bias": -7.1}).plausible()
+    assert SensorBias("wrench.tip", {"bias": -7.1}).plausible()

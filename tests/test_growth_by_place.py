@@ -22,6 +22,7 @@ from drake_cafim.diagnosis.search.growth_by_place import (
     strength_at_bound,
     undetermined_in,
 )
+from drake_cafim.diagnosis.search.refused import Refused
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
@@ -205,7 +206,7 @@ def test_what_acts_once_waits_for_what_lasts(growth: GrowthByPlace, monkeypatch:
     lasting, brief = Candidate(_friction(growth, VISCOUS), 1e4, 1, 1), Candidate(push, 1e6, 3, 1)
     monkeypatch.setattr(growth, "_looks", (growth.best, {False: [lasting], True: [brief]}))
     assert growth._promising() == [lasting]
-    monkeypatch.setattr(growth, "refused", {("joint_viscous_friction", joint): frozenset()})
+    monkeypatch.setattr(growth, "refused", Refused({("joint_viscous_friction", joint): frozenset()}))
     assert growth._promising() == [brief]
 
 

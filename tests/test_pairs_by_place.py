@@ -14,6 +14,7 @@ from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.growth_by_place import CONVERGED, GrowthByPlace
 from drake_cafim.diagnosis.search.pairs_by_place import Pair, best_pairs
+from drake_cafim.diagnosis.search.refused import Refused
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
@@ -82,30 +83,30 @@ def test_the_growth_finds_them_where_either_alone_is_refused(growth: GrowthByPla
     joint = growth.problem.scene.tree.joint_names[0]
     before = growth.problem, growth.best
     try:
-        growth.refused = {law.key: frozenset[tuple[str, str]]() for law in growth.effects}
+        growth.refused.add(growth.effects, growth.best.model)
         growth.grow()
         assert growth.best.model.keys == {("actuator_gain_error", joint), ("actuator_bias", joint)}
     finally:
         growth.problem, growth.best = before
-        growth.refused.clear()
-        growth.refused_pairs.clear()
+        growth.refused = Refused()
 
 
 def test_what_was_refused_is_tried_again_beside_other_effects_at_its_joint(growth: GrowthByPlace) -> None:
-    first, second = growth.problem.scene.tree.joint_names[:2]
+    second = growth.problem.scene.tree.joint_names[1]
     gain, bias = _at_first_joint(growth, actuator_gain_error={"gain": GAIN}, actuator_bias={"torque": BIAS})
     elsewhere = effect_named("actuator_bias")(second, {"torque": BIAS})
     before = growth.best
     try:
-        growth._refuse([bias, elsewhere])
-        assert growth.is_refused(bias) and growth.is_refused(elsewhere) and not growth.is_refused(gain)
+        growth.refused.add([bias, elsewhere], growth.best.model)
+        holds = growth.refused.holds
+        assert holds(bias, growth.best.model) and holds(elsewhere, growth.best.model)
+        assert not holds(gain, growth.best.model)
         growth.best = fit(growth.problem, growth.best.model.with_effects([gain]), tolerance=CONVERGED)
-        assert not growth.is_refused(bias)
-        assert growth.is_refused(elsewhere), "nothing has changed at the second joint"
-        assert first != second
+        assert not holds(bias, growth.best.model)
+        assert holds(elsewhere, growth.best.model), "nothing has changed at the second joint"
     finally:
         growth.best = before
-        growth.refused.clear()
+        growth.refused = Refused()
 
 
 NAMES = {"joint_viscous_friction": "coefficient", "joint_coulomb_friction": "torque"}

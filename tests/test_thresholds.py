@@ -140,7 +140,7 @@ FIGURES = {
     "predict/innovations.py": "SEGMENT",
     "search/candidate_decisions.py": "NOISE_ALLOWED",
     "search/decisions.py": "REFUSED",
-    "search/goodness_of_fit.py": "PLACES",
+    "fit/goodness_of_fit.py": "PLACES",
     "tosses/pictures.py": "TOGETHER",
     "tosses/poses.py": "LEVER",
     "tosses/quality.py": "LOST",

@@ -9,6 +9,7 @@ import numpy as np
 from drake_cafim.diagnosis.assembly import bounds_of, comparisons_of, parameters_of, verdict_of
 from drake_cafim.diagnosis.fit.evidence import scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.goodness_of_fit import GoodnessOfFit, goodness_of_fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -20,7 +21,6 @@ from drake_cafim.diagnosis.preparation import PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.conclusion import record_conclusion, record_data_mistake
 from drake_cafim.diagnosis.search.decisions import record_servos
 from drake_cafim.diagnosis.search.given_effects import fit_given
-from drake_cafim.diagnosis.search.goodness_of_fit import GoodnessOfFit, goodness_of_fit
 from drake_cafim.diagnosis.search.judgement import Judgement, judge, judge_again
 from drake_cafim.diagnosis.search.pushes import withhold_refuted_pushes
 from drake_cafim.diagnosis.search.search import Outcome

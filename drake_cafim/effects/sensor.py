@@ -110,6 +110,11 @@ class SensorBias(SensorEffect):
         "surface_offset": "a force offset during lasting contact looks like a raised surface",
     }
 
+    def plausible(self) -> bool:
+        """Whether a position is off by no more than half a turn: a reading that is off by a whole one is right."""
+        turns = self.at.startswith("q.") and abs(self.values["bias"]) > np.pi
+        return super().plausible() and not turns
+
     def measured(self, time: Array, true: Array) -> Array:
         return true + self.values["bias"]
 

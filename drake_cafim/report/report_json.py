@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from drake_cafim.diagnosis.diagnose import Estimate
-from drake_cafim.diagnosis.search.goodness_of_fit import GoodnessOfFit
+from drake_cafim.diagnosis.fit.goodness_of_fit import GoodnessOfFit
 from drake_cafim.diagnosis.verdict import ChannelNoise, Comparison, Location, NominalParameter, Quality, Verdict
 
 SCHEMA = "drake_cafim.report/1"

@@ -1,6 +1,6 @@
 """Forward selection at all places at once: friction at one joint does not show in the equations of another."""
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, fit, fit_at_first_order
 from drake_cafim.diagnosis.fit.model import Key, Model
-from drake_cafim.diagnosis.fit.places import ELSEWHERE, equations_of, joint_of
+from drake_cafim.diagnosis.fit.places import ELSEWHERE, equations_of
 from drake_cafim.diagnosis.fit.robust_covariance import contrast_statistics
 from drake_cafim.diagnosis.fit.screening import Candidate, screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -18,6 +18,7 @@ from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import is_simpler, is_unknown, strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.pairs_by_place import best_pairs
+from drake_cafim.diagnosis.search.refused import Refused
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import (
     MISFIT_SHARE_TO_EXPLAIN,
@@ -52,10 +53,7 @@ class GrowthByPlace:
     settings: Settings
     progress: Callable[[str], None]
     trace: Trace = field(default_factory=Trace)
-    refused: dict[Key, frozenset[Key]] = field(default_factory=dict)
-    """Effects that were tried in vain, and those that were at their joint then: beside others they may stand."""
-    refused_pairs: set[frozenset[Key]] = field(default_factory=set)
-    """Two effects with those whose place they took, all tried in vain."""
+    refused: Refused = field(default_factory=Refused)
     failed: set[Key] = field(default_factory=set)
     """Effects that failed a test beside the others when an explanation with them was settled."""
     _looks: tuple[Fit, dict[bool, list[Candidate]]] | None = None
@@ -89,7 +87,7 @@ class GrowthByPlace:
                     break
                 additions = self._that_may_stand(promising)
                 refusals += 0 if additions else len(promising)
-                self._refuse(effect for effect in promising if effect not in additions)
+                self.refused.add((effect for effect in promising if effect not in additions), self.best.model)
             if not additions and not self._settle_pair():
                 return
             if not additions:
@@ -98,19 +96,8 @@ class GrowthByPlace:
             self.progress(f"round {number + 1}, {size} effects: {len(additions)} more under unknown forces")
             grown = self.settle(self.best.model.with_effects(additions))
             refusals = 0 if grown else refusals + len(additions)
-            self._refuse(effect for effect in additions if effect.key not in self.best.model.keys)
-
-    def is_refused(self, effect: Effect) -> bool:
-        """Whether an effect was tried in vain beside what is at its joint now."""
-        return self.refused.get(effect.key) == self._at_joint_of(effect)
-
-    def _refuse(self, effects: Iterable[Effect]) -> None:
-        self.refused |= {effect.key: self._at_joint_of(effect) for effect in effects}
-
-    def _at_joint_of(self, effect: Effect) -> frozenset[Key]:
-        """The keys of the explanation's effects at an effect's joint."""
-        joint = joint_of(effect)
-        return frozenset(other.key for other in self.best.model.effects if joint_of(other) == joint)
+            gone = [effect for effect in additions if effect.key not in self.best.model.keys]
+            self.refused.add(gone, self.best.model)
 
     def settle(self, model: Model, needed: Collection[Key] = ()) -> bool:
         """Whether `model`, without its effects that fail a test, becomes the explanation: none that is `needed` may.
@@ -132,7 +119,7 @@ class GrowthByPlace:
         self.failed |= kept.model.keys - best.model.keys
         if not needed <= best.model.keys:
             return False
-        lead = self._evidence(problem, best) - self._evidence(self.problem, self.best)
+        lead = _evidence(problem, best, self.trials) - _evidence(self.problem, self.best, self.trials)
         self.trace.add(decisions.record_likelihood(best.model, self.best.model, lead))
         if lead < 0.0:
             self.problem, self.best = problem, best
@@ -170,7 +157,7 @@ class GrowthByPlace:
         """
         problem = self._under_force_of(model)
         found = fit(problem, model, tolerance=CONVERGED)
-        lead = self._evidence(problem, found) - self._evidence(self.problem, self.best)
+        lead = _evidence(problem, found, self.trials) - _evidence(self.problem, self.best, self.trials)
         if accept:
             self.trace.add(decisions.record_likelihood(found.model, self.best.model, lead))
             if lead < 0.0:
@@ -183,10 +170,6 @@ class GrowthByPlace:
         force = self.nominal.likeliest_force(model, self.problem)
         assert force is not None
         return self.nominal.with_unknown_force(force, model)
-
-    def _evidence(self, problem: SearchProblem, found: Fit) -> float:
-        """The information criterion with −2 ln likelihood, χ² + ln det C, in place of χ²: the forces differ."""
-        return criterion(found, 1.0, self.trials) + problem.log_determinant
 
     def criterion_gain(self, candidate: Candidate) -> float:
         """Decrease of the information criterion by a candidate, to first order; see `evidence.criterion`."""
@@ -226,10 +209,8 @@ class GrowthByPlace:
     def _settle_pair(self) -> bool:
         """Whether two effects at one joint that hide each other become part of the explanation, see `best_pairs`."""
         for pair in best_pairs(self.problem, self.best, self.effects, self._price, CONVERGED):
-            keys = frozenset(effect.key for effect in (*pair.effects, *pair.present))
-            if keys in self.refused_pairs:
+            if not self.refused.is_new(pair):
                 continue
-            self.refused_pairs.add(keys)
             self.progress(f"{' and '.join(effect.name for effect in pair.effects)} at {pair.effects[0].at}")
             if self.settle(pair.in_place(self.best.model), {effect.key for effect in pair.effects}):
                 return True
@@ -278,19 +259,10 @@ class GrowthByPlace:
             rest = tuple(effect for effect in found.model.effects if effect not in gone)
             fewer = Model(found.model.unknown, rest, found.model.free)
             found = exact = fit(problem, fewer, tolerance=CONVERGED, own_noise=own_noise)
-            simpler = self._simpler(problem, found, larger)
+            simpler = _simpler_laws(self, problem, found, larger)
             if simpler:
                 found = exact = fit(problem, fewer.with_effects(simpler), tolerance=CONVERGED, own_noise=own_noise)
         return found if found is exact else fit(problem, found.model, tolerance=CONVERGED, own_noise=own_noise)
-
-    def _simpler(self, problem: SearchProblem, found: Fit, larger: Sequence[Effect]) -> list[Effect]:
-        """For each of the `larger` laws the simpler one of its group, if any, that is worth most beside `found`."""
-        chosen = []
-        for effect in larger:
-            laws = [law for law in self.beside(found.model) if is_simpler(law, effect)]
-            looks = [look for look in screen(problem, found, laws) if self.criterion_gain(look) > 0.0]
-            chosen += [max(looks, key=self.criterion_gain).effect] if looks else []
-        return chosen
 
     def _failure(self, problem: SearchProblem, found: Fit, effect: Effect) -> tuple[Record, float] | None:
         """The record of the test that `effect` fails, and how badly: 1 and more where nothing can save it."""
@@ -349,7 +321,7 @@ def best_by_place(growth: GrowthByPlace, looks: Sequence[Candidate]) -> list[Can
     by_place: dict[str, Candidate] = {}
     for candidate in sorted(looks, key=growth.criterion_gain, reverse=True):
         luck = float(chi2.sf(candidate.gain, candidate.strengths)) * growth.trials
-        if growth.is_refused(candidate.effect) or luck > growth.settings.false_alarm_rate:
+        if growth.refused.holds(candidate.effect, growth.best.model) or luck > growth.settings.false_alarm_rate:
             continue
         if growth.criterion_gain(candidate) > 0.0:
             by_place.setdefault(equations_of(candidate.effect), candidate)
@@ -358,3 +330,18 @@ def best_by_place(growth: GrowthByPlace, looks: Sequence[Candidate]) -> list[Can
         return list(by_place.values())
     together = sum(map(growth.criterion_gain, by_place.values()))
     return [elsewhere] if growth.criterion_gain(elsewhere) > together else list(by_place.values())
+
+
+def _evidence(problem: SearchProblem, found: Fit, trials: int) -> float:
+    """The information criterion with −2 ln likelihood, χ² + ln det C, in place of χ²: the forces differ."""
+    return criterion(found, 1.0, trials) + problem.log_determinant
+
+
+def _simpler_laws(growth: GrowthByPlace, problem: SearchProblem, found: Fit, larger: Sequence[Effect]) -> list[Effect]:
+    """For each of the `larger` laws the simpler one of its group, if any, that is worth most beside `found`."""
+    chosen = []
+    for effect in larger:
+        laws = [law for law in growth.beside(found.model) if is_simpler(law, effect)]
+        looks = [look for look in screen(problem, found, laws) if growth.criterion_gain(look) > 0.0]
+        chosen += [max(looks, key=growth.criterion_gain).effect] if looks else []
+    return chosen

@@ -57,16 +57,16 @@ def _best_of(
     residual = rest.residual - basis @ (basis.T @ rest.residual)
     looks = [(law, look) for law in laws if (look := _best_look(problem, rest, law, basis, residual)) is not None]
     best, most = None, least
-    for (one, (own, build_one)), (other, (beside, build_other)) in itertools.combinations(looks, 2):
-        if one.excludes(other) or other.excludes(one):
+    for (first, (own, build_first)), (second, (beside, build_second)) in itertools.combinations(looks, 2):
+        if first.excludes(second) or second.excludes(first):
             continue
         columns = np.concatenate([own, beside], axis=1)
         solved = solve_beside(columns, basis[: len(columns)], residual[: len(columns)])
-        if solved is None or solved[1] - price(one) - price(other) <= most:
+        if solved is None or solved[1] - price(first) - price(second) <= most:
             continue
-        built = build_one(solved[0][: own.shape[1]]), build_other(solved[0][own.shape[1] :])
+        built = build_first(solved[0][: own.shape[1]]), build_second(solved[0][own.shape[1] :])
         if built[0] is not None and built[1] is not None and built[0].plausible() and built[1].plausible():
-            best, most = (built[0], built[1]), solved[1] - price(one) - price(other)
+            best, most = (built[0], built[1]), solved[1] - price(first) - price(second)
     return best
 
 
