@@ -11,11 +11,13 @@ import pytest
 
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
 from drake_cafim.diagnosis.fit.screening import Candidate
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.fit.without_effects import fit_without, residual_without, share_improved, share_removed
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.diagnosis.search import determined, rivals_by_place
+from drake_cafim.diagnosis.search import determined, growth_by_place, rivals_by_place
 from drake_cafim.diagnosis.search.growth_by_place import (
     GrowthByPlace,
     best_by_place,
@@ -208,6 +210,36 @@ def test_what_acts_once_waits_for_what_lasts(growth: GrowthByPlace, monkeypatch:
     assert growth._promising() == [lasting]
     monkeypatch.setattr(growth, "refused", Refused({("joint_viscous_friction", joint): frozenset()}))
     assert growth._promising() == [brief]
+
+
+def test_where_nothing_has_changed_no_candidates_are_looked_for_again(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But before the search ends: what was missing at other joints may have hidden some."""
+    first, second = growth.problem.scene.tree.joint_names[:2]
+    asked: list[set[str]] = []
+
+    def screened(problem: SearchProblem, at: Fit, effects: list[Effect]) -> list[Candidate]:
+        asked.append({joint_of(effect) for effect in effects if not effect.brief})
+        return [Candidate(effect, 1e6, 1, 1) for effect in effects if joint_of(effect) == second]
+
+    before = growth.best
+    monkeypatch.setattr(growth_by_place, "screen", screened)
+    monkeypatch.setattr(growth, "_looks", None)
+    monkeypatch.setattr(growth, "_before", None)
+    try:
+        known = growth._promising()
+        assert {joint_of(candidate.effect) for candidate in known} == {second}
+        assert asked == [{ELSEWHERE, first, second}]
+        monkeypatch.setattr(growth, "best", fit(growth.problem, before.model.with_effects([_friction(growth, 0.1)])))
+        assert growth._promising() == known
+        assert asked[1:] == [{ELSEWHERE, first}]
+        monkeypatch.setattr(growth, "refused", Refused())
+        growth.refused.add(growth.effects, growth.best.model)
+        assert not growth._promising()
+        assert asked[2] == {ELSEWHERE, first, second}
+    finally:
+        growth.best = before
 
 
 def test_where_another_law_fails_the_one_that_it_would_replace_stays(growth: GrowthByPlace) -> None:

@@ -43,7 +43,7 @@ class Rivals:
         Where the rows were `whitened` anew, nothing has if no strength there moved by more than its standard deviation,
         and only laws stand that were no rivals: of others the evidence is another.
         """
-        changed = {joint_of(effect) for effect in self._unlike(best, whitened)}
+        changed = {joint_of(effect) for effect in changed_effects(self.beside, best, moved=whitened)}
         kept: dict[Key, list[Lead]] = {}
         for effect in best.model.effects:
             leads, here = self.found.get(effect.key), joint_of(effect)
@@ -64,14 +64,15 @@ class Rivals:
         near = RIVAL_EXCESS_CHI_SQUARE * scale_of(self.beside)
         return lead <= FITTED_LEAD or other.chi_square - self.beside.chi_square < near
 
-    def _unlike(self, best: Fit, whitened: bool) -> list[Effect]:
-        """The effects that only one of both fits has or, where the rows were `whitened` anew, that moved."""
-        sides = (self.beside.model, best.model)
-        unlike = [it for model in sides for it in model.effects if it.key not in sides[0].keys & sides[1].keys]
-        had = {effect.key: (position, effect) for position, effect in enumerate(self.beside.model.effects)}
-        for effect in best.model.effects if whitened else ():
-            if effect.key in had:
-                position, before = had[effect.key]
-                std = np.sqrt(np.diag(self.beside.covariance))[strengths_at(self.beside.model, position)]
-                unlike += [effect] if np.any(np.abs(effect.vector - before.vector) > std) else []
-        return unlike
+
+def changed_effects(before: Fit, after: Fit, moved: bool) -> list[Effect]:
+    """The effects that only one of two fits has and, with `moved`, those that moved by a standard deviation or more."""
+    sides = (before.model, after.model)
+    changed = [it for model in sides for it in model.effects if it.key not in sides[0].keys & sides[1].keys]
+    had = {effect.key: (position, effect) for position, effect in enumerate(before.model.effects)}
+    for effect in after.model.effects if moved else ():
+        if effect.key in had:
+            position, known = had[effect.key]
+            std = np.sqrt(np.diag(before.covariance))[strengths_at(before.model, position)]
+            changed += [effect] if np.any(np.abs(effect.vector - known.vector) > std) else []
+    return changed

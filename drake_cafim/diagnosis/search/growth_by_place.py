@@ -9,7 +9,8 @@ from scipy.stats import chi2
 from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, fit, fit_at_first_order
 from drake_cafim.diagnosis.fit.model import Key, Model
-from drake_cafim.diagnosis.fit.places import ELSEWHERE, equations_of
+from drake_cafim.diagnosis.fit.places import ELSEWHERE, equations_of, joint_of
+from drake_cafim.diagnosis.fit.rivals import changed_effects
 from drake_cafim.diagnosis.fit.robust_covariance import contrast_statistics
 from drake_cafim.diagnosis.fit.screening import Candidate, screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -40,6 +41,10 @@ CONVERGED = 0.1
 """Decrease of χ² by one more fit below which a fit counts as converged."""
 
 
+Looked = tuple[Fit, dict[bool, list[Candidate]]]
+"""An explanation, and the candidates beyond it that last, and that act once."""
+
+
 @dataclass
 class GrowthByPlace:
     """The explanation `best` grown so far, and the `problem` whitened with the unknown forces that it leaves."""
@@ -56,7 +61,9 @@ class GrowthByPlace:
     refused: Refused = field(default_factory=Refused)
     failed: set[Key] = field(default_factory=set)
     """Effects that failed a test beside the others when an explanation with them was settled."""
-    _looks: tuple[Fit, dict[bool, list[Candidate]]] | None = None
+    _before: Looked | None = None
+    """As `_looks`, for the explanation before that one."""
+    _looks: Looked | None = None
     """Cache: the explanation that was looked beyond last, and what was found there that lasts, and that acts once."""
 
     @classmethod
@@ -196,12 +203,15 @@ class GrowthByPlace:
         not there yet.
         """
         if self._looks is None or self._looks[0] is not self.best:
-            self._looks = self.best, {}
+            self._before, self._looks = self._looks, (self.best, {})
         for brief in (False, True):
             if brief not in self._looks[1]:
-                effects = [effect for effect in self.beside(self.best.model) if effect.brief == brief]
-                self._looks[1][brief] = screen(self.problem, self.best, effects)
+                self._looks[1][brief] = _candidates(self, self._before, brief)
             found = best_by_place(self, self._looks[1][brief])
+            if not found and self._before is not None:
+                # what was missing at other joints may have hidden some
+                self._before, self._looks[1][brief] = None, _candidates(self, None, brief)
+                found = best_by_place(self, self._looks[1][brief])
             if found:
                 return found
         return []
@@ -311,6 +321,19 @@ class GrowthByPlace:
     def threshold(self, freedom: int) -> float:
         """Wald statistic that noise alone exceeds in the best of all looks at the false-alarm rate."""
         return float(chi2.isf(self.settings.false_alarm_rate / self.trials, freedom))
+
+
+def _candidates(growth: GrowthByPlace, before: Looked | None, brief: bool) -> list[Candidate]:
+    """All candidates that are `brief`, or all others; where nothing has changed, as they were found `before`."""
+    problem, best = growth.problem, growth.best
+    effects = [effect for effect in growth.beside(best.model) if effect.brief == brief]
+    if before is None or brief not in before[1]:
+        return screen(problem, best, effects)
+    changed = {joint_of(effect) for effect in changed_effects(before[0], best, moved=True)}
+    again = [effect for effect in effects if ELSEWHERE in changed or joint_of(effect) in {ELSEWHERE, *changed}]
+    others = {effect.key for effect in effects} - {effect.key for effect in again}
+    known = [candidate for candidate in before[1][brief] if candidate.effect.key in others]
+    return sorted([*known, *screen(problem, best, again)], key=lambda candidate: -candidate.gain)
 
 
 def best_by_place(growth: GrowthByPlace, looks: Sequence[Candidate]) -> list[Candidate]:
