@@ -27,7 +27,7 @@ from drake_cafim.diagnosis.noise.filters import notes_on_filters, without_filter
 from drake_cafim.diagnosis.noise.quantised import quantised_memories
 from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
 from drake_cafim.diagnosis.noise.stated import needed_columns, noise_of
-from drake_cafim.diagnosis.notes.recording_notes import mistakes_of, notes_of, notes_on_unknown_joints
+from drake_cafim.diagnosis.notes.recording_notes import mistakes_of, notes_of, notes_on_limits, notes_on_unknown_joints
 from drake_cafim.diagnosis.predict.forecast import Forecast, forecasts_within
 from drake_cafim.diagnosis.rows.samples import moves, samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
@@ -307,6 +307,7 @@ def prepare(scene: Scene, recordings: Sequence[Recording], held_out: Sequence[Re
             *notes,
             *notes_of(even, columns_of_servos(scene)),
             *notes_on_unknown_joints(scene, recordings),
+            *notes_on_limits(scene, recordings, std),
             *(f"held out: {mistake}" for mistake in mistakes_of(scene, held_out, std)),
         ),
         mistakes_of(scene, recordings, std),

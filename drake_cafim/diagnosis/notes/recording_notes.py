@@ -1,6 +1,6 @@
 """Notes on recordings before their diagnosis: mistakes of the data, ignored columns, repairs while reading."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from drake_cafim.recordings.units import unit_mistakes
 from drake_cafim.scene.scene import Scene
 
 JOINT_KINDS = ("q", "v", "u", "cmd")
+BEYOND = 5.0
+"""Distance of a position from a limit, in standard deviations of its noise, from which on it is beyond the limit."""
 
 
 def mistakes_of(scene: Scene, recordings: Sequence[Recording], std: dict[str, float]) -> tuple[str, ...]:
@@ -26,6 +28,23 @@ def mistakes_of(scene: Scene, recordings: Sequence[Recording], std: dict[str, fl
         *(sentence for found in units for sentence in found),
         *(data_mistakes(scene, others, std) if others else ()),
     )
+
+
+def notes_on_limits(scene: Scene, recordings: Sequence[Recording], std: Mapping[str, float]) -> list[str]:
+    """A note for each joint that goes beyond the limits that the model states: the stop's forces are not modelled."""
+    notes = []
+    for joint in scene.tree.joints:
+        column, unit = f"q.{joint.name}", "m" if joint.prismatic else "rad"
+        q = np.concatenate([recording[column][np.isfinite(recording[column])] for recording in recordings])
+        lower, upper = joint.position_limits
+        for limit, past in ((lower, lower - q), (upper, q - upper)):
+            share = np.mean(past > BEYOND * std.get(column, 0.0)) if len(q) else 0.0
+            if share > 0.0:
+                notes.append(
+                    f"{joint.name} goes {np.max(past):.2g} {unit} beyond the limit {limit:g} {unit} that the model "
+                    f"states, {share:.0%} of the time; what a stop there does is not in the model"
+                )
+    return notes
 
 
 def notes_on_unknown_joints(scene: Scene, recordings: Sequence[Recording]) -> list[str]:
