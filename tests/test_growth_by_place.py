@@ -1,7 +1,5 @@
 """The tests that an effect must pass beside unknown forces, each broken and kept in turn on a two-joint arm."""
 
-import gc
-import weakref
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +12,6 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
 from drake_cafim.diagnosis.fit.screening import Candidate
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
-from drake_cafim.diagnosis.fit.without_effects import fit_without, residual_without, share_improved, share_removed
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search import determined, growth_by_place, rivals_by_place
@@ -43,66 +40,35 @@ def growth(tmp_path_factory: pytest.TempPathFactory) -> GrowthByPlace:
 
 def arm_that_rubs(folder: Path, friction: Callable[[Array], Array]) -> GrowthByPlace:
     """A search that begins with nothing, of an arm whose efforts overcome `friction` of v at the first joint."""
+    return search_with(folder, lambda u, v: u + friction(v))
+
+
+def search_with(folder: Path, effort: Callable[[Array, Array], Array]) -> GrowthByPlace:
+    """A search that begins with nothing, of an arm whose recorded effort at the first joint is `effort` of u and v."""
     scene, read = written(simulate("null", "arm2", 12), folder)
     joint = scene.tree.joint_names[0]
-    rubbed = [
-        replace(part, columns={**part.columns, f"u.{joint}": part[f"u.{joint}"] + friction(part[f"v.{joint}"])})
+    changed = [
+        replace(part, columns={**part.columns, f"u.{joint}": effort(part[f"u.{joint}"], part[f"v.{joint}"])})
         for part in read
     ]
-    problem = prepare(scene, rubbed).problem()
+    problem = prepare(scene, changed).problem()
     assert isinstance(problem, WeakProblem)
     growth = GrowthByPlace.of(problem, problem.nominal(), 100, Settings(), lambda text: None)
     assert growth is not None
     return growth
 
 
-def _friction(growth: GrowthByPlace, value: float) -> Effect:
+def viscous(growth: GrowthByPlace, value: float) -> Effect:
     return effect_named("joint_viscous_friction")(growth.problem.scene.tree.joint_names[0], {"coefficient": value})
 
 
-def _fitted(growth: GrowthByPlace) -> tuple[Fit, Effect]:
-    found = fit(growth.problem, growth.best.model.with_effects([_friction(growth, VISCOUS)]))
+def fitted(growth: GrowthByPlace) -> tuple[Fit, Effect]:
+    found = fit(growth.problem, growth.best.model.with_effects([viscous(growth, VISCOUS)]))
     return found, found.model.effects[0]
 
 
-def test_of_problems_that_are_whitened_again_one_is_kept(growth: GrowthByPlace) -> None:
-    """The first problem lives as long as a search; it must not keep all those that came after it."""
-    first = growth.problem
-    models = [replace(first.nominal()) for _ in range(3)]
-    gc.disable()
-    try:
-        second = first.rewhitened(models[0])
-        assert first.rewhitened(models[0]) is second
-        third = second.rewhitened(models[1])
-        assert second.rewhitened(models[1]) is third
-        gone = weakref.ref(second)
-        del second
-        assert gone() is None
-        gone = weakref.ref(third)
-        fourth = third.rewhitened(models[2])
-        del third
-        assert gone() is None
-        assert first.rewhitened(models[2]) is fourth
-    finally:
-        gc.enable()
-
-
-def test_what_was_forgotten_is_computed_again_alike(growth: GrowthByPlace) -> None:
-    problem, model = growth.nominal, growth.best.model.with_effects([_friction(growth, 0.1)])
-    assert isinstance(problem, WeakProblem)
-    rows, columns = problem.residual(model), problem.jacobian(model)
-    weak = problem.runs[0].weak
-    kept = weakref.ref(weak.terms(model.physics(problem.scene)))
-    problem.forget()
-    gc.collect()
-    assert kept() is None
-    # by another path, with or without the regressor of the links' inertias
-    np.testing.assert_allclose(problem.residual(model), rows, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(problem.jacobian(model), columns, rtol=1e-9, atol=1e-9)
-
-
 def test_a_fit_with_a_tolerance_ends_early(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:
-    start = growth.best.model.with_effects([_friction(growth, 5.0 * VISCOUS)])
+    start = growth.best.model.with_effects([viscous(growth, 5.0 * VISCOUS)])
     exact = fit(growth.problem, start)
     asked: list[float] = []
     rows_of = WeakProblem.rows_of
@@ -122,44 +88,12 @@ def test_a_fit_with_a_tolerance_ends_early(growth: GrowthByPlace, monkeypatch: p
     assert far.chi_square == pytest.approx(exact.chi_square, abs=1.0)
 
 
-def test_rows_without_an_effect_are_those_of_a_fit_without_it(growth: GrowthByPlace) -> None:
-    found, effect = _fitted(growth)
-    without = fit(growth.problem, found.model.without(effect))
-    predicted = residual_without(found, effect)
-    gained = without.chi_square - found.chi_square
-    assert gained > 100.0
-    assert float(predicted @ predicted) == pytest.approx(without.chi_square, abs=0.02 * gained)
-
-
-def test_a_fit_without_effects_is_theirs_to_first_order(growth: GrowthByPlace) -> None:
-    joint = growth.problem.scene.tree.joint_names[1]
-    spring = effect_named("joint_spring")(joint, {"stiffness": 0.5, "rest": 0.1})
-    found = fit(growth.problem, growth.best.model.with_effects([spring, _friction(growth, VISCOUS)]))
-    spring, friction = found.model.effects
-    for gone, left in ((spring, friction), (friction, spring)):
-        predicted, exact = fit_without(found, [gone]), fit(growth.problem, found.model.without(gone))
-        assert [effect.key for effect in predicted.model.effects] == [left.key]
-        np.testing.assert_array_less(np.abs(predicted.model.vector - exact.model.vector), 0.1 * exact.std + 1e-9)
-        np.testing.assert_allclose(predicted.std, exact.std, rtol=0.02)
-        assert predicted.chi_square == pytest.approx(exact.chi_square, rel=0.01)
-    assert not fit_without(found, [spring, friction]).model.effects
-
-
-def test_what_cannot_stand_is_not_fitted(growth: GrowthByPlace) -> None:
+def test_what_cannot_stand_is_notfitted(growth: GrowthByPlace) -> None:
     """Of several effects those that fail a test to first order are refused, and the others are fitted without them."""
     joint = growth.problem.scene.tree.joint_names[1]
     idle = effect_named("joint_spring")(joint, {"stiffness": 1e-4, "rest": 0.0})
-    assert growth._that_may_stand([idle, _friction(growth, VISCOUS)]) == [_friction(growth, VISCOUS)]
+    assert growth._that_may_stand([idle, viscous(growth, VISCOUS)]) == [viscous(growth, VISCOUS)]
     assert growth._that_may_stand([idle]) == []
-
-
-def test_shares_compare_rows_with_and_without(growth: GrowthByPlace) -> None:
-    found, effect = _fitted(growth)
-    without = residual_without(found, effect)
-    assert share_removed(growth.problem, found.residual, without) > 0.5
-    assert share_removed(growth.problem, found.residual, found.residual) == 0.0
-    assert share_improved(growth.problem, found.residual, without) == 1.0
-    assert share_improved(growth.problem, without, found.residual) == 0.0
 
 
 def test_an_explanation_is_accepted_only_where_its_likelihood_pays(growth: GrowthByPlace) -> None:
@@ -168,7 +102,7 @@ def test_an_explanation_is_accepted_only_where_its_likelihood_pays(growth: Growt
     try:
         assert not growth.settle(nothing.model.with_effects([hidden]))
         assert growth.best is nothing
-        assert growth.settle(nothing.model.with_effects([_friction(growth, 0.1)]))
+        assert growth.settle(nothing.model.with_effects([viscous(growth, 0.1)]))
         [found] = growth.best.model.effects
         assert found.values["coefficient"] == pytest.approx(VISCOUS, rel=0.02)
         assert not growth.settle(nothing.model), "friction is not given up again"
@@ -183,7 +117,7 @@ def test_positions_and_velocities_of_a_joint_gain_one_effect_a_round(
     late = effect_named("sensor_delay")(f"v.{first}", {"delay": 0.005})
     skewed = effect_named("clock_skew")(f"q.{first}", {"skew": 0.01})
     other = effect_named("sensor_gain_error")(f"v.{second}", {"gain": 0.9})
-    rubs = _friction(growth, VISCOUS)
+    rubs = viscous(growth, VISCOUS)
     looks = [Candidate(effect, gain, 1, 1) for effect, gain in ((rubs, 4e4), (late, 3e4), (skewed, 2e4), (other, 1e4))]
     monkeypatch.setattr(growth, "_looks", (growth.best, {False: looks}))
     assert [candidate.effect for candidate in growth._promising()] == [rubs, late, other]
@@ -205,7 +139,7 @@ def test_what_acts_elsewhere_comes_first_where_it_gains_more_than_the_joints_tog
 def test_what_acts_once_waits_for_what_lasts(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:
     joint, link = growth.problem.scene.tree.joint_names[0], growth.problem.scene.tree.bodies[-1].name
     push = effect_named("external_disturbance")(link, {"x": 1.0, "start": 0.0, "stop": 0.2})
-    lasting, brief = Candidate(_friction(growth, VISCOUS), 1e4, 1, 1), Candidate(push, 1e6, 3, 1)
+    lasting, brief = Candidate(viscous(growth, VISCOUS), 1e4, 1, 1), Candidate(push, 1e6, 3, 1)
     monkeypatch.setattr(growth, "_looks", (growth.best, {False: [lasting], True: [brief]}))
     assert growth._promising() == [lasting]
     monkeypatch.setattr(growth, "refused", Refused({("joint_viscous_friction", joint): frozenset()}))
@@ -231,7 +165,7 @@ def test_where_nothing_has_changed_no_candidates_are_looked_for_again(
         known = growth._promising()
         assert {joint_of(candidate.effect) for candidate in known} == {second}
         assert asked == [{ELSEWHERE, first, second}]
-        monkeypatch.setattr(growth, "best", fit(growth.problem, before.model.with_effects([_friction(growth, 0.1)])))
+        monkeypatch.setattr(growth, "best", fit(growth.problem, before.model.with_effects([viscous(growth, 0.1)])))
         assert growth._promising() == known
         assert asked[1:] == [{ELSEWHERE, first}]
         monkeypatch.setattr(growth, "refused", Refused())
@@ -245,7 +179,10 @@ def test_where_nothing_has_changed_no_candidates_are_looked_for_again(
 def test_where_another_law_fails_the_one_that_it_would_replace_stays(growth: GrowthByPlace) -> None:
     """And what is left of the explanation is none that was asked for, however good its likelihood."""
     second = growth.problem.scene.tree.joint_names[1]
-    friction, idle = _friction(growth, 0.1), effect_named("joint_viscous_friction")(second, {"coefficient": 0.01})
+    friction, idle = (
+        viscous(growth, 0.1),
+        effect_named("joint_viscous_friction")(second, {"coefficient": 0.01}),
+    )
     assert growth.settle(growth.best.model.with_effects([friction, idle])), "without what fails it is accepted"
     try:
         # at a place where nothing acts, a law and the one in its stead are as good as none
@@ -260,7 +197,10 @@ def test_where_another_law_fails_the_one_that_it_would_replace_stays(growth: Gro
 
 def test_a_better_law_is_put_in_place_though_another_effect_then_fails(growth: GrowthByPlace) -> None:
     second = growth.problem.scene.tree.joint_names[1]
-    friction, idle = _friction(growth, 0.1), effect_named("joint_viscous_friction")(second, {"coefficient": 0.01})
+    friction, idle = (
+        viscous(growth, 0.1),
+        effect_named("joint_viscous_friction")(second, {"coefficient": 0.01}),
+    )
     spring = effect_named("joint_spring")(friction.at, {"stiffness": 0.01, "rest": 0.0})
     try:
         growth.take(growth.best.model.with_effects([spring, idle]))
@@ -292,7 +232,7 @@ def test_laws_that_do_not_fail_are_put_in_place_together(
 def test_a_law_that_fails_once_all_is_fitted_shares_no_probability(
     growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    friction = _friction(growth, 0.1)
+    friction = viscous(growth, 0.1)
     rival = effect_named("joint_spring")(friction.at, {"stiffness": 1.0})
     assert growth.settle(growth.best.model.with_effects([friction]))
     try:
@@ -338,7 +278,7 @@ def test_a_law_whose_strength_ends_at_a_bound_gives_way_to_the_simpler_one(tmp_p
 
 
 def test_what_is_not_determined_is_told(growth: GrowthByPlace) -> None:
-    found, effect = _fitted(growth)
+    found, effect = fitted(growth)
     assert undetermined_in(found, effect) is None
     vague = replace(found, covariance=found.covariance + 100.0 * np.eye(len(found.covariance)))
     told = undetermined_in(vague, effect)
@@ -349,7 +289,7 @@ def test_what_blocks_of_time_do_not_determine_is_not_named(
     growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nothing, first = growth.best, len(growth.trace.records)
-    assert growth.settle(nothing.model.with_effects([_friction(growth, 0.1)]))
+    assert growth.settle(nothing.model.with_effects([viscous(growth, 0.1)]))
     try:
         monkeypatch.setattr(rivals_by_place, "leaves_noise", lambda *given: False)
         rivals_by_place._drop_undetermined(growth)
@@ -370,7 +310,7 @@ def test_what_blocks_of_time_do_not_determine_is_not_named(
 def test_what_a_report_does_not_determine_is_not_named(growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the standard deviations of a report, which may be wider than those of the fit."""
     nothing = growth.best
-    assert growth.settle(nothing.model.with_effects([_friction(growth, 0.1)]))
+    assert growth.settle(nothing.model.with_effects([viscous(growth, 0.1)]))
     try:
         [rubbing] = growth.best.model.effects
         position = len(growth.best.model.unknown)

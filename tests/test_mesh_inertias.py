@@ -59,3 +59,10 @@ def test_a_mesh_that_is_not_there_is_told(tmp_path: Path) -> None:
     path.write_text(path.read_text(encoding="utf-8").replace(f'vertex="{WEDGE}"', 'file="gone.stl"'), encoding="utf-8")
     with pytest.raises(InputError, match=r"line 6: body 'upper' .*gone.stl.*expected an <inertial>"):
         Scene.from_model(str(path))
+
+
+def test_a_body_without_a_name_is_asked_for_one(tmp_path: Path) -> None:
+    path = _written(tmp_path)
+    path.write_text(path.read_text(encoding="utf-8").replace('name="lower" ', ""), encoding="utf-8")
+    with pytest.raises(InputError, match=r"line 8: body 'body_2' .*expected a name or an <inertial>$"):
+        Scene.from_model(str(path))

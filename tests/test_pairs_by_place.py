@@ -1,46 +1,26 @@
 """Two effects at one joint, each of which hides the other: they are found together, or not at all."""
 
-from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import Looks
-from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.growth_by_place import CONVERGED, GrowthByPlace
 from drake_cafim.diagnosis.search.pairs_by_place import Pair, best_pairs
 from drake_cafim.diagnosis.search.refused import Refused
-from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
 from drake_cafim.typing import Array
-from tests.concealed.make import simulate
-from tests.concealed_case import written
+from tests.test_growth_by_place import search_with
 
 GAIN, BIAS = 0.8, 0.4
 """The actuator's gain, and N m."""
 
 
-def _search(folder: Path, effort: Callable[[Array], Array]) -> GrowthByPlace:
-    """A search that begins with nothing, of an arm whose first joint's recorded effort is `effort` of the true one."""
-    scene, read = written(simulate("null", "arm2", 12), folder)
-    u = f"u.{scene.tree.joint_names[0]}"
-    changed = [replace(part, columns={**part.columns, u: effort(part[u])}) for part in read]
-    problem = prepare(scene, changed).problem()
-    assert isinstance(problem, WeakProblem)
-    growth = GrowthByPlace.of(problem, problem.nominal(), 100, Settings(), lambda text: None)
-    assert growth is not None
-    return growth
-
-
 @pytest.fixture(scope="module")
 def growth(tmp_path_factory: pytest.TempPathFactory) -> GrowthByPlace:
-    return _search(tmp_path_factory.mktemp("arm"), lambda u: (u - BIAS) / GAIN)
+    return search_with(tmp_path_factory.mktemp("arm"), lambda u, v: (u - BIAS) / GAIN)
 
 
 def _at_first_joint(growth: GrowthByPlace, **effects: dict[str, float]) -> list[Effect]:
@@ -50,7 +30,7 @@ def _at_first_joint(growth: GrowthByPlace, **effects: dict[str, float]) -> list[
 
 def test_both_are_found_with_their_strengths(growth: GrowthByPlace) -> None:
     first = growth.problem.scene.tree.joint_names[0]
-    [pair, *others] = best_pairs(growth.problem, growth.best, growth.effects, growth._price, CONVERGED)
+    [pair, *others] = best_pairs(growth.problem, growth.best, growth.effects, growth.price, CONVERGED)
     assert not others, "nothing is missing at the second joint"
     found = {effect.key: effect for effect in pair.effects}
     assert set(found) == {("actuator_gain_error", first), ("actuator_bias", first)}
@@ -62,7 +42,7 @@ def test_both_are_found_with_their_strengths(growth: GrowthByPlace) -> None:
 def test_they_take_the_place_of_what_stood_in_for_them(growth: GrowthByPlace) -> None:
     wrong = _at_first_joint(growth, joint_viscous_friction={"coefficient": 0.1})
     best = fit(growth.problem, growth.best.model.with_effects(wrong), tolerance=CONVERGED)
-    [pair] = best_pairs(growth.problem, best, growth.effects, growth._price, CONVERGED)
+    [pair] = best_pairs(growth.problem, best, growth.effects, growth.price, CONVERGED)
     assert [effect.key for effect in pair.present] == [wrong[0].key]
     instead = pair.in_place(best.model)
     assert wrong[0].key not in instead.keys and len(instead.effects) == 2
@@ -74,7 +54,7 @@ def test_where_they_stand_no_others_are_looked_for(growth: GrowthByPlace) -> Non
     try:
         assert growth.settle(growth.best.model.with_effects(right))
         assert not growth.problem.forced_joints
-        assert not list(best_pairs(growth.problem, growth.best, growth.effects, growth._price, CONVERGED))
+        assert not list(best_pairs(growth.problem, growth.best, growth.effects, growth.price, CONVERGED))
     finally:
         growth.problem, growth.best = before
 

@@ -28,7 +28,12 @@ class MeshInertias:
                 f"{place} weighs what its mesh does; expected an <inertial>, or MuJoCo, which computes that "
                 "(`pip install mujoco`)"
             ) from None
-        except (KeyError, ValueError) as error:
+        except KeyError:
+            raise InputError(
+                f"{place} weighs what its mesh does, which MuJoCo tells of bodies with a name; expected a name or an "
+                "<inertial>"
+            ) from None
+        except ValueError as error:
             reason = " ".join(str(error).split())[:200]
             raise InputError(
                 f"{place} weighs what its mesh does, which MuJoCo does not tell ({reason}); expected an <inertial>"

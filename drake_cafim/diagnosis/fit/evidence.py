@@ -18,6 +18,7 @@ from drake_cafim.diagnosis.thresholds import (
     RECORDINGS_SHARE_IMPROVED,
     UNKNOWN_FAR_IN_PRIOR_STDS,
 )
+from drake_cafim.effects.effect import Effect
 from drake_cafim.typing import Array
 
 FAR_UNKNOWN_SURPRISE = -2.0 * float(np.log(2.0 * norm.sf(UNKNOWN_FAR_IN_PRIOR_STDS)))
@@ -36,6 +37,11 @@ def criterion(fit: Fit, scale: float, trials: int) -> float:
     surprise = sum(effect.surprise for effect in fit.model.effects) + len(fit.model.free) * FAR_UNKNOWN_SURPRISE
     cost = fit.strengths * np.log(max(fit.data_rows, 2)) + 2.0 * len(fit.model.keys) * np.log(max(trials, 1))
     return fit.chi_square / scale + float(cost) + surprise
+
+
+def cost_of(fit: Fit, effect: Effect) -> float:
+    """What `criterion` asks of one more effect, but for its having been chosen from many."""
+    return len(effect.strengths) * float(np.log(max(fit.data_rows, 2))) + effect.surprise
 
 
 def scale_of(fit: Fit) -> float:

@@ -42,7 +42,7 @@ def notes_on_limits(scene: Scene, recordings: Sequence[Recording], std: Mapping[
             if share > 0.0:
                 notes.append(
                     f"{joint.name} goes {np.max(past):.2g} {unit} beyond the limit {limit:g} {unit} that the model "
-                    f"states, {share:.0%} of the time; if a stop is there, its forces are not in the model"
+                    f"states, {100.0 * share:.3g} % of the time; if a stop is there, its forces are not in the model"
                 )
     return notes
 

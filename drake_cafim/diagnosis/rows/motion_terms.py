@@ -1,5 +1,6 @@
 """The terms of one recording's rows that follow from its motion and efforts, cached by the sensor effects on these."""
 
+import operator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -111,8 +112,10 @@ class MotionTerms:
         """(N, n) the efforts by gravity and contacts at the joints, at rest at the smoothed positions."""
         if self._loads:
             before, load = self._loads[0]
-            alike = before.tree is physics.tree and before.contacts == physics.contacts
-            if alike and np.array_equal(before.gravity, physics.gravity):
+            # a contact holds arrays, which `==` would compare entry by entry
+            known, own = ((it.tree, *it.contacts) for it in (before, physics))
+            same = len(known) == len(own) and all(map(operator.is_, known, own))
+            if same and np.array_equal(before.gravity, physics.gravity):
                 return load
         self._loads[:] = [(physics, physics.loads(self.measured.q_hat))]
         return self._loads[0][1]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
+from drake_cafim.diagnosis.fit.evidence import cost_of, criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, fit, fit_at_first_order
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, equations_of, joint_of
@@ -180,12 +180,11 @@ class GrowthByPlace:
 
     def criterion_gain(self, candidate: Candidate) -> float:
         """Decrease of the information criterion by a candidate, to first order; see `evidence.criterion`."""
-        return candidate.gain - self._price(candidate.effect)
+        return candidate.gain - self.price(candidate.effect)
 
-    def _price(self, effect: Effect) -> float:
-        """What the information criterion asks for an effect."""
-        paid = len(effect.strengths) * np.log(max(self.problem.rows, 2)) + 2.0 * np.log(self.trials)
-        return float(paid + effect.surprise)
+    def price(self, effect: Effect) -> float:
+        """What the information criterion asks for an effect that is chosen from all."""
+        return cost_of(self.best, effect) + 2.0 * float(np.log(self.trials))
 
     def beside(self, model: Model) -> list[Effect]:
         """The effects that may be added to `model`."""
@@ -218,7 +217,7 @@ class GrowthByPlace:
 
     def _settle_pair(self) -> bool:
         """Whether two effects at one joint that hide each other become part of the explanation, see `best_pairs`."""
-        for pair in best_pairs(self.problem, self.best, self.effects, self._price, CONVERGED):
+        for pair in best_pairs(self.problem, self.best, self.effects, self.price, CONVERGED):
             if not self.refused.is_new(pair):
                 continue
             self.progress(f"{' and '.join(effect.name for effect in pair.effects)} at {pair.effects[0].at}")

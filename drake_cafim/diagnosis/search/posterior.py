@@ -30,11 +30,6 @@ def inclusion_probabilities(fits: Iterable[Fit], cost: Callable[[Fit], float]) -
     return probability
 
 
-def cost_of(best: Fit, effect: Effect) -> float:
-    """What the information criterion asks of an effect for its strengths, and for having been chosen."""
-    return len(effect.strengths) * float(np.log(max(best.data_rows, 2))) + effect.surprise
-
-
 def evidence_unit(growth: GrowthByPlace, effect: Effect) -> float:
     """How many times less the blocks of time tell of an effect than independent rows would, at least 1.
 
@@ -52,7 +47,7 @@ def probabilities_by_place(growth: GrowthByPlace, found: Mapping[Key, Sequence[L
     for effect in growth.best.model.effects:
         unit = evidence_unit(growth, effect)
         by_noise, _ = wald_statistics(growth.problem, growth.best, effect.key)
-        none = by_noise / unit - cost_of(growth.best, effect) - 2.0 * float(np.log(growth.trials))
+        none = by_noise / unit - growth.price(effect)
         leads = [(effect.key, 0.0), *((law.key, lead) for lead, _, law in found[effect.key])]
         weights = np.array([np.exp(-0.5 * max(lead, 0.0)) for _, lead in leads])
         total = float(weights.sum()) + float(np.exp(-0.5 * max(none, 0.0)))

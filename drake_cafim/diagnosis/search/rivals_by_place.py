@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.beside import Beside, strengths_at
-from drake_cafim.diagnosis.fit.evidence import criterion, leaves_noise
+from drake_cafim.diagnosis.fit.evidence import cost_of, criterion, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
@@ -21,7 +21,7 @@ from drake_cafim.diagnosis.search.determined import reasons_against, strength_at
 from drake_cafim.diagnosis.search.friction_by_joint import Friction, choose_friction, is_friction
 from drake_cafim.diagnosis.search.growth_by_place import CONVERGED, GrowthByPlace
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside, fit_shapes
-from drake_cafim.diagnosis.search.posterior import cost_of, evidence_unit, probabilities_by_place
+from drake_cafim.diagnosis.search.posterior import evidence_unit, probabilities_by_place
 from drake_cafim.diagnosis.thresholds import (
     LEAST_PROBABILITY,
     NAMED_EXCESS_SHARE,

@@ -1,0 +1,47 @@
+"""What a fit leaves without one of its effects, to first order, against fits without it."""
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.fit.fitting import fit
+from drake_cafim.diagnosis.fit.without_effects import fit_without, residual_without, share_improved, share_removed
+from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
+from drake_cafim.effects.catalogue import effect_named
+from tests.test_growth_by_place import VISCOUS, arm_that_rubs, fitted, viscous
+
+
+@pytest.fixture(scope="module")
+def growth(tmp_path_factory: pytest.TempPathFactory) -> GrowthByPlace:
+    return arm_that_rubs(tmp_path_factory.mktemp("arm"), lambda v: VISCOUS * v)
+
+
+def test_rows_without_an_effect_are_those_of_a_fit_without_it(growth: GrowthByPlace) -> None:
+    found, effect = fitted(growth)
+    without = fit(growth.problem, found.model.without(effect))
+    predicted = residual_without(found, effect)
+    gained = without.chi_square - found.chi_square
+    assert gained > 100.0
+    assert float(predicted @ predicted) == pytest.approx(without.chi_square, abs=0.02 * gained)
+
+
+def test_a_fit_without_effects_is_theirs_to_first_order(growth: GrowthByPlace) -> None:
+    joint = growth.problem.scene.tree.joint_names[1]
+    spring = effect_named("joint_spring")(joint, {"stiffness": 0.5, "rest": 0.1})
+    found = fit(growth.problem, growth.best.model.with_effects([spring, viscous(growth, VISCOUS)]))
+    spring, friction = found.model.effects
+    for gone, left in ((spring, friction), (friction, spring)):
+        predicted, exact = fit_without(found, [gone]), fit(growth.problem, found.model.without(gone))
+        assert [effect.key for effect in predicted.model.effects] == [left.key]
+        np.testing.assert_array_less(np.abs(predicted.model.vector - exact.model.vector), 0.1 * exact.std + 1e-9)
+        np.testing.assert_allclose(predicted.std, exact.std, rtol=0.02)
+        assert predicted.chi_square == pytest.approx(exact.chi_square, rel=0.01)
+    assert not fit_without(found, [spring, friction]).model.effects
+
+
+def test_shares_compare_rows_with_and_without(growth: GrowthByPlace) -> None:
+    found, effect = fitted(growth)
+    without = residual_without(found, effect)
+    assert share_removed(growth.problem, found.residual, without) > 0.5
+    assert share_removed(growth.problem, found.residual, found.residual) == 0.0
+    assert share_improved(growth.problem, found.residual, without) == 1.0
+    assert share_improved(growth.problem, without, found.residual) == 0.0
