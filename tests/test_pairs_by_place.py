@@ -1,5 +1,7 @@
 """Two effects at one joint, each of which hides the other: they are found together, or not at all."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -128,3 +130,21 @@ def test_a_law_that_makes_no_sense_alone_may_stand_beside_another() -> None:
 
 def test_two_laws_of_which_one_makes_no_sense_are_none() -> None:
     assert not _TwoLaws(plausible=False).pairs()
+
+
+def test_what_explains_as_much_alone_stays_alone(tmp_path: Path) -> None:
+    """Beside forces that nobody knows viscous friction is found; no pair with it is worth a second effect."""
+    rng = np.random.default_rng(4)
+    growth = search_with(tmp_path, lambda u, v: u + 0.3 * v + rng.normal(0.0, 0.5, len(u)))
+    [friction] = _at_first_joint(growth, joint_viscous_friction={"coefficient": 0.3})
+    assert growth.settle(growth.best.model.with_effects([friction]))
+    assert growth.problem.forced_joints == (friction.at,), "the noise of the effort remains"
+    assert not list(best_pairs(growth.problem, growth.best, growth.effects, growth.price, CONVERGED))
+
+
+def test_a_pair_is_tried_once(growth: GrowthByPlace) -> None:
+    gain, bias = _at_first_joint(growth, actuator_gain_error={"gain": GAIN}, actuator_bias={"torque": BIAS})
+    refused = Refused()
+    assert refused.is_new(Pair((gain, bias), ()))
+    assert not refused.is_new(Pair((bias, gain), ()))
+    assert refused.is_new(Pair((gain, bias), tuple(_at_first_joint(growth, joint_viscous_friction={}))))
