@@ -24,6 +24,10 @@ SLIP_VELOCITY = Strength(
 )
 """Width w of the smoothed sign function tanh(v/w) of dry friction; observable where slow motion is well measured."""
 DRY_FRICTION = "dry friction"
+SLIDING = 20.0
+"""Velocity in widths w at which a joint slides for certain."""
+FAINT = 1e-3
+"""Share of a dry friction below which its doubt counts as none."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,18 @@ class JointForce(Effect):
     def stands_out(self, joint: JointSamples) -> bool:
         """Whether its force exceeds the model error of other laws; asked where the residual is not white."""
         return True
+
+
+def doubt_at_rest(effect: JointForce, joint: JointSamples) -> tuple[Array, Array]:
+    """(N,) the size of a dry friction, N m or N, and (N,) the share 1 − |tanh(v/w)| of it, zero away from rest.
+
+    w is the nominal width of its sign change.
+    """
+    width = SLIP_VELOCITY.nominal
+    sliding = np.full_like(joint.v, SLIDING * width)
+    forward, backward = (effect.force(JointSamples(joint.q, v, joint.u, load=joint.load)) for v in (sliding, -sliding))
+    share = np.maximum(1.0 - np.abs(joint.sign(width).value), 0.0)
+    return 0.5 * np.abs(forward.value - backward.value), np.where(share > FAINT, share, 0.0)
 
 
 def _zeros(joint: JointSamples) -> Array:

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from drake_cafim.diagnosis.noise.coloured import covariance
+from drake_cafim.diagnosis.rows.coupled_motion import CoupledMotion, damping_of, relax_together
 from drake_cafim.diagnosis.rows.filtered_windows import FilteredWindows
 from drake_cafim.diagnosis.rows.law_points import lay_points
 from drake_cafim.diagnosis.rows.measurement import corrected_measurement
@@ -40,6 +41,8 @@ LEAST_STD = 1e-12
 def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
     """The recording of `weak` with its positions and velocities as estimated under `physics`; efforts as recorded.
 
+    Where viscous friction couples light joints within sample intervals, all joints are estimated together.
+
     A joint whose samples are likelier with nothing known of its acceleration, of which the model leaves far more than
     all (`CONTRADICTED`), is estimated by these alone: stiff laws of light joints that are coupled with each other
     cannot be integrated joint by joint.
@@ -54,6 +57,8 @@ def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
     current = _with_trajectory(weak, physics, found, nothing, np.zeros(len(names)))
     # efforts that their maker filtered are not those that made the motion
     filtered = isinstance(samples.windows, FilteredWindows)
+    if not filtered and relax_together(current, physics):
+        return _adjust_together(weak, physics, current, free, (of_q, of_v))
     for _ in range(0 if filtered else PASSES):
         transition, bend, mobility = _transition(current, physics, found)
         if not (np.all(np.isfinite(transition.rise_v)) and np.all(np.isfinite(transition.rise_q))):
@@ -63,6 +68,26 @@ def adjust(weak: WeakForm, physics: Physics) -> WeakForm:
         found = found.with_joints(contradicted, free)
         bend = np.where(contradicted, 0.0, bend)
         current = _with_trajectory(weak, physics, found, bend, _unmodelled_force(current, physics, found, mobility))
+        if np.sqrt(np.mean(((found.v - before.v) / np.maximum(found.v_std, LEAST_STD)) ** 2)) < SETTLED:
+            break
+    return current
+
+
+def _adjust_together(
+    weak: WeakForm, physics: Physics, current: WeakForm, found: Trajectory, noises: tuple[list[ChannelNoise], ...]
+) -> WeakForm:
+    """As `adjust`, from the motion `found` of `current` on, where joints relax together; `noises` of all q and v."""
+    as_read = weak.measurement(physics)
+    most = _largest_unmodelled(current, physics, LAW_ACCURACY)
+    density = most
+    for _ in range(PASSES):
+        moving = CoupledMotion(current, physics, found, _contact_slopes(current, physics, found))
+        space = moving.state_space(as_read.q, as_read.v, noises)
+        if not np.all(np.isfinite(space.rise)):
+            break
+        before = found
+        found, density = moving.likeliest(space, density)
+        current = _with_trajectory(weak, physics, found, moving.bend(found), np.minimum(density, most))
         if np.sqrt(np.mean(((found.v - before.v) / np.maximum(found.v_std, LEAST_STD)) ** 2)) < SETTLED:
             break
     return current
@@ -128,7 +153,7 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
     halfway = physics.free_response(motion(physics.tree, q_middle, v_middle))
     middle = _accelerate(halfway, effort[:-1] - halfway.bias)
     own = np.diagonal(response.mobility, axis1=1, axis2=2)
-    mean, first, second = _relaxing(h * own[:-1] * _damping(physics))
+    mean, first, second = _relaxing(h * own[:-1] * damping_of(physics))
     gain = h / 6.0 * (after[:-1] + 4.0 * middle + before[1:]) + 0.5 * h * (by_law[:-1] + by_law[1:])
     # laws that relax within an interval are not linear in time there
     turn = np.diff(law, axis=0)
@@ -201,14 +226,6 @@ ROWS = ("q_by_q", "q_by_v", "v_by_q", "v_by_v", "rise_q", "rise_v")
 """The parts of a transition that depend on the model."""
 
 
-def _damping(physics: Physics) -> Array:
-    """(n,) the coefficients of viscous friction at the joints, of the model and of effects, N m s/rad or N s/m."""
-    total = np.array(physics.dampings, dtype=float)
-    for effect in physics.joint_forces:
-        total[physics.tree.joint_index(effect.at)] += effect.damping or 0.0
-    return total
-
-
 def _relaxing(rate: Array) -> tuple[Array, Array, Array]:
     """How a force that relaxes by exp(−λ s) over an interval, s from 0 to 1, differs from a linear one of equal ends.
 
@@ -235,10 +252,14 @@ def _unmodelled_force(weak: WeakForm, physics: Physics, found: Trajectory, mobil
     At most as large as a model that is right to `LAW_ACCURACY` may miss: that share of a joint's effort, anew in each
     test function. Of a servo's effort also what bends between samples.
     """
-    effort = acting_effort(weak, physics)
-    accuracy = LAW_ACCURACY + _bent_between_samples(weak, physics, mobility)
-    most = accuracy**2 * np.mean(effort**2, axis=0) * weak.samples.windows.spacing
+    most = _largest_unmodelled(weak, physics, LAW_ACCURACY + _bent_between_samples(weak, physics, mobility))
     return np.asarray(np.minimum(found.density / np.maximum(mobility, 1e-300) ** 2, most), dtype=float)
+
+
+def _largest_unmodelled(weak: WeakForm, physics: Physics, accuracy: Array | float) -> Array:
+    """(n,) density of white forces of the share `accuracy` of each joint's effort, anew in each test function."""
+    effort = acting_effort(weak, physics)
+    return np.asarray(accuracy**2 * np.mean(effort**2, axis=0) * weak.samples.windows.spacing, dtype=float)
 
 
 def _bent_between_samples(weak: WeakForm, physics: Physics, mobility: Array) -> Array:

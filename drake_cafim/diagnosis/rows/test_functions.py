@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from drake_cafim.diagnosis.rows.quadrature import NODES, gauss, lagrange
 from drake_cafim.diagnosis.thresholds import LONGEST_PAUSE_OF_WINDOW
 from drake_cafim.numerics.cache import make_room
+from drake_cafim.numerics.quadrature import NODES, gauss, lagrange
 from drake_cafim.typing import Array, Indices
 
 OVERLAPPING = 4
@@ -101,6 +101,10 @@ class Windows:
         linear between `times`.
         """
         return np.asarray(self.interval @ (self._pieces(times, ramped).moment @ accelerations))
+
+    def moments(self, times: Array, values: Array, ramped: bool = False) -> Array:
+        """(N − 1,) ∫ (t − t̄) u dt over each sample interval, t̄ its middle, of `values` u (K,) as in `held`."""
+        return np.asarray(self._pieces(times, ramped).moment @ values)
 
     def integrate_held(self, times: Array, values: Array, ramped: bool = False) -> Array:
         """(M,) ∫ w u dt of `values` u (K,) held from each of `times` (K,) s to the next; see `held`."""

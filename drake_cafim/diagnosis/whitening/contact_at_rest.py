@@ -10,10 +10,10 @@ import scipy.sparse as sp
 
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import REST_LASTING
-from drake_cafim.diagnosis.whitening.friction_at_rest import FAINT
 from drake_cafim.diagnosis.whitening.impact_noise import rows_by_sample
 from drake_cafim.diagnosis.whitening.lasting_noise import lasting
 from drake_cafim.dynamics.contact import SphereContact
+from drake_cafim.effects.joint import FAINT
 from drake_cafim.numerics.cross import cross
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array

@@ -14,15 +14,9 @@ import scipy.sparse as sp
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import REST_LASTING, RESTING_EFFORT_STD
 from drake_cafim.diagnosis.whitening.lasting_noise import lasting
-from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointForce
+from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointForce, doubt_at_rest
 from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.typing import Array
-
-SLIDING = 20.0
-"""Velocity in widths w at which a joint slides for certain."""
-FAINT = 1e-3
-"""Share of the friction below which its doubt counts as none."""
 
 
 def friction_at_rest_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matrix:
@@ -48,7 +42,7 @@ def _held(weak: WeakForm, effect: JointForce, joint: JointSamples) -> sp.csr_mat
     that is left at such a joint by a single number.
     """
     windows = weak.samples.windows
-    size, share = _doubt(effect, joint)
+    size, share = doubt_at_rest(effect, joint)
     at_rest = np.flatnonzero(share)
     size, effort, time = size[at_rest], joint.u[at_rest], weak.samples.time[at_rest]
     at_rest_alone = windows.value[:, at_rest] @ sp.diags_array(share[at_rest])
@@ -59,12 +53,3 @@ def _held(weak: WeakForm, effect: JointForce, joint: JointSamples) -> sp.csr_mat
         + lasting(by_size, time, windows.width)
         + lasting(by_effort, time, REST_LASTING)
     )
-
-
-def _doubt(effect: JointForce, joint: JointSamples) -> tuple[Array, Array]:
-    """(N,) the size of the friction, N m or N, and (N,) the share 1 − |tanh(v/w)| of it, zero away from rest."""
-    width = SLIP_VELOCITY.nominal
-    sliding = np.full_like(joint.v, SLIDING * width)
-    forward, backward = (effect.force(JointSamples(joint.q, v, joint.u, load=joint.load)) for v in (sliding, -sliding))
-    share = np.maximum(1.0 - np.abs(joint.sign(width).value), 0.0)
-    return 0.5 * np.abs(forward.value - backward.value), np.where(share > FAINT, share, 0.0)

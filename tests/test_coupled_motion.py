@@ -1,0 +1,138 @@
+"""Light joints that move each other and relax together within a sample interval, under stated viscous friction."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.linalg
+
+from drake_cafim.diagnosis.rows.coupled_motion import relax_together
+from drake_cafim.numerics.kalman import StateSpace
+from drake_cafim.numerics.relaxation import Relaxation
+from tests.turntable import problem_of
+
+INERTIA = np.array([[3e-4, 1e-4], [1e-4, 1e-4]])
+"""kg m², the mass matrix of the wrist: two coaxial joints, so that it is constant."""
+Q_STD, V_STD = 2e-4, 2e-3
+
+
+def _wrist(folder: Path, damping: float) -> None:
+    (folder / "wrist.urdf").write_text(f"""
+<robot name="wrist">
+  <link name="base"/>
+  <link name="hand">
+    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="2e-4" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>
+  <link name="tip">
+    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>
+  <joint name="roll" type="continuous">
+    <parent link="base"/><child link="hand"/><axis xyz="0 0 1"/><dynamics damping="{damping}"/>
+  </joint>
+  <joint name="twist" type="continuous">
+    <parent link="hand"/><child link="tip"/><axis xyz="0 0 1"/><dynamics damping="{damping}"/>
+  </joint>
+</robot>
+""")
+    channels = f"{{q: {{std: {Q_STD}}}, v: {{std: {V_STD}}}, u: {{std: 0.0}}}}"
+    (folder / "scenario.yaml").write_text(f"model: wrist.urdf\nweld: [{{body: base}}]\nchannels: {channels}\n")
+
+
+def _record(folder: Path, damping: float, step: float, actual: float) -> None:
+    """Exact samples, with noise, of the wrist under the `actual` damping and held efforts that carry noise too."""
+    rng, time = np.random.default_rng(5), np.arange(0.0, 4.0, step)
+    wanted = np.stack([np.sin(2.0 * np.pi * rate * time) for rate in (0.7, 1.1)], axis=1)
+    effort = damping * (wanted + 0.05 * rng.normal(size=wanted.shape))
+    mobility = np.linalg.inv(INERTIA)
+    whole = np.zeros((6, 6))
+    whole[:2, 2:4], whole[2:4, 2:4], whole[2:4, 4:] = np.eye(2), -actual * mobility, mobility
+    advance, x, rows = scipy.linalg.expm(whole * step), np.zeros(4), []
+    for u in effort:
+        rows.append(x)
+        x = (advance @ np.concatenate([x, u]))[:4]
+    q, v = np.split(np.array(rows), 2, axis=1)
+    table = {"time": time}
+    for j, name in enumerate(("roll", "twist")):
+        table[f"q.{name}"] = q[:, j] + rng.normal(0.0, Q_STD, time.size)
+        table[f"v.{name}"] = v[:, j] + rng.normal(0.0, V_STD, time.size)
+        table[f"u.{name}"] = effort[:, j]
+    pd.DataFrame(table).to_parquet(folder / "run.parquet")
+
+
+@pytest.mark.parametrize(("damping", "step"), [(0.1, 0.002), (0.1, 0.01), (0.3, 0.004), (1.0, 0.002), (1.0, 0.01)])
+def test_joints_that_relax_together_leave_noise_alone(tmp_path: Path, damping: float, step: float) -> None:
+    """Rates are 300 to 20000 1/s, sampled at 100 to 500 Hz; one joint at a time, more than noise remains."""
+    _wrist(tmp_path, damping)
+    _record(tmp_path, damping, step, damping)
+    problem = problem_of(tmp_path)
+    rows = problem.residual(problem.nominal())
+    assert float(np.mean(rows**2)) < 1.0 + 4.0 * np.sqrt(2.0 / len(rows))
+
+
+def test_more_friction_than_stated_shows(tmp_path: Path) -> None:
+    _wrist(tmp_path, 0.3)
+    _record(tmp_path, 0.3, 0.004, 0.36)
+    problem = problem_of(tmp_path)
+    assert float(np.mean(problem.residual(problem.nominal()) ** 2)) > 10.0
+
+
+def test_joints_without_viscous_friction_are_estimated_one_by_one(tmp_path: Path) -> None:
+    _wrist(tmp_path, 0.0)
+    _record(tmp_path, 0.3, 0.004, 0.3)
+    problem = problem_of(tmp_path)
+    physics = problem.nominal().physics(problem.scene)
+    assert not relax_together(problem.runs[0].weak, physics)
+
+
+@pytest.mark.parametrize("damping", [1e-6, 1e-3, 0.1, 10.0])
+def test_relaxation_is_that_of_the_matrix_exponential(damping: float) -> None:
+    """Of two coupled joints, and of a third one without friction, with all inputs as states."""
+    whole, h, n = np.eye(3), 0.004, 3
+    whole[:2, :2] = INERTIA / 3e-4
+    mobility, friction = np.linalg.inv(3e-4 * whole), np.array([damping, 0.3 * damping, 0.0])
+    found = Relaxation.of(mobility[None], friction[None], np.array([h]))
+    # time in intervals: v′ = −x v + a + s Δa, s′ = 1, q′ = v
+    A = np.zeros((4 * n, 4 * n))
+    A[:n, :n], A[:n, n : 2 * n] = -h * mobility * friction, np.eye(n)
+    A[n : 2 * n, 2 * n : 3 * n], A[3 * n :, :n] = np.eye(n), np.eye(n)
+    exact = scipy.linalg.expm(A)
+    for part, row, column in [
+        (found.left, 0, 0),
+        (found.first, 0, 1),
+        (found.second, 0, 2),
+        (found.first, 3, 0),
+        (found.second, 3, 1),
+        (found.third, 3, 2),
+    ]:
+        block = exact[row * n : (row + 1) * n, column * n : (column + 1) * n]
+        np.testing.assert_allclose(part[0], block, atol=1e-9)
+
+
+def test_smoothed_states_are_those_of_all_samples_together() -> None:
+    """By direct inversion of the covariance of two coupled states under forces, a sample missing; and its stds."""
+    rng, N, m = np.random.default_rng(2), 8, 2
+    steps = np.stack([np.array([[0.9, 0.2], [-0.1, 0.7]]) + 0.05 * rng.normal(size=(m, m)) for _ in range(N - 1)])
+    entering, rise = rng.normal(size=(N - 1, m, 1)), rng.normal(size=(N - 1, m))
+    fresh, start = np.tile(0.1 * np.eye(m), (N - 1, 1, 1)), np.diag([2.0, 3.0])
+    variance, read = np.full((N, m), 0.3), rng.normal(size=(N, m))
+    variance[3, 1] = np.inf
+    forces = rng.uniform(0.5, 2.0, size=(N - 1, 1))
+    anew = np.arange(N) == 0
+    found = StateSpace(read, variance, np.eye(m), steps, rise, entering, fresh, start, anew).smooth(forces)
+    mean, covariance = [np.zeros(m)], np.zeros((N * m, N * m))
+    covariance[:m, :m] = start
+    for k, (F, G) in enumerate(zip(steps, entering, strict=True)):
+        old, new = slice(0, (k + 1) * m), slice((k + 1) * m, (k + 2) * m)
+        mean.append(F @ mean[-1] + rise[k])
+        covariance[new, old] = F @ covariance[k * m : (k + 1) * m, old]
+        covariance[old, new] = covariance[new, old].T
+        own = F @ covariance[k * m : (k + 1) * m, k * m : (k + 1) * m] @ F.T
+        covariance[new, new] = own + G @ np.diag(forces[k]) @ G.T + fresh[k]
+    seen = np.isfinite(variance).ravel()
+    noisy = covariance[np.ix_(seen, seen)] + np.diag(variance.ravel()[seen])
+    gain = np.linalg.solve(noisy, covariance[seen]).T
+    expected = np.concatenate(mean) + gain @ (read.ravel() - np.concatenate(mean))[seen]
+    np.testing.assert_allclose(found.mean.ravel(), expected, atol=1e-10)
+    left = np.diagonal(covariance - gain @ covariance[seen])
+    np.testing.assert_allclose(found.std.ravel(), np.sqrt(left), atol=1e-10)
