@@ -87,7 +87,7 @@ def _adjust_together(
             break
         before = found
         found, density = moving.likeliest(space, density)
-        current = _with_trajectory(weak, physics, found, moving.bend, np.minimum(density, most))
+        current = _with_trajectory(weak, physics, found, moving.bend(found), np.minimum(density, most))
         if np.sqrt(np.mean(((found.v - before.v) / np.maximum(found.v_std, LEAST_STD)) ** 2)) < SETTLED:
             break
     return current

@@ -178,23 +178,15 @@ class CoupledMotion:
         efforts = [driven.effort(self.physics, j) for j in range(self.weak.joints)]
         return np.stack([self.weak.samples.windows.moments(it.times, it.values, it.ramped) for it in efforts], axis=1)
 
-    @property
-    def bend(self) -> Array:
-        """(N − 1, n) the change of an acceleration linear over each interval that bends the motion as much as it does.
+    def bend(self, found: Trajectory) -> Array:
+        """(N − 1, n) the change of an acceleration linear over each interval that bends `found` as much as it does.
 
-        Less what the efforts alone do with nothing that relaxes, of which the rows know. It is that of velocities which
-        the forces along `about` make from its first sample on: what relaxes within intervals forgets where it began,
-        and the rows must not take for it what a velocity sensor shows that the positions do not.
+        Less what the efforts alone do with nothing that relaxes, of which the rows know.
         """
-        h, (rise, way) = self._h[:, None], self._pushed
-        anew, left, first = self._h > LONGEST_PAUSE * np.median(self._h), self._relaxing.left, self._relaxing.first
-        v = self.about.v.copy()
-        for k in np.flatnonzero(~anew):
-            v[k + 1] = left[k] @ v[k] + rise[k]
-        # ∫ (t − t̄) v̇ dt = h (v₁ + v₂)/2 − (q₂ − q₁)
-        whole = 0.5 * h * (v[:-1] + _times(left, v[:-1]) + rise) - h * (_times(first, v[:-1]) + way)
+        h = self._h[:, None]
+        whole = 0.5 * h * (found.v[1:] + found.v[:-1]) - np.diff(found.q, axis=0)
         by_efforts = _times(self._at_samples.mobility[:-1], self._effort_moments)
-        return np.asarray(np.where(anew[:, None], 0.0, 12.0 / h**2 * (whole - by_efforts)))
+        return np.asarray(np.where(h > LONGEST_PAUSE * np.median(h), 0.0, 12.0 / h**2 * (whole - by_efforts)))
 
     @cached_property
     def _at_samples(self) -> FreeResponse:
@@ -224,23 +216,15 @@ class CoupledMotion:
     @cached_property
     def _missed(self) -> Array:
         """(N − 1, 2 n) where the joints come from each sample of `about`, less where it is at the next one."""
-        q, v, h, relaxing, (rise, way) = self.about.q, self.about.v, self._h[:, None], self._relaxing, self._pushed
-        missed_v = _times(relaxing.left, v[:-1]) + rise - v[1:]
-        missed_q = q[:-1] + h * (_times(relaxing.first, v[:-1]) + way) - q[1:]
-        return np.concatenate([missed_q, missed_v], axis=1)
-
-    @cached_property
-    def _pushed(self) -> tuple[Array, Array]:
-        """(N − 1, n) what the forces add from rest to the velocities over each interval; and to the ways, over h."""
-        v, h, relaxing = self.about.v, self._h[:, None], self._relaxing
+        q, v, h, relaxing = self.about.q, self.about.v, self._h[:, None], self._relaxing
         after, before = self._forces
         # forces are linear in time about velocities that are
         after, before = after - self._between[1] * v[:-1], before - self._between[1] * v[1:]
         begin = _times(self._mobility, after - 2.0 / 3.0 * self._halfway[1])
         change = _times(self._mobility, before - after)
-        rise = h * (_times(relaxing.first, begin) + _times(relaxing.second, change))
-        way = h * (_times(relaxing.second, begin) + _times(relaxing.third, change))
-        return rise, way
+        rise = _times(relaxing.left, v[:-1]) + h * (_times(relaxing.first, begin) + _times(relaxing.second, change))
+        way = _times(relaxing.first, v[:-1]) + h * (_times(relaxing.second, begin) + _times(relaxing.third, change))
+        return np.concatenate([q[:-1] + h * way - q[1:], rise - v[1:]], axis=1)
 
     @cached_property
     def _linear(self) -> tuple[Array, Array]:
