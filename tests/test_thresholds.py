@@ -97,7 +97,6 @@ APPROXIMATION = {
     "tosses/linearised_effects.py": "GRAIN",
     "tosses/tangent.py": "INSIDE",
     "whitening/impact_noise.py": "JUST_INSIDE RARE_SIDE",
-    "whitening/friction_at_rest.py": "SLIDING FAINT",
     "whitening/contact_step.py": "NORMAL_STEPS FRICTION_STEPS",
     "whitening/kinked_law_noise.py": "NODES SHARES LEAST_SHARE",
     "whitening/momentum_derivatives.py": "STEP",
