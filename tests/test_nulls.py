@@ -42,3 +42,14 @@ def test_alarms_are_as_rare_as_stated(tmp_path: Path) -> None:
     print(f"{len(alarms)} alarms in {len(values)}: {alarms}")
     # a count that the stated rate would exceed less than once in a hundred times
     assert len(alarms) <= binom.ppf(0.99, len(values), rate), alarms
+
+
+@pytest.mark.parametrize("seed", [910063, 910034])
+def test_noise_that_lasts_undeclared_is_all_there_is(seed: int, tmp_path: Path) -> None:
+    """Of positions alone, and of both with no variance stated: p-values were 1e-3 and 1e-92.
+
+    Their correlation times had been told as 5.2 ms for 6.5, and as 10 and 50 ms for 20.
+    """
+    assert simulate("null", "arm3", seed).truth["noise"]["kind"] == "coloured_undeclared"  # type: ignore[index]
+    detected = _detected("arm3", seed, tmp_path)
+    assert detected is not None and detected > Settings().false_alarm_rate

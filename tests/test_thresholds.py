@@ -82,6 +82,7 @@ APPROXIMATION = {
     "likelihood/transitions.py": "STATE_STEP EFFORT_STEP TERMS",
     "noise/coloured.py": "MEMORY",
     "noise/quantised.py": "DECAY ROTATION",
+    "noise/spectra.py": "FEWEST MAIN_LOBE",
     "noise/differences.py": "DIFFERENCES",
     "predict/innovations.py": "DIFFERENCE RENEWED",
     "predict/servo_input.py": "DIFFERENCE",
@@ -108,7 +109,7 @@ MEMORY = {
     "long/budget.py": "GIB DEFAULT_MEMORY BYTES_BY_PAIR BYTES_BY_COLUMN FIRST_SECONDS SEARCHED_SHARE "
     "PART_SHARE FEWEST_ROWS",
     "joints/linearised_effects.py": "CACHED_ROWS",
-    "noise/coloured.py": "CACHED_ENTRIES",
+    "noise/coloured.py": "CACHED_ENTRIES ROWS_AT_ONCE",
     "rows/effort_rows.py": "CACHED_TERMS",
     "rows/filtered_windows.py": "LEAST_COEFFICIENT NARROWEST NARROW_PER_PERIOD ROWS_TOGETHER",
     "rows/force_rows.py": "CACHED_TERMS",

@@ -42,6 +42,13 @@ QUIET_FREQUENCY = 60.0
 calibrated: chosen."""
 SPECTRUM_SEGMENT_SAMPLES = 128
 """Number of samples of one periodogram. Unit: samples. Not calibrated: chosen."""
+SPECTRUM_SEGMENT_TIME = 0.25
+"""Least duration of one periodogram by which the correlation time of coloured noise is estimated: its frequencies are
+the inverse of that apart. Unit: s. Not calibrated: chosen."""
+MOTION_IN_SPECTRUM_STDS = 3.0
+"""Power of a channel at one frequency above that of its noise, in standard deviations of the estimate, from which on
+the motion counts as seen, and with it all below. Unit: 1. Not calibrated: chosen, as the error of one of the dozen
+frequencies that are tried so reaches it in one recording of fifty."""
 COLOURED_NOISE_P_VALUE = 1e-6
 """p-value, per channel, below which noise that was stated as white is called correlated, and below which a spectrum
 differs in shape from that of first-order correlated noise. Unit: 1. Not calibrated: chosen."""

@@ -6,21 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.optimize import minimize_scalar
-from scipy.signal import periodogram
-from scipy.stats import chi2
 
 from drake_cafim.contact.change import recursion
 from drake_cafim.diagnosis.noise.clock import remove_clock_jitter
+from drake_cafim.diagnosis.noise.spectra import first_order_memory
 from drake_cafim.diagnosis.thresholds import (
-    COLOURED_NOISE_P_VALUE,
     ESTIMATED_NOISE_LOG_VARIANCE_REACH,
     LONGEST_CORRELATION_TIME,
-    QUIET_FREQUENCY,
-    SPECTRUM_SEGMENT_SAMPLES,
     STATED_NOISE_LOG_VARIANCE_REACH,
 )
 from drake_cafim.numerics.cache import make_room
+from drake_cafim.numerics.local_polynomial import CACHED_SAMPLES
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
@@ -29,6 +25,8 @@ MEMORY = 8.0
 """Correlation times beyond which the correlation counts as zero: e⁻⁸ = 3·10⁻⁴."""
 CACHED_ENTRIES = 10_000_000
 """Most entries of all cached covariances together, 120 MB."""
+ROWS_AT_ONCE = 1_000
+"""Rows of an operator that are multiplied by a covariance at a time, to limit memory."""
 _COVARIANCES: dict[tuple[bytes, "CorrelatedNoise"], sp.csr_matrix] = {}
 
 
@@ -115,10 +113,10 @@ def estimate_memories(
 ) -> tuple[dict[str, Memory], tuple[str, ...]]:
     """Correlation models of columns whose noise is coloured though stated white, and a note for each kind of channel.
 
-    Above `QUIET_FREQUENCY`, where the motion has little power, the spectrum of an exponentially correlated noise is
-    σ² (1 − ρ²)/(1 − 2ρ cos ωh + ρ²) with ρ = exp(−h/τ) at the sampling time h. τ is fitted once for each kind of
-    channel (q, v, ...), whose sensors are alike. σ is `std`, within a wide bound for `estimated` columns and a narrow
-    one for others. Channels of effort are left out: their spectrum holds what the controller does.
+    The spectrum of an exponentially correlated noise is σ² (1 − ρ²)/(1 − 2ρ cos ωh + ρ²) with ρ = exp(−h/τ) at the
+    sampling time h. τ is fitted once for each kind of channel (q, v, ...), whose sensors are alike, see
+    `first_order_memory`. σ is `std`, within a wide bound for `estimated` columns and a narrow one for others. Channels
+    of effort are left out: their spectrum holds what the controller does.
     """
     step = step_of(recordings)
     kinds: dict[str, list[str]] = {}
@@ -129,16 +127,13 @@ def estimate_memories(
     notes = []
     for kind, columns in kinds.items():
         pieces = [
-            _spectra(remove_clock_jitter(recording.time, recording.measured(column)) / std[column], step)
+            remove_clock_jitter(recording.time, recording.measured(column)) / std[column]
             for recording in recordings
             for column in columns
         ]
-        phase, levels = pieces[0][0], np.concatenate([levels for _, levels in pieces])
-        if len(levels) < 8 or len(phase) < 8:
-            continue
         level = ESTIMATED_NOISE_LOG_VARIANCE_REACH if estimated & set(columns) else STATED_NOISE_LOG_VARIANCE_REACH
-        memory, p_value = _memory(phase, levels, level, float(np.exp(-step / LONGEST_CORRELATION_TIME)))
-        if p_value < COLOURED_NOISE_P_VALUE and memory > 0.0:
+        memory = first_order_memory(pieces, step, level, float(np.exp(-step / LONGEST_CORRELATION_TIME)))
+        if memory > 0.0:
             time = -step / float(np.log(memory))
             found |= dict.fromkeys(columns, Memory(time))
             notes.append(f"the noise of {kind} is not white: its correlation time is {1e3 * time:.2g} ms")
@@ -157,17 +152,17 @@ def covariance(time: Array, memory: CorrelatedNoise) -> sp.csr_matrix:
     """
     key = time.tobytes(), memory
     if key not in _COVARIANCES:
-        found = _covariance(time, memory)
+        found = _covariance(memory.age(time), memory)
         while _COVARIANCES and found.nnz + sum(cached.nnz for cached in _COVARIANCES.values()) > CACHED_ENTRIES:
             make_room(_COVARIANCES, len(_COVARIANCES))
         _COVARIANCES[key] = found
     return _COVARIANCES[key]
 
 
-def _covariance(time: Array, memory: CorrelatedNoise) -> sp.csr_matrix:
-    age = memory.age(time)
-    diagonals, offsets = [np.full(len(time), memory.share + memory.white)], [0]
-    for offset in range(1, len(time)):
+def _covariance(age: Array, memory: CorrelatedNoise) -> sp.csr_matrix:
+    """(N, N) covariance of unit noise at samples of the `age` (N,), see `CorrelatedNoise.age`."""
+    diagonals, offsets = [np.full(len(age), memory.share + memory.white)], [0]
+    for offset in range(1, len(age)):
         apart = age[offset:] - age[:-offset]
         if apart.min() > MEMORY:
             break
@@ -184,7 +179,8 @@ def filtered_std(operator: sp.csr_matrix, time: Array, memory: CorrelatedNoise |
 
     √diag(A C Aᵀ) for the operator A and the noise's covariance C.
     """
-    return np.sqrt(np.maximum(_cross_covariance(_correlate(operator, time, memory), operator), 0.0))
+    variance = _shared_variance([operator], time, memory)[0, 0]
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=float)
 
 
 def difference_std(operators: Sequence[sp.csr_matrix], time: Array, memory: CorrelatedNoise | None) -> Array:
@@ -192,24 +188,34 @@ def difference_std(operators: Sequence[sp.csr_matrix], time: Array, memory: Corr
 
     √diag((A − B) C (A − B)ᵀ) for each pair A, B and the noise's covariance C.
     """
-    count = len(operators)
-    shared = np.zeros((count, count, len(time)))
-    for k, operator in enumerate(operators):
-        correlated = _correlate(operator, time, memory)
-        for m in range(k + 1):
-            shared[k, m] = shared[m, k] = _cross_covariance(correlated, operators[m])
-    variance = shared[np.arange(count), np.arange(count)]
-    return np.sqrt(np.maximum(variance[:, None] + variance - 2.0 * shared, 0.0))
+    every = np.arange(len(operators))
+    shared = _shared_variance(operators, time, memory)
+    variance = shared[every, every]
+    return np.asarray(np.sqrt(np.maximum(variance[:, None] + variance - 2.0 * shared, 0.0)), dtype=float)
 
 
-def _correlate(operator: sp.csr_matrix, time: Array, memory: CorrelatedNoise | None) -> sp.csr_matrix:
-    """`operator` times the covariance of unit noise, (N, N)."""
-    return operator if memory is None else sp.csr_matrix(operator @ covariance(time, memory))
+def _shared_variance(operators: Sequence[sp.csr_matrix], time: Array, memory: CorrelatedNoise | None) -> Array:
+    """(K, K, N) diag(A C Bᵀ) for each two of the K `operators` (N, N) A, B and the covariance C of unit noise.
 
-
-def _cross_covariance(correlated: sp.csr_matrix, operator: sp.csr_matrix) -> Array:
-    """(N,) diag(A C Bᵀ) for `correlated` = A C (N, N), an operator times the noise's covariance, and `operator` = B."""
-    return np.asarray(correlated.multiply(operator).sum(axis=1), dtype=float).ravel()
+    A few rows at a time: A C of a minute at 1 kHz takes gigabytes.
+    """
+    N, K = len(time), len(operators)
+    shared = np.zeros((K, K, N))
+    age = None if memory is None or N <= CACHED_SAMPLES else memory.age(time)
+    for begin in range(0, N, ROWS_AT_ONCE):
+        own = slice(begin, min(begin + ROWS_AT_ONCE, N))
+        parts = [operator[own] for operator in operators]
+        correlated = parts
+        if memory is not None:
+            indices = np.concatenate([part.indices for part in parts])
+            near = slice(int(indices.min(initial=N - 1)), int(indices.max(initial=0)) + 1)
+            alike = covariance(time, memory)[near, near] if age is None else _covariance(age[near], memory)
+            parts = [part[:, near] for part in parts]
+            correlated = [sp.csr_matrix(part @ alike) for part in parts]
+        for k, rows in enumerate(correlated):
+            for m in range(k + 1):
+                shared[k, m, own] = shared[m, k, own] = np.ravel(rows.multiply(parts[m]).sum(axis=1))
+    return shared
 
 
 def drawn(rng: np.random.Generator, time: Array, memory: CorrelatedNoise | None) -> Array:
@@ -218,55 +224,3 @@ def drawn(rng: np.random.Generator, time: Array, memory: CorrelatedNoise | None)
         return rng.standard_normal(len(time))
     white = rng.standard_normal(len(time)) if memory.white > 0.0 else np.zeros(len(time))
     return np.asarray(np.sqrt(memory.share) * memory.drawn(rng, time) + np.sqrt(memory.white) * white, dtype=float)
-
-
-def _spectra(values: Array, step: float) -> tuple[Array, Array]:
-    """Phases ωh (F,) above `QUIET_FREQUENCY`, and the periodogram (S, F) of each of S segments without a gap.
-
-    Normalised: white noise of unit variance has power 1.
-    """
-    count = len(values) // SPECTRUM_SEGMENT_SAMPLES
-    pieces = values[: count * SPECTRUM_SEGMENT_SAMPLES].reshape(count, SPECTRUM_SEGMENT_SAMPLES)
-    pieces = pieces[np.all(np.isfinite(pieces), axis=1)]
-    # fourth differences keep the motion at low frequencies from leaking
-    differences = np.diff(pieces, n=4, axis=1)
-    if len(pieces):
-        frequency, power = periodogram(differences, window="hann", detrend=False)
-    else:
-        # a recording shorter than a segment has none
-        frequency = np.fft.rfftfreq(differences.shape[1])
-        power = np.zeros((0, len(frequency)))
-    phase = 2.0 * np.pi * frequency
-    lowest = min(2.0 * np.pi * QUIET_FREQUENCY * step, 0.4 * np.pi)
-    used = (phase > lowest) & (phase < 0.95 * np.pi)
-    gain = (2.0 - 2.0 * np.cos(phase[used])) ** 4
-    # one-sided and per hertz of a unit sampling rate: white noise of variance 1 has 2
-    return phase[used], 0.5 * power[:, used] / gain
-
-
-def _memory(phase: Array, levels: Array, level: float, longest: float) -> tuple[float, float]:
-    """ρ of the noise, at most `longest`, and the p-value of ρ = 0 by the likelihood ratio.
-
-    `levels` (S, F) are the spectra at `phase` (F,); the variance's logarithm may be off by `level`.
-    """
-    # the median over the segments is robust against the few that hold an impact; of χ²₂ power it is ln 2 of the mean
-    usual = np.median(levels, axis=0) / np.log(2.0)
-    if not np.all(usual > 0.0):
-        # a column that does not change has no noise, and so none that lasts
-        return 0.0, 1.0
-    seen = np.log(usual)
-    variance = 2.1 / len(levels)
-
-    def misfit(memory: float) -> float:
-        expected = np.log((1.0 - memory**2) / (1.0 - 2.0 * memory * np.cos(phase) + memory**2))
-        left = seen - expected
-        return float(np.sum((left - np.clip(left.mean(), -level, level)) ** 2)) / variance
-
-    best = minimize_scalar(misfit, bounds=(0.0, longest), method="bounded")
-    # Hann's window correlates neighbouring frequencies: only half of them count as independent
-    left, count = 0.5 * float(best.fun), 0.5 * len(phase)
-    if chi2.sf(left, count) < COLOURED_NOISE_P_VALUE:
-        # a spectrum of another shape, such as that of a filter, is not described by this model
-        return 0.0, 1.0
-    gained = (0.5 * misfit(0.0) - left) / max(1.0, left / count)  # of χ² by ρ, scaled by the misfit that remains
-    return float(best.x), float(chi2.sf(max(gained, 0.0), 1))

@@ -45,7 +45,7 @@ def relax_together(weak: WeakForm, physics: Physics) -> bool:
     damping = damping_of(physics)
     if terms.servos or physics.couplings or np.count_nonzero(damping) < 2:
         return False
-    mobility = terms._mobility.of(physics)
+    mobility = terms.mobility.of(physics)
     rates = np.sqrt(damping)[:, None] * mobility * np.sqrt(damping) * float(np.median(np.diff(weak.samples.time)))
     beside = rates[:, ~np.eye(len(damping), dtype=bool)]
     return bool(np.max(np.mean(beside**2, axis=0)) > 12.0 * LAW_ACCURACY)

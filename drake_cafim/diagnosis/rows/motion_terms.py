@@ -85,7 +85,7 @@ class MotionTerms:
         """
         servos = acted_on.drives(physics)
         if servos:
-            measured, mobility = self.driven.mobility is not None, self._mobility.of(physics)
+            measured, mobility = self.driven.mobility is not None, self.mobility.of(physics)
             servos = split_steps(servos, self.rows.windows.time, mobility, measured)
         u, ramped = self.rows.u.copy(), list(self.rows.ramped)
         for j, drive in servos.items():
@@ -127,7 +127,7 @@ class MotionTerms:
         """
         assert self.acted_on is not None
         time, measured = self.rows.windows.time, self.driven.mobility is not None
-        mobility = self._mobility.of(physics)
+        mobility = self.mobility.of(physics)
         own = self.acted_on.by_parameter(physics, joint, parameter)
         servo = physics.servo_at(physics.tree.joint_names[joint])
         settling = self.servos[joint].settling_by(parameter, servo, time, mobility[:, joint, joint], measured)
@@ -139,7 +139,7 @@ class MotionTerms:
         return EffortRows(replace(self.rows, u=u, servos=servos), self.driven.mobility), own.mean.value
 
     @cached_property
-    def _mobility(self) -> Mobility:
+    def mobility(self) -> Mobility:
         return self.driven.mobility or Mobility(self.moving)
 
 
