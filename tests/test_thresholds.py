@@ -28,7 +28,12 @@ ITERATIONS = {
     "search/cuts.py": "MOST_LEFT_OUT DRAWS",
     "joints/linearised_contact_effects.py": "IMPROVEMENTS",
     "joints/plane_candidates.py": "IMPROVEMENTS",
-    "joints/servo_simulation.py": "MOST_STEPS LEAST_DECREASE MOST_DAMPING FRICTION_SHARE",
+    "output_error/problem.py": "MOST_STEPS LEAST_DECREASE MOST_DAMPING",
+    "output_error/search.py": "MOST_ROUNDS TRIED REFIT_STEPS FRICTION_SHARE",
+    "output_error/moves.py": "CHORD_STEPS",
+    "output_error/comparison.py": "REFIT_STEPS MOST_REPLACED",
+    "output_error/candidates.py": "FAR",
+    "output_error/starts.py": "MOST_STARTS TOO_MANY",
     "long/fit_of_all.py": "MOST_PASSES SETTLED CHECKED WORSE",
     "long/stretches.py": "MOST_STRETCHES FEWEST_PARTS",
     "joints/unknown_force.py": "MOST_STEPS TOLERANCE PART REACH FAINT",
@@ -53,7 +58,8 @@ ROUNDING = {
     "fit/fitting.py": "NOTHING_KNOWN LEAST_INFORMATION",
     "fit/model.py": "FREE_PRIOR_STD_RATIO HELD_PRIOR_STD_RATIO",
     "fit/robust_covariance.py": "LARGEST_VARIANCE ROUNDING LEAST_SHARE",
-    "joints/servo_simulation.py": "_TINY",
+    "output_error/errors.py": "TINY",
+    "output_error/problem.py": "WIDE",
     "left_out/refits.py": "RIDGE",
     "left_out/learned.py": "FAINT",
     "left_out/law_terms.py": "LEAST_RANGE",
@@ -73,7 +79,9 @@ APPROXIMATION = {
     # steps of differences, nodes, coefficients, and where a series, a memory or a mean of draws is cut off
     "joints/other_noise.py": "INSTANTS",
     "joints/pulses.py": "TAIL DECAYED_SHARE",
-    "joints/servo_simulation.py": "RELATIVE_STEP SCALES",
+    "output_error/starts.py": "SHARE",
+    "output_error/problem.py": "RELATIVE_STEP",
+    "output_error/uncertainty.py": "SCALES",
     "left_out/learned.py": "SMOOTHNESS",
     "left_out/law_terms.py": "DEGREE PIECES POINTS NEAR_ZERO WIDTH_SHARE",
     "likelihood/coordinates.py": "DIFFERENCE SHAPE_STD",
@@ -105,7 +113,7 @@ APPROXIMATION = {
 MEMORY = {
     # how much is kept from one call to the next, or reckoned at once
     "joints/inertial_columns.py": "CACHED",
-    "joints/servo_simulation.py": "MOST_WINDOWS",
+    "output_error/errors.py": "MOST_WINDOWS MOST_SAMPLES",
     "long/budget.py": "GIB DEFAULT_MEMORY BYTES_BY_PAIR BYTES_BY_COLUMN FIRST_SECONDS SEARCHED_SHARE "
     "PART_SHARE FEWEST_ROWS",
     "joints/linearised_effects.py": "CACHED_ROWS",
@@ -150,7 +158,7 @@ STRUCTURE = {
     # sizes of things, how many there are, and numbers that stand for names
     "search/cuts.py": "BLOCKS _HALVES",
     "fit/adequacy.py": "KINDS",
-    "joints/servo_simulation.py": "BLOCKS",
+    "output_error/errors.py": "BLOCKS",
     "left_out/parts.py": "MOST_PARTS",
     "left_out/refits.py": "UNKNOWNS",
     "rows/inertial_regressor.py": "INERTIAL",

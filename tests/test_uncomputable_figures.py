@@ -145,7 +145,7 @@ def test_searches_and_fits_with_less_noise_that_fail_leave_the_first(
 def test_servos_whose_fit_to_simulations_fails_are_fitted_to_their_equations(
     scene: Scene, recording: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Prepared, "with_servos_simulated", SINGULAR)
+    monkeypatch.setattr(Prepared, "search_by_simulation", SINGULAR)
     verdict, _ = examine(scene, [recording])
     assert verdict.kind == "explained"
     assert "a fit of the servos' unknowns to simulations cannot be computed: singular matrix" in verdict.notes

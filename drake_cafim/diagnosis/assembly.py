@@ -17,7 +17,7 @@ from drake_cafim.diagnosis.preparation import PreparedRecordings
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.pushes import locate_named
-from drake_cafim.diagnosis.thresholds import RIVAL_EXCESS_CHI_SQUARE
+from drake_cafim.diagnosis.thresholds import RIVAL_BY_SIMULATION, RIVAL_EXCESS_CHI_SQUARE
 from drake_cafim.diagnosis.verdict import (
     Comparison,
     Correction,
@@ -85,7 +85,8 @@ def verdict_of(prepared: PreparedRecordings, judgement: Judgement, selection: Se
         *(held_out[0].missing("held_out") if held_out else ()),
         *effort_scale_notes(outcome.problem, best),
     )
-    parameters = parameters_of(scene, best, unknowns_std(outcome.problem.scene, best), bound)
+    known = unknowns_std(outcome.problem.scene, best) if judgement.std is None else judgement.std
+    parameters = parameters_of(scene, best, known, bound)
     unknown = far_unknowns(scene, best.model) if kind == "unexplained" and not prepared.mistakes else ()
     far = tuple(parameters[scene.unknown.index(parameter)] for parameter in unknown)
     # two-sided p-value of the farthest unknown by its prior, times the number of unknowns (Bonferroni)
@@ -152,7 +153,9 @@ def _explanations(
 ) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
     """The accepted effects, and a note where their standard deviations cannot be computed."""
     outcome, best = judgement.outcome, judgement.best
-    std = compute(lambda: standard_deviations(outcome.problem, best, outcome.scale))
+    std: Array | NotComputable | None = judgement.std
+    if std is None:
+        std = compute(lambda: standard_deviations(outcome.problem, best, outcome.scale))
     notes: tuple[str, ...] = ()
     if isinstance(std, NotComputable):
         notes = (f"the std of the named effects' parameters cannot be computed: {std.reason}",)
@@ -191,6 +194,7 @@ def _rivals(scene: Scene, judgement: Judgement) -> tuple[Rival, ...]:
     least = [keys for keys in as_good if not any(fewer < keys for fewer in as_good)]
     besides = {key for keys in least if present for key in keys - present}
     found = {key: outcome.probability[key] for key in besides & outcome.probability.keys()}
+    found |= {key: value for key, value in judgement.rivals.items() if value >= RIVAL_BY_SIMULATION}
     found |= {effect.key: outcome.probability.get(effect.key, 1.0) for effect in judgement.withheld}
     return tuple(
         Rival(None, at, value, FAR_ALIKE, name)

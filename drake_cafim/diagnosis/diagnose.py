@@ -16,10 +16,12 @@ from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.left_out.learned import learn
 from drake_cafim.diagnosis.left_out.parts import Part
 from drake_cafim.diagnosis.left_out.selection import Selection, everything, select
+from drake_cafim.diagnosis.output_error.decisions import SEARCH as SIMULATED
+from drake_cafim.diagnosis.output_error.decisions import record_servos
 from drake_cafim.diagnosis.predict.forecast import Forecast
 from drake_cafim.diagnosis.preparation import PreparedRecordings, prepare
+from drake_cafim.diagnosis.search.by_simulation import judge_found
 from drake_cafim.diagnosis.search.conclusion import record_conclusion, record_data_mistake
-from drake_cafim.diagnosis.search.decisions import record_servos
 from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.diagnosis.search.judgement import Judgement, judge, judge_again
 from drake_cafim.diagnosis.search.pushes import withhold_refuted_pushes
@@ -105,12 +107,18 @@ def judge_prepared(
         settings = replace(settings, most_effects=0)
         trace.add(*map(record_data_mistake, prepared.mistakes))
     notes: tuple[str, ...] = ()
-    simulated = compute(lambda: prepared.with_servos_simulated(progress))
-    if isinstance(simulated, NotComputable):
-        notes = (f"a fit of the servos' unknowns to simulations cannot be computed: {simulated.reason}",)
-    elif simulated is not None:
-        prepared, errors = simulated
-        trace.add(record_servos(*errors))
+    found = compute(lambda: prepared.search_by_simulation(settings.most_effects, progress, trace.of_search(SIMULATED)))
+    if isinstance(found, NotComputable):
+        notes = (f"a fit of the servos' unknowns to simulations cannot be computed: {found.reason}",)
+    elif found is not None and settings.most_effects and found.fitted.model.effects:
+        own = trace.of_search(SIMULATED)
+        judged = compute(lambda: judge_found(prepared.problem(), found, settings, own))
+        if isinstance(judged, Judgement):
+            return prepared, judged, trace
+        notes = (f"what simulations from commands show cannot be judged: {judged.reason}",)
+    elif found is not None:
+        prepared = prepared.with_servos_settled(found)
+        trace.add(record_servos(found.error(found.fitted), found.error(found.alone)))
     judgement = judge(prepared.problem(), settings, progress, trace)
     for _ in range(EFFORT_NOISE_ROUNDS):
         again = compute(partial(_with_less_noise, prepared, judgement, settings, progress, trace))
@@ -129,8 +137,8 @@ def select_findings(
 ) -> tuple[Selection, tuple[str, ...]]:
     """What goes into the corrected scene, and a note where that cannot be computed."""
     best = judgement.best
-    if judgement.kind == "none":
-        return everything(best), ()
+    if judgement.kind == "none" or judgement.corrected is not None:
+        return everything(judgement.corrected or best), ()
 
     progress("predicting left-out parts of the recordings")
     problem, unexplained = judgement.outcome.problem, judgement.kind == "unexplained"

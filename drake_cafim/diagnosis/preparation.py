@@ -6,13 +6,12 @@ from typing import Protocol
 
 import numpy as np
 
-from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.joints.effort_noise import effort_noise, effort_notes, with_std
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.quality import qualities, surprisal
-from drake_cafim.diagnosis.joints.servo_simulation import fit_servos, servos_with_unknowns, simulation_error
 from drake_cafim.diagnosis.likelihood.efficiency import bounds
 from drake_cafim.diagnosis.likelihood.finish import finish
 from drake_cafim.diagnosis.noise.coloured import (
@@ -28,11 +27,17 @@ from drake_cafim.diagnosis.noise.quantised import quantised_memories
 from drake_cafim.diagnosis.noise.slow_channels import bridge_slow_channels
 from drake_cafim.diagnosis.noise.stated import needed_columns, noise_of
 from drake_cafim.diagnosis.notes.recording_notes import mistakes_of, notes_of, notes_on_limits, notes_on_unknown_joints
+from drake_cafim.diagnosis.output_error.errors import OutputErrors, servos_with_unknowns
+from drake_cafim.diagnosis.output_error.found import Found, settled
+from drake_cafim.diagnosis.output_error.problem import OutputErrorProblem
+from drake_cafim.diagnosis.output_error.search import Search
 from drake_cafim.diagnosis.predict.forecast import Forecast, forecasts_within
 from drake_cafim.diagnosis.rows.samples import moves, samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.search.search import fit_nominal
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_SETTLED, MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.tosses.preparation import prepare_tosses
+from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.verdict import ChannelNoise, Quality
 from drake_cafim.effects.effect import channel_unit
 from drake_cafim.numerics.computation import NotComputable
@@ -80,13 +85,12 @@ class PreparedRecordings(Protocol):
         """The same recordings with the noise estimated again under `model`; None where it has hardly changed."""
         ...
 
-    def with_servos_simulated(
-        self, progress: Callable[[str], None]
-    ) -> "tuple[PreparedRecordings, tuple[float, float]] | None":
-        """The recordings with the unknowns of position servos settled by simulations; None where that is not needed.
+    def search_by_simulation(self, most_effects: int, progress: Callable[[str], None], trace: Trace) -> Found | None:
+        """What joints lack that servos with unknown parameters drive, by simulations; None where that is not needed."""
+        ...
 
-        Beside it the errors of simulations by what the equations of motion alone tell of them, and so settled.
-        """
+    def with_servos_settled(self, found: Found) -> "PreparedRecordings":
+        """The recordings with the priors of their servos' unknowns at what simulations tell of them."""
         ...
 
     def problem(self) -> SearchProblem:
@@ -207,27 +211,25 @@ class Prepared:
         """The scene whose priors a search uses."""
         return self.settled or self.scene
 
-    def with_servos_simulated(self, progress: Callable[[str], None]) -> "tuple[Prepared, tuple[float, float]] | None":
-        """The recordings with the unknowns of their servos settled by simulations.
+    def search_by_simulation(self, most_effects: int, progress: Callable[[str], None], trace: Trace) -> Found | None:
+        """What joints lack that servos with unknown parameters drive, by simulations from their commands.
 
-        None where no servo has unknowns, where the equations of motion are satisfied to noise, or where the values that
-        satisfy them best predict no worse. Beside it the errors of these and of the settled ones, `simulation_error`.
+        None where no servo has unknowns, or where the equations of motion are satisfied to noise.
         """
-        if not servos_with_unknowns(self.scene, self.weak):
+        joints = servos_with_unknowns(self.scene, self.weak)
+        if not joints:
             return None
         progress("fitting the unknowns of servos to the equations of motion")
-        problem = self.problem()
-        found = unbiased_fit(problem, problem.nominal())
-        if found.reduced_chi_square < MISFIT_REDUCED_CHI_SQUARE:
+        problem, nominal = fit_nominal(self.problem(), Trace())
+        problem.forget()
+        if nominal.reduced_chi_square < MISFIT_REDUCED_CHI_SQUARE:
             return None
-        progress("fitting the unknowns of servos to simulations")
-        settled = fit_servos(self.scene, self.weak)
-        by_equations, by_simulation = (
-            simulation_error(self.scene, self.weak, model) for model in (found.model, Model(settled.priors.mean))
-        )
-        if by_equations <= by_simulation:
-            return None
-        return replace(self, settled=settled), (by_equations, by_simulation)
+        by_simulation = OutputErrorProblem(self.scene, OutputErrors(tuple(self.weak), joints))
+        return Search(by_simulation, trace, progress).run(most_effects)
+
+    def with_servos_settled(self, found: Found) -> "Prepared":
+        """The recordings with the priors of their servos' unknowns at what simulations tell of them."""
+        return replace(self, settled=settled(self.scene, found))
 
     def bounds(self, model: Model) -> Array | NotComputable:
         """(n + k,) the least standard deviations that the recordings allow."""

@@ -231,20 +231,20 @@ COMPETING_CRITERION_REACH = 100.0
 """Excess of the information criterion over the best explanation's, in units of the remaining noise, beyond which an
 explanation is dropped. Unit: 1. Not calibrated: chosen."""
 RIVALS_FITTED_PER_PARENT = 3
-"""Number of candidates that are fitted as rivals beside each parent explanation. Unit: candidates. Not calibrated:
-chosen."""
+"""Candidates that are fitted as rivals beside each parent explanation. Unit: candidates. Not calibrated: chosen."""
 CONTENDERS_FITTED_UNBIASED = 12
 """Largest number of explanations that are fitted without bias before one of them is chosen. Unit: explanations. Not
 calibrated: chosen."""
 CONTENDER_CRITERION_REACH = 10.0
-"""Excess of the information criterion over the best one's up to which explanations are among them. Unit: 1. Not
-calibrated: chosen."""
+"""Excess of the criterion over the best one's up to which they are among them. Unit: 1. Not calibrated: chosen."""
 UNDETERMINED_STD_SHARE = 1.0 / 3.0
 """Standard deviation of a strength, as a share of the width of its bounds (of its size where they are infinite), beyond
 which it is not determined. Unit: 1. Source: three standard deviations."""
 LEAST_PROBABILITY = 0.5
 """Probability of an effect among the laws that explain the same, below which it is a rival and not named. Unit: 1.
 Source: above it no other law can be as probable."""
+RIVAL_BY_SIMULATION = 0.01
+"""Probability from which a law that was compared by simulations is a rival. Unit: 1. Not calibrated: chosen."""
 LEAST_STRENGTH_STDS = 3.0
 """Standard deviations, by blocks of time, from its absence below which an effect of one strength is not named where
 more than noise remains. Unit: 1. Source: three standard deviations."""

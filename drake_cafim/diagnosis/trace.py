@@ -20,8 +20,8 @@ class Record:
 
     - `data_mistake`: a mistake of the data, because of which no effect is looked for;
     - `whiten`: the rows were whitened again; passed where the unknowns had moved too little for another round;
-    - `servos`: whether the unknowns of position servos are fitted to simulations, since the values by the equations of
-      motion predict worse;
+    - `servos`: the unknowns of position servos are fitted to simulations, since the equations of motion do not hold,
+      and no effect at their joints is found so;
     - `detect`: whether the recordings differ from the model without effects by more than noise (p-value);
     - `screen`: the gain of an effect to first order; passed where it was then fitted exactly;
     - `another`: whether the residual justifies one more effect; passed where the search went on;

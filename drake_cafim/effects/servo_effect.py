@@ -98,6 +98,8 @@ class ServoDeadBand(ServoEffect):
     reference: ClassVar[str] = "Tao, Kokotović, Adaptive Control with Actuator Nonlinearities, 1996, §2"
     formula: ClassVar[str] = "<i>k<sub>p</sub></i> acts on cmd − <i>q</i> less ±<i>w</i>, 0 within"
     words: ClassVar[str] = "makes no effort while the position error is small"
+    # where neither inertia nor gravity shows, it acts as dry friction does, which every geared joint has
+    surprise: ClassVar[float] = 2.0 * float(np.log(10.0))
     alike: ClassVar[dict[str, str]] = {
         "servo_gain_error": "a band much smaller than the errors takes a nearly constant share of them",
         "joint_coulomb_friction": "a loss of constant size, but opposed to the motion instead of the position error",

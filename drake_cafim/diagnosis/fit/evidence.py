@@ -1,6 +1,6 @@
 """Evidence for an effect: the information criterion, and the tests of a larger explanation against a smaller one."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,6 +8,7 @@ from scipy.stats import chi2, norm
 
 from drake_cafim.diagnosis.fit.adequacy import adequacy, by_run
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.robust_covariance import wald_statistic
 from drake_cafim.diagnosis.thresholds import (
@@ -186,3 +187,21 @@ def share_improved(problem: Problem, before: Fit, after: Fit) -> float:
         if None in pushed or run.name in pushed:
             better.append(np.sum(a**2) < np.sum(b**2))
     return float(np.mean(better))
+
+
+def inclusion_probabilities(fits: Iterable[Fit], cost: Callable[[Fit], float]) -> dict[Key, float]:
+    """Posterior probability of each effect, and of each unknown without its prior, by (name, place).
+
+    The probability of each model m of `fits` is P(m) ∝ exp(−cost(m)/2), with an information criterion as its cost
+    (Kass, Raftery, J. Am. Stat. Assoc. 90(430), 1995, §4). That of an effect is the sum over the models with it.
+    """
+    models = list(fits)
+    scores = np.array([-0.5 * cost(fit) for fit in models])
+    # relative to the best one, so that the exponentials do not underflow
+    weights = np.exp(scores - scores.max())
+    weights /= weights.sum()
+    probability: dict[Key, float] = {}
+    for fit, weight in zip(models, weights, strict=True):
+        for key in fit.model.keys:
+            probability[key] = probability.get(key, 0.0) + float(weight)
+    return probability

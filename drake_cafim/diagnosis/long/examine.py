@@ -39,6 +39,7 @@ from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 Progress = Callable[[str], None]
+SEARCHED_ALONE = "the recordings are longer than can be simulated at once: all that is told is of"
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,14 @@ def examine_parts(
     assert state is not None
     prepared, judgement, trace = state
     selection, unselected = select_findings(prepared, judgement, progress)
+    if judgement.std is not None:
+        # the equations of all parts would move what simulations settle
+        verdict = verdict_of(prepared, replace(judgement, notes=(*judgement.notes, *unselected)), selection, progress)
+        trace.of_search(judgement.search).add(*selection.records, *record_conclusion(verdict, judgement))
+        notes = [f"{SEARCHED_ALONE}: {searches[-1].words}", *unused]
+        return LongDiagnosis(
+            replace(verdict, trace=trace.records, notes=(*notes, *verdict.notes)), judgement.outcome, searched, held
+        )
     searches = _joined(searches)
     lay_out = _LayOut(parts, prepared, judgement)
     whole, changes = _fit_whole(lay_out, searches, progress, jobs, kept)

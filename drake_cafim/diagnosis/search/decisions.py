@@ -218,16 +218,6 @@ def record_far_unknown(scene: Scene, unknown: UnknownParameter, model: Model) ->
     return Record("far_unknown", asked, distance, UNKNOWN_FAR_IN_PRIOR_STDS, True, words, "prior standard deviations")
 
 
-def record_servos(by_equations: float, by_simulation: float) -> Record:
-    """The unknowns of position servos are settled by simulations, since their equations alone predict worse."""
-    words = (
-        f"with the values that satisfy the equations of motion best, simulations over a second miss positions by "
-        f"{short(by_equations)}, with those fitted to simulations by {short(by_simulation)} (geometric mean of the "
-        "joints): where physics is missing, the equations of a servo may be satisfied best at a wrong scale"
-    )
-    return Record("servos", NOMINAL, by_simulation, by_equations, True, words, "error of simulations, rad or m")
-
-
 def record_support(best: Fit, row: str, share: float, least: float) -> Record:
     """Whether an explanation that leaves more than noise removes enough of the excess in its best row."""
     passed = share >= least

@@ -1,13 +1,14 @@
 """Chooses the explanation and the kind of verdict: from the first search, or from one under other assumptions."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.evidence import leaves_inaccuracy, leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions
@@ -47,6 +48,12 @@ class Judgement:
     """Whether `best` leaves only noise, and only an unknown far from its prior makes the verdict `unexplained`."""
     withheld: tuple[Effect, ...] = ()
     """Effects that the search accepted and that are not named, since the recordings support others as much."""
+    rivals: Mapping[Key, float] = field(default_factory=dict)
+    """Probabilities of laws that were compared with what is named otherwise than by the rows."""
+    std: Array | None = None
+    """(n + k,) standard deviations of the numbers of `best`, where the rows do not tell them."""
+    corrected: Fit | None = None
+    """What goes into the corrected scene, where that is settled; None where it is still to be chosen."""
 
 
 def judge(

@@ -12,7 +12,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
 from drake_cafim.diagnosis.fit.rivals import FITTED_LEAD, Lead, Rivals
-from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std
+from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_statistics
 from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.fit.without_effects import residual_without, share_removed
@@ -21,7 +21,6 @@ from drake_cafim.diagnosis.search.determined import reasons_against, strength_at
 from drake_cafim.diagnosis.search.friction_by_joint import Friction, choose_friction, is_friction
 from drake_cafim.diagnosis.search.growth_by_place import CONVERGED, GrowthByPlace
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside, fit_shapes
-from drake_cafim.diagnosis.search.posterior import evidence_unit, probabilities_by_place
 from drake_cafim.diagnosis.thresholds import (
     LEAST_PROBABILITY,
     NAMED_EXCESS_SHARE,
@@ -363,3 +362,29 @@ def _sisters(
                 probability[key] = probability.get(key, 0.0) + float(weight) * probability[effect.key]
                 fits.append(replace(option.found, jacobian=option.found.jacobian[:0]))
     return fits
+
+
+def evidence_unit(growth: GrowthByPlace, effect: Effect) -> float:
+    """How many times less the blocks of time tell of an effect than independent rows would, at least 1.
+
+    What remains is correlated, so that differences of χ² are larger than their evidence by this factor (composite
+    likelihood; Varin, Vidoni, Biometrika 92(3), 2005).
+    """
+    by_noise, _ = wald_statistics(growth.problem, growth.best, effect.key)
+    shown = growth.wald(growth.problem, growth.best, effect)[0]
+    return max(1.0, by_noise / shown) if shown > 0.0 else 1.0
+
+
+def probabilities_by_place(growth: GrowthByPlace, found: Mapping[Key, Sequence[Lead]]) -> dict[Key, float]:
+    """By effect: P ∝ exp(−Δ/2), Δ its criterion beyond the best one's, over the laws at its place and none of them."""
+    probability: dict[Key, float] = {}
+    for effect in growth.best.model.effects:
+        unit = evidence_unit(growth, effect)
+        by_noise, _ = wald_statistics(growth.problem, growth.best, effect.key)
+        none = by_noise / unit - growth.price(effect)
+        leads = [(effect.key, 0.0), *((law.key, lead) for lead, _, law in found[effect.key])]
+        weights = np.array([np.exp(-0.5 * max(lead, 0.0)) for _, lead in leads])
+        total = float(weights.sum()) + float(np.exp(-0.5 * max(none, 0.0)))
+        for (key, _), weight in zip(leads, weights, strict=True):
+            probability[key] = max(probability.get(key, 0.0), float(weight) / total)
+    return probability

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
-from drake_cafim.diagnosis.fit.evidence import leaves_inaccuracy, scale_of
+from drake_cafim.diagnosis.fit.evidence import inclusion_probabilities, leaves_inaccuracy, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, fit_at_first_order, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import place_of
@@ -18,7 +18,6 @@ from drake_cafim.diagnosis.search import candidate_decisions, decisions
 from drake_cafim.diagnosis.search.competition import compete
 from drake_cafim.diagnosis.search.detection import detection_p_value
 from drake_cafim.diagnosis.search.growth import grow
-from drake_cafim.diagnosis.search.posterior import inclusion_probabilities
 from drake_cafim.diagnosis.search.state import ROUNDS, Settings, State, has_moved
 from drake_cafim.diagnosis.thresholds import (
     MISFIT_REDUCED_CHI_SQUARE,

@@ -9,6 +9,7 @@ from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.noise.coloured import Memory, estimate_memories, step_of
 from drake_cafim.diagnosis.noise.differences import correct_for_memory
+from drake_cafim.diagnosis.output_error.found import Found
 from drake_cafim.diagnosis.predict.forecast import Forecast
 from drake_cafim.diagnosis.thresholds import MOTION_NOISE_STDS
 from drake_cafim.diagnosis.tosses.arcs import arcs_of
@@ -26,6 +27,7 @@ from drake_cafim.diagnosis.tosses.poses import (
 )
 from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.diagnosis.tosses.quality import qualities, toss_forecasts
+from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.diagnosis.verdict import ChannelNoise, Quality
 from drake_cafim.errors import InputError
 from drake_cafim.numerics.computation import NotComputable
@@ -64,8 +66,12 @@ class PreparedTosses:
     def with_noise_beside(self, model: Model) -> None:
         """None: a toss has no efforts whose noise would depend on `model`."""
 
-    def with_servos_simulated(self, progress: Callable[[str], None]) -> None:
+    def search_by_simulation(self, most_effects: int, progress: Callable[[str], None], trace: Trace) -> None:
         """None: nothing drives a thrown body."""
+
+    def with_servos_settled(self, found: Found) -> "PreparedTosses":
+        """The same: nothing drives a thrown body."""
+        return self
 
     @property
     def moves(self) -> bool:

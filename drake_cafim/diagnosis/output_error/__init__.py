@@ -1,0 +1,1 @@
+"""Joints whose servos have unknown parameters: what they lack, by the errors of simulations from their commands."""

@@ -1,0 +1,92 @@
+"""Compares the laws that were found with others that act alike: the probability of each, and its rivals."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.model import Key
+from drake_cafim.diagnosis.output_error import decisions
+from drake_cafim.diagnosis.output_error.candidates import screen
+from drake_cafim.diagnosis.output_error.moves import Move, Moves, with_values_of
+from drake_cafim.diagnosis.output_error.problem import SimulationFit, at_joint
+from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.effects.effect import Effect
+
+REFIT_STEPS = 2
+"""Most steps of the fit of a law in the place of another one."""
+MOST_REPLACED = 2
+"""Most laws of a joint that others take the place of."""
+
+Lead = tuple[float, Effect]
+"""By how much a joint costs more with a law in the place of another one, and that law."""
+
+
+@dataclass
+class Comparison:
+    """Laws compared one by one, each with all that act alike: of these p ∝ exp(−cost/2)."""
+
+    moves: Moves
+    trace: Trace
+    probability: dict[Key, float] = field(default_factory=dict)
+    rivals: dict[Key, float] = field(default_factory=dict)
+
+    def of(self, best: SimulationFit) -> SimulationFit:
+        """`best`, or the fit with laws that cost less in the place of its own, these compared as well."""
+        joints = self.moves.problem.joints
+        left = [[effect.key for effect in best.model.effects if at_joint(effect.at, joint)] for joint in joints]
+        replaced = [0] * len(joints)
+        while any(left):
+            present = {effect.key: effect for effect in best.model.effects}
+            asked = [present[own.pop(0)] if own else None for own in left]
+            leads = self._leads(best, asked)
+            moves: list[Move | None] = [None] * len(joints)
+            for j, effect in enumerate(asked):
+                if effect is None:
+                    continue
+                self._record(effect, leads[j])
+                lead, other = min(leads[j], key=lambda it: it[0], default=(0.0, effect))
+                if lead < 0.0 and replaced[j] < MOST_REPLACED:
+                    moves[j] = ((effect,), other)
+                    replaced[j] += 1
+                    left[j].append(other.key)
+            if any(moves):
+                best = self.moves.problem.fit(self.moves.changed(best.model, moves), steps=2 * REFIT_STEPS)
+        return best
+
+    def _leads(self, best: SimulationFit, asked: list[Effect | None]) -> list[list[Lead]]:
+        """By joint, the laws that act like the one that is asked about, fitted in its place."""
+        dropped = [effect for effect in asked if effect is not None]
+        base = self.moves.without(best, dropped)
+        tried = [
+            [] if effect is None else [it for it in own if _acts_alike(it, effect, base.model.effects)]
+            for own, effect in zip(self.moves.hypotheses, asked, strict=True)
+        ]
+        slopes = best.slopes_without(dropped)
+        looks = screen(self.moves.problem, base, slopes, tried, self.moves.price, best.model)
+        costs = self.moves.costs(best)
+        leads: list[list[Lead]] = [[] for _ in asked]
+        for n in range(max(map(len, looks), default=0)):
+            moves = [
+                ((effect,), found[n].effect) if effect is not None and n < len(found) else None
+                for effect, found in zip(asked, looks, strict=True)
+            ]
+            trial = self.moves.problem.fit(self.moves.chord(best, moves).model, steps=REFIT_STEPS)
+            after = self.moves.costs(trial)
+            for j, move in enumerate(moves):
+                if move is not None:
+                    leads[j].append((float(after[j] - costs[j]), with_values_of(trial.model, move[1])))
+        return leads
+
+    def _record(self, effect: Effect, leads: list[Lead]) -> None:
+        weights = np.exp(-0.5 * np.maximum([0.0, *(lead for lead, _ in leads)], -1400.0))
+        shares = (weights / np.sum(weights)).tolist()
+        self.probability[effect.key] = shares[0]
+        for (lead, other), share in zip(leads, shares[1:], strict=True):
+            self.trace.add(decisions.record_alike(effect.key, other.key, lead))
+            self.rivals[other.key] = max(self.rivals.get(other.key, 0.0), share)
+
+
+def _acts_alike(law: Effect, effect: Effect, others: tuple[Effect, ...]) -> bool:
+    """Whether a law may be taken for an effect, and may act beside the `others`."""
+    alike = law.name in effect.alike or effect.name in law.alike
+    return alike and law.key != effect.key and not any(law.excludes(other) for other in others)

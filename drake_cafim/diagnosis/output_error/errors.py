@@ -1,0 +1,122 @@
+"""Errors of positions that a model predicts over a second from the commands of its servos (output errors)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from drake_cafim.diagnosis.predict.forecast import HORIZON, Forecast, simulated_courses, window_starts
+from drake_cafim.diagnosis.predict.initial_state import state_at
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE
+from drake_cafim.scenario.physics import Physics
+from drake_cafim.scenario.servos import SERVO_PARAMETERS
+from drake_cafim.scene.scene import Scene
+from drake_cafim.typing import Array
+
+MOST_WINDOWS = 600
+"""Most windows that are simulated, spread evenly over all recordings."""
+MOST_SAMPLES = 30_000
+"""Most samples of all joints in these windows."""
+BLOCKS = 4
+"""Blocks of a recording whose errors count as independent of each other."""
+TINY = 1e-30
+"""rad² (m²): least mean squared error, of a joint that does not move."""
+
+
+def servos_with_unknowns(scene: Scene, forms: Sequence[WeakForm]) -> tuple[str, ...]:
+    """The joints that a servo with an unknown parameter drives in at least one recording."""
+    driven = {scene.tree.joint_names[j] for form in forms for j in form.samples.commands}
+    return tuple(
+        name
+        for name in scene.tree.joint_names
+        if name in driven and any(u.parameter in SERVO_PARAMETERS and u.at == name for u in scene.unknown)
+    )
+
+
+@dataclass
+class OutputErrors:
+    """Errors (S, c) of the simulated positions of c `joints` at all samples of the windows, rad or m.
+
+    `windows` is their number W and `block` (S,) the block of a recording that a sample is in, numbered through.
+    """
+
+    forms: tuple[WeakForm, ...]
+    joints: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        starts = [window_starts(form.samples.time, HORIZON) for form in self.forms]
+        lengths = [HORIZON / float(np.median(np.diff(form.samples.time))) for form in self.forms]
+        total = sum(map(len, starts))
+        samples = sum(length * len(own) for length, own in zip(lengths, starts, strict=True)) * len(self.joints)
+        every = max(1, -(-total // MOST_WINDOWS), int(np.ceil(samples / MOST_SAMPLES)))
+        self._starts = [own[:: min(every, len(own))] for own in starts]
+        self.windows = sum(map(len, self._starts))
+        self.block = np.zeros(0, dtype=np.int64)
+        self.window = np.zeros(0, dtype=np.int64)
+
+    def of(self, physics: Physics, doubt: int | None = None) -> Array:
+        """Errors (S, c) by `physics`; what is no number counts as the range in which the joint moved.
+
+        With `doubt` 0 or 1, the windows' first states are off by that column of a root of their covariance.
+        """
+        chosen = {id(form): own for form, own in zip(self.forms, self._starts, strict=True)}
+        # a trial may diverge
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            found = simulated_courses(
+                self.forms,
+                physics,
+                lambda weak: (chosen[id(weak)], HORIZON),
+                lambda weak, under, start: _first_state(weak, under, start, doubt),
+            )
+        if not len(self.block):
+            self.block = np.concatenate([_blocks(k, forecast) for k, forecast in enumerate(found)])
+            firsts = np.cumsum([0, *(len(own) for own in self._starts)])
+            self.window = np.concatenate([f.window + first for f, first in zip(found, firsts, strict=False)])
+        return np.concatenate([self._misses(forecast) for forecast in found])
+
+    def mean_squares(self, found: Array) -> Array:
+        """(c,) mean of the squared errors of each joint, rad² (m²)."""
+        return np.asarray(np.maximum(np.mean(found**2, axis=0), TINY), dtype=float)
+
+    def p_values(self, physics: Physics, found: Array) -> Array:
+        """(c,) probability that noise of the encoders alone makes errors as large as `found` (S, c) by `physics`.
+
+        A joint that sticks never forgets an error of its first state, so that what two components of that state can
+        explain of each window's errors is taken away: Σ e²/σ² of the n − 2 others is χ² with as many degrees of
+        freedom. σ may be understated by `NOISE_STD_TOLERANCE`.
+        """
+        by_state = np.stack([self.of(physics, column) - found for column in (0, 1)], axis=-1)
+        squares, freedom = np.zeros(len(self.joints)), 0
+        for w in range(self.windows):
+            own = self.window == w
+            freedom += max(int(np.count_nonzero(own)) - 2, 0)
+            for j in range(len(self.joints)):
+                X, e = by_state[own, j], found[own, j]
+                squares[j] += float(np.sum((e - X @ np.linalg.lstsq(X, e, rcond=None)[0]) ** 2))
+        std = np.array([self.forms[0].samples.std[f"q.{name}"] for name in self.joints])
+        allowed = np.maximum((1.0 + NOISE_STD_TOLERANCE) * std, np.sqrt(TINY))
+        return np.asarray(chi2.sf(squares / allowed**2, freedom), dtype=float)
+
+    def _misses(self, forecast: Forecast) -> Array:
+        columns = []
+        for name in self.joints:
+            measured = forecast.measured[f"q.{name}"]
+            miss = forecast.predicted[f"q.{name}"] - measured
+            columns.append(np.where(np.isfinite(miss), miss, np.nanmax(measured) - np.nanmin(measured)))
+        return np.stack(columns, axis=1)
+
+
+def _blocks(recording: int, forecast: Forecast) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    windows = np.unique(forecast.window)
+    at = np.searchsorted(windows, forecast.window)
+    return np.asarray(BLOCKS * recording + at * BLOCKS // len(windows), dtype=np.int64)
+
+
+def _first_state(weak: WeakForm, physics: Physics, start: int, doubt: int | None) -> tuple[Array, Array]:
+    q, v, covariance = state_at(weak.samples, weak.measurement(physics), start)
+    if doubt is None:
+        return q, v
+    root = np.linalg.cholesky(covariance + 1e-18 * np.eye(2))
+    return q + root[:, 0, doubt], v + root[:, 1, doubt]

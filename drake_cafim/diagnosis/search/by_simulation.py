@@ -1,0 +1,80 @@
+"""The judgement on what a search by output errors found at joints whose servos have unknown parameters."""
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.adequacy import adequacy
+from drake_cafim.diagnosis.fit.evidence import leaves_noise
+from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.output_error.decisions import SEARCH, record_errors
+from drake_cafim.diagnosis.output_error.found import Found
+from drake_cafim.diagnosis.search.given_effects import fit_given
+from drake_cafim.diagnosis.search.judgement import Judgement
+from drake_cafim.diagnosis.search.search import Outcome
+from drake_cafim.diagnosis.search.state import Settings
+from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
+from drake_cafim.diagnosis.trace import Trace
+
+
+def judge_found(problem: SearchProblem, found: Found, settings: Settings, trace: Trace) -> Judgement:
+    """The judgement that names the effects of `found`, with their values by simulations.
+
+    It is `explained` where simulations miss the positions by no more than the noise. Then, or where the equations of
+    motion hold with the effects, the values are those that satisfy these, which tell more, as long as they leave little
+    more than noise and the simulations with them are as good.
+    """
+    alone = _at(problem, found.alone.model, found)
+    p_value = 2.0 * adequacy(problem, alone.residual, 0).p_value
+    explained = _misses_by_noise(found, settings.adequacy_level, trace) and not found.withheld
+    own, fitted = fit_given(problem, found.fitted.model)
+    holds = leaves_noise(own, fitted, settings.adequacy_level)
+    nearly = explained and fitted.reduced_chi_square < MISFIT_REDUCED_CHI_SQUARE
+    if (holds or nearly) and not found.withheld and _predicts_as_well(found, fitted.model):
+        outcome = Outcome(own, problem, alone, fitted, (fitted,), 1, (), p_value, found.probability)
+        return Judgement(outcome, fitted, "explained", search=SEARCH, rivals=found.rivals, corrected=fitted)
+    whole, withheld = _at(problem, found.fitted.model, found), found.withheld
+    named = tuple(effect for effect in found.fitted.model.effects if effect not in withheld)
+    best = _at(problem, Model(found.fitted.model.unknown, named), found)
+    return Judgement(
+        Outcome(problem, problem, alone, whole, (whole,), 1, (), p_value, found.probability),
+        best,
+        "explained" if explained else "unexplained",
+        search=SEARCH,
+        withheld=withheld,
+        rivals=found.rivals,
+        std=found.uncertainty.of(best.model),
+        corrected=whole,
+    )
+
+
+def _misses_by_noise(found: Found, level: float, trace: Trace) -> bool:
+    """Whether the simulations of each joint miss its positions by no more than noise does."""
+    errors, fits = found.problem.errors, (found.fitted, found.alone)
+    p_values = errors.p_values(found.fitted.model.physics(found.problem.scene), found.fitted.errors)
+    rms = [np.sqrt(errors.mean_squares(fit.errors)).tolist() for fit in fits]
+    for joint, error, before, p in zip(found.problem.joints, *rms, p_values.tolist(), strict=True):
+        trace.add(record_errors(joint, error, before, p, level))
+    return bool(np.min(p_values) > level)
+
+
+def _at(problem: SearchProblem, model: Model, found: Found) -> Fit:
+    """The rows at a model, as if fitted: its covariance is that of the simulations."""
+    std = found.uncertainty.of(model)
+    return Fit(
+        model,
+        problem.residual(model),
+        problem.jacobian(model),
+        np.diag(std**2),
+        problem.rows,
+        unbiased=True,
+        penalty=problem.penalty(model),
+    )
+
+
+def _predicts_as_well(found: Found, model: Model) -> bool:
+    """Whether a model simulates as well as the fit to simulations, but for one of −2 ln p for each number."""
+    errors = found.problem.errors
+    squares, best = (errors.mean_squares(e) for e in (found.problem.errors_of(model), found.fitted.errors))
+    allowed = np.array([len(names) for names in found.fitted.names])
+    return bool(np.all(errors.windows * np.log(squares / best) <= allowed))
