@@ -29,7 +29,7 @@ ITERATIONS = {
     "joints/linearised_contact_effects.py": "IMPROVEMENTS",
     "joints/plane_candidates.py": "IMPROVEMENTS",
     "output_error/problem.py": "MOST_STEPS LEAST_DECREASE MOST_DAMPING",
-    "output_error/search.py": "MOST_ROUNDS TRIED REFIT_STEPS FRICTION_SHARE",
+    "output_error/search.py": "MOST_ROUNDS TRIED REFIT_STEPS FINER FRICTION_SHARE",
     "output_error/moves.py": "CHORD_STEPS",
     "output_error/comparison.py": "REFIT_STEPS MOST_REPLACED",
     "output_error/candidates.py": "FAR",

@@ -148,7 +148,7 @@ class Tree:
             np.array([joint.prismatic for joint in joints], dtype=np.int64),
         )
 
-    @property
+    @cached_property
     def joint_names(self) -> tuple[str, ...]:
         return tuple(joint.name for joint in self.joints)
 

@@ -78,12 +78,22 @@ class Comparison:
         return leads
 
     def _record(self, effect: Effect, leads: list[Lead]) -> None:
-        weights = np.exp(-0.5 * np.maximum([0.0, *(lead for lead, _ in leads)], -1400.0))
-        shares = (weights / np.sum(weights)).tolist()
-        self.probability[effect.key] = shares[0]
-        for (lead, other), share in zip(leads, shares[1:], strict=True):
+        """The probabilities of an effect and of the laws in its place.
+
+        A law of which the effect is a special case does not speak against it: what it costs more shows in the price.
+        """
+        others = [(lead, other) for lead, other in leads if effect.name not in other.narrows]
+        self.probability[effect.key] = _shares([0.0, *(lead for lead, _ in others)])[0]
+        shares = _shares([0.0, *(lead for lead, _ in leads)])[1:]
+        for (lead, other), share in zip(leads, shares, strict=True):
             self.trace.add(decisions.record_alike(effect.key, other.key, lead))
             self.rivals[other.key] = max(self.rivals.get(other.key, 0.0), share)
+
+
+def _shares(costs: list[float]) -> list[float]:
+    """p ∝ exp(−cost/2)."""
+    weights = np.exp(-0.5 * (np.array(costs) - min(costs)))
+    return [float(weight / np.sum(weights)) for weight in weights]
 
 
 def _acts_alike(law: Effect, effect: Effect, others: tuple[Effect, ...]) -> bool:

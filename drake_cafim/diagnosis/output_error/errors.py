@@ -8,6 +8,7 @@ from scipy.stats import chi2
 
 from drake_cafim.diagnosis.predict.forecast import HORIZON, Forecast, simulated_courses, window_starts
 from drake_cafim.diagnosis.predict.initial_state import state_at
+from drake_cafim.diagnosis.predict.stepper import LONGEST_STEP
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE
 from drake_cafim.scenario.physics import Physics
@@ -44,6 +45,8 @@ class OutputErrors:
 
     forms: tuple[WeakForm, ...]
     joints: tuple[str, ...]
+    longest_step: float = LONGEST_STEP
+    """s, of the simulations."""
 
     def __post_init__(self) -> None:
         starts = [window_starts(form.samples.time, HORIZON) for form in self.forms]
@@ -55,12 +58,37 @@ class OutputErrors:
         self.windows = sum(map(len, self._starts))
         self.block = np.zeros(0, dtype=np.int64)
         self.window = np.zeros(0, dtype=np.int64)
+        self._basis: Array | None = None
+        self._states: dict[tuple[int, int], tuple[Array, Array, Array]] = {}
 
-    def of(self, physics: Physics, doubt: int | None = None) -> Array:
-        """Errors (S, c) by `physics`; what is no number counts as the range in which the joint moved.
+    def of(self, physics: Physics) -> Array:
+        """Errors (S, c) by `physics`, without what `forgetting` takes away.
 
-        With `doubt` 0 or 1, the windows' first states are off by that column of a root of their covariance.
+        What is no number counts as the range in which the joint moved.
         """
+        found = self._simulated(physics)
+        if self._basis is None:
+            return found
+        firsts = np.flatnonzero(np.diff(self.window, prepend=-1))
+        along = np.add.reduceat(self._basis * found[..., None], firsts, axis=0)
+        return np.asarray(found - np.sum(self._basis * along[self.window], axis=-1), dtype=float)
+
+    def forgetting(self, physics: Physics) -> None:
+        """From now on, errors are without what two components of each window's first state can explain.
+
+        Of each joint these are the columns of a root of the covariance of its q and v there, simulated with `physics`.
+        The first state is read from a few samples, and a joint that sticks never forgets its error.
+        """
+        found = self._simulated(physics)
+        by_state = np.stack([self._simulated(physics, column) - found for column in (0, 1)], axis=-1)
+        for w in range(self.windows):
+            own = self.window == w
+            for j in range(len(self.joints)):
+                by_state[own, j] = np.linalg.qr(by_state[own, j])[0]
+        self._basis = by_state
+
+    def _simulated(self, physics: Physics, doubt: int | None = None) -> Array:
+        """Errors (S, c), with the first states off by a column `doubt` of a root of their covariance."""
         chosen = {id(form): own for form, own in zip(self.forms, self._starts, strict=True)}
         # a trial may diverge
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -68,7 +96,8 @@ class OutputErrors:
                 self.forms,
                 physics,
                 lambda weak: (chosen[id(weak)], HORIZON),
-                lambda weak, under, start: _first_state(weak, under, start, doubt),
+                lambda weak, under, start: self._first_state(weak, under, start, doubt),
+                self.longest_step,
             )
         if not len(self.block):
             self.block = np.concatenate([_blocks(k, forecast) for k, forecast in enumerate(found)])
@@ -80,24 +109,31 @@ class OutputErrors:
         """(c,) mean of the squared errors of each joint, rad² (m²)."""
         return np.asarray(np.maximum(np.mean(found**2, axis=0), TINY), dtype=float)
 
-    def p_values(self, physics: Physics, found: Array) -> Array:
-        """(c,) probability that noise of the encoders alone makes errors as large as `found` (S, c) by `physics`.
+    def p_values(self, found: Array) -> Array:
+        """(c,) probability that noise of the encoders alone makes errors as large as `found` (S, c).
 
-        A joint that sticks never forgets an error of its first state, so that what two components of that state can
-        explain of each window's errors is taken away: Σ e²/σ² of the n − 2 others is χ² with as many degrees of
-        freedom. σ may be understated by `NOISE_STD_TOLERANCE`.
+        Σ e²/σ² is χ² with as many degrees of freedom as there are samples, two less in each window where its first
+        state is forgotten. σ may be understated by `NOISE_STD_TOLERANCE`.
         """
-        by_state = np.stack([self.of(physics, column) - found for column in (0, 1)], axis=-1)
-        squares, freedom = np.zeros(len(self.joints)), 0
-        for w in range(self.windows):
-            own = self.window == w
-            freedom += max(int(np.count_nonzero(own)) - 2, 0)
-            for j in range(len(self.joints)):
-                X, e = by_state[own, j], found[own, j]
-                squares[j] += float(np.sum((e - X @ np.linalg.lstsq(X, e, rcond=None)[0]) ** 2))
+        freedom = len(found) - (0 if self._basis is None else 2 * self.windows)
         std = np.array([self.forms[0].samples.std[f"q.{name}"] for name in self.joints])
         allowed = np.maximum((1.0 + NOISE_STD_TOLERANCE) * std, np.sqrt(TINY))
-        return np.asarray(chi2.sf(squares / allowed**2, freedom), dtype=float)
+        return np.asarray(chi2.sf(np.sum((found / allowed) ** 2, axis=0), freedom), dtype=float)
+
+    def _first_state(self, weak: WeakForm, physics: Physics, start: int, doubt: int | None) -> tuple[Array, Array]:
+        """q and v (n,) at the start of a window, the same for every model without effects of encoders."""
+        key = (id(weak), start)
+        if physics.sensors or key not in self._states:
+            found = state_at(weak.samples, weak.measurement(physics), start)
+            if not physics.sensors:
+                self._states[key] = found
+        else:
+            found = self._states[key]
+        q, v, covariance = found
+        if doubt is None:
+            return q, v
+        root = np.linalg.cholesky(covariance + 1e-18 * np.eye(2))
+        return q + root[:, 0, doubt], v + root[:, 1, doubt]
 
     def _misses(self, forecast: Forecast) -> Array:
         columns = []
@@ -112,11 +148,3 @@ def _blocks(recording: int, forecast: Forecast) -> np.ndarray[tuple[int], np.dty
     windows = np.unique(forecast.window)
     at = np.searchsorted(windows, forecast.window)
     return np.asarray(BLOCKS * recording + at * BLOCKS // len(windows), dtype=np.int64)
-
-
-def _first_state(weak: WeakForm, physics: Physics, start: int, doubt: int | None) -> tuple[Array, Array]:
-    q, v, covariance = state_at(weak.samples, weak.measurement(physics), start)
-    if doubt is None:
-        return q, v
-    root = np.linalg.cholesky(covariance + 1e-18 * np.eye(2))
-    return q + root[:, 0, doubt], v + root[:, 1, doubt]

@@ -8,8 +8,6 @@ import numpy as np
 from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.output_error.problem import OutputErrorProblem, SimulationFit
 from drake_cafim.diagnosis.output_error.uncertainty import Uncertainty
-from drake_cafim.diagnosis.thresholds import LEAST_PROBABILITY
-from drake_cafim.effects.effect import Effect
 from drake_cafim.scene.scene import Scene
 
 
@@ -28,12 +26,6 @@ class Found:
     def error(self, fitted: SimulationFit) -> float:
         """Geometric mean over the joints of the root mean square error of simulations by a fit, rad (m)."""
         return float(np.exp(0.5 * np.mean(np.log(self.problem.errors.mean_squares(fitted.errors)))))
-
-    @property
-    def withheld(self) -> tuple[Effect, ...]:
-        """The effects that are not named: other laws explain the same, and none is likelier than not."""
-        effects = self.fitted.model.effects
-        return tuple(effect for effect in effects if self.probability.get(effect.key, 1.0) < LEAST_PROBABILITY)
 
 
 def settled(scene: Scene, found: Found) -> Scene:

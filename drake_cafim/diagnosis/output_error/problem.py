@@ -142,6 +142,10 @@ class OutputErrorProblem:
         """Errors (S, c) by a model."""
         return self.errors.of(model.physics(self.scene))
 
+    def forget_first_states(self, model: Model) -> None:
+        """From now on, errors are without what the windows' first states can explain by a model."""
+        self.errors.forgetting(model.physics(self.scene))
+
     def sized(self, effect: Effect) -> Effect:
         """The effect; its values are the sizes of its strengths from now on."""
         for strength, value in zip(effect.strengths, effect.vector, strict=True):

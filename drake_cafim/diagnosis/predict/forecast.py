@@ -106,10 +106,12 @@ def simulated_courses(
     physics: Physics,
     windows: Callable[[WeakForm], tuple[Sequence[int], float]],
     first_state: Callable[[WeakForm, Physics, int], tuple[Array, Array]],
+    longest: float = LONGEST_STEP,
 ) -> list[Forecast]:
     """Each recording simulated over its `windows`, all as one batch.
 
-    `windows` gives the samples at which they start and their length, s; `first_state` q and v (n,) at one of these.
+    `windows` gives the samples at which they start and their length, s; `first_state` q and v (n,) at one of these. No
+    step is longer than `longest`, s.
     """
     courses, states = [], []
     for weak in forms:
@@ -120,7 +122,8 @@ def simulated_courses(
     state = State(*(np.stack([parts[k] for parts in states]) for k in range(3)))
     together = [course for own in courses for course in own]
     begins = [(weak, course.start) for weak, own in zip(forms, courses, strict=True) for course in own]
-    trail = _simulate(physics, state, together, joint_ranges(forms, physics), ServoMemory.of(begins, physics))
+    past = ServoMemory.of(begins, physics)
+    trail = _simulate(physics, state, together, joint_ranges(forms, physics), past, longest)
     result, first = [], 0
     for weak, own in zip(forms, courses, strict=True):
         result.append(_gather(weak, physics, own, trail[first : first + len(own)]))
@@ -197,7 +200,12 @@ class _Simulated:
 
 
 def _simulate(
-    physics: Physics, state: State, courses: Sequence[_Course], ranges: Array, memory: ServoMemory | None = None
+    physics: Physics,
+    state: State,
+    courses: Sequence[_Course],
+    ranges: Array,
+    memory: ServoMemory | None,
+    longest: float,
 ) -> list[_Simulated]:
     """The states of each course at its samples, held from the step at which a joint leaves `ranges` (2, n)."""
     steps = max(len(course.duration) for course in courses)
@@ -216,7 +224,7 @@ def _simulate(
         if memory is not None and asked is not None:
             asked, acting = memory.drive(physics, asked, state.q, state.v, duration[k])
             effort[k] += acting
-        after = advance(physics, state, effort[k], duration[k], asked)
+        after = advance(physics, state, effort[k], duration[k], asked, longest)
         outside = ~np.isfinite(after.q) | ~np.isfinite(after.v) | (after.q < ranges[0]) | (after.q > ranges[1])
         diverging = np.any(outside, axis=1) & (left > steps)
         left[diverging], joint[diverging] = k + 1, np.argmax(outside[diverging], axis=1)

@@ -114,13 +114,20 @@ def _driven(
     return servo.drive(physics, q, v, effort, duration)
 
 
-def advance(physics: Physics, state: State, effort: Array, duration: Array, servo: ServoInput | None = None) -> State:
+def advance(
+    physics: Physics,
+    state: State,
+    effort: Array,
+    duration: Array,
+    servo: ServoInput | None = None,
+    longest: float = LONGEST_STEP,
+) -> State:
     """The state after `duration` (B,) s under a constant `effort` (B, n), in as many equal steps as the model needs.
 
-    Where a `servo` drives a joint, its effort under a constant command is added.
+    Where a `servo` drives a joint, its effort under a constant command is added. No step is longer than `longest`, s.
     """
     touching = physics.contacts or any(force.stiff for force in physics.body_forces)
-    longest = LONGEST_CONTACT_STEP if touching else LONGEST_STEP
+    longest = min(LONGEST_CONTACT_STEP, longest) if touching else longest
     count = max(1, int(np.ceil(float(np.max(duration)) / longest - 1e-6)))
     quickly = physics.spheres is not None and not physics.body_forces and not physics.tree.followers
     if quickly and not physics.joint_forces and servo is None:

@@ -9,12 +9,17 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.output_error.decisions import SEARCH, record_errors
 from drake_cafim.diagnosis.output_error.found import Found
+from drake_cafim.diagnosis.search.decisions import record_descent
+from drake_cafim.diagnosis.search.decisions_by_place import record_shared
+from drake_cafim.diagnosis.search.determined import Descent, undetermined
 from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.state import Settings
-from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
+from drake_cafim.diagnosis.thresholds import ALARM_P_VALUE_CERTAIN, LEAST_PROBABILITY, MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.effects.effect import Effect
+from drake_cafim.numerics.rounding import short
 
 
 def judge_found(problem: SearchProblem, found: Found, settings: Settings, trace: Trace) -> Judgement:
@@ -26,14 +31,17 @@ def judge_found(problem: SearchProblem, found: Found, settings: Settings, trace:
     """
     alone = _at(problem, found.alone.model, found)
     p_value = 2.0 * adequacy(problem, alone.residual, 0).p_value
-    explained = _misses_by_noise(found, settings.adequacy_level, trace) and not found.withheld
-    own, fitted = fit_given(problem, found.fitted.model)
-    holds = leaves_noise(own, fitted, settings.adequacy_level)
-    nearly = explained and fitted.reduced_chi_square < MISFIT_REDUCED_CHI_SQUARE
-    if (holds or nearly) and not found.withheld and _predicts_as_well(found, fitted.model):
-        outcome = Outcome(own, problem, alone, fitted, (fitted,), 1, (), p_value, found.probability)
-        return Judgement(outcome, fitted, "explained", search=SEARCH, rivals=found.rivals, corrected=fitted)
-    whole, withheld = _at(problem, found.fitted.model, found), found.withheld
+    chance = _chance_of_errors(found, settings.adequacy_level, trace)
+    withheld = _withheld(found, trace)
+    explained = chance > settings.adequacy_level and not withheld
+    if chance > ALARM_P_VALUE_CERTAIN and not withheld:
+        own, fitted = fit_given(problem, found.fitted.model)
+        nearly = explained and fitted.reduced_chi_square < MISFIT_REDUCED_CHI_SQUARE
+        holds = nearly or leaves_noise(own, fitted, settings.adequacy_level)
+        if holds and _predicts_as_well(found, fitted.model):
+            outcome = Outcome(own, problem, alone, fitted, (fitted,), 1, (), p_value, found.probability)
+            return Judgement(outcome, fitted, "explained", search=SEARCH, rivals=found.rivals, corrected=fitted)
+    whole = _at(problem, found.fitted.model, found)
     named = tuple(effect for effect in found.fitted.model.effects if effect not in withheld)
     best = _at(problem, Model(found.fitted.model.unknown, named), found)
     return Judgement(
@@ -48,14 +56,32 @@ def judge_found(problem: SearchProblem, found: Found, settings: Settings, trace:
     )
 
 
-def _misses_by_noise(found: Found, level: float, trace: Trace) -> bool:
-    """Whether the simulations of each joint miss its positions by no more than noise does."""
+def _withheld(found: Found, trace: Trace) -> tuple[Effect, ...]:
+    """The effects that get no name: another law explains the same as well, or nothing is known of a strength."""
+    model, kept = found.fitted.model, list[Effect]()
+    for effect in model.effects:
+        probability = found.probability.get(effect.key, 1.0)
+        std = found.uncertainty.strengths[effect.key]
+        wide = undetermined(effect, std, std)
+        if probability < LEAST_PROBABILITY:
+            trace.add(record_shared(model, effect, probability, LEAST_PROBABILITY))
+        elif wide is not None:
+            strength, deviation, size = wide
+            reason = f"the standard deviation of its {strength} is {short(deviation)}, and it may span {short(size)}"
+            trace.add(record_descent(model, Descent(effect, reason, None)))
+        else:
+            kept.append(effect)
+    return tuple(effect for effect in model.effects if effect not in kept)
+
+
+def _chance_of_errors(found: Found, level: float, trace: Trace) -> float:
+    """The smallest probability of a joint that noise alone makes such errors of its simulations."""
     errors, fits = found.problem.errors, (found.fitted, found.alone)
-    p_values = errors.p_values(found.fitted.model.physics(found.problem.scene), found.fitted.errors)
+    p_values = errors.p_values(found.fitted.errors)
     rms = [np.sqrt(errors.mean_squares(fit.errors)).tolist() for fit in fits]
     for joint, error, before, p in zip(found.problem.joints, *rms, p_values.tolist(), strict=True):
         trace.add(record_errors(joint, error, before, p, level))
-    return bool(np.min(p_values) > level)
+    return float(np.min(p_values))
 
 
 def _at(problem: SearchProblem, model: Model, found: Found) -> Fit:
