@@ -340,4 +340,8 @@ def replay(
 
 def run_cli() -> None:
     """The entry point of the console script `cafim`."""
-    main(args=spread_values(sys.argv[1:], ("--recording", "--held-out", "--between", "--conceal")))
+    main(args=spread_values(sys.argv[1:], ("--recording", "--held-out", "--between", "--conceal")), prog_name="cafim")
+
+
+if __name__ == "__main__":
+    run_cli()

@@ -55,6 +55,9 @@ def folder(tmp_path: Path) -> Path:
         ("model: pendulum.urdf\ntopics: {x: {scale: " + "9" * 4000 + "}}", "more than 30 digits"),
         ("model: pendulum.urdf\ntopics: {x: {offset: 1e300}}", "topics.x.offset"),
         ("model: pendulum.urdf\nweld: [{body: " + "b" * 5000 + "}]", "which the model lacks"),
+        ("model: " + "x" * 5000, "there is no such model file"),
+        ("model: pendulum.urdf\npackages: {own: " + "x" * 5000 + "}", "which is no folder"),
+        ('model: pendulum.urdf\npackages: {own: "a\\0b"}', "expected a text without NUL"),
     ],
 )
 def test_scenarios(folder: Path, text: str, said: str) -> None:
