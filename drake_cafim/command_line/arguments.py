@@ -2,12 +2,18 @@
 
 
 def spread_values(arguments: list[str], options: tuple[str, ...]) -> list[str]:
-    """The arguments with `--recording A B C` as `--recording A --recording B --recording C`, the form click reads."""
+    """The arguments with `--recording A B C` as `--recording A --recording B --recording C`, the form click reads.
+
+    An option without a value goes to the end, where click says what it lacks.
+    """
     result: list[str] = []
+    bare: list[str] = []
     current: str | None = None
-    for argument in arguments:
+    for argument, following in zip(arguments, [*arguments[1:], "-"], strict=True):
         if argument in options:
             current = argument
+            if following.startswith("-"):
+                bare.append(argument)
         elif argument.startswith("-") or (current == "--conceal" and "=" not in argument and "@" not in argument):
             current = None
             result.append(argument)
@@ -15,4 +21,4 @@ def spread_values(arguments: list[str], options: tuple[str, ...]) -> list[str]:
             result += [current, argument]
         else:
             result.append(argument)
-    return result
+    return result + bare
