@@ -1,5 +1,7 @@
 """Rewrites the arguments of a command line into the form that click reads."""
 
+from itertools import pairwise
+
 
 def spread_values(arguments: list[str], options: tuple[str, ...]) -> list[str]:
     """The arguments with `--recording A B C` as `--recording A --recording B --recording C`, the form click reads.
@@ -9,7 +11,7 @@ def spread_values(arguments: list[str], options: tuple[str, ...]) -> list[str]:
     result: list[str] = []
     bare: list[str] = []
     current: str | None = None
-    for argument, following in zip(arguments, [*arguments[1:], "-"], strict=True):
+    for argument, following in pairwise([*arguments, "-"]):
         if argument in options:
             current = argument
             if following.startswith("-"):
