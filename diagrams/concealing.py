@@ -20,6 +20,7 @@ from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.catalogue import EFFECTS, effect_named
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.effect import Effect, Place, Strength
+from drake_cafim.effects.stated import allows, bounds
 from drake_cafim.effects.surface import SurfaceEffect
 from drake_cafim.errors import InputError
 from drake_cafim.scenario.physics import Physics
@@ -132,11 +133,15 @@ def _effect(concealed: Concealed, tree: Tree) -> Effect:
     if lacking or not set(concealed.parameters) <= set(valid):
         found = ", ".join(sorted(concealed.parameters)) or "no parameters"
         raise InputError(f"{concealed.address}: found {found}, expected {', '.join(valid)}")
+    for strength in (*kind.strengths, *kind.shapes):
+        value = concealed.parameters.get(strength.name)
+        if value is not None and not allows(strength, value):
+            raise InputError(f"{concealed.address}: {strength.name} is {value:g}, expected {bounds(strength)}")
     values = {s.name: s.nominal for s in kind.strengths} | dict(concealed.parameters)
     effect = kind(concealed.at, values)
     if not effect.plausible():
-        bounds = ", ".join(f"{s.lower:g} <= {s.name} <= {s.upper:g}" for s in kind.strengths)
-        raise InputError(f"{concealed.address}: found {dict(concealed.parameters)}, expected {bounds}")
+        limits = ", ".join(f"{s.lower:g} <= {s.name} <= {s.upper:g}" for s in kind.strengths)
+        raise InputError(f"{concealed.address}: found {dict(concealed.parameters)}, expected {limits}")
     return effect
 
 

@@ -1,5 +1,7 @@
 """The command line `cafim`: parses arguments, calls a function of `commands`, and prints its summary or JSON."""
 
+import atexit
+import gc
 import sys
 import threading
 from contextlib import suppress
@@ -340,4 +342,10 @@ def replay(
 
 def run_cli() -> None:
     """The entry point of the console script `cafim`."""
-    main(args=spread_values(sys.argv[1:], ("--recording", "--held-out", "--between", "--conceal")))
+    # at its end the interpreter would search all objects for cycles, half a second after a diagnosis
+    atexit.register(gc.freeze)
+    main(args=spread_values(sys.argv[1:], ("--recording", "--held-out", "--between", "--conceal")), prog_name="cafim")
+
+
+if __name__ == "__main__":
+    run_cli()

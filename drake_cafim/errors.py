@@ -37,3 +37,9 @@ def _shorten(text: str, length: int) -> str:
         return text
     end = (length - 5) // 2
     return f"{text[:end].rstrip(' ')} ... {text[-end:].lstrip(' ')}"
+
+
+def check_type(argument: str, value: object, kinds: type | tuple[type, ...], expected: str) -> None:
+    """Raises `InputError` where the `argument` that a script gave is of none of the `kinds`."""
+    if not isinstance(value, kinds):
+        raise InputError(f"{argument} is of the type {type(value).__name__}, expected {expected}")

@@ -21,7 +21,7 @@ Edges = Mapping[tuple[str, str], int]
 ROOT = "drake_cafim"
 SUBROOMS = "diagnosis"
 """A room whose own rooms stand on their own."""
-APART = ("diagrams", "models", "__init__", "typing", "errors", "output", "yaml_file")
+APART = ("diagrams", "models", "__init__", "__main__", "typing", "errors", "output", "yaml_file")
 """Not drawn: examples that may know everything, and leaves that everything may know."""
 
 

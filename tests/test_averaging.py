@@ -76,7 +76,7 @@ def test_a_ball_at_rest_rests_for_every_mass():
 
 def test_counts_that_mean_nothing_are_refused():
     model = pinching().model
-    with pytest.raises(InputError, match=r"--belief-samples 2: expected 1 .* or at least 3"):
+    with pytest.raises(InputError, match=r"--belief-samples 2: expected 1 .* or from 3"):
         make_policy("contact-aware", model, belief_samples=2)
     with pytest.raises(InputError, match="--belief-samples 0"):
         check_request(RunRequest("rubbing", options=Options(belief_samples=0)))

@@ -86,7 +86,7 @@ def cafim(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 def cafim_process(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
     """The command in a process of its own."""
-    command = [sys.executable, "-c", "from drake_cafim.cli import run_cli; run_cli()", *arguments]
+    command = [sys.executable, "-m", "drake_cafim", *arguments]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 

@@ -22,6 +22,7 @@ from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.schema import Scenario, parse
 from tests.fuzzing.campaign import Tally, try_cases
 from tests.fuzzing.commands import CommandCases
+from tests.fuzzing.diagnoses import DiagnosisCases
 from tests.fuzzing.models import ModelCases
 from tests.fuzzing.recordings import RecordingCases
 from tests.fuzzing.scenarios import ScenarioCases
@@ -29,7 +30,7 @@ from tests.fuzzing.table import table
 from tests.fuzzing.verdict import judge
 
 CASES = {"recordings": (RecordingCases, 400), "models": (ModelCases, 60)}
-CASES |= {"scenarios": (ScenarioCases, 150), "command lines": (CommandCases, 25)}
+CASES |= {"scenarios": (ScenarioCases, 150), "diagnoses": (DiagnosisCases, 10), "command lines": (CommandCases, 25)}
 SHORT = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False, width=64)
 VALUES = st.recursive(

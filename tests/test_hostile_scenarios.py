@@ -21,6 +21,8 @@ from drake_cafim.yaml_file import dump, read_mapping
 from tests.test_cli import PENDULUM, cafim
 
 DIRECTIVES = "directives:\n- add_model: {name: arm, file: pendulum.urdf}\n"
+SPRING = ("run", "hefting", "--conceal", "joint_spring@joint1")
+HEFTED = ("run", "hefting", "--experiments", "1", "--conceal", "payload@link7")
 LAUGHS = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"a{i + 1}: &a{i + 1} [{', '.join([f'*a{i}'] * 9)}]\n" for i in range(9)
 )
@@ -55,6 +57,9 @@ def folder(tmp_path: Path) -> Path:
         ("model: pendulum.urdf\ntopics: {x: {scale: " + "9" * 4000 + "}}", "more than 30 digits"),
         ("model: pendulum.urdf\ntopics: {x: {offset: 1e300}}", "topics.x.offset"),
         ("model: pendulum.urdf\nweld: [{body: " + "b" * 5000 + "}]", "which the model lacks"),
+        ("model: " + "x" * 5000, "there is no such model file"),
+        ("model: pendulum.urdf\npackages: {own: " + "x" * 5000 + "}", "which is no folder"),
+        ('model: pendulum.urdf\npackages: {own: "a\\0b"}', "expected a text without NUL"),
     ],
 )
 def test_scenarios(folder: Path, text: str, said: str) -> None:
@@ -173,13 +178,24 @@ def test_a_report_a_hundred_thousand_deep(folder: Path) -> None:
         (("nonsense",), "No such command 'nonsense'"),
         (("import", "--nonsense"), "No such option '--nonsense'"),
         (("import",), "Missing argument"),
+        (("run", "hefting", "--conceal", "--world", "model"), "Option '--conceal' requires an argument"),
+        (("run", "hefting", "--belief-samples", "999999999"), "--belief-samples 999999999: expected 1"),
+        ((*SPRING, "stiffness=1", "stiffness=2"), "stiffness is given twice"),
+        ((*SPRING, "stiffness=1e300"), "stiffness is 1e+300, expected a finite number from 0"),
+        ((*HEFTED, "mass=1e9"), "payload@link7: Drake cannot simulate a world with it"),
+        (("why", "pipe.json"), "pipe.json: it is no regular file, expected a report.json"),
+        (("diagnose", "nowhere.yaml", "--fleet", "fleet"), "nowhere.yaml: there is no such file"),
     ],
 )
 def test_command_lines(folder: Path, arguments: tuple[str, ...], said: str) -> None:
     recordings.write(Recording("a", np.arange(20.0), {"q.pivot": np.arange(20.0)}), folder / "a.csv")
+    os.mkfifo(folder / "pipe.json")
+    (folder / "fleet" / "arm").mkdir(parents=True)
+    (folder / "fleet" / "arm" / "a.csv").write_text("time\n")
     done = cafim(*arguments, folder=folder)
-    assert done.returncode == 2 and done.stderr.count("\n") == 1 and len(done.stderr) <= 500
-    assert said in done.stderr and done.stderr.startswith("cafim: ")
+    lines = [line for line in done.stderr.splitlines() if not line.endswith(" ...")]
+    assert done.returncode == 2 and len(lines) == 1 and len(lines[0]) < 500
+    assert said in lines[0] and lines[0].startswith("cafim: ")
 
 
 def test_a_folder_belongs_to_one_process_at_a_time(tmp_path: Path) -> None:

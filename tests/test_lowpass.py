@@ -132,6 +132,7 @@ def test_the_end_of_the_spectrum_is_near_the_cutoff() -> None:
         ({"u": {"lowpass": {"order": 2}}}, "channels.u.lowpass has no cutoff, expected a number in Hz"),
         ({"u": {"lowpass": {**STATED, "order": 0}}}, "channels.u.lowpass.order is 0, expected a whole number from 1"),
         ({"u": {"lowpass": {**STATED, "cutoff": 200.0}}}, "the cutoff 200 Hz of u is not below half the rate"),
+        ({"u": {"lowpass": {**STATED, "cutoff": 1e-12}}}, "the cutoff 1e-12 Hz of u has a longer period"),
     ],
 )
 def test_a_filter_that_cannot_be_is_refused(channels: dict[str, object], sentence: str, tmp_path: Path) -> None:

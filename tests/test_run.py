@@ -175,7 +175,7 @@ def test_concealed_effect_is_in_the_world_and_in_no_model(
         ),
         (["hefting", "--conceal", "rotor_inertia@elbow", "inertia=1"], "the robot's joints are joint1"),
         (["hefting", "--conceal", "rotor_inertia@joint1", "mass=1"], "found mass, expected inertia"),
-        (["hefting", "--conceal", "joint_coulomb_friction@joint1", "torque=-1"], "expected 0 <= torque <= inf"),
+        (["hefting", "--conceal", "joint_coulomb_friction@joint1", "torque=-1"], "torque is -1, expected a finite"),
         (["hefting", "--conceal", "joint_spring@joint1", "rest=1"], "found rest, expected stiffness, rest"),
         (["hefting", "--conceal", "rotor_inertia@joint1", "inertia=much"], "inertia=much: expected a number"),
     ],

@@ -55,6 +55,8 @@ def read_report(path: Path, source: str) -> dict[str, Any]:
 def read_json(path: Path, source: str, expected: str) -> Any:
     """The contents of a JSON file, called `source`. Raises `InputError` for one that is none or nests too deeply."""
     try:
+        if path.exists() and not path.is_file():  # a pipe would never end
+            raise InputError(f"{source}: it is no regular file, expected {expected}")
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{source}: it cannot be read ({error.strerror}), expected {expected}") from None

@@ -96,9 +96,17 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     world = stage.world(request.world, request.options.seed, request.concealed)
     total = task.experiments if request.options.experiments is None else request.options.experiments
     progress(f"experiment 1 of {total}")
-    result = experiment.run(
-        task, request.chosen, world, lambda number, done: _show_progress(progress, number, total, done)
-    )
+    try:
+        result = experiment.run(
+            task, request.chosen, world, lambda number, done: _show_progress(progress, number, total, done)
+        )
+    except RuntimeError as error:
+        if not request.concealed:
+            raise
+        addresses = ", ".join(effect.address for effect in request.concealed)
+        raise InputError(
+            f"{addresses}: Drake cannot simulate a world with it, expected a milder one ({error})"
+        ) from None
     recordings = _write_recordings(request, result, world, out)
     progress("drawing")
     write_text(out / "error.svg", error_figure(result))
@@ -145,6 +153,8 @@ def parse_concealed(words: Sequence[str]) -> tuple[Concealed, ...]:
         effect, at, place = word.partition("@")
         if not equals and at and effect and place:
             found.append((effect, place, {}))
+        elif equals and found and name in found[-1][2]:
+            raise InputError(f"--conceal {word}: {name} is given twice, expected it once")
         elif equals and found:
             found[-1][2][name] = _number(name, number)
         else:

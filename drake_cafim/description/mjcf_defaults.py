@@ -44,7 +44,7 @@ def _include(document: XmlDocument, parent: Element, above: Sequence[Path], incl
 def _included_file(document: XmlDocument, include: Element, above: Sequence[Path]) -> Path:
     name = include.get("file", "").replace("\\", "/")  # as written under Windows, and as MuJoCo reads it
     files = [Path(os.path.realpath(near.parent / name)) for near in (document.path, above[-1])]
-    found = next((file for file in files if file.is_file()), None)
+    found = next((file for file in files if os.path.isfile(file)), None)
     if found is None or found in above:
         why = "which is not there" if found is None else "which includes itself"
         raise InputError(f"{document.place(include)}: include names {name!r}, {why}")

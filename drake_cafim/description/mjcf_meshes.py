@@ -30,7 +30,7 @@ class Meshes:
                 defaults.write_out(asset, None)
                 file = Path(os.path.realpath(folder / asset.get("file", "").replace("\\", "/")))
                 scale = tuple(numbers(asset, "scale", "1 1 1"))
-                if file.is_file() and file.suffix.lower() in SHOWN:
+                if os.path.isfile(file) and file.suffix.lower() in SHOWN:
                     files[asset.get("name") or file.stem] = file, scale
             elif asset.tag == "material" and asset.get("rgba"):
                 colors[asset.get("name", "")] = tuple(numbers(asset, "rgba"))

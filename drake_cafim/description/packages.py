@@ -26,7 +26,7 @@ class Packages:
         for folder in near.resolve().parents:
             if (folder / "package.xml").is_file() and name in (folder.name, package_name(folder / "package.xml")):
                 return folder
-        return next((folder for folder in _installed(name) if folder.is_dir()), None)
+        return next((folder for folder in _installed(name) if os.path.isdir(folder)), None)
 
     def file(self, address: str, near: Path) -> Path | None:
         """The file that `address` in the file `near` refers to; None where it does not exist."""
@@ -38,7 +38,7 @@ class Packages:
             if folder is None:
                 return None
             path = folder / match.group(2)
-        return path.resolve() if path.is_file() else None
+        return path.resolve() if os.path.isfile(path) else None
 
     def require_file(self, address: str, near: Path) -> Path:
         """The file that `address` refers to. Raises `InputError` that says how to give the package's folder."""
@@ -91,7 +91,7 @@ def package_folders(arguments: tuple[str, ...]) -> dict[str, str]:
     found = {}
     for argument in arguments:
         name, equals, folder = argument.partition("=")
-        if not (name and equals and Path(folder).is_dir()):
+        if not (name and equals and os.path.isdir(folder)):
             raise InputError(f"--package {argument}: expected NAME=DIR, a package's name and the folder it is in")
         found[name] = str(Path(folder).resolve())
     return found

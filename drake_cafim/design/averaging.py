@@ -12,6 +12,9 @@ from drake_cafim.errors import InputError
 from drake_cafim.sensitivity.model import PlanningModel, Start
 from drake_cafim.typing import Array
 
+MOST_SAMPLES = 1000
+"""Largest number of points of the belief over which a plan's score is averaged."""
+
 
 @dataclass(frozen=True)
 class BeliefAveragedScore:
@@ -26,10 +29,10 @@ class BeliefAveragedScore:
 
     def __post_init__(self) -> None:
         least = len(self.model.parameters.free) + 1
-        if self.samples < least:
+        if not least <= self.samples <= MOST_SAMPLES:
             raise InputError(
-                f"--belief-samples {self.samples}: expected 1 (the mode alone), or at least {least}, "
-                f"one more than the unknowns"
+                f"--belief-samples {self.samples}: expected 1 (the mode alone), or from {least}, "
+                f"one more than the unknowns, to {MOST_SAMPLES}"
             )
         if not np.isfinite(self.model.parameters.std).all():
             raise InputError("--belief-samples: a parameter has no prior, expected a finite std of each")

@@ -40,8 +40,10 @@ from drake_cafim.diagnosis.verdict import (
     mistakes_sentence,
 )
 from drake_cafim.effects.effect import Effect
+from drake_cafim.errors import check_type
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.recordings.recording import Recording
+from drake_cafim.scene.arguments import check_arguments
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -86,7 +88,9 @@ def examine(
     progress: Progress = lambda text: None,
 ) -> tuple[Verdict, Outcome]:
     """The verdict of `diagnose`, and the outcome of the search that led to it, from which a report draws."""
+    check_arguments(scene, recordings, held_out)
     settings = settings or Settings()
+    check_type("settings", settings, Settings, "Settings")
     progress("estimating the noise and setting up the equations")
     prepared = prepare(scene.with_effect_classes(effects), recordings, held_out)
     prepared, judgement, trace = judge_prepared(prepared, settings, progress)
@@ -253,6 +257,7 @@ def estimate(scene: Scene, recordings: Sequence[Recording], *, progress: Progres
     `found.train` compares the model as given with the fitted one. `progress` is called with a few words at each stage.
     Raises `InputError` for recordings that lack what the scene needs.
     """
+    check_arguments(scene, recordings)
     prepared = prepare(scene, recordings)
     scene = prepared.scene
     progress("fitting the unknown parameters")

@@ -49,7 +49,7 @@ from drake_cafim.effects.speed_limit import ActuatorSpeedLimit
 from drake_cafim.effects.surface import SurfaceOffset, SurfaceTilt
 from drake_cafim.effects.timing import ClockSkew, SensorDelay, SensorLag
 from drake_cafim.effects.transmission import JointHardStop, TorqueRipple
-from drake_cafim.errors import InputError
+from drake_cafim.errors import InputError, check_type
 
 EFFECTS: tuple[type[Effect], ...] = (
     JointViscousFriction,
@@ -118,6 +118,7 @@ def vocabulary_with(
 
     Raises `InputError` where two classes share a name, or a class is of no known kind.
     """
+    check_type("effects", effects, Sequence, "a list of effect classes")
     new = [effect for effect in effects if effect not in vocabulary]
     check_kinds(new)
     taken = {effect.name for effect in vocabulary}

@@ -95,7 +95,6 @@ class ByKind(ABC, Generic[T]):
 def check_kinds(effects: Sequence[type[Effect]]) -> None:
     """Raises `InputError` for an effect class whose `kind` is none of the known ones."""
     for effect in effects:
-        if not effect.kind or not hasattr(ByKind, effect.kind):
-            raise InputError(
-                f"effect class {effect.__name__}: it is of no known kind, expected a subclass of {expected_kinds()}"
-            )
+        if not getattr(effect, "kind", "") or not hasattr(ByKind, effect.kind):
+            name = getattr(effect, "__name__", effect)
+            raise InputError(f"effect class {name}: it is of no known kind, expected a subclass of {expected_kinds()}")

@@ -17,6 +17,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from drake_cafim.errors import InputError
+from drake_cafim.scene.address import split_address
 
 SUFFIXES = (".parquet", ".csv", ".npz", ".mcap", ".bag", ".db3", ".lcm", ".lcmlog")
 SCENARIO = "scenario.yaml"
@@ -55,9 +56,11 @@ class Folder:
 def folders_of(fleet: Path, scenario: str | None, held_out: Sequence[str]) -> list[Folder]:
     """The fleet's folders by name; `held_out` are patterns of file names or of paths below `fleet`.
 
-    `scenario`, where given, holds for the folders without a scenario.yaml of their own. Raises `InputError` where no
-    folder holds recordings, a pattern fits none, or a folder has no scenario.
+    `scenario`, where given, holds for the folders without a scenario.yaml of their own. Raises `InputError` where it
+    is not there, no folder holds recordings, a pattern fits none, or a folder has no scenario.
     """
+    if scenario is not None:
+        split_address(scenario)
     found: list[Folder] = []
     unused = set(held_out)
     for path in sorted(place for place in fleet.rglob("*") if place.is_dir()):

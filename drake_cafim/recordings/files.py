@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from drake_cafim.errors import InputError
+from drake_cafim.errors import InputError, check_type
 from drake_cafim.output import describe_error, replacing
 from drake_cafim.recordings.checks import clean
 from drake_cafim.recordings.csv import read_csv, write_csv
@@ -33,6 +33,7 @@ def read(path: str | Path, topics: Topics | None = None) -> Recording:
 
     Raises `InputError`, one sentence that names the file and the column, what was found and what was expected.
     """
+    check_type("path", path, (str, Path), "the name of a file")
     file, topics = Path(path), topics or {}
     check_path(file)
     if reader_of(file) is not None:
@@ -56,6 +57,8 @@ def write(recording: Recording, path: str | Path) -> Path:
     The file is replaced at the end, so that it is never incomplete. The same recording gives the same bytes. Raises
     `InputError` for a suffix that cannot be written.
     """
+    check_type("recording", recording, Recording, "a Recording")
+    check_type("path", path, (str, Path), "the name of a file")
     file = Path(path)
     check_writable(file)
     with replacing(file) as temporary:

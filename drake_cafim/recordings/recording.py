@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drake_cafim.errors import InputError
+from drake_cafim.errors import InputError, check_type
 from drake_cafim.typing import Array
 
 JOINT_KINDS = ("q", "v", "u", "cmd")
@@ -25,7 +25,7 @@ class Recording:
 
         drake_cafim.Recording("sweep", time, {"q.elbow": q, "u.elbow": u})
 
-    Raises `InputError` when `time` is not finite and strictly increasing or a column has another length.
+    Raises `InputError` when `time` is not finite and strictly increasing, or a column has another length or no numbers.
     """
 
     name: str
@@ -34,8 +34,9 @@ class Recording:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        time = _frozen(self.time)
-        columns = {column: _frozen(values) for column, values in self.columns.items()}
+        check_type(f"{self.name}: columns", self.columns, Mapping, "arrays by name")
+        time = _frozen(self.time, f"{self.name}: time")
+        columns = {column: _frozen(values, f"{self.name}: column {column}") for column, values in self.columns.items()}
         if time.ndim != 1 or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
             raise InputError(f"{self.name}: time must be finite and strictly increasing, one number a sample")
         for column, values in columns.items():
@@ -132,9 +133,18 @@ def is_signal(column: str) -> bool:
     return bool(place) and component in components
 
 
-def _frozen(values: Array) -> Array:
-    """A read-only float64 view of `values`; the caller's own array stays writable."""
-    array = np.asarray(values, dtype=np.float64)
+def _frozen(values: Array, source: str) -> Array:
+    """A read-only float64 view of `values`; the caller's own array stays writable.
+
+    Raises `InputError`, which names their `source`, for what are no real numbers.
+    """
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind == "c":
+            raise ValueError("complex numbers")
+        array = array.astype(np.float64, copy=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{source} holds no numbers ({error}), expected an array of them") from None
     view = array.view()
     view.flags.writeable = False
     return view

@@ -21,7 +21,7 @@ column by the topic's own name (`/ft/wrist` is `ft_wrist`).
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from drake_cafim.errors import InputError
+from drake_cafim.errors import InputError, check_type
 from drake_cafim.numerics.ranges import number
 from drake_cafim.recordings.recording import JOINT_KINDS
 from drake_cafim.typing import Array
@@ -51,7 +51,9 @@ Topics = Mapping[str, Topic]
 
 def check_topics(topics: Topics, source: str) -> None:
     """Raises `InputError` naming the topic, the key and the valid choices; `source` names the scenario."""
+    check_type(f"{source}: topics", topics, Mapping, "a Topic by name")
     for name, topic in topics.items():
+        check_type(f"{source}: topics: {name}", topic, Topic, "a Topic")
         if topic.stamp not in STAMPS:
             raise InputError(f"{source}: topics: {name}: stamp is {topic.stamp!r}, expected header or log")
         if topic.join < 0.0 or topic.scale == 0.0:

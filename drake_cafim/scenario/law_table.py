@@ -1,5 +1,6 @@
 """Tables of learned forces: Parquet files with the columns `variables`, `x`, `force` and `width`."""
 
+import os
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -28,7 +29,7 @@ def read_law(at: str, path: Path, table: str, key: str) -> LearnedForce:
     `key` names the scenario's entry. Raises `InputError` for a file that is missing, is no such table, or has other
     than increasing finite places and finite forces.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(f"{key}.table is {table}: there is no file {path}")
     try:
         columns = pq.read_table(path).to_pydict()

@@ -50,7 +50,7 @@ def add_plant(
     try:
         with capture_log():  # warnings about collision shapes, which are not used here
             plant.Finalize()
-    except RuntimeError as error:
+    except (Exception, SystemExit) as error:
         if "loops in the system graph" in str(error):
             raise InputError(
                 "a link of the model has two parent joints: closed chains are not supported, expected a tree"
@@ -128,7 +128,7 @@ class _Model:
         self._parser = Parser(plant)
         self._parser.SetAutoRenaming(False)
         for name, place in self._packages.given.items():
-            if not place.is_dir():
+            if not os.path.isdir(place):
                 raise InputError(f"packages: {name} is {place}, which is no folder")
             self._parser.package_map().Add(name, place)
 
@@ -150,7 +150,7 @@ class _Model:
         if address.startswith(("package://", "model://")):
             return self._packages.require_file(address, near)
         path = near.parent / address
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise InputError(f"{path}: there is no such model file, expected one of {', '.join(MODEL_SUFFIXES)}")
         return path
 
@@ -206,10 +206,13 @@ def _described(path: Path, packages: Packages) -> Description:
 
 @contextmanager
 def _as_input_error(source: str) -> Iterator[None]:
-    """Turn exceptions of Drake's parser into an `InputError` of one sentence; a failed assertion is a `SystemExit`."""
+    """Turn exceptions of Drake's parser into an `InputError` of one sentence.
+
+    C++ throws what Python has as IndexError or MemoryError, too; a failed assertion is a `SystemExit`.
+    """
     try:
         yield
-    except (RuntimeError, ValueError, SystemExit) as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"{source}: Drake's parser refuses it: {' '.join(str(error).split())}") from None
 
 

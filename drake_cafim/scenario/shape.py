@@ -56,6 +56,8 @@ def conform(value: Any, kind: Any, key: str, name: str = "", metadata: Mapping[s
     if not isinstance(value, kind):
         hint = ", in quotes" if kind is str and isinstance(value, int | float) else ""
         raise InputError(f"{where} is {brief(value)}, expected {_WORDS[kind]}{hint}")
+    if kind is str and "\0" in value:  # no file and no column has it in its name
+        raise InputError(f"{where} is {brief(value)}, expected a text without NUL")
     return value
 
 

@@ -1,5 +1,6 @@
 """Where a scenario is: a file, one of the scenarios in a file, or the name of a packaged one."""
 
+import os
 from pathlib import Path
 
 from drake_cafim.errors import InputError
@@ -12,7 +13,7 @@ def split_address(address: str) -> tuple[Path, str]:
     """The file, and the name of one of its scenarios, of FILE#NAME; the name is empty where the address is a file."""
     file, mark, name = address.rpartition("#")
     return (
-        (Path(file), name) if mark and not Path(address).is_file() and Path(file).is_file() else (resolve(address), "")
+        (Path(file), name) if mark and not os.path.isfile(address) and os.path.isfile(file) else (resolve(address), "")
     )
 
 
@@ -25,7 +26,7 @@ def resolve(address: str) -> Path:
     if address in packaged:
         return DIAGRAMS / f"{address}.yaml"
     path = Path(address)
-    if not path.is_file():
+    if not os.path.isfile(path):
         names = ", ".join(packaged) or "none"
         raise InputError(f"{address}: there is no such file and no packaged scenario of that name (there are: {names})")
     return path

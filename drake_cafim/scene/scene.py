@@ -19,7 +19,7 @@ from drake_cafim.dynamics.contact import SphereContact, WrenchSensor
 from drake_cafim.dynamics.tree import Tree, tree_of
 from drake_cafim.effects.catalogue import EFFECTS, vocabulary_with
 from drake_cafim.effects.effect import Effect
-from drake_cafim.errors import InputError
+from drake_cafim.errors import InputError, check_type
 from drake_cafim.parameters import Parameters
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scenario.holding import (
@@ -49,10 +49,11 @@ from drake_cafim.scenario.schema import (
     EffectEntry,
     Scenario,
     Unknown,
-    Weld,
     load,
+    parse,
 )
 from drake_cafim.scenario.servos import servos_of
+from drake_cafim.scenario.shape import conform
 from drake_cafim.scenario.surfaces import contact_of
 from drake_cafim.scenario.unknown import (
     UnknownParameter,
@@ -125,7 +126,10 @@ class Scene:
         path, part = split_address(str(address))
         alone = str(path).endswith(MODEL_SUFFIXES)
         scenario = Scenario(model=path.name) if alone else load(path, part)
-        given = {name: os.path.realpath(place) for name, place in (packages or {}).items()}
+        check_type("packages", packages or {}, Mapping, "folders by package name")
+        places = {name: str(place) for name, place in (packages or {}).items()}
+        places = conform(places, dict[str, str], f"{address}: ", "packages")
+        given = {name: os.path.realpath(place) for name, place in places.items()}
         scenario = replace(scenario, packages={**scenario.packages, **given})
         scene = cls.build(scenario, path.parent, str(address), effects=effects)
         return scene.with_uncertain_inertials() if alone else scene
@@ -139,12 +143,14 @@ class Scene:
         `channels` are the stds of one sample, SI, by kind ("q") or column ("q.elbow"); `weld` names the bodies that are
         fixed to the world. Raises `InputError` for a model that cannot be read.
         """
+        check_type("model", model, (str, Path), "the name of a model file")
+        check_type("channels", channels or {}, Mapping, "standard deviations by channel")
+        check_type("weld", weld, (list, tuple), "a list of bodies")
         path = Path(model)
-        scenario = Scenario(
-            model=path.name,
-            channels={name: Channel(std={"all": std}) for name, std in (channels or {}).items()},
-            weld=[Weld(body) for body in weld],
-        )
+        noise = {
+            name: {"std": std.item() if isinstance(std, np.generic) else std} for name, std in (channels or {}).items()
+        }
+        scenario = parse({"model": path.name, "channels": noise, "weld": [{"body": body} for body in weld]}, str(model))
         return cls.build(scenario, path.parent, str(model))
 
     @classmethod

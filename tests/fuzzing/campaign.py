@@ -15,7 +15,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-HANG = 10.0  # s, of the process's own computing: on a busy machine the clock on the wall says nothing
+HANG = 10.0
+"""s of the process's own computing, unless the inputs have a `hang`: the clock on the wall says nothing on a
+busy machine."""
 STUCK = 1200  # s on the wall: a busy machine may hold an input up a hundredfold
 MEMORY = 2**30  # bytes above what the process had before
 BATCH = 200
@@ -99,10 +101,14 @@ def _try_batch(cases: Cases, tally: Tally, count: int, scratch: Path, until: flo
     _, status = os.waitpid(child, 0)
     if os.WIFSIGNALED(status):
         name = signal.Signals(os.WTERMSIG(status)).name
-        slow = {"SIGPROF": f"hang: {HANG:g} s of computing", "SIGALRM": f"hang: {STUCK:g} s of waiting"}
+        slow = {"SIGPROF": f"hang: {_hang(cases):g} s of computing", "SIGALRM": f"hang: {STUCK:g} s of waiting"}
         tally.add(struct.unpack("q", shared[:8])[0], slow.get(name, f"crash: {name}"))
     elif os.WEXITSTATUS(status):
         tally.add(struct.unpack("q", shared[:8])[0], f"crash: exit {os.WEXITSTATUS(status)}")
+
+
+def _hang(cases: Cases) -> float:
+    return float(getattr(cases, "hang", HANG))
 
 
 def _run_batch(cases: Cases, numbers: range, scratch: Path, writing: int, shared: mmap.mmap, until: float) -> None:
@@ -115,7 +121,7 @@ def _run_batch(cases: Cases, numbers: range, scratch: Path, writing: int, shared
         for number in numbers:
             folder = Path(tempfile.mkdtemp(dir=scratch))
             shared[:8] = struct.pack("q", number)
-            signal.setitimer(signal.ITIMER_PROF, HANG)
+            signal.setitimer(signal.ITIMER_PROF, _hang(cases))
             signal.alarm(STUCK)
             verdict = cases.run(number, folder)
             signal.setitimer(signal.ITIMER_PROF, 0.0)

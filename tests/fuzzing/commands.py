@@ -173,6 +173,8 @@ def _arguments(rng: np.random.Generator) -> list[str]:
             ["replay", scenario, recording, "--report", report, "--out", "x.mcap"],
             ["discriminate", scenario, report, "--duration", word(), "--no-replay"],
             ["estimate", scenario, recording],
+            ["export", scenario, "--to", str(rng.choice(["urdf", "sdf", "mjcf", word()])), "--out", "x"],
+            ["diagnose", scenario, "--fleet", ".", "--held-out", word(), "--jobs", "1", "--shard", "1/1", "--out", "x"],
             [
                 "diagnose",
                 scenario,

@@ -71,7 +71,11 @@ def damage_tree(tree: Any, rng: np.random.Generator) -> Any:
 def _likely(value: Any, others: list[Any], rng: np.random.Generator) -> Any:
     """Another value of the same type: a number of another size, a text of the same tree."""
     if isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value or 1.0) * float(rng.choice([-1.0, 1.0])) * 10.0 ** int(rng.integers(-9, 9))
+        return (
+            float(min(max(value, -1e300), 1e300) or 1.0)
+            * float(rng.choice([-1.0, 1.0]))
+            * 10.0 ** int(rng.integers(-9, 9))
+        )
     same = [other for other in others if type(other) is type(value)]
     return copy.deepcopy(same[int(rng.integers(len(same)))])
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from drake_cafim.output import write_text
 from tests.fuzzing.campaign import Cases, Tally, try_cases
 from tests.fuzzing.commands import CommandCases, compile_once
+from tests.fuzzing.diagnoses import DiagnosisCases
 from tests.fuzzing.models import ModelCases
 from tests.fuzzing.recordings import RecordingCases
 from tests.fuzzing.scenarios import ScenarioCases
@@ -24,9 +25,10 @@ FORMS: dict[str, tuple[Callable[[], Cases], int, float, int]] = {
     "recordings": (RecordingCases, 1_000_000, 0.006, 500),
     "models": (ModelCases, 50_000, 0.05, 100),
     "scenarios": (ScenarioCases, 100_000, 0.03, 200),
+    "diagnoses": (DiagnosisCases, 5_000, 1.0, 20),
     "command lines": (CommandCases, 500, 1.5, 10),
 }
-SHARES = {"recordings": 0.25, "models": 0.3, "scenarios": 0.2, "command lines": 0.25}
+SHARES = {"recordings": 0.2, "models": 0.2, "scenarios": 0.2, "diagnoses": 0.2, "command lines": 0.2}
 """Of the minutes, where these are given."""
 
 
@@ -40,7 +42,7 @@ def main() -> None:
         hours = sum(FORMS[name][1] * FORMS[name][2] for name in chosen) / 3600
         print(f"about {hours:.1f} hours of one core; what was done is in {state}, the same command goes on from there")
     tallies = {}
-    if "command lines" in chosen:
+    if {"command lines", "diagnoses"} & set(chosen):
         compile_once()
     for name in chosen:
         make, total, _, batch = FORMS[name]

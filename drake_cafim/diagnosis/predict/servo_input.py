@@ -34,7 +34,10 @@ class ServoInput:
         return ServoInput(*(getattr(self, field.name)[index] for field in fields(self)))
 
     def padded(self, length: int) -> "ServoInput":
-        """The inputs repeated to `length` rows by their last one."""
+        """The inputs repeated to `length` rows by their last one; where there is none, no servo is on."""
+        if not len(self.on):  # a window of one sample, as before a gap
+            idle = np.ones((length, self.on.shape[1]))
+            return ServoInput(0.0 * idle, *[idle] * 5)
         return self.at(np.minimum(np.arange(length), len(self.on) - 1))
 
     def drive(self, physics: Physics, q: Array, v: Array, effort: Array, duration: Array) -> tuple[Array, Array]:

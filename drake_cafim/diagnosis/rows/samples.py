@@ -193,6 +193,11 @@ def samples_of(
             f"{scene.name}: the cutoff {lowpass.cutoff:g} Hz of u is not below half the rate of {recording.name}, "
             f"{0.5 / period:.4g} Hz, expected a lowpass with the cutoff of the filter that was applied"
         )
+    if lowpass and lowpass.cutoff * recording.duration < 1.0:
+        raise InputError(
+            f"{scene.name}: the cutoff {lowpass.cutoff:g} Hz of u has a longer period than {recording.name} lasts, "
+            f"{recording.duration:.4g} s, expected a lowpass with the cutoff of the filter that was applied"
+        )
     # a window narrower than the filter's response says nothing more, and its rows are hardly independent
     width = max(width, 12.0 * period, 1.0 / lowpass.cutoff if lowpass else 0.0)
     v = recording.matrix("v", names) if measured else np.zeros_like(q)
