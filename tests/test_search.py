@@ -134,7 +134,7 @@ def test_what_a_rival_needs_not_is_no_rival() -> None:
     probability = {COULOMB.key: 0.9, STRIBECK.key: 0.1, spring.key: 0.0}
     outcome: Any = SimpleNamespace(competing=(best, rival, both), probability=probability, scale=1.0)
     scene: Any = SimpleNamespace(unknown=())
-    judgement: Any = SimpleNamespace(outcome=outcome, best=best, withheld=())
+    judgement: Any = SimpleNamespace(outcome=outcome, best=best, withheld=(), rivals={})
     (found,) = _rivals(scene, judgement)
     assert found.key == STRIBECK.key and found.probability == 0.1
 

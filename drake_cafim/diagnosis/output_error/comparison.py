@@ -12,8 +12,10 @@ from drake_cafim.diagnosis.output_error.problem import SimulationFit, at_joint
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
 
-REFIT_STEPS = 2
+REFIT_STEPS = 4
 """Most steps of the fit of a law in the place of another one."""
+FAR, NEAR = 40.0, 15.0
+"""Excess of the criterion beyond which a law is no rival, and below which two are compared in fine steps."""
 MOST_REPLACED = 2
 """Most laws of a joint that others take the place of."""
 
@@ -50,7 +52,7 @@ class Comparison:
                     replaced[j] += 1
                     left[j].append(other.key)
             if any(moves):
-                best = self.moves.problem.fit(self.moves.changed(best.model, moves), steps=2 * REFIT_STEPS)
+                best = self.moves.problem.fit(self.moves.changed(best.model, moves), steps=REFIT_STEPS)
         return best
 
     def _leads(self, best: SimulationFit, asked: list[Effect | None]) -> list[list[Lead]]:
@@ -63,18 +65,26 @@ class Comparison:
         ]
         slopes = best.slopes_without(dropped)
         looks = screen(self.moves.problem, base, slopes, tried, self.moves.price, best.model)
-        costs = self.moves.costs(best)
+        costs, fine = self.moves.costs(best), self.moves.problem.fine_costs(best)
         leads: list[list[Lead]] = [[] for _ in asked]
         for n in range(max(map(len, looks), default=0)):
+            # a law that is far worse to first order would show at the other joints
             moves = [
-                ((effect,), found[n].effect) if effect is not None and n < len(found) else None
+                ((effect,), found[n].effect)
+                if effect is not None and n < len(found) and found[n].excess > found[0].excess - FAR
+                else None
                 for effect, found in zip(asked, looks, strict=True)
             ]
+            if not any(moves):
+                break
             trial = self.moves.problem.fit(self.moves.chord(best, moves).model, steps=REFIT_STEPS)
-            after = self.moves.costs(trial)
+            apart = self.moves.costs(trial) - costs
+            if np.any(np.abs(apart[[j for j, move in enumerate(moves) if move is not None]]) < NEAR):
+                finely = self.moves.problem.fine_costs(trial) - trial.costs - (fine - best.costs)
+                apart = np.where(np.abs(apart) < NEAR, apart + finely, apart)
             for j, move in enumerate(moves):
                 if move is not None:
-                    leads[j].append((float(after[j] - costs[j]), with_values_of(trial.model, move[1])))
+                    leads[j].append((float(apart[j]), with_values_of(trial.model, move[1])))
         return leads
 
     def _record(self, effect: Effect, leads: list[Lead]) -> None:

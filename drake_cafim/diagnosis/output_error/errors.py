@@ -22,6 +22,8 @@ MOST_SAMPLES = 30_000
 """Most samples of all joints in these windows."""
 BLOCKS = 4
 """Blocks of a recording whose errors count as independent of each other."""
+FINE_STEP = 5e-4
+"""s: steps of the last fit, and of what is nearly as good as another. Those of a search bias friction."""
 TINY = 1e-30
 """rad² (m²): least mean squared error, of a joint that does not move."""
 

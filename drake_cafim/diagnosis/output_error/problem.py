@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.output_error.errors import OutputErrors
+from drake_cafim.diagnosis.output_error.errors import FINE_STEP, OutputErrors
 from drake_cafim.effects.effect import Effect
 from drake_cafim.scenario.servos import SERVO_PARAMETERS
 from drake_cafim.scene.scene import Scene
@@ -141,6 +141,14 @@ class OutputErrorProblem:
     def errors_of(self, model: Model) -> Array:
         """Errors (S, c) by a model."""
         return self.errors.of(model.physics(self.scene))
+
+    def fine_costs(self, fitted: SimulationFit) -> Array:
+        """(c,) −2 ln p of each joint by a fit, simulated in fine steps; the prior as in its coarse ones."""
+        usual, self.errors.longest_step = self.errors.longest_step, FINE_STEP
+        fine = self.errors.mean_squares(self.errors_of(fitted.model))
+        self.errors.longest_step = usual
+        coarse = self.errors.mean_squares(fitted.errors)
+        return np.asarray(fitted.costs + self.errors.windows * np.log(fine / coarse), dtype=float)
 
     def forget_first_states(self, model: Model) -> None:
         """From now on, errors are without what the windows' first states can explain by a model."""

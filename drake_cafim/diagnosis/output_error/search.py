@@ -15,6 +15,7 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.output_error import decisions
 from drake_cafim.diagnosis.output_error.candidates import screen
 from drake_cafim.diagnosis.output_error.comparison import Comparison
+from drake_cafim.diagnosis.output_error.errors import FINE_STEP
 from drake_cafim.diagnosis.output_error.found import Found
 from drake_cafim.diagnosis.output_error.moves import CHORD_STEPS, Move, Moves, with_others, with_values_of
 from drake_cafim.diagnosis.output_error.problem import OutputErrorProblem, SimulationFit, at_joint
@@ -31,8 +32,8 @@ TRIED = 3
 """Candidates of each joint that are fitted in a round."""
 REFIT_STEPS = 4
 """Most steps of a fit that begins near its end."""
-FINER = 4.0
-"""How many times smaller the steps of the last fit are than those of the search."""
+SETTLED_SHARE = 0.5
+"""Rise of a joint's cost without an effect, over the largest one, from which it is not put down to other joints."""
 FRICTION_SHARE = 0.1
 """Torque of the friction at the start, over the root mean square of the servo's effort."""
 
@@ -86,7 +87,7 @@ class Search:
     def _refined(self, best: SimulationFit) -> SimulationFit:
         """`best` fitted again with finer steps: those of the search bias a delay by a tenth of them."""
         self.progress("simulating in finer steps")
-        self.problem.errors.longest_step /= FINER
+        self.problem.errors.longest_step = FINE_STEP
         self.problem.forget_first_states(best.model)
         return self.problem.fit(best.model, steps=REFIT_STEPS)
 
@@ -223,7 +224,11 @@ class Search:
     # --- what stays ---------------------------------------------------------------------------------------------
 
     def _prune(self, best: SimulationFit) -> SimulationFit:
-        """`best` without the effects whose joint costs less without them, one of each joint at a time."""
+        """`best` without the effects whose joint costs less without them, one of each joint at a time.
+
+        What one joint then misses shows at others, so that of those that cost more, only the joints that cost most are
+        settled, and the others are tried again without them.
+        """
         problem = self.problem
         kept = set[Key]()
         while True:
@@ -231,27 +236,25 @@ class Search:
             dropped = [effect for effect in latest if effect is not None]
             if not dropped:
                 return best
-            rest = problem.fit(self.moves.model_without(best.model, dropped), best.slopes_without(dropped), CHORD_STEPS)
-            rest = problem.fit(rest.model, steps=2)
-            before, after = self.moves.costs(best), self.moves.costs(rest)
-            gone = []
+            rest = problem.fit(self.moves.model_without(best.model, dropped))
+            risen, gone = self.moves.costs(rest) - self.moves.costs(best), []
+            most = max(float(risen[j]) for j, effect in enumerate(latest) if effect is not None)
             for j, effect in enumerate(latest):
                 if effect is None:
                     continue
                 worse, error = _left_out(best, rest, j)
-                stays = bool(after[j] > before[j] and worse > 0.0)
-                self.trace.add(decisions.record_prune(effect.key, float(after[j] - before[j]), worse, error, stays))
+                stays = bool(risen[j] > 0.0 and worse > 0.0)
+                if stays and risen[j] < SETTLED_SHARE * most:
+                    continue
+                self.trace.add(decisions.record_prune(effect.key, float(risen[j]), worse, error, stays))
                 if stays:
                     kept.add(effect.key)
                 else:
                     gone.append(effect)
-            if gone:
-                best = (
-                    rest
-                    if len(gone) == len(dropped)
-                    else problem.fit(self.moves.model_without(best.model, gone), best.slopes_without(gone), CHORD_STEPS)
-                )
-                best = best if len(gone) == len(dropped) else problem.fit(best.model, steps=2)
+            if len(gone) == len(dropped):
+                best = rest
+            elif gone:
+                best = problem.fit(self.moves.model_without(best.model, gone), steps=REFIT_STEPS)
 
     def _latest(self, best: SimulationFit, joint: int, kept: set[Key]) -> Effect | None:
         """The latest effect at a joint of those not `kept`."""

@@ -96,9 +96,10 @@ class StartsByKind(ByKind[Iterator[Start]]):
     def joint_force(self, effect: JointForce) -> Iterator[Start]:
         physics, joint = self._physics, self._joint(effect)
         samples = concatenate([_with_load(form.law_samples(physics), physics, joint) for form in self.forms])
-        widths = [e.values.get("slip_velocity", SLIP_VELOCITY.nominal) for e in self.model.effects if e.at == effect.at]
-        usual = [width for width in widths if width != SLIP_VELOCITY.nominal]
-        return _of_law(effect, samples, effort_rms(self.forms, physics, joint), *(usual or [SLIP_VELOCITY.nominal])[:1])
+        own = [other for other in self.model.effects if other.at == effect.at and "slip_velocity" in other.values]
+        widths = [other.values["slip_velocity"] for other in own] or [SLIP_VELOCITY.nominal, SLIP_VELOCITY.grid[0]]
+        for width in widths:
+            yield from _of_law(effect, samples, effort_rms(self.forms, physics, joint), width)
 
     def servo(self, effect: ServoEffect) -> Iterator[Start]:
         joint = self._joint(effect)

@@ -29,8 +29,8 @@ def uncertainty(problem: OutputErrorProblem, found: SimulationFit) -> Uncertaint
     """The standard deviations of all numbers of a fit.
 
     The sum of three variances: of the fit's curvature or of blocks of the recordings (`NormalEquations.covariance`), of
-    the scale of all efforts at the joint (`_scale_stds`), and of what the priors of the scene's other unknowns, as
-    masses, let each number vary by. None of an unknown is wider than its prior's.
+    the scale of all efforts at the joint (`_scale_stds`), to which the others adapt, and of what the priors of the
+    scene's other unknowns, as masses, let each number vary by. None of an unknown is wider than its prior's.
     """
     numbers = problem.numbers(found.model)
     scales, moved = _scale_stds(problem, found), _moved_by_others(problem, found)
@@ -39,7 +39,9 @@ def uncertainty(problem: OutputErrorProblem, found: SimulationFit) -> Uncertaint
     for j, (own, system) in enumerate(zip(numbers, found.equations, strict=True)):
         at = np.array(list(own.values()), dtype=np.int64)
         scaled = np.isin(at, _scaled(problem, found.model, j))
-        std[at] = np.sqrt(system.std**2 + np.where(scaled, scales[j] * vector[at], 0.0) ** 2 + moved[j])
+        along = np.where(scaled, vector[at], 0.0)
+        along[~scaled] = -np.linalg.lstsq(system.J[:, ~scaled], system.J @ along, rcond=None)[0]
+        std[at] = np.sqrt(system.std**2 + (scales[j] * along) ** 2 + moved[j])
     n, start, strengths = len(prior), len(prior), dict[Key, Array]()
     for effect in found.model.effects:
         strengths[effect.key] = std[start : start + len(effect.strengths)]

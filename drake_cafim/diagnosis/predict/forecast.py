@@ -172,7 +172,9 @@ def _courses(weak: WeakForm, physics: Physics, starts: Sequence[int], horizon: f
     time = weak.samples.time
     served = weak.samples.commands
     knots, efforts = acting_efforts(physics, time, weak.measurement(physics).u, weak.samples.ramped, served)
-    taken, fine = rotor_efforts(weak, physics), bool(remembering(physics))
+    # what is followed of a command that is late or filtered changes within the intervals
+    fine = bool(remembering(physics)) or any(effect.remembers for effect in physics.servo_effects)
+    taken = rotor_efforts(weak, physics)
     result = []
     for start in starts:
         stop = int(np.searchsorted(time, time[start] + horizon + 1e-9, side="right")) - 1
