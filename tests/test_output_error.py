@@ -30,10 +30,16 @@ WIDE = 4.0
 """N m/rad, the prior's standard deviation of kp."""
 
 
-def test_a_light_axis_that_sticks_and_is_late(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def light(tmp_path_factory: pytest.TempPathFactory) -> tuple[Prepared, Found]:
+    """A light axis without gravity, and what is found there."""
+    prepared = _prepared(tmp_path_factory.mktemp("light"), 2e-3, 0.0)
+    return prepared, _found(prepared)
+
+
+def test_a_light_axis_that_sticks_and_is_late(light: tuple[Prepared, Found]) -> None:
     """Its equations are satisfied best by a stiffness of a tenth; the scale of all efforts is known to a sixth only."""
-    prepared = _prepared(tmp_path, 2e-3, 0.0)
-    found = _found(prepared)
+    found = light[1]
     late, friction = sorted(found.fitted.model.effects, key=lambda effect: effect.name)
     assert (late.name, friction.name) == ("command_delay", "joint_coulomb_friction")
     assert min(found.probability.values()) > 0.5
@@ -60,21 +66,19 @@ def test_the_verdict_names_what_simulations_show(tmp_path: Path) -> None:
         value = told[name][strength]
         assert value.std is not None and abs(float(value.value) - truth) < 3.0 * value.std < 0.3 * truth
     stiffness, damping = verdict.parameters
-    assert abs(stiffness.value - KP) < 3.0 * stiffness.std and abs(damping.value - KV) < 3.0 * damping.std
+    assert abs(stiffness.value - KP) < 3.0 * stiffness.std < 0.3 * KP and abs(damping.value - KV) < 3.0 * damping.std
     assert verdict.held_out is not None
     assert verdict.held_out.corrected.rmse["q.pan"] < 0.1 * verdict.held_out.nominal.rmse["q.pan"]
     assert any(record.search == "simulations" and record.step == "admit" for record in verdict.trace) or told
     assert prepared.scene.known == ()
 
 
-@pytest.mark.parametrize("sure", [True, False], ids=["mass known", "mass to a third"])
-def test_gravity_fixes_the_scale_as_well_as_the_mass_is_known(tmp_path: Path, sure: bool) -> None:
-    found = _found(_prepared(tmp_path, 2e-3, 9.81, sure))
+def test_gravity_fixes_the_scale_as_well_as_the_mass_is_known(tmp_path: Path) -> None:
+    """The mass is known to a third; where it is known, the verdict's interval is (above)."""
+    found = _found(_prepared(tmp_path, 2e-3, 9.81, sure=False), most_effects=0)
     stiffness, std = found.fitted.model.unknown[0], found.uncertainty.unknown[0]
-    assert abs(stiffness - KP) < 2.0 * std
-    # the true mass is the prior's mean, so that the value is right either way
-    assert abs(stiffness / KP - 1.0) < 0.1
-    assert (std < 0.1 * KP) if sure else (std > 0.2 * KP)
+    # the true mass is the prior's mean, so that the value is right
+    assert abs(stiffness / KP - 1.0) < 0.1 and std > 0.2 * KP
 
 
 def test_servos_whose_equations_hold_are_not_simulated(tmp_path: Path) -> None:
@@ -148,8 +152,8 @@ def test_left_out_blocks_are_predicted_by_the_others(tmp_path: Path) -> None:
     assert np.allclose(at_fit.left_out(), expected, rtol=1e-9)
 
 
-def _found(prepared: Prepared) -> Found:
-    found = prepared.search_by_simulation(1, lambda text: None, Trace())
+def _found(prepared: Prepared, most_effects: int = 1) -> Found:
+    found = prepared.search_by_simulation(most_effects, lambda text: None, Trace())
     assert found is not None
     return found
 
@@ -208,10 +212,10 @@ def _recorded(
     return Recording(f"pan {seed}", time, columns)
 
 
-def test_what_simulations_settled_is_not_known_better_by_the_same_recordings(tmp_path: Path) -> None:
+def test_what_simulations_settled_is_not_known_better_by_the_same_recordings(light: tuple[Prepared, Found]) -> None:
     """The rows are the samples that were simulated, so that they add nothing to what these tell of the servo."""
-    prepared = _prepared(tmp_path, 2e-3, 0.0)
-    known = prepared.with_servos_settled(_found(prepared))
+    prepared, found = light
+    known = prepared.with_servos_settled(found)
     assert known.settled is not None and all(unknown.settled for unknown in known.settled.unknown)
     # what is given stays
     assert known.scene.priors.mean[0] == prepared.scene.priors.mean[0] == 8.0
