@@ -1,5 +1,6 @@
 """What servos with unknown parameters lack, by errors of simulations, where the equations of motion lead astray."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ from drake_cafim.diagnosis.output_error.found import Found
 from drake_cafim.diagnosis.output_error.moves import Moves
 from drake_cafim.diagnosis.output_error.problem import NormalEquations, OutputErrorProblem, at_joint
 from drake_cafim.diagnosis.output_error.starts import hypotheses
+from drake_cafim.diagnosis.predict.forecast import Forecast
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
@@ -96,6 +98,19 @@ def test_errors_of_what_is_right_are_those_of_noise(tmp_path: Path) -> None:
     assert 10.0 * errors.mean_squares(by_right)[0] < errors.mean_squares(by_wrong)[0]
     assert errors.mean_squares(by_right)[0] < 0.8 * with_start
     assert errors.p_values(by_right)[0] > 0.01 > 1e-6 > errors.p_values(by_wrong)[0]
+
+
+def test_samples_that_are_missing_say_nothing(tmp_path: Path) -> None:
+    """Nor does a window of one sample, whose first state explains all of it."""
+    prepared = _prepared(tmp_path, 2e-2, 0.0, friction=0.0, late=0.0)
+    errors = OutputErrors(tuple(prepared.weak), ("pan",))
+    forecast = Forecast(
+        "", np.arange(3.0), np.zeros(3, dtype=np.int64), {"q.pan": np.array([1.0, 2.0, np.nan])},
+        {"q.pan": np.array([0.5, np.nan, 0.7])},
+    )  # fmt: skip
+    # what diverges counts as the range, what was not measured not at all
+    assert np.allclose(errors._misses(forecast)[:, 0], [0.5, 0.0, 0.2])
+    assert not np.any(errors._misses(replace(forecast, measured={"q.pan": np.full(3, np.nan)})))
 
 
 def test_a_fit_moves_only_what_belongs_to_a_joint(tmp_path: Path) -> None:

@@ -120,6 +120,7 @@ def judge_prepared(
         if isinstance(judged, Judgement):
             return prepared, judged, trace
         notes = (f"what simulations from commands show cannot be judged: {judged.reason}",)
+        prepared = prepared.with_servos_settled(found)
     elif found is not None:
         prepared = prepared.with_servos_settled(found)
         trace.add(record_servos(found.error(found.fitted), found.error(found.alone)))

@@ -214,7 +214,8 @@ class Prepared:
     def search_by_simulation(self, most_effects: int, progress: Callable[[str], None], trace: Trace) -> Found | None:
         """What joints lack that servos with unknown parameters drive, by simulations from their commands.
 
-        None where no servo has unknowns, or where the equations of motion are satisfied to noise.
+        None where no servo has unknowns, where the equations of motion are satisfied to noise, and where fewer than two
+        windows are of recordings in which servos drive all these joints.
         """
         joints = servos_with_unknowns(self.scene, self.weak)
         if not joints:
@@ -224,7 +225,12 @@ class Prepared:
         problem.forget()
         if nominal.reduced_chi_square < MISFIT_REDUCED_CHI_SQUARE:
             return None
-        by_simulation = OutputErrorProblem(self.scene, OutputErrors(tuple(self.weak), joints))
+        indices = {self.scene.tree.joint_index(name) for name in joints}
+        driven = tuple(form for form in self.weak if indices <= set(form.samples.commands))
+        errors = OutputErrors(driven, joints)
+        if errors.windows < 2:
+            return None
+        by_simulation = OutputErrorProblem(self.scene, errors)
         return Search(by_simulation, trace, progress).run(most_effects)
 
     def with_servos_settled(self, found: Found) -> "Prepared":

@@ -86,7 +86,9 @@ class OutputErrors:
         for w in range(self.windows):
             own = self.window == w
             for j in range(len(self.joints)):
-                by_state[own, j] = np.linalg.qr(by_state[own, j])[0]
+                Q = np.linalg.qr(by_state[own, j])[0]
+                by_state[own, j] = 0.0
+                by_state[own, j, : Q.shape[1]] = Q
         self._basis = by_state
 
     def _simulated(self, physics: Physics, doubt: int | None = None) -> Array:
@@ -142,7 +144,12 @@ class OutputErrors:
         for name in self.joints:
             measured = forecast.measured[f"q.{name}"]
             miss = forecast.predicted[f"q.{name}"] - measured
-            columns.append(np.where(np.isfinite(miss), miss, np.nanmax(measured) - np.nanmin(measured)))
+            if not np.any(np.isfinite(measured)):
+                columns.append(np.zeros(len(measured)))
+                continue
+            lost = np.where(np.isfinite(miss), miss, np.nanmax(measured) - np.nanmin(measured))
+            # a sample that is missing says nothing
+            columns.append(np.where(np.isfinite(measured), lost, 0.0))
         return np.stack(columns, axis=1)
 
 

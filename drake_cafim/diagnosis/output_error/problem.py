@@ -90,11 +90,11 @@ class NormalEquations:
 
     def left_out(self) -> Array:
         """(b,) ln mean squared error of each block by the numbers that the other blocks imply, to first order."""
-        H, g, found = self.information, self.gradient, []
+        g, found = self.gradient, []
         for b in np.unique(self.block):
             own = self.block == b
             J, e = self.J[own], self.errors[own]
-            without = H - self.weight * J.T @ J
+            without = self.weight * self.J[~own].T @ self.J[~own] + np.diag(self.precision)
             change = np.linalg.solve(without, g - self.weight * J.T @ e)
             found.append(np.log(max(float(np.mean((e - J @ change) ** 2)), 1e-30)))
         return np.array(found)

@@ -19,6 +19,7 @@ from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import ALARM_P_VALUE_CERTAIN, LEAST_PROBABILITY, MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
+from drake_cafim.numerics.computation import compute
 from drake_cafim.numerics.rounding import short
 
 
@@ -30,15 +31,14 @@ def judge_found(problem: SearchProblem, found: Found, settings: Settings, trace:
     more than noise and the simulations with them are as good.
     """
     alone = _at(problem, found.alone.model, found)
-    p_value = 2.0 * adequacy(problem, alone.residual, 0).p_value
+    p_value = min(1.0, 2.0 * adequacy(problem, alone.residual, 0).p_value)
     chance = _chance_of_errors(found, settings.adequacy_level, trace)
     withheld = _withheld(found, trace)
     explained = chance > settings.adequacy_level and not withheld
     if chance > ALARM_P_VALUE_CERTAIN and not withheld:
-        own, fitted = fit_given(problem, found.fitted.model)
-        nearly = explained and fitted.reduced_chi_square < MISFIT_REDUCED_CHI_SQUARE
-        holds = nearly or leaves_noise(own, fitted, settings.adequacy_level)
-        if holds and _predicts_as_well(found, fitted.model):
+        by_equations = compute(lambda: _by_equations(problem, found, explained, settings.adequacy_level))
+        if isinstance(by_equations, tuple):
+            own, fitted = by_equations
             outcome = Outcome(own, problem, alone, fitted, (fitted,), 1, (), p_value, found.probability)
             return Judgement(outcome, fitted, "explained", search=SEARCH, rivals=found.rivals, corrected=fitted)
     whole = _at(problem, found.fitted.model, found)
@@ -54,6 +54,16 @@ def judge_found(problem: SearchProblem, found: Found, settings: Settings, trace:
         std=found.uncertainty.of(best.model),
         corrected=whole,
     )
+
+
+def _by_equations(
+    problem: SearchProblem, found: Found, explained: bool, level: float
+) -> tuple[SearchProblem, Fit] | None:
+    """The fit to the equations of motion, where they hold with what was found and predict as well."""
+    own, fitted = fit_given(problem, found.fitted.model)
+    nearly = explained and fitted.reduced_chi_square < MISFIT_REDUCED_CHI_SQUARE
+    holds = nearly or leaves_noise(own, fitted, level)
+    return (own, fitted) if holds and _predicts_as_well(found, fitted.model) else None
 
 
 def _withheld(found: Found, trace: Trace) -> tuple[Effect, ...]:
