@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.optimize import minimize_scalar
 from scipy.signal import periodogram
 from scipy.signal.windows import hann
@@ -39,7 +40,11 @@ class Spectrum:
 
     @property
     def variance(self) -> float:
-        """That of each of `log_power`: 2.1/S, of the median of S exponentially distributed powers."""
+        """That of each of `log_power`: 2.1/S, of the median of S exponentially distributed powers.
+
+        Segments share half of their samples, yet of Hann's window their powers are correlated by 1/36 only (Welch, The
+        use of fast Fourier transform for the estimation of power spectra, 1967).
+        """
         return 2.1 / self.segments
 
     def between(self, lowest: float, highest: float) -> "Spectrum":
@@ -102,7 +107,7 @@ def _down_to_the_motion(seen: Spectrum, quiet: float, level: float, longest: flo
 
     There no first-order noise that agrees with all above has as much power, by `MOTION_IN_SPECTRUM_STDS` standard
     deviations. The power of a motion rises steeply towards low frequencies, and so shows within one or two of them; as
-    Hann's window mixes neighbours, the last one above is left out, too.
+    Hann's window mixes each with two on either side, the last two above are left out, too.
     """
     highest = 0.95 * np.pi
     fits = [_Fit.of(seen.between(quiet, highest), level, longest)]
@@ -110,7 +115,7 @@ def _down_to_the_motion(seen: Spectrum, quiet: float, level: float, longest: flo
         lower = _Fit.of(seen.between(0.999 * float(seen.phase[k]), highest), level, longest)
         worse = lower.misfit - fits[-1].misfit
         if lower.left[0] > 0.0 and worse > MOTION_IN_SPECTRUM_STDS**2:
-            return fits[max(len(fits) - 2, 0)].memory
+            return fits[max(len(fits) - MAIN_LOBE, 0)].memory
         fits.append(lower)
     return fits[-1].memory
 
@@ -166,9 +171,10 @@ def _quiet(step: float) -> float:
 
 
 def _segments(values: Array, samples: int) -> Array:
-    """(S, `samples`) successive segments of `values` (N,) without a gap."""
-    count = len(values) // samples
-    pieces = values[: count * samples].reshape(count, samples)
+    """(S, `samples`) the segments of `values` (N,) without a gap; each begins in the middle of the one before."""
+    if len(values) < samples:
+        return np.zeros((0, samples))
+    pieces = sliding_window_view(values, samples)[:: samples // 2]
     return pieces[np.all(np.isfinite(pieces), axis=1)]
 
 
