@@ -32,16 +32,10 @@ WIDE = 4.0
 """N m/rad, the prior's standard deviation of kp."""
 
 
-@pytest.fixture(scope="module")
-def light(tmp_path_factory: pytest.TempPathFactory) -> tuple[Prepared, Found]:
-    """A light axis without gravity, and what is found there."""
-    prepared = _prepared(tmp_path_factory.mktemp("light"), 2e-3, 0.0)
-    return prepared, _found(prepared)
-
-
-def test_a_light_axis_that_sticks_and_is_late(light: tuple[Prepared, Found]) -> None:
+def test_a_light_axis_that_sticks_and_is_late(tmp_path: Path) -> None:
     """Its equations are satisfied best by a stiffness of a tenth; the scale of all efforts is known to a sixth only."""
-    found = light[1]
+    prepared = _prepared(tmp_path, 2e-3, 0.0)
+    found = _found(prepared)
     late, friction = sorted(found.fitted.model.effects, key=lambda effect: effect.name)
     assert (late.name, friction.name) == ("command_delay", "joint_coulomb_friction")
     assert min(found.probability.values()) > 0.5
@@ -55,6 +49,7 @@ def test_a_light_axis_that_sticks_and_is_late(light: tuple[Prepared, Found]) -> 
     # the friction is as uncertain as the scale
     assert found.uncertainty.strengths[friction.key][0] / FRICTION > 0.5 * std[0] / KP
     assert found.error(found.fitted) < 0.1 * found.error(found.alone)
+    _check_that_rows_add_nothing(prepared, found)
 
 
 def test_the_verdict_names_what_simulations_show(tmp_path: Path) -> None:
@@ -147,8 +142,9 @@ def test_an_explanation_costs_more_with_each_strength_and_each_hypothesis(tmp_pa
     # a late command stands for the first two
     assert not names & {"actuator_delay", "actuator_lag", "payload"}
     assert all(at_joint(effect.at, "pan") for effect in own)
+    problem.errors_of(Model(prepared.scene.priors.mean))
     price = Moves(problem, (own,)).price(JointViscousFriction("pan"))
-    assert price == pytest.approx(np.log(problem.errors.windows) + 2.0 * np.log(len(own)))
+    assert price == pytest.approx(np.log(problem.errors.likelihood.independent[0]) + 2.0 * np.log(len(own)))
     assert Moves(problem, (own[:2],)).price(CommandDelay("pan")) < price
 
 
@@ -171,6 +167,23 @@ def _found(prepared: Prepared, most_effects: int = 1) -> Found:
     found = prepared.search_by_simulation(most_effects, lambda text: None, Trace())
     assert found is not None
     return found
+
+
+def _check_that_rows_add_nothing(prepared: Prepared, found: Found) -> None:
+    """The rows are the samples that were simulated, so that they add nothing to what these tell of the servo."""
+    known = prepared.with_servos_settled(found)
+    assert known.settled is not None and all(unknown.settled for unknown in known.settled.unknown)
+    # what is given stays
+    assert known.scene.priors.mean[0] == prepared.scene.priors.mean[0] == 8.0
+    settled = np.array([unknown.prior.std for unknown in known.settled.unknown])
+    problem = known.problem()
+    assert problem.scene.priors.mean[0] == known.settled.unknown[0].prior.mean
+    best = unbiased_fit(problem, problem.nominal())
+    # as further data the rows would leave a part of it only
+    assert np.all(best.std[:2] < 0.7 * settled)
+    std = standard_deviations(problem, best, 1.0)
+    assert np.all(std[:2] > 0.99 * settled) and np.all(std[:2] < 1.01 * settled)
+    assert np.all(unknowns_std(problem.scene, best) > 0.99 * settled)
 
 
 def _prepared(
@@ -225,24 +238,6 @@ def _recorded(
     noise: Array = random.normal(size=(2, samples))
     columns = {"q.pan": positions + 3e-4 * noise[0], "v.pan": velocities + 1e-2 * noise[1], "cmd.pan": command}
     return Recording(f"pan {seed}", time, columns)
-
-
-def test_what_simulations_settled_is_not_known_better_by_the_same_recordings(light: tuple[Prepared, Found]) -> None:
-    """The rows are the samples that were simulated, so that they add nothing to what these tell of the servo."""
-    prepared, found = light
-    known = prepared.with_servos_settled(found)
-    assert known.settled is not None and all(unknown.settled for unknown in known.settled.unknown)
-    # what is given stays
-    assert known.scene.priors.mean[0] == prepared.scene.priors.mean[0] == 8.0
-    settled = np.array([unknown.prior.std for unknown in known.settled.unknown])
-    problem = known.problem()
-    assert problem.scene.priors.mean[0] == known.settled.unknown[0].prior.mean
-    best = unbiased_fit(problem, problem.nominal())
-    # as further data the rows would leave a part of it only
-    assert np.all(best.std[:2] < 0.7 * settled)
-    std = standard_deviations(problem, best, 1.0)
-    assert np.all(std[:2] > 0.99 * settled) and np.all(std[:2] < 1.01 * settled)
-    assert np.all(unknowns_std(problem.scene, best) > 0.99 * settled)
 
 
 def test_what_depends_on_settled_values_is_as_uncertain_as_they_are() -> None:

@@ -51,8 +51,8 @@ def diagnose_command(
 ) -> dict[str, Any]:
     """The report, written into `out` with its page, the corrected scenario, and replay and MCAP files if wanted.
 
-    Recordings that take more than `memory` bytes to diagnose at once are diagnosed in parts, by `jobs` processes, see
-    `diagnosis.long`.
+    Recordings that take more than `memory` bytes to diagnose at once are diagnosed in parts, see `diagnosis.long`.
+    `jobs` processes look at parts and simulate position servos.
 
     With `cuts` the recordings are also cut and each cut is diagnosed, see `diagnosis.search.cuts`. With `resume`, a
     finished diagnosis by the same command is read from `out` instead of being repeated, and one in parts goes on where
@@ -81,7 +81,8 @@ def diagnose_command(
             verdict, outcome, train, held = found.verdict, found.outcome, list(found.searched), list(found.held_out)
         else:
             train, held = inputs
-            verdict, outcome = examine(scene, train, held_out=held, settings=levels.settings(), progress=progress)
+            settings = replace(levels.settings(), jobs=jobs)
+            verdict, outcome = examine(scene, train, held_out=held, settings=settings, progress=progress)
     if cuts and isinstance(inputs, LongInputs):
         verdict = replace(verdict, notes=(*verdict.notes, UNCUT))
     elif cuts:

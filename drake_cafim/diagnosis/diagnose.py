@@ -111,7 +111,11 @@ def judge_prepared(
         settings = replace(settings, most_effects=0)
         trace.add(*map(record_data_mistake, prepared.mistakes))
     notes: tuple[str, ...] = ()
-    found = compute(lambda: prepared.search_by_simulation(settings.most_effects, progress, trace.of_search(SIMULATED)))
+    found = compute(
+        lambda: prepared.search_by_simulation(
+            settings.most_effects, progress, trace.of_search(SIMULATED), settings.jobs
+        )
+    )
     if isinstance(found, NotComputable):
         notes = (f"a fit of the servos' unknowns to simulations cannot be computed: {found.reason}",)
     elif found is not None and settings.most_effects and found.fitted.model.effects:

@@ -85,7 +85,9 @@ class PreparedRecordings(Protocol):
         """The same recordings with the noise estimated again under `model`; None where it has hardly changed."""
         ...
 
-    def search_by_simulation(self, most_effects: int, progress: Callable[[str], None], trace: Trace) -> Found | None:
+    def search_by_simulation(
+        self, most_effects: int, progress: Callable[[str], None], trace: Trace, jobs: int = 1
+    ) -> Found | None:
         """What joints lack that servos with unknown parameters drive, by simulations; None where that is not needed."""
         ...
 
@@ -211,7 +213,9 @@ class Prepared:
         """The scene whose priors a search uses."""
         return self.settled or self.scene
 
-    def search_by_simulation(self, most_effects: int, progress: Callable[[str], None], trace: Trace) -> Found | None:
+    def search_by_simulation(
+        self, most_effects: int, progress: Callable[[str], None], trace: Trace, jobs: int = 1
+    ) -> Found | None:
         """What joints lack that servos with unknown parameters drive, by simulations from their commands.
 
         None where no servo has unknowns, where the equations of motion are satisfied to noise, and where fewer than two
@@ -230,7 +234,7 @@ class Prepared:
         errors = OutputErrors(driven, joints)
         if errors.windows < 2:
             return None
-        by_simulation = OutputErrorProblem(self.scene, errors)
+        by_simulation = OutputErrorProblem(self.scene, errors, jobs=jobs)
         return Search(by_simulation, trace, progress).run(most_effects)
 
     def with_servos_settled(self, found: Found) -> "Prepared":

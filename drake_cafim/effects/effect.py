@@ -310,6 +310,12 @@ class Effect(ABC):
                 if shape.grid and shape.grid[0] <= scaled <= shape.grid[-1]:
                     yield type(self)(self.at, {**self.values, shape.name: scaled})
 
+    @property
+    def is_absent(self) -> bool:
+        """Whether a strength without which the effect does nothing is at the bound where it is absent."""
+        lasting = (s for s in self.strengths if s.amplitude and not s.inverse)
+        return any(self.values[s.name] == s.nominal == s.lower for s in lasting)
+
     def vanishing(self) -> tuple[Array, Array]:
         """Coordinates (c,) that are all zero only where the effect is absent, and their Jacobian (c, k) in the
         strengths.

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.typing import Array
+from drake_cafim.numerics.compiled import compiled
+from drake_cafim.typing import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -40,23 +41,12 @@ class Servo:
 
         `gain` (N,) is the value of the column that kp is a multiple of, `supply` (N,) the supply over its nominal.
         """
-        stiffness = self.stiffness * gain * supply
-        error = command - q
-        beyond = error - np.clip(error, -self.dead_band, self.dead_band)
-        asked = stiffness * beyond
-        limit = self.limit * supply if np.isfinite(self.limit) else np.full_like(asked, np.inf)
-        term = np.clip(asked, -limit, limit)
-        by_error = np.where((np.abs(error) > self.dead_band) & (np.abs(asked) < limit), stiffness, 0.0)
-        value, by_term = term - self.damping * v, np.ones_like(term)
-        by_v = np.full_like(term, -self.damping)
-        if self.sag > 0.0 and np.isfinite(self.limit):
-            # T and the effort of one sign: E (1 + sag T²/limit) = T − kv v; of opposite signs the effort brakes
-            same = np.sign(term) * np.sign(value)
-            loss = same * self.sag * term**2 / limit
-            share = 1.0 / np.maximum(1.0 + loss, LEAST_SHARE)
-            by_term = share - value * share**2 * 2.0 * same * self.sag * term / limit
-            value, by_v = value * share, by_v * share
-        return ServoEffort(value, -by_error * by_term, by_v, by_error * by_term)
+        shape = np.broadcast_shapes(np.shape(command), np.shape(q), np.shape(v))
+        own = np.array([self.stiffness, self.damping, self.limit, self.dead_band, self.sag])
+        samples = (
+            np.ascontiguousarray(np.broadcast_to(it, shape), dtype=float) for it in (command, q, v, gain, supply)
+        )
+        return ServoEffort(*servo_efforts(own, *samples))
 
     def effort_by(
         self, parameter: str, command: Array, q: Array, v: Array, gain: Array | float = 1.0, supply: Array | float = 1.0
@@ -81,3 +71,57 @@ class ServoEffort:
     d_q: Array
     d_v: Array
     d_command: Array
+
+
+@compiled
+def _law(numbers: Array, error: float, v: float, gain: float, supply: float) -> tuple[float, float, float]:
+    """The effort of `Servo` at an error cmd − q, and its derivatives by error and v.
+
+    `numbers` are the stiffness, damping, limit, dead band and sag.
+    """
+    stiffness, damping, limit, dead_band, sag = numbers
+    kp, most = stiffness * gain * supply, limit * supply
+    asked = kp * (error - min(max(error, -dead_band), dead_band))
+    term = min(max(asked, -most), most)
+    by_error = kp if abs(error) > dead_band and abs(asked) < most else 0.0
+    value, by_v = term - damping * v, -damping
+    if sag > 0.0 and 0.0 < most < np.inf:
+        # T and the effort of one sign: E (1 + sag T²/limit) = T − kv v; of opposite signs the effort brakes
+        same = np.sign(term) * np.sign(value)
+        share = 1.0 / max(1.0 + same * sag * term**2 / most, LEAST_SHARE)
+        by_error *= share - value * share**2 * 2.0 * same * sag * term / most
+        value, by_v = value * share, by_v * share
+    return value, by_error, by_v
+
+
+@compiled
+def servo_efforts(
+    numbers: Array, command: Array, q: Array, v: Array, gain: Array, supply: Array
+) -> tuple[Array, Array, Array, Array]:
+    """The fields (N,) of `ServoEffort` by a servo's `numbers` (5,) at samples (N,)."""
+    value, d_q, d_v, d_command = np.empty_like(q), np.empty_like(q), np.empty_like(q), np.empty_like(q)
+    for i in range(len(q)):
+        value[i], d_command[i], d_v[i] = _law(numbers, command[i] - q[i], v[i], gain[i], supply[i])
+        d_q[i] = -d_command[i]
+    return value, d_q, d_v, d_command
+
+
+@compiled
+def drive_servos(
+    joints: Indices, numbers: Array, on: Array, command: Array, gain: Array, supply: Array, scale: Array, offset: Array,
+    q: Array, v: Array, effort: Array, duration: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """The efforts (B, n) with those of m servos at `joints` (m,), of `numbers` (m, 5), and their slope in v.
+
+    All else but `duration` (B,) is (B, n); encoders read `scale` q + `offset`. A step moves q by ½ h v within its first
+    half, so that the slope in q enters that in v times ½ h.
+    """
+    total, slope = effort.copy(), np.zeros_like(effort)
+    for i in range(len(q)):
+        for k in range(len(joints)):
+            j = joints[k]
+            error = command[i, j] - scale[i, j] * q[i, j] - offset[i, j]
+            value, by_error, by_v = _law(numbers[k], error, v[i, j], gain[i, j], supply[i, j])
+            total[i, j] += on[i, j] * value
+            slope[i, j] = on[i, j] * (by_v - 0.5 * duration[i] * scale[i, j] * by_error)
+    return total, slope

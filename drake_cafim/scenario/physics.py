@@ -53,7 +53,7 @@ class Physics:
     """The position servos as the scenario states them; `servo_at` includes their effects."""
     servo_effects: tuple[ServoEffect, ...] = ()
 
-    @property
+    @cached_property
     def rotor_inertias(self) -> Array:
         """Reflected rotor inertia of each joint (n,), with those of joints that follow it, kg m² or kg."""
         return np.array([joint.rotor_inertia for joint in self.tree.moving]) @ self.tree.following[0] ** 2
@@ -86,6 +86,14 @@ class Physics:
                 servo = effect.of(servo)
         return servo
 
+    @cached_property
+    def servo_numbers(self) -> tuple[Indices, Array]:
+        """The joints (m,) that servos drive, and (m, 5) the numbers of these, as `drive_servos` takes them."""
+        servos = [self.servo_at(servo.joint) for servo in self.servos]
+        joints = np.array([self.tree.joint_index(own.joint) for own in servos], dtype=np.int64)
+        numbers = [(own.stiffness, own.damping, own.limit, own.dead_band, own.sag) for own in servos]
+        return joints, np.array(numbers, dtype=float).reshape(-1, 5)
+
     @property
     def depends_on_load(self) -> bool:
         """Whether a joint's force depends on the load from outside."""
@@ -99,7 +107,7 @@ class Physics:
             load = load + resting.project(self.contact_wrenches(resting, memory))
         return np.asarray(load, dtype=float)
 
-    @property
+    @cached_property
     def dampings(self) -> Array:
         """Viscous damping of each joint (n,), with that of joints that follow it, N m s/rad or N s/m."""
         return np.array([joint.damping for joint in self.tree.moving]) @ self.tree.following[0] ** 2

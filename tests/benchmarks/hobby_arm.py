@@ -52,7 +52,7 @@ def main() -> None:
     prepared = prepare(scene, own, others)
     assert isinstance(prepared, Prepared)
     joints = servos_with_unknowns(prepared.scene, prepared.weak)
-    problem = OutputErrorProblem(prepared.scene, OutputErrors(tuple(prepared.weak), joints))
+    problem = OutputErrorProblem(prepared.scene, OutputErrors(tuple(prepared.weak), joints), jobs=-1)
     found = Search(problem, Trace(), print).run()
     print("| model | " + " | ".join(joints) + " |\n|---|" + "---|" * len(joints))
     for name, fitted in (("servos fitted alone", found.alone), ("with what was found", found.fitted)):

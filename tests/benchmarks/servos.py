@@ -93,7 +93,7 @@ def main() -> int:
             began = time.monotonic()
             scene = scene_of(folder, scale, Path(scratch))
             train, test = read(folder, split), read(folder, [name for name in TRAJECTORIES if name not in split])
-            settings = Settings(most_effects=0) if given.stated else None
+            settings = Settings(most_effects=0) if given.stated else Settings(jobs=-1)
             verdict, _ = examine(scene, train, settings=settings)
             corrected = verdict.corrected
             named = ", ".join(str(item.sentence) for item in verdict.explanation) or "nothing"

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 
@@ -17,7 +18,7 @@ FAR = 3.0
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect at the values of first order, the `gain` W ln(Σ e²/Σ e'²) by it, and the `excess` over its price."""
+    """An effect at the values of first order, the `gain` by which −2 ln p falls, and the `excess` over its price."""
 
     effect: Effect
     gain: float
@@ -47,11 +48,15 @@ def screen(
         error, J, best, first = base.errors[:, j], slopes[j], dict[str, Candidate](), 0
         Q = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-30))[0] if J.shape[1] else J
         rest = error - Q @ (Q.T @ error)
+
+        def cost(left: Array, j: int = j) -> float:
+            return problem.errors.likelihood.cost(left, j)
+
         for start in own:
             stop = first + len(start.parts)
             D = changes[j][:, first:stop] / np.array(start.sizes)
             first = stop
-            candidate = _candidate(start, error, D - Q @ (Q.T @ D), rest, problem.errors.windows, price)
+            candidate = _candidate(start, D - Q @ (Q.T @ D), rest, cost, price)
             if candidate is not None and candidate.excess > getattr(best.get(candidate.effect.name), "excess", -np.inf):
                 best[candidate.effect.name] = candidate
         found.append(sorted(best.values(), key=lambda found: -found.excess))
@@ -61,9 +66,10 @@ def screen(
 def _changes(problem: OutputErrorProblem, base: SimulationFit, parts: Sequence[Sequence[Effect]]) -> list[Array]:
     """By joint (S, p), the changes of its errors by each of its parts."""
     changes = [np.zeros((len(base.errors), len(own))) for own in parts]
-    for k in range(max(map(len, parts), default=0)):
-        together = [own[k] for own in parts if k < len(own)]
-        change = problem.errors_of(base.model.with_effects(together)) - base.errors
+    together = [[part for part in row if part is not None] for row in zip_longest(*parts)]
+    simulated = problem.for_each(lambda own: problem.errors_of(base.model.with_effects(own)), together)
+    for k, errors in enumerate(simulated):
+        change = errors - base.errors
         for j, own in enumerate(parts):
             if k < len(own):
                 changes[j][:, k] = change[:, j]
@@ -71,7 +77,7 @@ def _changes(problem: OutputErrorProblem, base: SimulationFit, parts: Sequence[S
 
 
 def _candidate(
-    start: Start, error: Array, D: Array, rest: Array, windows: int, price: Callable[[Effect], float]
+    start: Start, D: Array, rest: Array, cost: Callable[[Array], float], price: Callable[[Effect], float]
 ) -> Candidate | None:
     """The effect at the best coefficients; with one part alone where those of all are implausible."""
     best: Candidate | None = None
@@ -88,7 +94,7 @@ def _candidate(
         if effect is None or not effect.plausible():
             continue
         left = rest + own @ c
-        gain = windows * float(np.log(max(rest @ rest, 1e-300) / max(left @ left, 1e-300)))
+        gain = cost(rest) - cost(left)
         if best is None or gain - price(effect) > best.excess:
             best = Candidate(effect, gain, gain - price(effect))
     return best

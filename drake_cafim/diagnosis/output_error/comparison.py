@@ -1,21 +1,26 @@
 """Compares the laws that were found with others that act alike: the probability of each, and its rivals."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.output_error import decisions
 from drake_cafim.diagnosis.output_error.candidates import screen
+from drake_cafim.diagnosis.output_error.errors import OutputErrors
 from drake_cafim.diagnosis.output_error.moves import Move, Moves, with_values_of
-from drake_cafim.diagnosis.output_error.problem import SimulationFit, at_joint
+from drake_cafim.diagnosis.output_error.problem import REFIT_STEPS, SimulationFit, at_joint
+from drake_cafim.diagnosis.output_error.shapes import fit_shapes
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
+from drake_cafim.typing import Array
 
-REFIT_STEPS = 4
-"""Most steps of the fit of a law in the place of another one."""
-FAR, NEAR = 40.0, 15.0
-"""Excess of the criterion beyond which a law is no rival, and below which two are compared in fine steps."""
+FAR = 40.0
+"""Excess of the criterion beyond which a law is no rival, to first order."""
+NEAR = 1.0
+"""Difference of the logarithms of two laws' mean squared errors below which they are compared in fine steps."""
 MOST_REPLACED = 2
 """Most laws of a joint that others take the place of."""
 
@@ -31,6 +36,7 @@ class Comparison:
     trace: Trace
     probability: dict[Key, float] = field(default_factory=dict)
     rivals: dict[Key, float] = field(default_factory=dict)
+    _latest: tuple[SimulationFit, tuple[OutputErrors, SimulationFit]] | None = None
 
     def of(self, best: SimulationFit) -> SimulationFit:
         """`best`, or the fit with laws that cost less in the place of its own, these compared as well."""
@@ -65,27 +71,44 @@ class Comparison:
         ]
         slopes = best.slopes_without(dropped)
         looks = screen(self.moves.problem, base, slopes, tried, self.moves.price, best.model)
-        costs, fine = self.moves.costs(best), self.moves.problem.fine_costs(best)
-        leads: list[list[Lead]] = [[] for _ in asked]
-        for n in range(max(map(len, looks), default=0)):
-            # a law that is far worse to first order would show at the other joints
-            moves = [
-                ((effect,), found[n].effect)
-                if effect is not None and n < len(found) and found[n].excess > found[0].excess - FAR
-                else None
-                for effect, found in zip(asked, looks, strict=True)
-            ]
-            if not any(moves):
-                break
-            trial = self.moves.problem.fit(self.moves.chord(best, moves).model, steps=REFIT_STEPS)
+        costs, leads = self.moves.costs(best), [list[Lead]() for _ in asked]
+        finely = self._finely(best)
+        # a law that is far worse to first order would show at the other joints
+        near: list[list[Move]] = [
+            [((effect,), look.effect) for look in own if effect is not None and look.excess > own[0].excess - FAR]
+            for effect, own in zip(asked, looks, strict=True)
+        ]
+
+        def compared(moves: Sequence[Move | None]) -> tuple[SimulationFit, Array]:
+            problem = self.moves.problem
+            trial = problem.fit(self.moves.chord(best, moves).model, steps=REFIT_STEPS)
             apart = self.moves.costs(trial) - costs
-            if np.any(np.abs(apart[[j for j, move in enumerate(moves) if move is not None]]) < NEAR):
-                finely = self.moves.problem.fine_costs(trial) - trial.costs - (fine - best.costs)
-                apart = np.where(np.abs(apart) < NEAR, apart + finely, apart)
+            near = np.abs(apart) < NEAR * problem.errors.likelihood.independent
+            if any(close and move is not None for close, move in zip(near, moves, strict=True)):
+                errors, fine = finely
+                with problem.simulating(errors):
+                    among = [move[1].key for move in moves if move is not None]
+                    again = fit_shapes(problem, problem.fit_again(trial), among=among)
+                    apart = np.where(near, self.moves.costs(again) - self.moves.costs(fine), apart)
+            return trial, apart
+
+        rounds = list(zip_longest(*near))
+        for moves, (trial, apart) in zip(rounds, self.moves.problem.for_each(compared, rounds), strict=True):
             for j, move in enumerate(moves):
                 if move is not None:
                     leads[j].append((float(apart[j]), with_values_of(trial.model, move[1])))
         return leads
+
+    def _finely(self, best: SimulationFit) -> tuple[OutputErrors, SimulationFit]:
+        """`best` fitted in fine steps, and its errors by these."""
+        if self._latest is None or self._latest[0] is not best:
+            problem, errors = self.moves.problem, self.moves.problem.errors.finely()
+            with problem.simulating(errors):
+                self._latest = (
+                    best,
+                    (errors, problem.counted(fit_shapes(problem, problem.fit_again(best)))),
+                )
+        return self._latest[1]
 
     def _record(self, effect: Effect, leads: list[Lead]) -> None:
         """The probabilities of an effect and of the laws in its place.

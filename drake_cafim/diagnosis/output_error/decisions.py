@@ -9,7 +9,7 @@ from drake_cafim.numerics.rounding import short
 
 SEARCH = "simulations"
 """The name of this search in the trace."""
-CRITERION = "W ln of the mean squared error of simulations over a second, plus a cost for each parameter"
+CRITERION = "N ln of the mean squared error of N independent simulations, plus a cost for each parameter"
 
 
 def record_screening(joint: str, found: Sequence[Candidate], tried: int) -> list[Record]:
@@ -30,7 +30,7 @@ def record_trial(key: Key, replaced: Sequence[Key], lowered: float, worse: float
     instead = f" in the place of {' and '.join(spoken(name_of(other)) for other in replaced)}" if replaced else ""
     words = (
         f"{spoken(name_of(key))}{instead} lowers {CRITERION}, by {short(lowered)}; errors of blocks that are left out "
-        f"change by {short(worse)} ± {short(error)} in ln of their mean square, which may rise by a standard error: "
+        f"change by {short(worse)} ± {short(error)} in ln of their mean square, which may not rise: "
         f"{'admitted' if passed else 'not admitted'}"
     )
     return Record("admit", name_of(key), lowered, 0.0, passed, words, "decrease of the criterion")

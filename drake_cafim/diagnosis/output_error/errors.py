@@ -1,11 +1,13 @@
 """Errors of positions that a model predicts over a second from the commands of its servos (output errors)."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
 
+from drake_cafim.diagnosis.output_error.likelihood import TINY, ErrorLikelihood
 from drake_cafim.diagnosis.predict.forecast import HORIZON, Forecast, simulated_courses, window_starts
 from drake_cafim.diagnosis.predict.initial_state import state_at
 from drake_cafim.diagnosis.predict.stepper import LONGEST_STEP
@@ -22,10 +24,8 @@ MOST_SAMPLES = 30_000
 """Most samples of all joints in these windows."""
 BLOCKS = 4
 """Blocks of a recording whose errors count as independent of each other."""
-FINE_STEP = 5e-4
-"""s: steps of the last fit, and of what is nearly as good as another. Those of a search bias friction."""
-TINY = 1e-30
-"""rad² (m²): least mean squared error, of a joint that does not move."""
+FINE_STEP, FINEST_STEP = 5e-4, 2.5e-4
+"""s: steps of what is nearly as good as another, and the shortest of the last fit. Those of a search bias friction."""
 
 
 def servos_with_unknowns(scene: Scene, forms: Sequence[WeakForm]) -> tuple[str, ...]:
@@ -42,7 +42,8 @@ def servos_with_unknowns(scene: Scene, forms: Sequence[WeakForm]) -> tuple[str, 
 class OutputErrors:
     """Errors (S, c) of the simulated positions of c `joints` at all samples of the windows, rad or m.
 
-    `windows` is their number W and `block` (S,) the block of a recording that a sample is in, numbered through.
+    `windows` is their number and `block` (S,) the block of a recording that a sample is in, numbered through; in their
+    `likelihood` there is one independent error in each window until they are counted.
     """
 
     forms: tuple[WeakForm, ...]
@@ -60,6 +61,7 @@ class OutputErrors:
         self.windows = sum(map(len, self._starts))
         self.block = np.zeros(0, dtype=np.int64)
         self.window = np.zeros(0, dtype=np.int64)
+        self.likelihood = ErrorLikelihood(np.full(len(self.joints), float(self.windows)))
         self._basis: Array | None = None
         self._states: dict[tuple[int, int], tuple[Array, Array, Array]] = {}
 
@@ -90,6 +92,32 @@ class OutputErrors:
                 by_state[own, j] = 0.0
                 by_state[own, j, : Q.shape[1]] = Q
         self._basis = by_state
+
+    def finely(self) -> "OutputErrors":
+        """The same errors, simulated in fine steps and counted apart."""
+        fine = copy(self)
+        fine.longest_step = FINE_STEP
+        return fine
+
+    def most_finely(self, physics: Physics) -> "OutputErrors":
+        """The same errors in steps so fine that half of them would change −2 ln p by less than one."""
+        fine = self.finely()
+        found = fine.of(physics)
+        fine.count(found)
+        while fine.longest_step > FINEST_STEP:
+            half = copy(fine)
+            half.longest_step = 0.5 * fine.longest_step
+            after = half.of(physics)
+            change, weight = np.sum((after - found) ** 2, axis=0), fine.likelihood.weight
+            if all(weight(found[:, j], j) * change[j] < 1.0 for j in range(len(self.joints))):
+                break
+            fine, found = half, after
+            fine.count(found)
+        return fine
+
+    def count(self, found: Array) -> None:
+        """The likelihood is that of errors as independent as `found` (S, c) from now on."""
+        self.likelihood = ErrorLikelihood.of(found, self.window)
 
     def _simulated(self, physics: Physics, doubt: int | None = None) -> Array:
         """Errors (S, c), with the first states off by a column `doubt` of a root of their covariance."""

@@ -33,13 +33,12 @@ class Moves:
         return np.asarray(found.costs + np.array(prices), dtype=float)
 
     def price(self, effect: Effect) -> float:
-        """k ln W + 2 ln H of an effect, and −2 ln of its prior odds."""
-        joint = effect.at.removeprefix("q.")
-        windows = max(self.problem.errors.windows, 2)
+        """k ln N + 2 ln H of an effect, and −2 ln of its prior odds."""
+        joint = self.problem.joints.index(effect.at.removeprefix("q."))
         return (
             effect.surprise
-            + len(effect.strengths) * float(np.log(windows))
-            + 2.0 * float(np.log(len(self.hypotheses[self.problem.joints.index(joint)])))
+            + len(effect.strengths) * float(np.log(max(self.problem.errors.likelihood.independent[joint], 2.0)))
+            + 2.0 * float(np.log(len(self.hypotheses[joint])))
         )
 
     def model_without(self, model: Model, effects: Sequence[Effect]) -> Model:

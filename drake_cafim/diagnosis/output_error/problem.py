@@ -4,29 +4,35 @@ The equations of a joint that a servo drives, kp (cmd − q) − kv v + … = 0,
 inertia nor gravity fixes their scale. Where physics is missing, a stiffness of nearly zero then satisfies them best.
 The error of a simulation over a second has no such scale (Ljung, System Identification, 1999, §4.3). Of each joint j,
 
-    −2 ln p_j = W ln mean (q_j − q̂_j)² + Σ (x − μ)²/σ²
+    −2 ln p_j = −2 ln p(q_j − q̂_j) + Σ (x − μ)²/σ²,
 
-is minimised over its numbers x: the unknowns of its servo and its encoder, and the strengths of effects there. W is the
-number of windows: the errors within one, which are correlated, count as one observation of unknown size.
+with the likelihood of `ErrorLikelihood`, is minimised over its numbers x: the unknowns of its servo and its encoder,
+and the strengths of effects there.
 
 What moves another joint hardly moves this one, so that each joint has its own Jacobian, and one number of every joint
 is moved in one simulation.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import zip_longest
+from typing import TypeVar
 
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.output_error.errors import FINE_STEP, OutputErrors
+from drake_cafim.diagnosis.output_error.errors import OutputErrors
 from drake_cafim.effects.effect import Effect
+from drake_cafim.parallel.forked import map_forked
 from drake_cafim.scenario.servos import SERVO_PARAMETERS
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 MOST_STEPS = 12
 """Most Gauss-Newton steps."""
+REFIT_STEPS = 4
+"""Most steps of a fit that begins near its end."""
 LEAST_DECREASE = 1.0
 """Decrease of −2 ln p of every joint by a step below which a fit ends: it then moves no number by more than its std."""
 RELATIVE_STEP = 0.02
@@ -37,6 +43,8 @@ WIDE = 10.0
 """Prior standard deviation of a strength, over its size: so wide that it keeps apart only what recordings do not."""
 
 Names = tuple[str, ...]
+T = TypeVar("T")
+U = TypeVar("U")
 
 
 @dataclass(frozen=True)
@@ -47,7 +55,7 @@ class NormalEquations:
     errors: Array
     block: np.ndarray[tuple[int], np.dtype[np.int64]]
     weight: float
-    """What a squared error counts, W/Σ e²."""
+    """What a squared error counts."""
     precision: Array
     """(m,) σ⁻² of the priors."""
     from_mean: Array
@@ -127,11 +135,15 @@ def number_name(effect: Effect, strength: str) -> str:
 
 @dataclass
 class OutputErrorProblem:
-    """Fits of a scene's models to output errors. `sizes` are those of effects' strengths, by name of the number."""
+    """Fits of a scene's models to output errors, by `jobs` processes.
+
+    `sizes` are those of effects' strengths, by name of the number.
+    """
 
     scene: Scene
     errors: OutputErrors
     sizes: dict[str, float] = field(default_factory=dict)
+    jobs: int = 1
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -142,17 +154,34 @@ class OutputErrorProblem:
         """Errors (S, c) by a model."""
         return self.errors.of(model.physics(self.scene))
 
-    def fine_costs(self, fitted: SimulationFit) -> Array:
-        """(c,) −2 ln p of each joint by a fit, simulated in fine steps; the prior as in its coarse ones."""
-        usual, self.errors.longest_step = self.errors.longest_step, FINE_STEP
-        fine = self.errors.mean_squares(self.errors_of(fitted.model))
-        self.errors.longest_step = usual
-        coarse = self.errors.mean_squares(fitted.errors)
-        return np.asarray(fitted.costs + self.errors.windows * np.log(fine / coarse), dtype=float)
+    def for_each(self, function: Callable[[T], U], items: Sequence[T]) -> list[U]:
+        """The function's result of each item, by copies of this process: what it changes in memory may be lost."""
+        if len(items) < 2:
+            return list(map(function, items))
+        # a copy makes no copies
+        jobs, self.jobs = self.jobs, 1
+        try:
+            return list(map_forked(lambda k: function(items[k]), len(items), jobs))
+        finally:
+            self.jobs = jobs
+
+    @contextmanager
+    def simulating(self, errors: OutputErrors) -> Iterator[None]:
+        """Within it, models are simulated as these `errors` are."""
+        usual, self.errors = self.errors, errors
+        try:
+            yield
+        finally:
+            self.errors = usual
 
     def forget_first_states(self, model: Model) -> None:
         """From now on, errors are without what the windows' first states can explain by a model."""
         self.errors.forgetting(model.physics(self.scene))
+
+    def counted(self, fitted: SimulationFit) -> SimulationFit:
+        """The fit with its costs by the number of independent errors that it leaves, as all costs from now on."""
+        self.errors.count(fitted.errors)
+        return self.fit(fitted.model, fitted.slopes_without(()), steps=0)
 
     def sized(self, effect: Effect) -> Effect:
         """The effect; its values are the sizes of its strengths from now on."""
@@ -185,48 +214,53 @@ class OutputErrorProblem:
 
         With `slopes` (S, m) of each joint these stay as they are (the chord method): a step then takes one simulation.
         """
-        lower, upper = self._bounds(model)
-        mean, std = self._priors(model)
-        numbers = self.numbers(model)
+        numbers, priors = self.numbers(model), self._priors(model)
         indices = [np.array(list(own.values()), dtype=np.int64) for own in numbers]
-
-        def costs(found: Array, vector: Array) -> Array:
-            prior = [float(np.sum(((vector[own] - mean[own]) / std[own]) ** 2)) for own in indices]
-            return np.asarray(
-                self.errors.windows * np.log(self.errors.mean_squares(found)) + np.array(prior), dtype=float
-            )
-
-        vector = np.clip(model.vector, lower, upper)
-        found = self.errors_of(model.at(vector))
-        here = costs(found, vector)
+        found, vector = self.simulated_within_bounds(model, model.vector)
+        here = self.costs(found, model, vector)
         J = slopes or self._slopes(model.at(vector), found, indices)
         damping = np.full(len(indices), 1e-2)
         for _ in range(steps):
-            systems = self._systems(J, found, vector, indices, (mean, std))
+            systems = self._systems(J, found, vector, indices, priors)
             taken = None
             while taken is None and np.any(damping < MOST_DAMPING):
                 trial = vector.copy()
                 for own, system, own_damping in zip(indices, systems, damping, strict=True):
                     trial[own] -= system.step(own_damping)
-                trial = np.clip(trial, lower, upper)
-                after = self.errors_of(model.at(trial))
+                after, trial = self.simulated_within_bounds(model, trial)
                 # a joint whose own error grows stays where it is
-                worse = costs(after, trial) >= here
+                worse = self.costs(after, model, trial) >= here
                 for own in (own for own, stays in zip(indices, worse, strict=True) if stays):
                     trial[own] = vector[own]
                 if np.any(worse) and not np.all(worse):
                     after = self.errors_of(model.at(trial))
-                taken = (trial, after) if np.sum(costs(after, trial)) < np.sum(here) else None
+                taken = (trial, after) if np.sum(self.costs(after, model, trial)) < np.sum(here) else None
                 damping = np.where(worse | (taken is None), damping * 10.0, np.maximum(damping / 10.0, 1e-4))
             if taken is None:
                 break
             before, (vector, found) = here, taken
-            here = costs(found, vector)
+            here = self.costs(found, model, vector)
             if np.all(before - here < LEAST_DECREASE):
                 break
             J = slopes or self._slopes(model.at(vector), found, indices)
-        systems = self._systems(J, found, vector, indices, (mean, std))
+        systems = self._systems(J, found, vector, indices, priors)
         return SimulationFit(model.at(vector), found, tuple(tuple(own) for own in numbers), tuple(systems), here)
+
+    def simulated_within_bounds(self, model: Model, vector: Array) -> tuple[Array, Array]:
+        """The errors (S, c) of a model with the numbers `vector` (n + k,), and these, each within its bounds."""
+        vector = np.clip(vector, *self._bounds(model))
+        return self.errors_of(model.at(vector)), vector
+
+    def costs(self, errors: Array, model: Model, vector: Array) -> Array:
+        """(c,) −2 ln p of each joint, its priors included, with errors (S, c) at the numbers `vector` (n + k,)."""
+        mean, std = self._priors(model)
+        own = [np.array(list(numbers.values()), dtype=np.int64) for numbers in self.numbers(model)]
+        prior = [float(np.sum(((vector[at] - mean[at]) / std[at]) ** 2)) for at in own]
+        return np.asarray(self.errors.likelihood.costs(errors) + np.array(prior), dtype=float)
+
+    def fit_again(self, fitted: SimulationFit) -> SimulationFit:
+        """The fit of errors that are simulated otherwise, under its own slopes."""
+        return self.fit(fitted.model, fitted.slopes_without(()), REFIT_STEPS)
 
     def slopes_of(self, model: Model, found: Array, effects: Sequence[Effect]) -> list[Array]:
         """By joint (S, k), the derivatives of its errors by the strengths of these `effects` of the model alone."""
@@ -246,12 +280,15 @@ class OutputErrorProblem:
         step = RELATIVE_STEP * np.maximum(np.abs(vector), self._sizes(model))
         step = np.where(vector + step > upper, -step, step)
         slopes = [np.zeros((len(found), len(own))) for own in indices]
-        for k in range(max(map(len, indices), default=0)):
-            at = [own[k] for own in indices if k < len(own)]
+        trials = []
+        for row in zip_longest(*indices):
+            at = [i for i in row if i is not None]
             beside = vector.copy()
             beside[at] += step[at]
-            beside = np.clip(beside, lower, upper)
-            change = self.errors_of(model.at(beside)) - found
+            trials.append(np.clip(beside, lower, upper))
+        simulated = self.for_each(lambda beside: self.errors_of(model.at(beside)), trials)
+        for k, (beside, after) in enumerate(zip(trials, simulated, strict=True)):
+            change = after - found
             for j, own in enumerate(indices):
                 if k < len(own) and beside[own[k]] != vector[own[k]]:
                     slopes[j][:, k] = change[:, j] / (beside[own[k]] - vector[own[k]])
@@ -265,13 +302,12 @@ class OutputErrorProblem:
         indices: Sequence[np.ndarray[tuple[int], np.dtype[np.int64]]],
         priors: tuple[Array, Array],
     ) -> list[NormalEquations]:
-        weight = self.errors.windows / (len(found) * self.errors.mean_squares(found))
         return [
             NormalEquations(
                 J,
                 found[:, j],
                 self.errors.block,
-                float(weight[j]),
+                self.errors.likelihood.weight(found[:, j], j),
                 priors[1][own] ** -2.0,
                 vector[own] - priors[0][own],
             )

@@ -1,13 +1,14 @@
 """The search for what joints lack that servos with unknown parameters drive, by output errors, all joints at once.
 
-A joint's explanation costs −2 ln p + k ln W + 2 m ln H for k strengths of m effects, chosen from H hypotheses, over W
-windows (the extended Bayesian information criterion; Chen, Chen, Biometrika 95(3), 2008). It grows by the effect that
-lowers that most, or in which a law of another kind takes the place of one of its group, as long as the errors of blocks
-of the recordings that are left out do not grow by more than a standard error.
+A joint's explanation costs −2 ln p + k ln N + 2 m ln H for k strengths of m effects, chosen from H hypotheses, with N
+independent errors (the extended Bayesian information criterion; Chen, Chen, Biometrika 95(3), 2008). It grows by the
+effect that lowers that most, or in which a law of another kind takes the place of one of its group, as long as the
+errors of blocks of the recordings that are left out do not grow.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 
@@ -15,10 +16,11 @@ from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.output_error import decisions
 from drake_cafim.diagnosis.output_error.candidates import screen
 from drake_cafim.diagnosis.output_error.comparison import Comparison
-from drake_cafim.diagnosis.output_error.errors import FINE_STEP
 from drake_cafim.diagnosis.output_error.found import Found
-from drake_cafim.diagnosis.output_error.moves import CHORD_STEPS, Move, Moves, with_others, with_values_of
-from drake_cafim.diagnosis.output_error.problem import OutputErrorProblem, SimulationFit, at_joint
+from drake_cafim.diagnosis.output_error.moves import CHORD_STEPS, Move, Moves, with_values_of
+from drake_cafim.diagnosis.output_error.problem import REFIT_STEPS, OutputErrorProblem, SimulationFit, at_joint
+from drake_cafim.diagnosis.output_error.scale import ScaleProfile, fit_scale
+from drake_cafim.diagnosis.output_error.shapes import fit_shapes
 from drake_cafim.diagnosis.output_error.starts import effort_rms, hypotheses
 from drake_cafim.diagnosis.output_error.uncertainty import uncertainty
 from drake_cafim.diagnosis.trace import Trace
@@ -30,8 +32,6 @@ MOST_ROUNDS = 8
 """Most effects that are added to the two that a joint begins with."""
 TRIED = 3
 """Candidates of each joint that are fitted in a round."""
-REFIT_STEPS = 4
-"""Most steps of a fit that begins near its end."""
 SETTLED_SHARE = 0.5
 """Rise of a joint's cost without an effect, over the largest one, from which it is not put down to other joints."""
 FRICTION_SHARE = 0.1
@@ -57,39 +57,39 @@ class Search:
         alone = self.problem.fit(Model(self.problem.scene.priors.mean))
         best = self.problem.fit(alone.model.with_effects(self._beginning(alone.model)))
         self.problem.forget_first_states(best.model)
-        best = self.problem.fit(best.model, steps=REFIT_STEPS)
-        best = self._shaped(best, CHORD_STEPS)
+        best = self.problem.counted(self.problem.fit(best.model, steps=REFIT_STEPS))
+        best = fit_shapes(self.problem, best, CHORD_STEPS)
         for number in range(MOST_ROUNDS if most_effects else 0):
             self.progress(f"simulating what the joints with servos may lack, round {number + 1}")
             grown = self._grow(best)
             if grown is None:
                 break
-            best = self._shaped(grown)
-        if not most_effects:
-            best = self._refined(best)
-            return Found(self.problem, best, self._again(alone), uncertainty(self.problem, best))
-        best = self._prune(best)
-        self.progress("simulating laws that act alike")
+            best = self.problem.counted(fit_shapes(self.problem, grown))
         comparison = Comparison(self.moves, self.trace)
-        best = self._prune(self._shaped(comparison.of(best), CHORD_STEPS))
-        best = self._refined(best)
+        if most_effects:
+            best = self._prune(best)
+            self.progress("simulating laws that act alike")
+            best = self._prune(fit_shapes(self.problem, comparison.of(best), CHORD_STEPS))
+        best, scale = self._refined(best)
         present = best.model.keys
         self.progress("simulating how well the servos are known")
         return Found(
             self.problem,
             best,
             self._again(alone),
-            uncertainty(self.problem, best),
+            uncertainty(self.problem, best, scale),
             {key: value for key, value in comparison.probability.items() if key in present},
             {key: value for key, value in comparison.rivals.items() if key not in present},
         )
 
-    def _refined(self, best: SimulationFit) -> SimulationFit:
+    def _refined(self, best: SimulationFit) -> tuple[SimulationFit, ScaleProfile]:
         """`best` fitted again with finer steps: those of the search bias a delay by a tenth of them."""
         self.progress("simulating in finer steps")
-        self.problem.errors.longest_step = FINE_STEP
+        self.problem.errors = self.problem.errors.most_finely(best.model.physics(self.problem.scene))
         self.problem.forget_first_states(best.model)
-        return self.problem.fit(best.model, steps=REFIT_STEPS)
+        best = self.problem.counted(self.problem.fit_again(best))
+        best = fit_shapes(self.problem, best)
+        return fit_scale(self.problem, self.problem.fit(best.model, steps=REFIT_STEPS))
 
     def _again(self, fitted: SimulationFit) -> SimulationFit:
         """The fit with its errors as they are simulated now."""
@@ -151,9 +151,9 @@ class Search:
         """`best` with the move of each joint that lowers its cost most, fitted; None where none is accepted."""
         problem, costs = self.problem, self.moves.costs(best)
         chosen: list[tuple[float, Move] | None] = [None] * len(moves)
-        for k in range(max(map(len, moves), default=0)):
-            own = [joint[k] if k < len(joint) else None for joint in moves]
-            trial = self.moves.chord(best, own)
+        tried = list(zip_longest(*moves))
+        trials = problem.for_each(lambda own: self.moves.chord(best, own), tried)
+        for own, trial in zip(tried, trials, strict=True):
             after = self.moves.costs(trial)
             for j, move in enumerate(own):
                 lead = chosen[j]
@@ -173,53 +173,19 @@ class Search:
         return problem.fit(self.moves.changed(best.model, taken, fitted.model), steps=REFIT_STEPS)
 
     def _passes(self, best: SimulationFit, fitted: SimulationFit, taken: Sequence[Move | None]) -> list[bool]:
-        """By joint, whether the change lowers the cost, and blocks that are left out are no worse."""
+        """By joint, whether the change lowers the cost and the errors of blocks that are left out, and its law acts."""
         before, after, passed = self.moves.costs(best), self.moves.costs(fitted), []
         for j, move in enumerate(taken):
             if move is None:
                 passed.append(True)
                 continue
             worse, error = _left_out(best, fitted, j)
-            good = bool(after[j] < before[j] and worse <= error)
-            key, replaced = move[1].key, [effect.key for effect in move[0]]
+            law = with_values_of(fitted.model, move[1])
+            good = bool(after[j] < before[j] and worse < 0.0 and not law.is_absent)
+            key, replaced = law.key, [effect.key for effect in move[0]]
             self.trace.add(decisions.record_trial(key, replaced, float(before[j] - after[j]), worse, error, good))
             passed.append(good)
         return passed
-
-    def _shaped(self, best: SimulationFit, steps: int = 0) -> SimulationFit:
-        """`best` with other shapes of its laws, as the width of a change of sign, where a joint's error is then less.
-
-        Each on a law's grid is tried with the numbers as they are or, with `steps`, after so many chord steps.
-        """
-        problem, model = self.problem, best.model
-        options = [
-            [
-                other
-                for e in model.effects
-                if at_joint(e.at, joint) and not e.shapes_about_values
-                for other in e.restarts()
-            ]
-            for joint in problem.joints
-        ]
-        lead: list[tuple[float, Effect | None]] = [(float(cost), None) for cost in best.costs]
-        for k in range(max(map(len, options), default=0)):
-            tried = [own[k] if k < len(own) else None for own in options]
-            trial = problem.fit(with_others(model, tried), best.slopes_without(()), steps)
-            for j, other in enumerate(tried):
-                if other is not None and trial.costs[j] < lead[j][0]:
-                    lead[j] = (float(trial.costs[j]), with_values_of(trial.model, other))
-        chosen = [other for _, other in lead]
-        if not any(chosen):
-            return best
-        fitted = problem.fit(with_others(model, chosen), steps=REFIT_STEPS)
-        back = [
-            None if cost < old else other for cost, old, other in zip(fitted.costs, best.costs, chosen, strict=True)
-        ]
-        return (
-            problem.fit(with_others(fitted.model, [with_values_of(model, e) if e else None for e in back]))
-            if any(back)
-            else fitted
-        )
 
     # --- what stays ---------------------------------------------------------------------------------------------
 

@@ -7,7 +7,8 @@ import numpy as np
 
 from drake_cafim.diagnosis.rows.servo_efforts import followed
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
-from drake_cafim.effects.actuator import Effort
+from drake_cafim.effects.actuator import ActuatorEffect, Effort
+from drake_cafim.effects.servo import drive_servos
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array, Indices
 
@@ -46,28 +47,24 @@ class ServoInput:
         The actuator effects act on the sum. A step from velocity v moves q by ½ h v within its first half, so that the
         slope in q enters that in v times ½ h.
         """
-        total, slope = effort.copy(), np.zeros_like(effort)
-        for servo in physics.servos:
-            j = physics.tree.joint_index(servo.joint)
-            on = self.on[:, j]
-            if not np.any(on):
-                continue
-            read = self.scale[:, j] * q[:, j] + self.offset[:, j]
-            law = physics.servo_at(servo.joint).effort(
-                self.command[:, j], read, v[:, j], self.gain[:, j], self.supply[:, j]
-            )
-            total[:, j] += on * law.value
-            slope[:, j] = on * (law.d_v + 0.5 * duration * self.scale[:, j] * law.d_q)
-            acting, ahead = (_after(physics, servo.joint, total[:, j] + step) for step in (0.0, DIFFERENCE))
-            slope[:, j] *= np.where(on > 0.0, (ahead - acting) / DIFFERENCE, 1.0)
-            total[:, j] = np.where(on > 0.0, acting, total[:, j])
+        inputs = (np.ascontiguousarray(getattr(self, field.name)) for field in fields(self))
+        total, slope = drive_servos(*physics.servo_numbers, *inputs, q, v, np.ascontiguousarray(effort), duration)
+        for j in {physics.tree.joint_index(effect.at) for effect in physics.actuators if _acts_at_once(effect)}:
+            driven = self.on[:, j] > 0.0
+            acting, ahead = (_after(physics, j, total[:, j] + step) for step in (0.0, DIFFERENCE))
+            slope[:, j] *= np.where(driven, (ahead - acting) / DIFFERENCE, 1.0)
+            total[:, j] = np.where(driven, acting, total[:, j])
         return total, slope
 
 
-def _after(physics: Physics, joint: str, effort: Array) -> Array:
-    """The efforts (B,) after the actuator effects at `joint` that have no memory."""
+def _acts_at_once(effect: ActuatorEffect) -> bool:
+    return not effect.past and effect.settling is None
+
+
+def _after(physics: Physics, joint: int, effort: Array) -> Array:
+    """The efforts (B,) after the actuator effects at a joint that have no memory."""
     for effect in physics.actuators:
-        if effect.at == joint and not effect.past and effect.settling is None:
+        if effect.at == physics.tree.joint_names[joint] and _acts_at_once(effect):
             effort = effect.drive(Effort(np.arange(len(effort), dtype=float), effort)).values
     return effort
 

@@ -64,31 +64,33 @@ def step(physics: Physics, state: State, effort: Array, duration: Array, servo: 
         return np.asarray(np.linalg.solve(implicit, (h * force)[..., None])[..., 0], dtype=float)
 
     change = change_with(slope)
-    braking = _slope_through_rest(physics, joints, state.v + change)
+    braking = _slope_through_rest(physics, joints, law + physics.dampings * state.v, state.v + change)
     if braking is not None:
         change = change_with(np.minimum(slope, braking - physics.dampings))
     return State(state.q + h * (state.v + 0.5 * change), state.v + change, memory)
 
 
-def _slope_through_rest(physics: Physics, joints: Sequence[JointSamples], after: Array) -> Array | None:
+def _slope_through_rest(physics: Physics, joints: Sequence[JointSamples], here: Array, after: Array) -> Array | None:
     """(B, n) twice the secant (f(v) − f(−v))/2v of the joint laws where a step takes v through zero; None without one.
 
-    Dry friction f holds a joint at rest with any force up to its own, which its slope at v ≠ 0 does not tell. Twice the
-    secant in the midpoint rule is the implicit Euler rule: a force that opposes the motion does not turn it round.
+    `here` (B, n) is f(v). Dry friction f holds a joint at rest with any force up to its own, which its slope at v ≠ 0
+    does not tell. Twice the secant in the midpoint rule is the implicit Euler rule: a force that opposes the motion
+    does not turn it round.
     """
-    if not physics.joint_forces:
-        return None
     v = np.stack([joint.v for joint in joints], axis=1)
     turned = v * after < 0.0
-    if not np.any(turned):
-        return None
-    there, here = np.zeros_like(v), np.zeros_like(v)
-    for effect in physics.joint_forces:
-        j = physics.tree.joint_index(effect.at)
-        here[:, j] += effect.force(joints[j]).value
-        there[:, j] += effect.force(replace(joints[j], v=-joints[j].v)).value
-    secant = np.divide(here - there, v, where=turned, out=np.zeros_like(v))
-    return np.where(turned, np.minimum(secant, 0.0), 0.0)
+    braking = None
+    for j in {physics.tree.joint_index(effect.at) for effect in physics.joint_forces}:
+        if not np.any(turned[:, j]):
+            continue
+        back = replace(joints[j], v=-joints[j].v)
+        there = sum(
+            effect.force(back).value for effect in physics.joint_forces if effect.at == physics.tree.joint_names[j]
+        )
+        braking = np.zeros_like(v) if braking is None else braking
+        secant = np.divide(here[:, j] - there, v[:, j], where=turned[:, j], out=np.zeros(len(v)))
+        braking[:, j] = np.minimum(secant, 0.0)
+    return braking
 
 
 def _joints(physics: Physics, q: Array, v: Array, effort: Array) -> list[JointSamples]:
@@ -151,7 +153,7 @@ def _step_by_laws(
         law[:, j] += found.value
         slope[:, j] += found.d_v + found.d_u * by_servo[:, j]
     after = _step_compiled(physics, state, law, slope, duration, 1)
-    braking = _slope_through_rest(physics, joints, after.v)
+    braking = _slope_through_rest(physics, joints, law - effort, after.v)
     if braking is None:
         return after
     return _step_compiled(physics, state, law, np.minimum(slope, braking), duration, 1)

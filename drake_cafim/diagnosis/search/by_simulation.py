@@ -111,6 +111,6 @@ def _at(problem: SearchProblem, model: Model, found: Found) -> Fit:
 def _predicts_as_well(found: Found, model: Model) -> bool:
     """Whether a model simulates as well as the fit to simulations, but for one of −2 ln p for each number."""
     errors = found.problem.errors
-    squares, best = (errors.mean_squares(e) for e in (found.problem.errors_of(model), found.fitted.errors))
+    costs, best = (errors.likelihood.costs(e) for e in (found.problem.errors_of(model), found.fitted.errors))
     allowed = np.array([len(names) for names in found.fitted.names])
-    return bool(np.all(errors.windows * np.log(squares / best) <= allowed))
+    return bool(np.all(costs - best <= allowed))

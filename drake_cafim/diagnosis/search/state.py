@@ -38,6 +38,7 @@ class Settings:
     - `most_effects`: largest number of effects of an explanation.
     - `beam`: number of explanations of each size that are continued.
     - `refined`: number of candidates that are fitted exactly beside each of these.
+    - `jobs`: processes that simulate models of position servos, -1 for one per core; the result is the same.
 
     Raises `InputError` for a rate or a level that is not between 0 and 1, and for a negative number of effects.
     """
@@ -47,6 +48,7 @@ class Settings:
     most_effects: int = MOST_EFFECTS
     beam: int = EXPLANATIONS_CONTINUED
     refined: int = CANDIDATES_FITTED
+    jobs: int = 1
 
     def __post_init__(self) -> None:
         for name, value in (("false-alarm rate", self.false_alarm_rate), ("adequacy level", self.adequacy_level)):

@@ -66,7 +66,9 @@ class PreparedTosses:
     def with_noise_beside(self, model: Model) -> None:
         """None: a toss has no efforts whose noise would depend on `model`."""
 
-    def search_by_simulation(self, most_effects: int, progress: Callable[[str], None], trace: Trace) -> None:
+    def search_by_simulation(
+        self, most_effects: int, progress: Callable[[str], None], trace: Trace, jobs: int = 1
+    ) -> None:
         """None: nothing drives a thrown body."""
 
     def with_servos_settled(self, found: Found) -> "PreparedTosses":
