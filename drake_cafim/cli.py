@@ -12,7 +12,7 @@ import click
 
 from drake_cafim.command_line.arguments import spread_values
 from drake_cafim.command_line.fleet import FleetArguments, diagnose_as_fleet
-from drake_cafim.command_line.group import Cafim
+from drake_cafim.command_line.group import Cafim, end_on_sigterm
 from drake_cafim.command_line.options import Finite, common, package_option, parse_share
 from drake_cafim.command_line.output import open_folder, print_result, progress_line
 from drake_cafim.command_line.run import run
@@ -344,6 +344,7 @@ def run_cli() -> None:
     """The entry point of the console script `cafim`."""
     # at its end the interpreter would search all objects for cycles, half a second after a diagnosis
     atexit.register(gc.freeze)
+    end_on_sigterm()
     main(args=spread_values(sys.argv[1:], ("--recording", "--held-out", "--between", "--conceal")), prog_name="cafim")
 
 
