@@ -21,6 +21,11 @@ class Terminated(KeyboardInterrupt):
     """SIGTERM, as from `kill`, a queue or a container that stops: it ends a command as Ctrl-C does."""
 
 
+def status_of(interruption: BaseException) -> int:
+    """The exit status after Ctrl-C or SIGTERM."""
+    return TERMINATED if isinstance(interruption, Terminated) else INTERRUPTED
+
+
 def end_on_sigterm() -> None:
     """From now on SIGTERM raises `Terminated` in this process; copies of it end at once."""
     own = os.getpid()
@@ -46,7 +51,7 @@ class Cafim(click.Group):
             ctx.exit(2)
         except KeyboardInterrupt as error:
             click.echo(f"cafim: interrupted{_way_on(ctx)}", err=True)
-            ctx.exit(TERMINATED if isinstance(error, Terminated) else INTERRUPTED)
+            ctx.exit(status_of(error))
 
     def make_context(self, *arguments: Any, **more: Any) -> click.Context:
         """The context of the whole command line; an unknown option or command is told in one line."""
