@@ -37,6 +37,13 @@ from drake_cafim.commands import diagnose
 diagnose.diagnose_command = work
 cli.run_cli()
 """
+BEFORE = """
+from drake_cafim import cli
+def stop(*arguments, **options):
+    raise KeyboardInterrupt
+cli.main.make_context = stop
+cli.run_cli()
+"""
 
 
 def _started(code: str, folder: Path, processes: int, *arguments: str) -> "subprocess.Popen[str]":
@@ -92,6 +99,11 @@ def test_a_command_that_is_ended_says_how_to_go_on(number: int, status: int, tmp
         f"cafim: interrupted; what was finished is in {tmp_path}, the same command with --out {tmp_path} --resume goes "
         "on from there\n"
     )
+
+
+def test_ctrl_c_before_the_command_begins_is_said() -> None:
+    done = subprocess.run([sys.executable, "-c", BEFORE], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.strip()) == (130, "cafim: interrupted, before it began or after its end")
 
 
 def test_what_was_left_half_is_removed_below_too_but_not_what_is_being_written(tmp_path: Path) -> None:

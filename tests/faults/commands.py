@@ -166,7 +166,7 @@ def kill_after(child: int, seconds: float, number: int) -> int:
 
 
 def said(out: Path) -> list[str]:
-    """The lines of stderr that are not progress."""
+    """The lines of stderr that are neither progress nor the empty one that ends a ^C."""
     lines = Path(f"{out}.err").read_text(errors="replace").splitlines()
     return [
         line for line in lines if line and not line.endswith((" ...", "; reading on"))

@@ -64,6 +64,7 @@ class Bench:
         folder.mkdir(parents=True, exist_ok=True)
         prepare(folder)
         log = folder / "sizes"
+        log.touch()
         seconds = 0.0
         for name, first in (("warm", _nothing), ("whole", _nothing), ("logged", lambda: _log_sizes(log))):
             began = time.monotonic()
