@@ -12,7 +12,7 @@ import click
 
 from drake_cafim.command_line.arguments import spread_values
 from drake_cafim.command_line.fleet import FleetArguments, diagnose_as_fleet
-from drake_cafim.command_line.group import Cafim
+from drake_cafim.command_line.group import Cafim, end_on_sigterm, status_of
 from drake_cafim.command_line.options import Finite, common, package_option, parse_share
 from drake_cafim.command_line.output import open_folder, print_result, progress_line
 from drake_cafim.command_line.run import run
@@ -344,7 +344,16 @@ def run_cli() -> None:
     """The entry point of the console script `cafim`."""
     # at its end the interpreter would search all objects for cycles, half a second after a diagnosis
     atexit.register(gc.freeze)
-    main(args=spread_values(sys.argv[1:], ("--recording", "--held-out", "--between", "--conceal")), prog_name="cafim")
+    end_on_sigterm()
+    words = spread_values(sys.argv[1:], ("--recording", "--held-out", "--between", "--conceal"))
+    try:
+        sys.exit(main(args=words, prog_name="cafim", standalone_mode=False))
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (click.Abort, KeyboardInterrupt) as error:
+        click.echo("cafim: interrupted, before it began or after its end", err=True)
+        sys.exit(status_of(error.__cause__ or error))
 
 
 if __name__ == "__main__":

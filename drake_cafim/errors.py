@@ -22,6 +22,10 @@ class InputError(Exception):
         super().__init__(one_line(str(message)))
 
 
+class OutputError(InputError):
+    """A file or a folder that cannot be written, as on a full disk."""
+
+
 def one_line(text: str) -> str:
     """The text in one line of at most `LONGEST` characters: first without the middle of long words, as of paths."""
     plain = _UNPRINTABLE.sub(" ", text).strip(" ")

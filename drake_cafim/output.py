@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from drake_cafim.errors import InputError
+from drake_cafim.errors import InputError, OutputError
 
 TEMPORARY = ".cafim-"
 """Beginning of the names of files that are being written; a killed process leaves its own, see `alone_in`."""
@@ -18,16 +18,16 @@ TEMPORARY = ".cafim-"
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary path in the same folder, renamed to `path` at the end of the block, removed if the block raises.
 
-    The temporary name keeps the suffix, since writers choose their format by it. Raises `InputError` where the file
+    The temporary name keeps the suffix, since writers choose their format by it. Raises `OutputError` where the file
     cannot be written, as on a full disk or in a folder that is read-only or deleted; what was there stays.
     """
     with _writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         # a fixed short name: with that of `path` the longest permitted one would become too long
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY, suffix=path.suffix)
-        os.close(handle)
         temporary = Path(name)
         try:
+            _lock(handle)
             yield temporary
             os.chmod(temporary, 0o644)
             os.replace(temporary, path)
@@ -35,15 +35,31 @@ def replacing(path: Path) -> Iterator[Path]:
             with suppress(OSError):  # the folder may be gone
                 temporary.unlink(missing_ok=True)
             raise
+        finally:
+            os.close(handle)
+
+
+def _lock(handle: int, how: int = fcntl.LOCK_EX) -> bool:
+    """Lock the open file or folder until it is closed, and return whether no other process has it locked.
+
+    A file system without locks locks nothing.
+    """
+    try:
+        fcntl.flock(handle, how | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
-    """Turn the system's errors into an `InputError` that names the file that is written."""
+    """Turn the system's errors into an `OutputError` that names the file that is written."""
     try:
         yield
     except OSError as error:
-        raise InputError(
+        raise OutputError(
             f"{path}: it cannot be written ({describe_error(error)}); what was there is unchanged"
         ) from error
 
@@ -100,21 +116,27 @@ def alone_in(folder: Path, *, shared: bool = False) -> Iterator[None]:
     """
     handle = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not _lock(handle, fcntl.LOCK_SH if shared else fcntl.LOCK_EX):
             raise InputError(
                 f"--out {folder}: another process is writing into this folder; wait for it, or give another folder"
-            ) from None
-        except OSError:  # a file system without locks
-            yield
-            return
-        for left in () if shared else folder.glob(f"{TEMPORARY}*"):
-            with suppress(OSError):
-                left.unlink()
+            )
+        if not shared:
+            _remove_left(folder)
         yield
     finally:
         os.close(handle)
+
+
+def _remove_left(folder: Path) -> None:
+    """Remove what killed processes left half-written in the folder and below it, not what another is writing there."""
+    for left in folder.rglob(f"{TEMPORARY}*"):
+        with suppress(OSError):
+            handle = os.open(left, os.O_RDONLY)
+            try:
+                if _lock(handle):
+                    left.unlink()
+            finally:
+                os.close(handle)
 
 
 def describe_error(error: OSError) -> str:

@@ -13,11 +13,12 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.long import fit_of_all
 from drake_cafim.diagnosis.long import scan as looks
-from drake_cafim.diagnosis.long.kept import Kept, model_as_json, model_from_json
+from drake_cafim.diagnosis.long.model_as_json import model_as_json, model_from_json
 from drake_cafim.diagnosis.long.parts import Parts
 from drake_cafim.effects.body import ExternalDisturbance
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointViscousFriction
+from drake_cafim.kept import Kept
 from drake_cafim.recordings.long import in_parts
 from drake_cafim.recordings.pieces import pieces_of
 from drake_cafim.recordings.recording import Recording

@@ -16,7 +16,6 @@ from drake_cafim.diagnosis.long.budget import Budget
 from drake_cafim.diagnosis.long.choice import choose
 from drake_cafim.diagnosis.long.examine import _joined, _restored, _Search, examine_parts
 from drake_cafim.diagnosis.long.fit_of_all import fit_all
-from drake_cafim.diagnosis.long.kept import Kept
 from drake_cafim.diagnosis.long.parts import Parts
 from drake_cafim.diagnosis.long.scan import Seen, scan
 from drake_cafim.diagnosis.long.stretches import cut_at_changes, stretches_of
@@ -24,6 +23,7 @@ from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.verdict import Kind
 from drake_cafim.effects.joint import JointViscousFriction
 from drake_cafim.errors import InputError
+from drake_cafim.kept import Kept
 from drake_cafim.parallel.forked import map_forked
 from drake_cafim.recordings.long import LongRecording, in_parts
 from drake_cafim.recordings.pieces import pieces_of

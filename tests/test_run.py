@@ -1,6 +1,9 @@
 """`cafim run`: what it writes, that a seed fixes it, and what it refuses."""
 
 import json
+import os
+import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +15,14 @@ from click.testing import CliRunner
 from drake_cafim.cli import main
 from drake_cafim.command_line.arguments import spread_values
 from drake_cafim.commands.run import RunRequest, load_stage, parse_concealed, run_command
+from drake_cafim.commands.run_diagnosis import diagnose_run
+from drake_cafim.design.system import CaOed
 from drake_cafim.diagrams.concealing import Concealed
-from drake_cafim.errors import InputError
+from drake_cafim.errors import InputError, OutputError
 from drake_cafim.experiment import closed_loop as experiment
 from drake_cafim.experiment.closed_loop import Options
 from drake_cafim.experiment.joint_recording import joint_recording
+from drake_cafim.kept import Kept
 from drake_cafim.recordings import read
 from drake_cafim.scene.address import DIAGRAMS
 from drake_cafim.scene.scene import Scene
@@ -210,3 +216,84 @@ def test_concealed_words() -> None:
     assert given == (Concealed("payload", "flange", {"mass": 1.0, "z": 0.1}),)
     with pytest.raises(InputError, match="expected EFFECT@PLACE"):
         parse_concealed(["mass=1"])
+
+
+def test_a_run_that_was_ended_goes_on_with_the_next_experiment(
+    finished: Path, short: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    request = RunRequest(short, "model", Options(seed=1, experiments=2), diagnosed=False)
+
+    def stop(progress: Any, number: int, total: int, result: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr("drake_cafim.commands.run._show_progress", stop)
+        run_command(request, tmp_path, lambda text: None)
+    carried_out: list[int] = []
+    begin = CaOed.begin_experiment
+
+    def begin_and_count(self: CaOed, context: Any, experiment: int, **more: Any) -> None:
+        carried_out.append(experiment)
+        begin(self, context, experiment, **more)
+
+    monkeypatch.setattr(CaOed, "begin_experiment", begin_and_count)
+    run_command(request, tmp_path, lambda text: None, resume=True)
+    assert carried_out == [1]
+    assert untimed(tmp_path / "run.json") == untimed(finished / "run.json")
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in finished.iterdir()}
+    for name in ("experiment_1.parquet", "experiment_2.parquet", "error.svg", "information.svg"):
+        assert (tmp_path / name).read_bytes() == (finished / name).read_bytes(), name
+
+
+def test_a_guarded_run_goes_on_with_what_its_guard_has_learned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = load_stage("pinching_point")
+    task = replace(stage.task, periods=6)
+    options = Options(seed=1, experiments=2, force_guard=True)
+    whole = experiment.run(task, options, stage.world("model", 1))
+
+    def ended(number: int, result: Any) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        experiment.run(task, options, stage.world("model", 1), ended, Kept.open(tmp_path, {}, resume=False))
+    kept = Kept.open(tmp_path, {}, resume=True)
+    again = experiment.run(task, options, stage.world("model", 1), kept=kept)
+    for before, after in zip(whole.experiments, again.experiments, strict=True):
+        assert np.array_equal(before.commands, after.commands) and np.array_equal(before.fisher, after.fisher)
+    # what is of another task is carried out anew
+    other = experiment.run(replace(task, periods=7), options, stage.world("model", 1), kept=kept)
+    assert [len(result.commands) for result in other.experiments] == [7, 7]
+
+
+def test_another_run_is_not_taken_for_this_one(finished: Path, short: str) -> None:
+    arguments = ["run", short, "--world", "model", "--experiments", "2", "--no-diagnosis", "--resume", "--seed"]
+    result = CliRunner().invoke(main, [*arguments, "1", "--out", str(finished)])
+    assert result.exit_code == 0, result.stderr
+    result = CliRunner().invoke(main, [*arguments, "2", "--out", str(finished)])
+    assert result.exit_code == 2 and "it holds a run with seed 1 instead of 2" in result.stderr
+
+
+def test_a_diagnosis_is_the_same_in_every_folder(finished: Path, short: str, tmp_path: Path) -> None:
+    found = []
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        shutil.copy(finished / "experiment_1.parquet", tmp_path / name)
+        entry = diagnose_run(short, tmp_path / name, ["experiment_1.parquet"], lambda text: None, replay=False)
+        assert entry["report"] == "diagnosis/report.json"
+        found.append({path.name: path.read_bytes() for path in (tmp_path / name / "diagnosis").iterdir()})
+    assert found[0] == found[1]
+    command = json.loads(found[0]["diagnosis.json"])["command"]
+    scenario = os.path.relpath(short, tmp_path / "a")
+    assert command == ["cafim", "diagnose", scenario, "--recording", "experiment_1.parquet"]
+
+
+def test_a_full_disk_is_no_lack_of_a_diagnosis(
+    finished: Path, short: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fill(*_: Any, **__: Any) -> None:
+        raise OutputError("report.json: it cannot be written (No space left on device)")
+
+    monkeypatch.setattr("drake_cafim.commands.diagnose.write_artifacts", fill)
+    shutil.copy(finished / "experiment_1.parquet", tmp_path)
+    with pytest.raises(OutputError):
+        diagnose_run(short, tmp_path, ["experiment_1.parquet"], lambda text: None, replay=False)

@@ -85,6 +85,7 @@ APPROXIMATION = {
     "output_error/problem.py": "RELATIVE_STEP",
     "output_error/scale.py": "SIZES",
     "output_error/likelihood.py": "PHASES",
+    "output_error/shapes.py": "STICKING",
     "left_out/learned.py": "SMOOTHNESS",
     "left_out/law_terms.py": "DEGREE PIECES POINTS NEAR_ZERO WIDTH_SHARE",
     "likelihood/coordinates.py": "DIFFERENCE SHAPE_STD",

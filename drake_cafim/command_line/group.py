@@ -1,5 +1,8 @@
 """The group of commands: every error of the input or the system ends it with one sentence."""
 
+import os
+import signal
+from types import FrameType
 from typing import Any
 
 import click
@@ -10,8 +13,29 @@ from drake_cafim.errors import InputError, one_line
 from drake_cafim.output import describe_error
 
 RESUMABLE = ("run", "diagnose", "discriminate", "study")
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it."""
+INTERRUPTED, TERMINATED = 130, 143
+"""Exit status after Ctrl-C and after SIGTERM, as shells have it."""
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, as from `kill`, a queue or a container that stops: it ends a command as Ctrl-C does."""
+
+
+def status_of(interruption: BaseException) -> int:
+    """The exit status after Ctrl-C or SIGTERM."""
+    return TERMINATED if isinstance(interruption, Terminated) else INTERRUPTED
+
+
+def end_on_sigterm() -> None:
+    """From now on SIGTERM raises `Terminated` in this process; copies of it end at once."""
+    own = os.getpid()
+
+    def end(number: int, frame: FrameType | None) -> None:
+        if os.getpid() != own:
+            os._exit(TERMINATED)
+        raise Terminated
+
+    signal.signal(signal.SIGTERM, end)
 
 
 class Cafim(click.Group):
@@ -25,9 +49,9 @@ class Cafim(click.Group):
                 raise
             click.echo(f"cafim: {_sentence(error)}", err=True)
             ctx.exit(2)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as error:
             click.echo(f"cafim: interrupted{_way_on(ctx)}", err=True)
-            ctx.exit(INTERRUPTED)
+            ctx.exit(status_of(error))
 
     def make_context(self, *arguments: Any, **more: Any) -> click.Context:
         """The context of the whole command line; an unknown option or command is told in one line."""
@@ -59,10 +83,10 @@ def _is_closed_pipe(error: BaseException) -> bool:
 
 
 def _way_on(ctx: click.Context) -> str:
-    """What is kept after Ctrl-C and how to go on, as the end of a sentence."""
+    """What is kept after Ctrl-C or SIGTERM and how to go on, as the end of a sentence."""
     folder = ctx.meta.get(FOLDER)
     if folder is None or not folder.is_dir() or not any(folder.iterdir()):
         return "; nothing was written"
     if ctx.invoked_subcommand in RESUMABLE:
         return f"; what was finished is in {folder}, the same command with --out {folder} --resume goes on from there"
-    return f"; what was finished is in {folder}"
+    return f"; what was finished is in {folder}, the same command with --out {folder} --overwrite begins anew"

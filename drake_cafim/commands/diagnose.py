@@ -1,6 +1,7 @@
 """`cafim diagnose`: reads recordings, diagnoses them, and writes report, page, corrected scenario and replay."""
 
 import json
+import os
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -17,9 +18,9 @@ from drake_cafim.commands.reports import read_record, read_report
 from drake_cafim.diagnosis.diagnose import examine
 from drake_cafim.diagnosis.long.budget import DEFAULT_MEMORY, GIB
 from drake_cafim.diagnosis.long.examine import examine_parts
-from drake_cafim.diagnosis.long.kept import NOTHING_KEPT, Kept
 from drake_cafim.diagnosis.search.cuts import with_cuts
 from drake_cafim.errors import InputError
+from drake_cafim.kept import NOTHING_KEPT, Kept
 from drake_cafim.output import write_text
 from drake_cafim.report.artifacts import write_artifacts
 from drake_cafim.scene.scene import Scene
@@ -27,6 +28,8 @@ from drake_cafim.scene.scene import Scene
 FINISHED = "diagnosis.json"
 """Written last, with the command line: where it exists, all other files are complete."""
 
+HERE = Path()
+"""The working folder."""
 KEPT = "parts"
 """Folder of what a diagnosis in parts has finished, until all of it is."""
 UNCUT = "recordings that are diagnosed in parts are not cut in other ways: --cuts has no effect"
@@ -48,9 +51,11 @@ def diagnose_command(
     cuts: CutOptions | None = None,
     memory: float = DEFAULT_MEMORY,
     jobs: int = 1,
+    base: Path = HERE,
 ) -> dict[str, Any]:
     """The report, written into `out` with its page, the corrected scenario, and replay and MCAP files if wanted.
 
+    Recordings and the command line that is kept are as from the folder `base`, by default the working folder.
     Recordings that take more than `memory` bytes to diagnose at once are diagnosed in parts, see `diagnosis.long`.
     `jobs` processes look at parts and simulate position servos.
 
@@ -59,7 +64,7 @@ def diagnose_command(
     it was ended. Raises `InputError` where `out`
     holds one by another command, and for a scenario or recordings that cannot be used.
     """
-    command = ["cafim", "diagnose", address, "--recording", *recordings]
+    command = ["cafim", "diagnose", _seen_from(base, address), "--recording", *recordings]
     command += ["--held-out", *held_out] if held_out else []
     command += [f"--package={name}={place}" for name, place in (packages or {}).items()]
     command += levels.words
@@ -71,9 +76,9 @@ def diagnose_command(
     refuse_repeats(recordings, held_out)
     (out / FINISHED).unlink(missing_ok=True)
     kept = NOTHING_KEPT
-    with open_inputs(scene, recordings, held_out, memory) as inputs:
+    with open_inputs(scene, recordings, held_out, memory, base) as inputs:
         if isinstance(inputs, LongInputs):
-            kept = Kept.open(out / KEPT, _about(command, scene, [*recordings, *held_out]), resume)
+            kept = Kept.open(out / KEPT, _about(command, scene, base, [*recordings, *held_out]), resume)
             settings = levels.settings()
             found = examine_parts(
                 scene, inputs.recordings, inputs.held_out, inputs.budget, settings, progress, jobs, kept
@@ -94,12 +99,17 @@ def diagnose_command(
     return report
 
 
-def _about(command: Sequence[str], scene: Scene, recordings: Sequence[str]) -> dict[str, Any]:
+def _seen_from(base: Path, address: str) -> str:
+    """The scenario's address in a command that is given in the folder `base`."""
+    return address if base == HERE or not Path(address).is_file() else os.path.relpath(address, base)
+
+
+def _about(command: Sequence[str], scene: Scene, base: Path, recordings: Sequence[str]) -> dict[str, Any]:
     """What a diagnosis in parts is of: the command, this version, the scenario, the model's and the recordings' files.
 
     Long files are told by size and time of change: to read an hour twice takes long.
     """
-    files = {name: Path(name).stat() for name in recordings}
+    files = {name: (base / name).stat() for name in recordings}
     model = scene.folder / scene.scenario.model
     return {
         "command": list(command),

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 from drake_cafim.commands.inputs import refuse_repeats
 from drake_cafim.diagnosis.long.budget import Budget
@@ -23,17 +24,17 @@ class LongInputs:
 
 @contextmanager
 def open_inputs(
-    scene: Scene, recordings: Sequence[str], held_out: Sequence[str], memory: float
+    scene: Scene, recordings: Sequence[str], held_out: Sequence[str], memory: float, base: Path = Path()
 ) -> Iterator[tuple[list[Recording], list[Recording]] | LongInputs]:
     """The recordings, whole where all of them can be diagnosed within `memory` bytes; parts are kept until the end.
 
-    Throws are whole whatever they take: each has one beginning. Raises `InputError` for a file that is given twice or
-    cannot be read.
+    They are named from the folder `base`. Throws are whole whatever they take: each has one beginning. Raises
+    `InputError` for a file that is given twice or cannot be read.
     """
     for paths in (recordings, held_out):
         refuse_repeats(paths)
     topics, budget = scene.scenario.topics, Budget.of(scene, memory)
-    train, held = ([pieces_of(path, topics) for path in paths] for paths in (recordings, held_out))
+    train, held = ([pieces_of(base / path, topics, path) for path in paths] for paths in (recordings, held_out))
     if scene.tree.floating or sum(pieces.rows for pieces in (*train, *held)) <= budget.rows:
         yield [pieces.whole() for pieces in train], [pieces.whole() for pieces in held]
         return

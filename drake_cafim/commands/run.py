@@ -2,8 +2,9 @@
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, get_args
 
@@ -26,6 +27,7 @@ from drake_cafim.experiment.joint_recording import recordings_of
 from drake_cafim.experiment.run_record import run_record
 from drake_cafim.experiment.world import World
 from drake_cafim.information import Criterion
+from drake_cafim.kept import Kept
 from drake_cafim.output import replacing, write_text
 from drake_cafim.recordings import write
 from drake_cafim.report.replay import make_meshcat, write_replay
@@ -38,6 +40,8 @@ from drake_cafim.sensitivity.evaluator import Fisher
 from drake_cafim.tasks.as_printed import as_printed
 from drake_cafim.tasks.task import Task
 
+KEPT = "experiments"
+"""Folder of what a run has finished, until all of it is."""
 FILES = {"replay": "replay.html", "figures": ["error.svg", "information.svg"]}
 Progress = Callable[[str], None]
 
@@ -77,28 +81,37 @@ class RunRequest:
 def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: bool = False) -> dict[str, Any]:
     """The contents of run.json, written into `out` after all files that it names.
 
-    With `resume`, a finished run.json is read instead. Raises `InputError` for a scenario that has no world and for
-    options that are not valid.
+    With `resume`, a finished run.json is read instead, and one that was ended goes on with the next experiment. Raises
+    `InputError` for a scenario that has no world, options that are not valid, and an `out` of another run.
     """
-    finished = out / "run.json"
+    finished, asked = out / "run.json", json.loads(json.dumps(asdict(request)))
     if resume and finished.is_file():
         record = read_record(finished, "the run.json of an earlier run; give --overwrite")
         try:
             table(record)
+            differing = _differing(record.get("request", asked), asked)
         except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
             raise InputError(f"{finished}: it is damaged ({error!r}); give --overwrite, or another folder") from None
+        if differing:
+            raise InputError(
+                f"--out {out}: it holds a run with {differing}, expected the same command with --resume; give "
+                "--overwrite, or another folder"
+            )
         return record
     check_request(request)
     _clear(out)
     stage = load_stage(request.scenario)
     task = planned_task(stage, request)
+    scenario = repr(load(resolve(request.scenario)))
+    about = {"request": asked, "version": version("drake_cafim"), "scenario": scenario}
+    kept = Kept.open(out / KEPT, about, resume)
     progress("building the world")
     world = stage.world(request.world, request.options.seed, request.concealed)
     total = task.experiments if request.options.experiments is None else request.options.experiments
     progress(f"experiment 1 of {total}")
     try:
         result = experiment.run(
-            task, request.chosen, world, lambda number, done: _show_progress(progress, number, total, done)
+            task, request.chosen, world, lambda number, done: _show_progress(progress, number, total, done), kept
         )
     except RuntimeError as error:
         if not request.concealed:
@@ -120,10 +133,19 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
     record["concealed"] = [
         {"effect": effect.effect, "at": effect.at, **effect.parameters} for effect in request.concealed
     ]
+    record["request"] = asked
     if request.diagnosed:
         record["diagnosis"] = diagnose_run(request.scenario, out, recordings, progress)
     write_text(finished, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+    kept.close()
     return record
+
+
+def _differing(made: Mapping[str, Any], asked: Mapping[str, Any]) -> str:
+    """The first argument of the request that a run was `made` by that is not as `asked`, with both values."""
+    before, now = ({**each, **each["options"]} for each in (made, asked))
+    names = [name for name in now if name != "options" and before.get(name) != now[name]]
+    return f"{names[0]} {before.get(names[0])} instead of {now[names[0]]}" if names else ""
 
 
 def planned_task(stage: Stage, request: RunRequest) -> Task:

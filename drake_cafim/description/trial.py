@@ -63,6 +63,7 @@ def _run_quietly(action: Callable[[], object]) -> None:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             signal.signal(signal.SIGPROF, signal.SIG_DFL)
         signal.setitimer(signal.ITIMER_PROF, COMPUTING)
+        os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # a lock that the parent has would outlive it here
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, 1)
         os.dup2(nowhere, 2)

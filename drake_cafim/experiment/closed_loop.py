@@ -20,9 +20,11 @@ from drake_cafim.errors import InputError
 from drake_cafim.estimation.problem import make_problem
 from drake_cafim.estimation.shooting import SolverReport
 from drake_cafim.estimation.system import CaMap, EstimatorName
+from drake_cafim.experiment.kept_experiments import KeptExperiments, Logs
 from drake_cafim.experiment.kinematic_world import kinematic_world
 from drake_cafim.experiment.world import World
 from drake_cafim.information import Criterion
+from drake_cafim.kept import NOTHING_KEPT, Kept
 from drake_cafim.sensitivity.evaluator import Fisher, make_evaluator
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.sensitivity.tangent import TangentEvaluator
@@ -123,18 +125,19 @@ def run(
     options: Options | None = None,
     world: World | None = None,
     progress: Callable[[int, ExperimentResult], None] | None = None,
+    kept: Kept = NOTHING_KEPT,
 ) -> RunResult:
     """Run Algorithm 1 on `task` in `world`, by default the kinematic one.
 
     It ends after the task's number of experiments, or `options.experiments`, or when all stds are below
     `options.until_std` times the estimates. Where something was not found by then, up to `MOST_SEARCHES` experiments of
     a planning policy search for it, if the model knows where (`Searchable`). `progress` is called after each experiment
-    with its number, from 0.
+    with its number, from 0. Experiments of the same task, options and world that are `kept` are read, not repeated.
     """
     options = Options() if options is None else options
     world = kinematic_world(task, seed=options.seed) if world is None else world
     options = replace(options, force_guard=_uses_guard(task, options, world))
-    loop = _Loop(task, options, world)
+    loop = _Loop(task, options, world, kept)
     prior = Belief.prior(task.model.parameters)
     results: list[ExperimentResult] = []
     total = task.experiments if options.experiments is None else options.experiments
@@ -190,7 +193,7 @@ def _add_guard(builder: DiagramBuilder, task: Task, options: Options) -> ForceGu
 class _Loop:
     """World, CA-OED and CA-MAP in one Diagram, run one experiment at a time."""
 
-    def __init__(self, task: Task, options: Options, world: World) -> None:
+    def __init__(self, task: Task, options: Options, world: World, kept: Kept) -> None:
         self.task, self.world = task, world
         model = task.model
         # behind a guard, plans are made at its careful speed under every law
@@ -262,15 +265,23 @@ class _Loop:
             for name in world.recorded
         }
         self.sinks = {name: LogVectorOutput(port, builder, model.period) for name, port in sources.items()}
+        self.kept = KeptExperiments(kept, [self.estimator, *([] if self.guard is None else [self.guard])])
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
 
     def execute(self, number: int, *, searching: bool = False) -> ExperimentResult:
-        """Run experiment `number` from the start state; the estimator keeps the data of the experiments before.
+        """Run experiment `number` from the start state, or read it where it is kept.
 
-        With `searching` it looks for what these did not find.
+        The estimator keeps the data of the experiments before. With `searching` it looks for what these did not find.
         """
         root = self.simulator.get_mutable_context()
+        logs = self.kept.read(number, root)
+        if logs is None:
+            logs = self._carry_out(root, number, searching)
+            self.kept.write(number, root, logs)
+        return replace(self._result(root, *logs), searching=searching)
+
+    def _carry_out(self, root: Context, number: int, searching: bool) -> Logs:
         root.SetTime(0.0)
         start: Context = self.world.start_context(number)
         self.plant.GetMyMutableContextFromRoot(root).SetStateAndParametersFrom(start)
@@ -291,7 +302,7 @@ class _Loop:
         recorded = {name: np.array(log.data().T) for name, log in recorders.items()}
         if recorders:
             recorded["time"] = np.array(next(iter(recorders.values())).sample_times())
-        return replace(self._result(root, rows, recorded), searching=searching)
+        return rows, recorded
 
     def _rows(self, log: Any) -> Array:
         """The log's samples at the ends of the periods, (T+1, size), each taken before the updates of that instant.

@@ -4,12 +4,16 @@ For work on objects that cannot be sent to another process, as a scene with Drak
 """
 
 import multiprocessing
+import os
+import signal
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from typing import Any, TypeVar
 
 from joblib import effective_n_jobs
+
+from drake_cafim.parallel.ending import end_with, ending_at_errors
 
 Found = TypeVar("Found")
 AHEAD = 2
@@ -29,7 +33,8 @@ def map_forked(function: Callable[[int], Found], count: int, jobs: int = 1) -> I
         return
     _function.append(function)
     try:
-        with ProcessPoolExecutor(workers, multiprocessing.get_context("fork")) as executor:
+        fork = multiprocessing.get_context("fork")
+        with ProcessPoolExecutor(workers, fork, _begin, (os.getpid(),)) as executor, ending_at_errors():
             waiting: deque[Future[Found]] = deque()
             for number in range(count):
                 waiting.append(executor.submit(_call, number))
@@ -39,6 +44,11 @@ def map_forked(function: Callable[[int], Found], count: int, jobs: int = 1) -> I
                 yield waiting.popleft().result()
     finally:
         _function.pop()
+
+
+def _begin(parent: int) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is the parent's to answer
+    end_with(parent)
 
 
 def _call(number: int) -> Any:

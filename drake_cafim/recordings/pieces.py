@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -56,12 +56,15 @@ class Pieces(ABC):
         """The recording as `read` gives it."""
 
 
-def pieces_of(path: str | Path, topics: Topics | None = None) -> Pieces:
-    """The pieces of the file at `path`; arguments and errors are those of `read`."""
-    file, topics = Path(path), topics or {}
+def pieces_of(path: str | Path, topics: Topics | None = None, name: str = "") -> Pieces:
+    """The pieces of the file at `path`, whose recording has that path as its name, or else `name`.
+
+    All else is as `read` has it.
+    """
+    file, topics, name = Path(path), topics or {}, name or str(path)
     check_path(file)
     if reader_of(file) is not None:
-        return LogPieces(str(path), gather(file, topics))
+        return LogPieces(name, gather(file, topics))
     check_topics(topics, str(path))
     suffix = file.suffix.lower()
     if suffix == ".parquet":
@@ -69,10 +72,10 @@ def pieces_of(path: str | Path, topics: Topics | None = None) -> Pieces:
             names, notes = numeric_columns(str(path), table.schema_arrow)
             rows = max(table.metadata.num_rows, 0)
             check_size(file, 8 * rows * len(names))
-        return ParquetPieces(str(path), tuple(notes), file, topics, names, rows)
+        return ParquetPieces(name, tuple(notes), file, topics, names, rows)
     if suffix == ".csv":
-        return CsvPieces(str(path), file, topics)
-    return TablePieces(read(path, topics))
+        return CsvPieces(name, file, topics)
+    return TablePieces(replace(read(path, topics), name=name))
 
 
 @dataclass
@@ -161,7 +164,7 @@ class ParquetPieces(Pieces):
                 yield rename_columns(self.name, numbers, self.topics)
 
     def whole(self) -> Recording:
-        return read(self.name, self.topics)
+        return replace(read(self.path, self.topics), name=self.name)
 
 
 @dataclass
@@ -222,7 +225,7 @@ class CsvPieces(Pieces):
             yield from table
 
     def whole(self) -> Recording:
-        return read(self.name, self.topics)
+        return replace(read(self.path, self.topics), name=self.name)
 
 
 @contextmanager

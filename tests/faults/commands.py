@@ -8,11 +8,13 @@ import shutil
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest.mock import patch
 
+import numpy
 import pyarrow.parquet
 import yaml
 
@@ -23,6 +25,8 @@ from drake_cafim.commands import importing as _importing
 from drake_cafim.commands import run as _run
 from drake_cafim.commands import study as _study
 from drake_cafim.output import TEMPORARY
+from drake_cafim.scene.address import DIAGRAMS
+from drake_cafim.studies import cell
 from tests.test_cli import PENDULUM, SCENARIO, pendulum_recording
 
 IMPORTED = (_diagnose, _importing, _run, _study)
@@ -32,18 +36,34 @@ IMPORTED = (_diagnose, _importing, _run, _study)
 @dataclass(frozen=True)
 class Subject:
     """A command to disturb: its arguments without `--out`, those that finish what was interrupted, what is done before
-    it in its process.
+    it in its process, and what of its files it never writes twice (a pattern).
     """
 
     name: str
     arguments: tuple[str, ...]
     again: tuple[str, ...]
     before: Callable[[], object] = lambda: None
+    once: str = ""
 
 
 def _hold_little() -> None:
     """Let a sample take so much memory that only one of these files fits into it."""
     patch("drake_cafim.diagnosis.long.budget.BYTES_BY_COLUMN", 3e5).start()
+
+
+def _hold_the_watch() -> None:
+    """Let plans take no time, so that all bytes of two runs can be compared."""
+    patch("drake_cafim.design.system.perf_counter", lambda: 0.0).start()
+
+
+def _shorten_runs() -> None:
+    """Let the experiments of a study's runs be a quarter of a second."""
+    carry_out = cell.run
+    _hold_the_watch()
+    patch(
+        "drake_cafim.studies.cell.run",
+        lambda task, options, world: carry_out(replace(task, periods=5), options, world),
+    ).start()
 
 
 IMPORT = Subject("import", ("import", "a.csv", "b.csv", "c.csv"), ("--overwrite",))
@@ -54,15 +74,25 @@ PARTS = Subject(
     ("--resume",),
     _hold_little,
 )
-FLEET = Subject("fleet", ("diagnose", "--fleet", "fleet", "--jobs", "1"), ("--resume",))
-STUDY = Subject("study", ("study", "hefting-table", "--short", "--seeds", "1", "--jobs", "1"), ("--resume",))
-RUN = Subject("run", ("run", "hefting", "--experiments", "1", "--world", "model"), ("--resume",))
+FLEET = Subject("fleet", ("diagnose", "--fleet", "fleet", "--jobs", "1"), ("--resume",), once="arm_*/*/diagnosis.json")
+STUDY = Subject(
+    "study",
+    ("study", "criteria", "--short", "--seeds", "1", "--jobs", "1"),
+    ("--resume",),
+    _shorten_runs,
+    once="runs/*.json",
+)
+RUN = Subject("run", ("run", "run.yaml", "--experiments", "2", "--world", "model"), ("--resume",), _hold_the_watch)
+SUBJECTS = {subject.name: subject for subject in (IMPORT, DIAGNOSE, PARTS, FLEET, STUDY, RUN)}
 
 
 def prepare(folder: Path) -> None:
     """Write the files that the commands name."""
     (folder / "pendulum.urdf").write_text(PENDULUM)
     (folder / "scenario.yaml").write_text(SCENARIO)
+    hefting = yaml.safe_load((DIAGRAMS / "hefting.yaml").read_text())
+    hefting["task"]["periods"] = 10
+    (folder / "run.yaml").write_text(yaml.safe_dump(hefting))
     for name, seed in (("a", 1), ("b", 2), ("c", 3)):
         recording = pendulum_recording(name, damping=0.15, seed=seed)
         recordings.write(recording, folder / f"{name}.parquet")
@@ -92,19 +122,28 @@ def start(subject: Subject, folder: Path, out: Path, *more: str, first: Callable
             patch.object(sys, "argv", arguments),
         ):
             signal.signal(signal.SIGINT, signal.default_int_handler)
-            subject.before()
-            first()
+            status = 1
             try:
+                subject.before()
+                first()
                 run_cli()
             except SystemExit as end:
                 status = end.code if isinstance(end.code, int) else 0
+            except KeyboardInterrupt:
+                status = 130  # before the command has begun, or after its end
             except BaseException:
-                import traceback
-
                 traceback.print_exc(file=errors)
-                status = 1
     finally:
         os._exit(status)
+
+
+def call(words: list[str]) -> None:
+    """Carry out a subject's command in this process: of `words` the last are its name, its folder and `--out`."""
+    name, folder, out = words[-3:]
+    os.chdir(folder)
+    sys.argv = ["cafim", *SUBJECTS[name].arguments, "--out", out]
+    SUBJECTS[name].before()
+    run_cli()
 
 
 def finish(child: int) -> int:
@@ -127,9 +166,11 @@ def kill_after(child: int, seconds: float, number: int) -> int:
 
 
 def said(out: Path) -> list[str]:
-    """The lines of stderr that are not progress."""
+    """The lines of stderr that are neither progress nor the empty one that ends a ^C."""
     lines = Path(f"{out}.err").read_text(errors="replace").splitlines()
-    return [line for line in lines if not line.endswith((" ...", "; reading on"))]
+    return [
+        line for line in lines if line and not line.endswith((" ...", "; reading on"))
+    ]  # click ends the line of a ^C
 
 
 def half_files(out: Path) -> list[str]:
@@ -138,6 +179,9 @@ def half_files(out: Path) -> list[str]:
     for path in sorted(out.rglob("*")) if out.is_dir() else []:
         if path.is_dir() or path.name.startswith(TEMPORARY):
             continue
+        kept = (".json", ".yaml", ".parquet", ".npz", ".html", ".svg")
+        if path.suffix not in kept:
+            found.append(f"{path.name}: no file of these commands")
         try:
             if path.suffix == ".json":
                 json.loads(path.read_text())
@@ -145,6 +189,9 @@ def half_files(out: Path) -> list[str]:
                 yaml.safe_load(path.read_text())
             elif path.suffix == ".parquet":
                 pyarrow.parquet.read_table(path)
+            elif path.suffix == ".npz":
+                with numpy.load(path, allow_pickle=False) as arrays:
+                    dict(arrays)
             elif path.suffix in (".html", ".svg") and not path.read_text().rstrip().endswith(f"</{path.suffix[1:]}>"):
                 found.append(path.name)
         except Exception:
@@ -153,15 +200,17 @@ def half_files(out: Path) -> list[str]:
 
 
 def contents(out: Path) -> dict[str, str]:
-    """A digest of each file that holds results, by its path; measured times aside, as in run.json."""
-    found = {}
-    for path in sorted(out.rglob("*")):
-        if path.suffix not in (".json", ".parquet", ".yaml") or path.name in ("run.json", "study.json"):
-            continue
-        found[str(path.relative_to(out))] = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
-    return {name: digest for name, digest in found.items() if not name.startswith("runs")} | {
-        name: "there" for name in found if name.startswith("runs")
+    """A digest of each file, by its path."""
+    return {
+        str(path.relative_to(out)): hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+        for path in sorted(out.rglob("*"))
+        if path.is_file()
     }
+
+
+def writings(subject: Subject, out: Path) -> dict[Path, int]:
+    """When each file that the command never writes twice was written."""
+    return {path: path.stat().st_mtime_ns for path in out.glob(subject.once)} if subject.once else {}
 
 
 def leftovers(out: Path) -> list[str]:

@@ -20,7 +20,7 @@ from drake_cafim.diagnosis.long.budget import FIRST_SECONDS, Budget
 from drake_cafim.diagnosis.long.changes import with_changes
 from drake_cafim.diagnosis.long.choice import choose
 from drake_cafim.diagnosis.long.fit_of_all import FitOfAll, fit_all
-from drake_cafim.diagnosis.long.kept import NOTHING_KEPT, Kept, model_as_json, model_from_json
+from drake_cafim.diagnosis.long.model_as_json import model_as_json, model_from_json
 from drake_cafim.diagnosis.long.parts import Parts
 from drake_cafim.diagnosis.long.scan import scan
 from drake_cafim.diagnosis.long.stretches import Change, cut_at_changes, stretches_of
@@ -32,6 +32,7 @@ from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.trace import Trace, names_of, spoken
 from drake_cafim.diagnosis.verdict import Explanation, Kind, Value, Verdict
 from drake_cafim.errors import InputError
+from drake_cafim.kept import NOTHING_KEPT, Kept
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.recordings.long import LongRecording
 from drake_cafim.recordings.recording import Recording

@@ -12,8 +12,8 @@ from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.long.kept import NOTHING_KEPT, Kept
 from drake_cafim.errors import InputError
+from drake_cafim.kept import NOTHING_KEPT, Kept
 from drake_cafim.parallel.forked import map_forked
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array

@@ -10,11 +10,11 @@ from drake_cafim.diagnosis.fit.adequacy import adequacy
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
-from drake_cafim.diagnosis.long.kept import NOTHING_KEPT, Kept
 from drake_cafim.diagnosis.long.parts import Parts
 from drake_cafim.diagnosis.preparation import Prepared
 from drake_cafim.effects.effect import Effect
 from drake_cafim.errors import InputError
+from drake_cafim.kept import NOTHING_KEPT, Kept
 from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.parallel.forked import map_forked
 from drake_cafim.typing import Array
