@@ -12,11 +12,12 @@ import click
 
 from drake_cafim.command_line.arguments import spread_values
 from drake_cafim.command_line.fleet import FleetArguments, diagnose_as_fleet
-from drake_cafim.command_line.group import Cafim, end_on_sigterm, status_of
+from drake_cafim.command_line.group import Cafim
 from drake_cafim.command_line.options import Finite, common, package_option, parse_share
 from drake_cafim.command_line.output import open_folder, print_result, progress_line
 from drake_cafim.command_line.run import run
 from drake_cafim.errors import InputError
+from drake_cafim.interruption import status_of, watch_for_interruptions
 
 
 @click.group(cls=Cafim, context_settings={"help_option_names": ["-h", "--help"]})
@@ -344,7 +345,7 @@ def run_cli() -> None:
     """The entry point of the console script `cafim`."""
     # at its end the interpreter would search all objects for cycles, half a second after a diagnosis
     atexit.register(gc.freeze)
-    end_on_sigterm()
+    watch_for_interruptions()
     words = spread_values(sys.argv[1:], ("--recording", "--held-out", "--between", "--conceal"))
     try:
         sys.exit(main(args=words, prog_name="cafim", standalone_mode=False))

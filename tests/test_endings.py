@@ -37,6 +37,25 @@ from drake_cafim.commands import diagnose
 diagnose.diagnose_command = work
 cli.run_cli()
 """
+SOLVING = f"""{WORK}
+import numpy as np
+from pydrake.solvers import MathematicalProgram, SnoptSolver
+from drake_cafim import cli
+from drake_cafim.parallel.distribute import distribute
+from drake_cafim.parallel.task import Task
+def cost(values):
+    work()
+    return values[0] ** 2
+def solve():
+    program = MathematicalProgram()
+    program.AddCost(cost, vars=program.NewContinuousVariables(1))
+    SnoptSolver().Solve(program, np.ones(1))
+def study(*arguments, **options):
+    return list(distribute([Task("solve", solve, ()), Task("solve again", solve, ())], 1))
+from drake_cafim.commands import diagnose
+diagnose.diagnose_command = study
+cli.run_cli()
+"""
 BEFORE = """
 from drake_cafim import cli
 def stop(*arguments, **options):
@@ -89,9 +108,10 @@ def test_no_process_outlives_the_one_that_made_it(code: str, number: int, tmp_pa
                 os.kill(left, signal.SIGKILL)
 
 
+@pytest.mark.parametrize("code", [COMMAND, SOLVING])
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_command_that_is_ended_says_how_to_go_on(number: int, status: int, tmp_path: Path) -> None:
-    process = _started(COMMAND, tmp_path, 1, "diagnose", "x.yaml", "--recording", "a.csv", "--resume", "--out")
+def test_a_command_that_is_ended_says_how_to_go_on(number: int, status: int, code: str, tmp_path: Path) -> None:
+    process = _started(code, tmp_path, 1, "diagnose", "x.yaml", "--recording", "a.csv", "--resume", "--out")
     process.send_signal(number)
     _, said = process.communicate(timeout=30)
     assert process.returncode == status

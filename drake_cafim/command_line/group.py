@@ -1,8 +1,5 @@
 """The group of commands: every error of the input or the system ends it with one sentence."""
 
-import os
-import signal
-from types import FrameType
 from typing import Any
 
 import click
@@ -10,32 +7,10 @@ from click.exceptions import NoArgsIsHelpError
 
 from drake_cafim.command_line.output import FOLDER
 from drake_cafim.errors import InputError, one_line
+from drake_cafim.interruption import pass_on_interruption, status_of
 from drake_cafim.output import describe_error
 
 RESUMABLE = ("run", "diagnose", "discriminate", "study")
-INTERRUPTED, TERMINATED = 130, 143
-"""Exit status after Ctrl-C and after SIGTERM, as shells have it."""
-
-
-class Terminated(KeyboardInterrupt):
-    """SIGTERM, as from `kill`, a queue or a container that stops: it ends a command as Ctrl-C does."""
-
-
-def status_of(interruption: BaseException) -> int:
-    """The exit status after Ctrl-C or SIGTERM."""
-    return TERMINATED if isinstance(interruption, Terminated) else INTERRUPTED
-
-
-def end_on_sigterm() -> None:
-    """From now on SIGTERM raises `Terminated` in this process; copies of it end at once."""
-    own = os.getpid()
-
-    def end(number: int, frame: FrameType | None) -> None:
-        if os.getpid() != own:
-            os._exit(TERMINATED)
-        raise Terminated
-
-    signal.signal(signal.SIGTERM, end)
 
 
 class Cafim(click.Group):
@@ -43,7 +18,7 @@ class Cafim(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            return super().invoke(ctx)
+            return self._carry_out(ctx)
         except (InputError, click.UsageError, OSError, MemoryError) as error:
             if isinstance(error, NoArgsIsHelpError) or _is_closed_pipe(error):
                 raise
@@ -52,6 +27,13 @@ class Cafim(click.Group):
         except KeyboardInterrupt as error:
             click.echo(f"cafim: interrupted{_way_on(ctx)}", err=True)
             ctx.exit(status_of(error))
+
+    def _carry_out(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except Exception:
+            pass_on_interruption()
+            raise
 
     def make_context(self, *arguments: Any, **more: Any) -> click.Context:
         """The context of the whole command line; an unknown option or command is told in one line."""

@@ -27,6 +27,7 @@ from drake_cafim.experiment.joint_recording import recordings_of
 from drake_cafim.experiment.run_record import run_record
 from drake_cafim.experiment.world import World
 from drake_cafim.information import Criterion
+from drake_cafim.interruption import pass_on_interruption
 from drake_cafim.kept import Kept
 from drake_cafim.output import replacing, write_text
 from drake_cafim.recordings import write
@@ -114,6 +115,7 @@ def run_command(request: RunRequest, out: Path, progress: Progress, *, resume: b
             task, request.chosen, world, lambda number, done: _show_progress(progress, number, total, done), kept
         )
     except RuntimeError as error:
+        pass_on_interruption()
         if not request.concealed:
             raise
         addresses = ", ".join(effect.address for effect in request.concealed)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drake_cafim.errors import InputError
+from drake_cafim.interruption import pass_on_interruption
 
 Function = Callable[..., Any]
 Arguments = tuple[Any, ...]
@@ -48,15 +49,20 @@ def carry_out(index: int, task: Task) -> Result:
     """The result of the task in this process; an exception is a failure and does not leave the function."""
     try:
         return Result(index, task.function(*task.arguments))
-    except InputError as error:
-        return Result(index, failure=str(error))
-    except OSError as error:
-        return Result(index, failure=f"{task.name}: {error.filename or 'a file'}: {error.strerror or error}")
-    except MemoryError:
-        return Result(index, failure=f"{task.name}: there is not enough memory")
     except Exception as error:
-        words = " ".join(str(error).split())
-        return Result(index, failure=f"{task.name}: {type(error).__name__}: {words}", defect=True)
+        pass_on_interruption()
+        return _failure(index, task, error)
+
+
+def _failure(index: int, task: Task, error: Exception) -> Result:
+    if isinstance(error, InputError):
+        return Result(index, failure=str(error))
+    if isinstance(error, OSError):
+        return Result(index, failure=f"{task.name}: {error.filename or 'a file'}: {error.strerror or error}")
+    if isinstance(error, MemoryError):
+        return Result(index, failure=f"{task.name}: there is not enough memory")
+    words = " ".join(str(error).split())
+    return Result(index, failure=f"{task.name}: {type(error).__name__}: {words}", defect=True)
 
 
 def died(index: int, task: Task, attempts: int = ATTEMPTS) -> Result:

@@ -210,7 +210,8 @@ def contents(out: Path) -> dict[str, str]:
 
 def writings(subject: Subject, out: Path) -> dict[Path, int]:
     """When each file that the command never writes twice was written."""
-    return {path: path.stat().st_mtime_ns for path in out.glob(subject.once)} if subject.once else {}
+    found = out.glob(subject.once) if subject.once else ()
+    return {path: path.stat().st_mtime_ns for path in found if not path.name.startswith(TEMPORARY)}
 
 
 def leftovers(out: Path) -> list[str]:

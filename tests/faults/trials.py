@@ -267,7 +267,10 @@ def lose_folder(bench: Bench, number: int, rng: np.random.Generator) -> Trial:
     elif number == 1:
         gone = bench.folder / "gone"
         gone.mkdir()
-        bench.judge(trial, log, finish(start(bench.subject, gone, log, first=gone.rmdir)), [2])
+        status = finish(start(bench.subject, gone, log, first=gone.rmdir))
+        bench.judge(trial, log, status, [0, 2])
+        if status == 0 and contents(log) != bench.whole:  # it needs no file from there
+            trial.lost.append(f"{log.name}: {_differing(log, bench.whole)}")
     else:
         file = bench.folder / "file"
         file.write_text("x")
