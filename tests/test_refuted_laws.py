@@ -137,7 +137,7 @@ def test_what_is_left_at_one_place_refutes_its_law(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.long
 def test_a_drive_that_feeds_energy_in_has_no_name(tmp_path: Path) -> None:
-    """Its shoulder is driven at low speeds and braked at high ones; named laws take a part of that and leave the rest."""
+    """Its shoulder is driven at low speeds and braked at high ones; laws take a part of that."""
     make("odd:odd_negative_damping", "arm2", 9300).write(tmp_path)
     recordings = [drake_cafim.read(tmp_path / f"train_{k}.parquet") for k in (1, 2, 3)]
     verdict = drake_cafim.diagnose(drake_cafim.Scene.load(tmp_path / "scenario.yaml"), recordings)
