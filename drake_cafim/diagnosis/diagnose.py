@@ -27,7 +27,7 @@ from drake_cafim.diagnosis.search.judgement import Judgement, judge, judge_again
 from drake_cafim.diagnosis.search.pushes import withhold_refuted_pushes
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORCES
-from drake_cafim.diagnosis.search.shared_evidence import withhold_shared
+from drake_cafim.diagnosis.search.shared_evidence import withhold_refuted, withhold_shared
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import EFFORT_NOISE_ROUNDS, UNKNOWN_FAR_IN_PRIOR_STDS
 from drake_cafim.diagnosis.trace import Record, Trace
@@ -137,7 +137,8 @@ def judge_prepared(
         if again is None or isinstance(again, NotComputable):
             break
         prepared, judgement, trace = again
-    judgement = withhold_refuted_pushes(withhold_shared(judgement, trace), settings, trace)
+    judgement = withhold_refuted(withhold_shared(judgement, trace), settings, trace)
+    judgement = withhold_refuted_pushes(judgement, settings, trace)
     return prepared, replace(judgement, notes=(*notes, *judgement.notes)), trace
 
 

@@ -51,6 +51,11 @@ class SearchProblem(Problem):
         """
 
     @property
+    def equations(self) -> slice:
+        """The kinds of rows, of those of a window, that say how the model moves, and not how two readings agree."""
+        return slice(None)
+
+    @property
     @abstractmethod
     def pictures(self) -> Pictures:
         """The data of a report's pictures."""

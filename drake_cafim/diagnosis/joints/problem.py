@@ -44,6 +44,11 @@ class WeakProblem(WeakFormRows, SearchProblem):
             [run.whiten.unwhiten(part) / np.sqrt(run.whiten.covariance.diagonal()) for run, part in own]
         )
 
+    @property
+    def equations(self) -> slice:
+        # the first rows of a window compare positions with velocities
+        return slice(self.runs[0].weak.kinematic_rows, None)
+
     def forget(self) -> None:
         for cache in (self.found_pushes, self.tried_pulses, self.force_looks):
             cache.clear()

@@ -1,5 +1,6 @@
 """Writes the decisions of a search under unknown forces, place by place, as records of its trace."""
 
+from drake_cafim.diagnosis.fit.constancy import Constancy
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.trace import Record, name_of, names_of, spoken
 from drake_cafim.effects.effect import Effect
@@ -113,6 +114,26 @@ def record_shared(model: Model, effect: Effect, probability: float, least: float
         f"{short(least, 2)} is required, so it is {'named' if passed else 'not named'}"
     )
     return _record("prune", model, effect, probability, least, passed, words, "probability")
+
+
+def record_left_at_place(model: Model, effect: Effect, share: float, most: float, passed: bool) -> Record:
+    """Whether the laws at a place explain nearly all there, where other equations hold to the noise."""
+    words = (
+        f"other equations hold to the noise, so that what is missing is at its place, where a share of {short(share)} "
+        f"of the misfit is left; laws that hold would leave at most {short(most)}, so it is "
+        f"{'named' if passed else 'not named'}"
+    )
+    return _record("prune", model, effect, share, most, passed, words, "share left at its place")
+
+
+def record_constancy(model: Model, tested: Constancy, level: float, passed: bool) -> Record:
+    """Whether a law's strengths are the same throughout the recordings."""
+    words = (
+        f"with strengths of its own in each half of each recording it would lower χ² by {short(tested.varying)} more, "
+        f"beside {short(tested.common)} with the same strengths throughout; on noise alone, the probability of as much "
+        f"is {short(tested.p_value, 2)}, and below {short(level, 2)} they vary: it is {'' if passed else 'not '}named"
+    )
+    return _record("prune", model, tested.effect, tested.p_value, level, passed, words, "p-value of its constancy")
 
 
 def _record(

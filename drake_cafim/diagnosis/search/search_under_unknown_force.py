@@ -13,6 +13,7 @@ import numpy as np
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.evidence import leaves_noise
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions
@@ -23,6 +24,7 @@ from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.diagnosis.thresholds import MISFIT_SHARE_TO_EXPLAIN, MOST_EFFECTS
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
+from drake_cafim.typing import Array
 
 UNKNOWN_FORCES = "unknown forces"
 """Name of this search in a trace."""
@@ -103,9 +105,14 @@ def geometric_misfit(problem: SearchProblem, fit: Fit) -> float:
     The likelihood under a force of unknown size at each joint: a joint that is explained counts as much as another one
     that is far more noise variances away.
     """
-    whitened = problem.rewhitened(fit.model)
-    rows = np.concatenate([z for _, z in by_run(whitened, whitened.apart(whitened.rows_of(fit.model)))])
-    return float(np.exp(np.mean(np.log(np.maximum(np.mean(rows**2, axis=0), 1e-300)))))
+    return float(np.exp(np.mean(np.log(np.maximum(misfit_by_row(problem, fit.model), 1e-300)))))
+
+
+def misfit_by_row(problem: SearchProblem, model: Model) -> Array:
+    """(r,) mean square of each kind of row, each `apart`, under the noise of the channels alone."""
+    whitened = problem.rewhitened(model)
+    rows = np.concatenate([z for _, z in by_run(whitened, whitened.apart(whitened.rows_of(model)))])
+    return np.asarray(np.mean(rows**2, axis=0))
 
 
 def _excess(problem: Problem, fit: Fit) -> float:

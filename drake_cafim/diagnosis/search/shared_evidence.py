@@ -1,17 +1,27 @@
-"""Withholds names that the recordings do not support, since other laws explain as much.
+"""Withholds names that the recordings do not support: other laws explain as much, or the law is refuted.
 
 An explanation may leave nothing but noise and yet share that with other laws. Then none has earned its name: the place
-is told, and the laws that may act there stand as rivals.
+is told, and the laws that may act there stand as rivals. Or it leaves more than a law would that holds there, or needs
+other strengths in every part of the recordings: then it is refuted, and the place alone is told.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from drake_cafim.diagnosis.fit.fitting import unbiased_fit
+import numpy as np
+
+from drake_cafim.diagnosis.fit.constancy import constancy_of
+from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.judgement import Judgement
-from drake_cafim.diagnosis.search.search_under_unknown_force import mean_square
-from drake_cafim.diagnosis.thresholds import LEAST_PROBABILITY
+from drake_cafim.diagnosis.search.search_under_unknown_force import mean_square, misfit_by_row
+from drake_cafim.diagnosis.search.state import Settings
+from drake_cafim.diagnosis.thresholds import (
+    LEAST_PROBABILITY,
+    MISFIT_REDUCED_CHI_SQUARE,
+    MISFIT_SHARE_TO_EXPLAIN,
+    NAMED_EXCESS_SHARE,
+)
 from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.effects.effect import Effect
 
@@ -23,22 +33,88 @@ def withhold_shared(judgement: Judgement, trace: Trace) -> Judgement:
     """
     own = trace.of_search(judgement.search)
     while failed := list(failures(judgement)):
-        best, outcome = judgement.best, judgement.outcome
         own.add(*(record for _, record in failed))
-        dropped = {effect.key for effect, _ in failed}
-        kept = tuple(effect for effect in best.model.effects if effect.key not in dropped)
-        rest = unbiased_fit(outcome.problem, replace(best.model, effects=kept)) if kept else outcome.nominal
-        # the rows of the search are whitened under the effects that are now withheld
-        left = mean_square(outcome.nominal_problem, rest)
-        judgement = replace(
-            judgement,
-            best=rest,
-            kind="unexplained",
-            left=left,
-            adequate=False,
-            withheld=(*judgement.withheld, *(effect for effect, _ in failed)),
-        )
+        effects = [effect for effect, _ in failed]
+        judgement = replace(_without(judgement, effects), withheld=(*judgement.withheld, *effects))
     return judgement
+
+
+def withhold_refuted(judgement: Judgement, settings: Settings, trace: Trace) -> Judgement:
+    """The judgement without the laws that the recordings refute; each test is added to `trace`.
+
+    What is left while only some equations hold to the noise refutes the laws there (`_refuted_at_place`), and so do
+    strengths that vary, the least constant first (`_varying`).
+    """
+    # what was judged by simulations has no rows
+    if judgement.std is not None or judgement.kind == "none":
+        return judgement
+    own = trace.of_search(judgement.search)
+    for refuted in (_refuted_at_place, _varying):
+        while failed := refuted(judgement, settings, own):
+            judgement = _without(judgement, failed)
+    return judgement
+
+
+def _refuted_at_place(judgement: Judgement, settings: Settings, trace: Trace) -> list[Effect]:
+    """The laws that leave far more than noise in the equations that they explain best, while others hold to the noise.
+
+    A machine of which no equation holds to the noise has a model that is inexact everywhere, and a law that explains
+    more than is left may be right. Where some do, model and noise are exact, and what is left elsewhere is of the laws
+    that are named there: together they have to explain nearly all of it.
+    """
+    best, outcome = judgement.best, judgement.outcome
+    lasting = [effect for effect in best.model.effects if effect.episode is None]
+    if judgement.kind != "unexplained" or judgement.adequate or not lasting:
+        return []
+    problem = outcome.nominal_problem
+    left = misfit_by_row(problem, best.model)[problem.equations]
+    standing = left > MISFIT_REDUCED_CHI_SQUARE
+    if np.all(standing) or not np.any(standing):
+        return []
+    at: dict[int, list[Effect]] = {}
+    for effect in lasting:
+        had = misfit_by_row(problem, best.model.without(effect))[problem.equations]
+        at.setdefault(int(np.argmax(had - left)), []).append(effect)
+    refuted = []
+    for row, effects in at.items():
+        had = misfit_by_row(problem, _refitted_without(judgement, effects).model)[problem.equations]
+        share = float((left[row] - 1.0) / max(had[row] - 1.0, 1e-300))
+        passed = not standing[row] or share <= MISFIT_SHARE_TO_EXPLAIN
+        for effect in effects:
+            trace.add(decisions.record_left_at_place(best.model, effect, share, MISFIT_SHARE_TO_EXPLAIN, passed))
+        refuted += [] if passed else effects
+    return refuted
+
+
+def _varying(judgement: Judgement, settings: Settings, trace: Trace) -> list[Effect]:
+    """The law that needs other strengths in other parts of the recordings, the least constant one.
+
+    Where noise alone is left, nothing else that is missing can make a strength vary: there it is refuted at the
+    adequacy's level. Where more is left, that varies too, and what a law explains with the same strengths throughout
+    has to be at least half of what it explains with strengths of its own in each part.
+    """
+    tested = constancy_of(judgement.outcome.problem, judgement.best)
+    alone = judgement.kind == "explained" or judgement.adequate
+    level = settings.adequacy_level / max(len(tested), 1)
+    varying = [it for it in tested if it.p_value < level]
+    failed = [it for it in varying if alone or it.share < NAMED_EXCESS_SHARE]
+    for it in tested:
+        trace.add(decisions.record_constancy(judgement.best.model, it, level, it not in failed))
+    return [min(failed, key=lambda it: it.share).effect] if failed else []
+
+
+def _without(judgement: Judgement, effects: Sequence[Effect]) -> Judgement:
+    """The judgement without the names of `effects`, all others fitted again."""
+    rest = _refitted_without(judgement, effects)
+    # the rows of the search are whitened under the effects that are left out
+    left = mean_square(judgement.outcome.nominal_problem, rest)
+    return replace(judgement, best=rest, kind="unexplained", left=left, adequate=False)
+
+
+def _refitted_without(judgement: Judgement, effects: Sequence[Effect]) -> Fit:
+    best, outcome = judgement.best, judgement.outcome
+    kept = tuple(effect for effect in best.model.effects if effect not in effects)
+    return unbiased_fit(outcome.problem, replace(best.model, effects=kept)) if kept else outcome.nominal
 
 
 def failures(judgement: Judgement) -> Iterator[tuple[Effect, Record]]:

@@ -1,0 +1,146 @@
+"""A law is refuted by strengths that vary, and by what is left at its place where other equations hold to the noise."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import drake_cafim
+from drake_cafim.diagnosis.fit.constancy import constancy_of
+from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.search import shared_evidence
+from drake_cafim.diagnosis.search.judgement import Judgement
+from drake_cafim.diagnosis.search.state import Settings
+from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.diagnosis.verdict import Kind
+from drake_cafim.effects.body import ExternalDisturbance
+from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.joint import JointViscousFriction
+from drake_cafim.typing import Array
+from tests.concealed.make import make
+
+WINDOWS, ROWS = 400, 2
+VISCOUS = JointViscousFriction("elbow", {"coefficient": 1.0})
+
+
+def _judgement(
+    monkeypatch: pytest.MonkeyPatch, strengths: Array, kind: Kind, left: float = 1.0, seed: int = 1
+) -> Judgement:
+    """A viscous friction of other true `strengths` (2, 2) by recording and half; `left` times the noise is left."""
+    rng = np.random.default_rng(seed)
+    slope = rng.normal(size=(2, WINDOWS, ROWS))
+    true = np.repeat(strengths, WINDOWS // 2, axis=1)[:, :, None]
+    rows = np.sqrt(left) * rng.normal(size=slope.shape) - true * slope
+
+    def fitted(problem: Any, model: Model) -> Fit:
+        jacobian = slope.reshape(-1, len(model.vector)) if model.effects else np.zeros((rows.size, 0))
+        step = np.linalg.lstsq(jacobian, -rows.ravel(), rcond=None)[0]
+        covariance = np.linalg.inv(jacobian.T @ jacobian) if model.effects else np.eye(0)
+        return Fit(model.at(step), rows.ravel() + jacobian @ step, jacobian, covariance, rows.size, unbiased=True)
+
+    problem: Any = SimpleNamespace(
+        rows=rows.size,
+        runs=[SimpleNamespace(name=name, shape=(WINDOWS, ROWS)) for name in "ab"],
+        residual=lambda model: fitted(None, model).residual,
+        equations=slice(None),
+    )
+    monkeypatch.setattr(shared_evidence, "unbiased_fit", fitted)
+    monkeypatch.setattr(shared_evidence, "mean_square", lambda *of: 2.0)
+    monkeypatch.setattr(shared_evidence, "misfit_by_row", lambda problem, model: np.ones(2))
+    nothing = Model(np.zeros(0))
+    outcome: Any = SimpleNamespace(problem=problem, nominal_problem=problem, nominal=fitted(problem, nothing))
+    return Judgement(outcome, fitted(problem, nothing.with_effects([VISCOUS])), kind)
+
+
+def test_noise_alone_varies_as_the_test_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    p_values = []
+    for seed in range(200):
+        judgement = _judgement(monkeypatch, np.ones((2, 2)), "explained", seed=seed)
+        (tested,) = constancy_of(judgement.outcome.problem, judgement.best)
+        assert tested.common > 1000.0 and tested.share > 0.98
+        p_values.append(tested.p_value)
+    assert 0.02 < np.mean(np.array(p_values) < 0.05) < 0.09
+
+
+@pytest.mark.parametrize("strengths", [[[1.0, 1.0], [1.0, 1.3]], [[0.8, 0.8], [1.2, 1.2]]])
+def test_a_law_that_varies_beside_noise_alone_is_not_named(
+    monkeypatch: pytest.MonkeyPatch, strengths: list[list[float]]
+) -> None:
+    trace = Trace()
+    judgement = _judgement(monkeypatch, np.array(strengths), "explained")
+    found = shared_evidence.withhold_refuted(judgement, Settings(), trace)
+    assert found.kind == "unexplained" and found.best is found.outcome.nominal
+    assert not found.withheld and found.left == 2.0
+    (record,) = trace.records
+    assert not record.passed and "half of each recording" in record.words
+
+
+def test_the_same_strength_throughout_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    trace = Trace()
+    judgement = _judgement(monkeypatch, np.ones((2, 2)), "explained")
+    assert shared_evidence.withhold_refuted(judgement, Settings(), trace) is judgement
+    assert [record.passed for record in trace.records] == [True]
+
+
+@pytest.mark.parametrize(("strengths", "named"), [([[1.0, 1.0], [0.6, 0.6]], True), ([[1.0, 1.0], [-0.9, 0.9]], False)])
+def test_where_more_is_left_the_common_strength_has_to_explain_most(
+    monkeypatch: pytest.MonkeyPatch, strengths: list[list[float]], named: bool
+) -> None:
+    judgement = _judgement(monkeypatch, np.array(strengths), "unexplained", left=1.5)
+    found = shared_evidence.withhold_refuted(judgement, Settings(), Trace())
+    assert bool(found.best.model.effects) == named and found.kind == "unexplained"
+
+
+def test_a_push_is_no_law_that_lasts(monkeypatch: pytest.MonkeyPatch) -> None:
+    judgement = _judgement(monkeypatch, np.ones((2, 2)), "explained")
+    push: Effect = ExternalDisturbance("hand", {"x": 1.0, "y": 0.0, "z": 0.0, "start": 1.0, "stop": 2.0}, "a")
+    jacobian = np.repeat(judgement.best.jacobian, len(push.strengths), axis=1)
+    alone = Fit(Model(np.zeros(0), (push,)), judgement.best.residual, jacobian, np.eye(3), jacobian.shape[0])
+    assert constancy_of(judgement.outcome.problem, alone) == []
+
+
+SHOULDER, ELBOW = JointViscousFriction("shoulder", {"coefficient": 1.0}), VISCOUS
+LEFT = {"elbow alone": [1.0, 70.0], "hardly any": [1.0, 5.0], "both": [9.0, 70.0], "noise": [1.0, 1.2]}
+
+
+@pytest.mark.parametrize(
+    ("left", "named"), [("elbow alone", False), ("hardly any", True), ("both", True), ("noise", True)]
+)
+def test_what_is_left_at_one_place_refutes_its_law(monkeypatch: pytest.MonkeyPatch, left: str, named: bool) -> None:
+    """The shoulder's friction explains all there, the elbow's takes the misfit there from 200 to what is left."""
+    nothing = Model(np.zeros(0))
+
+    def misfits(problem: Any, model: Model) -> Array:
+        lacking = [SHOULDER.key not in model.keys, ELBOW.key not in model.keys]
+        return np.where(lacking, 200.0, LEFT[left])
+
+    def fitted(problem: Any, model: Model) -> Fit:
+        width = len(model.vector)
+        return Fit(model, np.ones(40), np.ones((40, width)), np.eye(width), 40, unbiased=True)
+
+    monkeypatch.setattr(shared_evidence, "misfit_by_row", misfits)
+    monkeypatch.setattr(shared_evidence, "unbiased_fit", fitted)
+    monkeypatch.setattr(shared_evidence, "mean_square", lambda *of: 3.0)
+    monkeypatch.setattr(shared_evidence, "constancy_of", lambda *of: [])
+    problem: Any = SimpleNamespace(equations=slice(None))
+    outcome: Any = SimpleNamespace(problem=problem, nominal_problem=problem, nominal=fitted(problem, nothing))
+    judgement = Judgement(outcome, fitted(problem, nothing.with_effects([SHOULDER, ELBOW])), "unexplained")
+    trace = Trace()
+    found = shared_evidence.withhold_refuted(judgement, Settings(), trace)
+    assert [effect.at for effect in found.best.model.effects] == (["shoulder", "elbow"] if named else ["shoulder"])
+    assert found.kind == "unexplained" and all("other equations" in record.words for record in trace.records)
+    assert bool(trace.records) == (left in ("elbow alone", "hardly any"))
+
+
+@pytest.mark.long
+def test_a_drive_that_feeds_energy_in_has_no_name(tmp_path: Path) -> None:
+    """Its shoulder is driven at low speeds and braked at high ones; laws take a part of that."""
+    make("odd:odd_negative_damping", "arm2", 9300).write(tmp_path)
+    recordings = [drake_cafim.read(tmp_path / f"train_{k}.parquet") for k in (1, 2, 3)]
+    verdict = drake_cafim.diagnose(drake_cafim.Scene.load(tmp_path / "scenario.yaml"), recordings)
+    assert verdict.kind == "unexplained" and not verdict.explanation
+    assert verdict.mismatch.locations[0].name == "shoulder"
+    assert any(record.test == "share left at its place" and not record.passed for record in verdict.trace)
