@@ -1,6 +1,7 @@
 """The levels of the tests of a diagnosis: each does one thing, both are options, and what is no level is refused."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -121,4 +122,5 @@ def test_the_command_passes_both_on_and_a_finished_diagnosis_knows_them(
     (folder / "a.csv").rename(folder / "fleet" / "a" / "a.csv")
     fleet = ["diagnose", "s.yaml", "--fleet", "fleet", "--jobs", "1", "--out", "fleet_out", *levels]
     assert CliRunner().invoke(main, fleet, catch_exceptions=False).exit_code == 0
-    assert len(used) == 2 and used[1] == used[0]
+    # processes change no result
+    assert len(used) == 2 and used[1] == replace(used[0], jobs=1)

@@ -32,6 +32,7 @@ WIDE = 4.0
 """N m/rad, the prior's standard deviation of kp."""
 
 
+@pytest.mark.long
 def test_a_light_axis_that_sticks_and_is_late(tmp_path: Path) -> None:
     """Its equations are satisfied best by a stiffness of a tenth; the scale of all efforts is known to a sixth only."""
     prepared = _prepared(tmp_path, 2e-3, 0.0)
@@ -70,6 +71,7 @@ def test_the_verdict_names_what_simulations_show(tmp_path: Path) -> None:
     assert prepared.scene.known == ()
 
 
+@pytest.mark.long
 def test_gravity_fixes_the_scale_as_well_as_the_mass_is_known(tmp_path: Path) -> None:
     """The mass is known to a third; where it is known, the verdict's interval is (above)."""
     found = _found(_prepared(tmp_path, 2e-3, 9.81, sure=False), most_effects=0)
