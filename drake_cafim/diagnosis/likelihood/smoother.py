@@ -72,7 +72,11 @@ def filter_forward(
                     P[b, a] = P[a, b]
         for b in range(p):
             gradient[b] += scores[k, b]
-        means[k], covariances[k] = d, P
+        for a in range(s):
+            for b in range(p + 1):
+                means[k, a, b] = d[a, b]
+            for b in range(s):
+                covariances[k, a, b] = P[a, b]
         if k + 1 < N:
             d = A[k] @ d
             for a in range(s):

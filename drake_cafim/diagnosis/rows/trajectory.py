@@ -13,6 +13,7 @@ coloured noise, has states of its own beside the joint's.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -150,9 +151,10 @@ def smooth(
     """The trajectory of all joints from samples `q`, `v` (N, n) with the noise of each joint's two channels."""
     columns = []
     h = np.ascontiguousarray(np.diff(time))
+    longest = LONGEST_PAUSE * float(np.median(h))
     for j, noises in enumerate(zip(of_q, of_v, strict=True)):
         read = np.stack([q[:, j] - transition.about[0, :, j], v[:, j] - transition.about[1, :, j]], axis=1)
-        numbers = (h, read, *_state_space(transition, j, noises))
+        numbers = (longest, h, read, *_state_space(transition, j, noises))
         density = _likeliest_density(numbers)
         columns.append((*_smoothed(*numbers, density), density))
     q_hat, v_hat, q_std, v_std = (np.stack([column[k] for column in columns], axis=1) for k in range(4))
@@ -188,16 +190,18 @@ def _state_space(transition: Transition, j: int, noises: Sequence[ChannelNoise])
     return variance, seen, steps, rise, fresh, start
 
 
-def _likeliest_density(numbers: tuple[Array, ...]) -> float:
+def _likeliest_density(numbers: tuple[Any, ...]) -> float:
     """The smallest density that the innovations do not refuse against the likeliest one."""
     exponents = np.log10(DENSITIES)
-    costs = [_cost(*numbers, 10.0**exponent) for exponent in exponents]
+    N, m = len(numbers[2]), len(numbers[-1])
+    filled = (np.empty((N, m)), np.empty((N, m, m)), np.empty((N, 2, 2)), np.empty((N, 2, m)))
+    costs = [_filtered(*numbers, 10.0**exponent, *filled) for exponent in exponents]
     best, step = int(np.argmin(costs)), 1.0
     exponent, cost = float(exponents[best]), costs[best]
     for _ in range(REFINEMENTS):
         step *= 0.5
         for near in (exponent - step, exponent + step):
-            found = _cost(*numbers, 10.0**near)
+            found = _filtered(*numbers, 10.0**near, *filled)
             if found < cost:
                 exponent, cost = near, found
     for smaller, own in zip(exponents, costs, strict=True):
@@ -208,6 +212,7 @@ def _likeliest_density(numbers: tuple[Array, ...]) -> float:
 
 @compiled
 def _filtered(
+    longest: float,
     h: Array,
     read: Array,
     variance: Array,
@@ -228,7 +233,6 @@ def _filtered(
     the `gains` (N, 2, m) of the samples.
     """
     N, m, cost, started = len(read), len(start), 0.0, 0
-    longest = LONGEST_PAUSE * np.median(h)
     x, P = np.zeros(m), np.zeros((m, m))
     moved, carried = np.zeros(m), np.zeros((m, m))
     for k in range(N):
@@ -285,26 +289,8 @@ def _filtered(
 
 
 @compiled
-def _cost(
-    h: Array,
-    read: Array,
-    variance: Array,
-    seen: Array,
-    steps: Array,
-    rise: Array,
-    fresh: Array,
-    start: Array,
-    density: float,
-) -> float:
-    N, m = len(read), len(start)
-    model = (variance, seen, steps, rise, fresh, start)
-    found = (np.empty((N, m)), np.empty((N, m, m)), np.empty((N, 2, 2)), np.empty((N, 2, m)))
-    cost: float = _filtered(h, read, *model, density, *found)
-    return cost
-
-
-@compiled
 def _smoothed(
+    longest: float,
     h: Array,
     read: Array,
     variance: Array,
@@ -317,11 +303,10 @@ def _smoothed(
 ) -> tuple[Array, Array, Array, Array, float]:
     """Smoothed q, v and their standard deviations, (N,) each, and −2 ln likelihood of the innovations."""
     N, m = len(read), len(start)
-    longest = LONGEST_PAUSE * np.median(h)
     means, covariances = np.empty((N, m)), np.empty((N, m, m))
     innovations, gains = np.empty((N, 2, 2)), np.empty((N, 2, m))
     model = (variance, seen, steps, rise, fresh, start)
-    cost = _filtered(h, read, *model, density, means, covariances, innovations, gains)
+    cost = _filtered(longest, h, read, *model, density, means, covariances, innovations, gains)
     q, v, q_std, v_std = np.empty(N), np.empty(N), np.empty(N), np.empty(N)
     # what the samples after k say: the state is x − P a, its covariance P − P A P
     a, A = np.zeros(m), np.zeros((m, m))
