@@ -46,6 +46,15 @@ def test_at_rest_the_servos_carry_what_their_law_says(robot: Robot, effect: str,
     assert np.all(np.abs(kp * error - weight) <= 0.6 * QUANTUM * served.kp)
 
 
+def test_a_followed_command_of_bounded_acceleration_gets_to_a_step_in_the_shortest_time() -> None:
+    """Half of the way at a, half at −a: 2 √(1/4) s to a step of 1 rad with a = 4 rad/s²."""
+    followed = replace(SERVED, effect="command_acceleration_limit", values=(4.0,)).follower(np.zeros(2))
+    path = np.array([followed(k * STEP, lambda at: np.array([1.0, 1.0]))[1] for k in range(round(1.5 / STEP))])
+    at = (np.arange(len(path)) + 0.5) * STEP
+    expected = np.where(at < 0.5, 2.0 * at**2, np.where(at < 1.0, 1.0 - 2.0 * (1.0 - at) ** 2, 1.0))
+    assert path == pytest.approx(expected, abs=4.0 * STEP)
+
+
 def test_what_is_followed_is_late_lagged_or_limited_in_its_rate() -> None:
     def sent(at: float) -> np.ndarray:
         return np.array([at, 2.0 * at])

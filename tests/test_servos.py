@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from drake_cafim.effects.actuator import Effort
+from drake_cafim.effects.command_profile import CommandAccelerationLimit
 from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.effects.servo import Servo
 from drake_cafim.effects.servo_effect import CommandDelay, CommandLag, CommandRateLimit
@@ -78,6 +79,37 @@ def test_a_bounded_rate_agrees_with_small_steps(ramped: bool) -> None:
         y += np.clip(target - y, -5e-5, 5e-5)
     followed = CommandRateLimit("a", {"rate": 5.0}).follow(goal)
     assert np.interp(fine, followed.times, followed.values) == pytest.approx(np.array(path), abs=2e-3)
+
+
+@pytest.mark.parametrize("ramped", [False, True])
+def test_a_bounded_acceleration_agrees_with_small_steps(ramped: bool) -> None:
+    """Each small step goes towards the goal, or brakes where it could not stop there otherwise."""
+    rng, most = np.random.default_rng(1), 40.0
+    goal = Effort(np.arange(21) * 0.1, np.cumsum(0.3 * rng.normal(size=21)), ramped)
+    fine = np.linspace(0.0, 2.0, 200_001)
+    wanted, h = np.append(goal.means(fine)[:-1], goal.values[-1]), fine[1]
+    y, w, path = wanted[0], 0.0, []
+    for target in wanted:
+        path.append(y)
+        left = target - y
+        w += np.clip(np.sign(left) * np.sqrt(2.0 * most * abs(left)) - w, -most * h, most * h)
+        y += w * h
+    followed = CommandAccelerationLimit("a", {"acceleration": most}).follow(goal)
+    error = np.interp(fine, followed.times, followed.values) - np.array(path)
+    # a ramp is taken as steps of an eighth
+    assert np.max(np.abs(error)) < (0.02 if ramped else 1e-3)
+
+
+def test_a_profile_goes_on_from_where_it_was() -> None:
+    effect, rng = CommandAccelerationLimit("a", {"acceleration": 30.0}), np.random.default_rng(2)
+    sent, period = 0.2 * rng.normal(size=30), 0.02
+    whole = effect.follow(Effort(period * np.arange(30), sent))
+    now = effect.rest(float(sent[0]))
+    for k, goal in enumerate(sent[:-1]):
+        own = effect.follow_from(now, float(goal), period)
+        expected = np.interp(k * period + own.times, whole.times, whole.values)
+        assert own.values == pytest.approx(expected, abs=2e-5)
+        now = effect.after(now, float(goal), period)
 
 
 def test_a_slow_command_is_followed_exactly() -> None:

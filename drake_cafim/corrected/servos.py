@@ -64,8 +64,9 @@ class CommandSystem(LeafSystem):
         input_ports: [sent]
         output_ports: [followed]
 
-    Both (n,) rad or m. Discrete state 0 holds what was followed at the end of the last period, then the past commands,
-    the oldest first, NaN before the first. Element `joint` of the output is the mean over the current period.
+    Both (n,) rad or m. Discrete state 0 holds the state of what was followed at the end of the last period, then the
+    past commands, the oldest first, NaN before the first. Element `joint` of the output is the mean over the current
+    period.
     """
 
     def __init__(self, effect: ServoEffect, joint: int, joints: int, clock: Clock) -> None:
@@ -74,19 +75,24 @@ class CommandSystem(LeafSystem):
         self.DeclareVectorInputPort("sent", joints)
         self.DeclareVectorOutputPort("followed", joints, self._calc_followed)
         past = int(np.ceil(effect.past / clock.period)) + 1
-        clock.keep(self, np.full(1 + past, np.nan), self._update_state)
+        self._memory = len(effect.rest(0.0))
+        clock.keep(self, np.full(self._memory + past, np.nan), self._update_state)
 
     def _signal(self, context: Context) -> Effort:
         """What is followed, from the past commands to the end of the current period."""
+        now, before, sent = self._read_state(context)
+        if not self._effect.past:
+            return self._effect.follow_from(now, sent, self._period)
+        past = before[np.isfinite(before)]
+        times, values = self._period * np.arange(-len(past), 2), np.concatenate([past, [sent, sent]])
+        return self._effect.follow(Effort(array(times), array(values)))
+
+    def _read_state(self, context: Context) -> tuple[Array, Array, float]:
+        """The state of what is followed, the past commands, and what is sent."""
         state = discrete_state(context)
         sent = float(read(self.get_input_port(), context)[self._joint])
-        past = state[1:][np.isfinite(state[1:])]
-        times, values = self._period * np.arange(-len(past), 2), np.concatenate([past, [sent, sent]])
-        if not self._effect.past:
-            # a lag and a bounded rate start where they are: one held piece there, before the current command
-            now = state[0] if np.isfinite(state[0]) else sent
-            times, values = self._period * np.array([-1.0, 0.0, 1.0]), np.array([now, sent, sent])
-        return self._effect.follow(Effort(array(times), array(values)))
+        now = state[: self._memory]
+        return (now if np.isfinite(now[0]) else self._effect.rest(sent)), state[self._memory :], sent
 
     def _calc_followed(self, context: Context, output: BasicVector) -> None:
         command = read(self.get_input_port(), context)
@@ -94,7 +100,5 @@ class CommandSystem(LeafSystem):
         output.SetFromVector(array(command))
 
     def _update_state(self, context: Context) -> Array:
-        state = discrete_state(context)
-        sent = float(read(self.get_input_port(), context)[self._joint])
-        end = self._effect.after(state[0] if np.isfinite(state[0]) else sent, sent, self._period)
-        return array(np.concatenate([[end], state[2:], [sent]]))
+        now, before, sent = self._read_state(context)
+        return array(np.concatenate([self._effect.after(now, sent, self._period), before[1:], [sent]]))

@@ -11,6 +11,7 @@ from drake_cafim.effects.actuator import (
     ActuatorSaturation,
 )
 from drake_cafim.effects.body import AerodynamicDrag, ExternalDisturbance
+from drake_cafim.effects.command_profile import CommandAccelerationLimit
 from drake_cafim.effects.contact_friction import (
     ContactAnisotropicFriction,
     ContactPresliding,
@@ -76,6 +77,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     CommandDelay,
     CommandLag,
     CommandRateLimit,
+    CommandAccelerationLimit,
     Payload,
     InertialError,
     GravityMisalignment,

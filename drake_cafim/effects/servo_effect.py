@@ -44,9 +44,18 @@ class ServoEffect(Effect):
         """The commanded position over time, rad (m), that the servo follows when `command` is sent."""
         return command
 
-    def after(self, now: float, sent: float, period: float) -> float:
-        """What is followed `period` s after `now` was, while `sent` is commanded, rad (m)."""
-        return sent
+    def rest(self, sent: float) -> Array:
+        """(m,) the state of what is followed, its position first, where nothing but `sent` has been commanded."""
+        return np.array([sent])
+
+    def after(self, now: Array, sent: float, period: float) -> Array:
+        """(m,) the state of what is followed `period` s after `now` (m,), while `sent` is commanded, rad (m)."""
+        return np.array([sent])
+
+    def follow_from(self, now: Array, sent: float, period: float) -> Effort:
+        """What is followed over `period` s from the state `now` (m,) at 0 s, while `sent` is commanded."""
+        # a lag and a bounded rate start where they are: one held piece there, before the command
+        return self.follow(Effort(np.array([-period, 0.0, period]), np.array([now[0], sent, sent])))
 
     @property
     def remembers(self) -> bool:
@@ -187,6 +196,7 @@ class CommandLag(ServoEffect):
         "command_delay": "slow commands are late by the time constant, whichever of the two it is",
         "actuator_lag": "it filters the measured position within the servo, too",
         "command_rate_limit": "both hold back a fast command",
+        "command_acceleration_limit": "both are late in turns; a bounded acceleration only in sharp ones",
     }
 
     @property
@@ -196,7 +206,7 @@ class CommandLag(ServoEffect):
     def follow(self, command: Effort) -> Effort:
         return ActuatorLag(self.at, self.values).drive(command)
 
-    def after(self, now: float, sent: float, period: float) -> float:
+    def after(self, now: Array, sent: float, period: float) -> Array:
         return sent + (now - sent) * float(np.exp(-period / self.values["time_constant"]))
 
     def looks(self, rate: Array, error: Array) -> Iterator[Sequence[Direction]]:
@@ -220,6 +230,7 @@ class CommandRateLimit(ServoEffect):
     words: ClassVar[str] = "follows the command at a bounded rate"
     alike: ClassVar[dict[str, str]] = {
         "command_lag": "both hold back a fast command",
+        "command_acceleration_limit": "both hold back a fast command; a bounded acceleration overshoots the turns",
         "actuator_speed_limit": "both bound the joint's speed",
     }
 
@@ -227,9 +238,9 @@ class CommandRateLimit(ServoEffect):
         times, values = _rate_limited(command.times, command.values, command.ramped, self.values["rate"])
         return Effort(times, values, True)
 
-    def after(self, now: float, sent: float, period: float) -> float:
+    def after(self, now: Array, sent: float, period: float) -> Array:
         farthest = self.values["rate"] * period
-        return now + float(np.clip(sent - now, -farthest, farthest))
+        return now + np.clip(sent - now, -farthest, farthest)
 
     def looks(self, rate: Array, error: Array) -> Iterator[Sequence[Direction]]:
         for share in (0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97):

@@ -27,6 +27,7 @@ UNITS = {
     "command_delay": {"delay": "s"},
     "command_lag": {"time_constant": "s"},
     "command_rate_limit": {"rate": "rad/s"},
+    "command_acceleration_limit": {"acceleration": "rad/s²"},
     "actuator_speed_limit": {"no_load_speed": "rad/s", "stall_torque": "N m"},
     "joint_coulomb_friction": {"torque": "N m"},
 }
@@ -103,9 +104,10 @@ class Served:
 
     def follower(self, start: Array) -> Callable[[float, Sent], Array]:
         """What the servos follow over a step from a time on, given what is commanded; called once a step."""
-        state, j = start.copy(), self.joint
+        state, speed, j = start.copy(), 0.0, self.joint
 
         def followed(now: float, sent: Sent) -> Array:
+            nonlocal speed
             goal = sent(now).copy()
             if self.effect == "command_delay":
                 before, after = (sent(max(at - self.values[0], 0.0))[j] for at in (now, now + STEP))
@@ -119,6 +121,14 @@ class Served:
             if self.effect == "command_rate_limit":
                 moved = np.clip(goal[j] - state[j], -STEP * self.values[0], STEP * self.values[0])
                 state[j], goal[j] = state[j] + moved, state[j] + 0.5 * moved
+            if self.effect == "command_acceleration_limit":
+                # the speed from which it can still stop at the goal, if half a step from now it begins to
+                most, left = self.values[0], goal[j] - state[j]
+                wanted = np.sign(left) * (
+                    np.sqrt(2.0 * most * abs(left) + (0.5 * most * STEP) ** 2) - 0.5 * most * STEP
+                )
+                speed += np.clip(min(abs(wanted), abs(left) / STEP) * np.sign(left) - speed, -most * STEP, most * STEP)
+                state[j], goal[j] = state[j] + speed * STEP, state[j] + 0.5 * speed * STEP
             return goal
 
         return followed
@@ -188,6 +198,7 @@ def draw(rng: np.random.Generator, robot: Robot, effect: str) -> Served:
         "command_delay": (0.03 * size,),
         "command_lag": (0.03 * size,),
         "command_rate_limit": (0.6 / size**0.5,),
+        "command_acceleration_limit": (4.0 / size**0.5,),
         "actuator_speed_limit": (4.0, 0.5 * limit[j] / size**0.3),
         "joint_coulomb_friction": (0.2 * size * asked[j],),
     }[effect]

@@ -100,6 +100,7 @@ SERVO = (
     "command_delay",
     "command_lag",
     "command_rate_limit",
+    "command_acceleration_limit",
     "actuator_speed_limit",
 )
 """What only arms that are commanded by position show."""

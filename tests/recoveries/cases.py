@@ -26,7 +26,13 @@ HIDDEN = {
     "sensor_lag",
 }
 """Effects whose state nobody measures."""
-REMEMBERING = HIDDEN | {"clock_skew", "command_delay", "command_lag", "command_rate_limit"}
+REMEMBERING = HIDDEN | {
+    "clock_skew",
+    "command_delay",
+    "command_lag",
+    "command_rate_limit",
+    "command_acceleration_limit",
+}
 """Effects that keep something in the Context."""
 
 
@@ -131,6 +137,7 @@ CASES = [
     served("command_delay", "elbow", delay=0.0083),
     served("command_lag", "lift", time_constant=0.012),
     served("command_rate_limit", "turn", rate=1.2),
+    served("command_acceleration_limit", "turn", acceleration=4.0),
     served("actuator_speed_limit", "turn", no_load_speed=3.0, stall_torque=6.0),
     joint("payload", "l3", mass=0.4, x=0.2, y=0.05, z=-0.05),
     # beside what the scenario says is uncertain about the link

@@ -16,14 +16,14 @@ from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.servos import SERVO_PARAMETERS
 from drake_cafim.scene.scene import Scene
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 MOST_WINDOWS = 600
 """Most windows that are simulated, spread evenly over all recordings."""
 MOST_SAMPLES = 30_000
 """Most samples of all joints in these windows."""
 BLOCKS = 4
-"""Blocks of a recording whose errors count as independent of each other."""
+"""Blocks of a recording whose errors count as independent; from as many recordings on, whole ones are left out."""
 FINE_STEP, FINEST_STEP = 5e-4, 2.5e-4
 """s: steps of what is nearly as good as another, and the shortest of the last fit. Those of a search bias friction."""
 
@@ -181,7 +181,16 @@ class OutputErrors:
         return np.stack(columns, axis=1)
 
 
-def _blocks(recording: int, forecast: Forecast) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+def left_out_parts(block: Indices) -> Indices:
+    """(S,) which part each of the samples in these blocks (S,) is left out with: its recording, or one of few's blocks.
+
+    What happens at the same place of every turn of a periodic motion is in all blocks of that recording.
+    """
+    recording = block // BLOCKS
+    return recording if len(np.unique(recording)) >= BLOCKS else block
+
+
+def _blocks(recording: int, forecast: Forecast) -> Indices:
     windows = np.unique(forecast.window)
     at = np.searchsorted(windows, forecast.window)
     return np.asarray(BLOCKS * recording + at * BLOCKS // len(windows), dtype=np.int64)

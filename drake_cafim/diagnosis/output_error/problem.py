@@ -22,7 +22,7 @@ from typing import TypeVar
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.output_error.errors import OutputErrors
+from drake_cafim.diagnosis.output_error.errors import OutputErrors, left_out_parts
 from drake_cafim.effects.effect import Effect
 from drake_cafim.parallel.forked import map_forked
 from drake_cafim.scenario.servos import SERVO_PARAMETERS
@@ -97,10 +97,10 @@ class NormalEquations:
         return np.asarray(np.sqrt(np.diag(self.covariance)), dtype=float)
 
     def left_out(self) -> Array:
-        """(b,) ln mean squared error of each block by the numbers that the other blocks imply, to first order."""
-        g, found = self.gradient, []
-        for b in np.unique(self.block):
-            own = self.block == b
+        """(b,) ln mean squared error of each part by the numbers that the other parts imply, to first order."""
+        g, found, parts = self.gradient, [], left_out_parts(self.block)
+        for b in np.unique(parts):
+            own = parts == b
             J, e = self.J[own], self.errors[own]
             without = self.weight * self.J[~own].T @ self.J[~own] + np.diag(self.precision)
             change = np.linalg.solve(without, g - self.weight * J.T @ e)

@@ -3,7 +3,9 @@
 A joint's explanation costs −2 ln p + k ln N + 2 m ln H for k strengths of m effects, chosen from H hypotheses, with N
 independent errors (the extended Bayesian information criterion; Chen, Chen, Biometrika 95(3), 2008). It grows by the
 effect that lowers that most, or in which a law of another kind takes the place of one of its group, as long as the
-errors of blocks of the recordings that are left out do not grow.
+errors of recordings that are left out fall by more than a standard error, and an effect is taken out without which they
+do not rise by more (Breiman, Friedman, Olshen, Stone, Classification and Regression Trees, 1984, §3.4.3). Of fewer than
+four recordings, the quarters of each are left out.
 """
 
 from collections.abc import Callable, Sequence
@@ -173,7 +175,7 @@ class Search:
         return problem.fit(self.moves.changed(best.model, taken, fitted.model), steps=REFIT_STEPS)
 
     def _passes(self, best: SimulationFit, fitted: SimulationFit, taken: Sequence[Move | None]) -> list[bool]:
-        """By joint, whether the change lowers the cost and the errors of blocks that are left out, and its law acts."""
+        """By joint, whether the change lowers the cost and the errors of parts that are left out, and its law acts."""
         before, after, passed = self.moves.costs(best), self.moves.costs(fitted), []
         for j, move in enumerate(taken):
             if move is None:
@@ -181,7 +183,7 @@ class Search:
                 continue
             worse, error = _left_out(best, fitted, j)
             law = with_values_of(fitted.model, move[1])
-            good = bool(after[j] < before[j] and worse < 0.0 and not law.is_absent)
+            good = bool(after[j] < before[j] and worse < -error and not law.is_absent)
             key, replaced = law.key, [effect.key for effect in move[0]]
             self.trace.add(decisions.record_trial(key, replaced, float(before[j] - after[j]), worse, error, good))
             passed.append(good)
@@ -209,7 +211,7 @@ class Search:
                 if effect is None:
                     continue
                 worse, error = _left_out(best, rest, j)
-                stays = bool(risen[j] > 0.0 and worse > 0.0)
+                stays = bool(risen[j] > 0.0 and worse > error)
                 if stays and risen[j] < SETTLED_SHARE * most:
                     continue
                 self.trace.add(decisions.record_prune(effect.key, float(risen[j]), worse, error, stays))
@@ -229,6 +231,6 @@ class Search:
 
 
 def _left_out(before: SimulationFit, after: SimulationFit, joint: int) -> tuple[float, float]:
-    """By how much ln of the mean squared error of blocks that are left out rises at a joint, and its standard error."""
+    """By how much ln of the mean squared error of parts that are left out rises at a joint, and its standard error."""
     rise = after.equations[joint].left_out() - before.equations[joint].left_out()
     return float(np.mean(rise)), float(np.std(rise, ddof=1) / np.sqrt(len(rise))) if len(rise) > 1 else 0.0
