@@ -15,7 +15,9 @@ from drake_cafim.diagnosis.output_error.errors import OutputErrors
 from drake_cafim.diagnosis.output_error.found import Found
 from drake_cafim.diagnosis.output_error.moves import Moves
 from drake_cafim.diagnosis.output_error.problem import NormalEquations, OutputErrorProblem, at_joint
+from drake_cafim.diagnosis.output_error.search import Search
 from drake_cafim.diagnosis.output_error.starts import hypotheses
+from drake_cafim.diagnosis.output_error.velocities import find_velocity_effects
 from drake_cafim.diagnosis.predict.forecast import Forecast
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.trace import Trace
@@ -165,6 +167,28 @@ def test_left_out_blocks_are_predicted_by_the_others(tmp_path: Path) -> None:
     assert np.allclose(at_fit.left_out(), expected, rtol=1e-9)
 
 
+@pytest.mark.parametrize("late", [0.0, 0.015])
+def test_a_late_velocity_shows_without_any_law_of_the_joint(tmp_path: Path, late: float) -> None:
+    """Whatever drives it, its velocity is the derivative of its position."""
+    prepared = _prepared(tmp_path, 2e-3, 9.81)
+    runs = [_recorded(seed, 2e-3 + MASS * REACH**2, MASS * REACH * 9.81, FRICTION, LATE, late) for seed in (1, 2)]
+    behind = prepare(prepared.scene, runs)
+    assert isinstance(behind, Prepared)
+    found = find_velocity_effects(behind.scene, behind.weak, ("pan",), Trace(), lambda text: None)
+    if not late:
+        assert found.effects == ()
+        return
+    (delay,) = found.effects
+    assert delay.key == ("sensor_delay", "v.pan") and found.probability[delay.key] > 0.99
+    assert abs(delay.values["delay"] - late) < 4.0 * found.std[delay.key][0] < 0.1 * late
+    # the simulations begin at the velocities that were true
+    search = Search(OutputErrorProblem(behind.scene, OutputErrors(tuple(behind.weak), ("pan",))), Trace(), print, found)
+    whole = search.run(most_effects=0)
+    assert delay.key in whole.fitted.model.keys and np.array_equal(
+        whole.uncertainty.strengths[delay.key], found.std[delay.key]
+    )
+
+
 def _found(prepared: Prepared, most_effects: int = 1) -> Found:
     found = prepared.search_by_simulation(most_effects, lambda text: None, Trace())
     assert found is not None
@@ -217,17 +241,28 @@ def _prepared(
 
 
 def _recorded(
-    seed: int, inertia: float, weight: float, friction: float, late: float, samples: int = 400, parts: int = 100
+    seed: int,
+    inertia: float,
+    weight: float,
+    friction: float,
+    late: float,
+    read_late: float = 0.0,
+    samples: int = 400,
+    parts: int = 100,
 ) -> Recording:
-    """The axis under slow and quick commands with pauses, integrated in steps of 0.2 ms; `weight` is N m at q = 0."""
+    """The axis under slow and quick commands with pauses, integrated in steps of 0.2 ms; `weight` is N m at q = 0.
+
+    Commands arrive `late`, velocities are recorded `read_late`, s.
+    """
     random = np.random.default_rng(seed)
     time = PERIOD * np.arange(samples)
     rates, phases = 2.0 * np.pi * random.uniform(0.1, 1.5, 4), random.uniform(0.0, 6.0, 4)
     command = 0.2 * np.sum(np.sin(rates * time[:, None] + phases), axis=1)
     command[samples // 2 : samples // 2 + 50] = command[samples // 2]
     q, v, read, h, behind = command[0], 0.0, [], PERIOD / parts, round(late / PERIOD * parts)
+    speeds = [0.0] * (round(read_late / h) + 1)
     for k in range(samples):
-        read.append((q, v))
+        read.append((q, speeds[-1 - round(read_late / h)]))
         for i in range(parts):
             goal = command[max(0, (k * parts + i - behind) // parts)]
             # turning about y by q takes the link's end down by sin q
@@ -236,6 +271,7 @@ def _recorded(
             free = (inertia * v + h * effort) / (inertia + h * KV)
             v = float(np.sign(free) * max(abs(free) - h * friction / (inertia + h * KV), 0.0))
             q += h * v
+            speeds.append(v)
     positions, velocities = np.array(read).T
     noise: Array = random.normal(size=(2, samples))
     columns = {"q.pan": positions + 3e-4 * noise[0], "v.pan": velocities + 1e-2 * noise[1], "cmd.pan": command}

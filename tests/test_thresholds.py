@@ -29,7 +29,9 @@ ITERATIONS = {
     "joints/linearised_contact_effects.py": "IMPROVEMENTS",
     "joints/plane_candidates.py": "IMPROVEMENTS",
     "output_error/problem.py": "MOST_STEPS REFIT_STEPS LEAST_DECREASE MOST_DAMPING",
-    "output_error/search.py": "MOST_ROUNDS TRIED SETTLED_SHARE FRICTION_SHARE",
+    "output_error/search.py": "MOST_ROUNDS FRICTION_SHARE",
+    "output_error/growth.py": "TRIED SETTLED_SHARE",
+    "output_error/velocities.py": "MOST_ROUNDS",
     "output_error/moves.py": "CHORD_STEPS",
     "output_error/comparison.py": "FAR NEAR MOST_REPLACED",
     "output_error/scale.py": "PASSES LEAST_GAIN",
@@ -117,7 +119,7 @@ APPROXIMATION = {
 MEMORY = {
     # how much is kept from one call to the next, or reckoned at once
     "joints/inertial_columns.py": "CACHED",
-    "output_error/errors.py": "MOST_WINDOWS MOST_SAMPLES",
+    "output_error/errors.py": "MOST_WINDOWS MOST_SAMPLES KEPT_READINGS",
     "long/budget.py": "GIB DEFAULT_MEMORY BYTES_BY_PAIR BYTES_BY_COLUMN FIRST_SECONDS SEARCHED_SHARE "
     "PART_SHARE FEWEST_ROWS",
     "joints/linearised_effects.py": "CACHED_ROWS",
@@ -163,6 +165,7 @@ STRUCTURE = {
     "search/cuts.py": "BLOCKS _HALVES",
     "fit/adequacy.py": "KINDS",
     "output_error/errors.py": "BLOCKS",
+    "output_error/velocities.py": "LENGTH",
     "left_out/parts.py": "MOST_PARTS",
     "left_out/refits.py": "UNKNOWNS",
     "rows/inertial_regressor.py": "INERTIAL",

@@ -15,6 +15,7 @@ from drake_cafim import recordings
 from drake_cafim.diagnosis.output_error.errors import OutputErrors, servos_with_unknowns
 from drake_cafim.diagnosis.output_error.problem import OutputErrorProblem
 from drake_cafim.diagnosis.output_error.search import Search
+from drake_cafim.diagnosis.output_error.velocities import find_velocity_effects
 from drake_cafim.diagnosis.predict.forecast import forecasts, root_mean_square
 from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.trace import Trace
@@ -56,7 +57,8 @@ def main() -> None:
     assert isinstance(prepared, Prepared)
     joints = servos_with_unknowns(prepared.scene, prepared.weak)
     problem = OutputErrorProblem(prepared.scene, OutputErrors(tuple(prepared.weak), joints), jobs=-1)
-    found = Search(problem, Trace(), print).run()
+    velocities = find_velocity_effects(prepared.scene, problem.errors.forms, joints, Trace(), print)
+    found = Search(problem, Trace(), print, velocities).run()
     print("| model | " + " | ".join(joints) + " |\n|---|" + "---|" * len(joints))
     for name, fitted in (("servos fitted alone", found.alone), ("with what was found", found.fitted)):
         errors = root_mean_square(forecasts(prepared.held_out, fitted.model.physics(prepared.scene)))

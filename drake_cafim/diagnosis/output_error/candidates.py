@@ -3,11 +3,12 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.output_error.problem import OutputErrorProblem, SimulationFit
+from drake_cafim.diagnosis.output_error.problem import ErrorProblem, SimulationFit
 from drake_cafim.diagnosis.output_error.starts import Start, StartsByKind
 from drake_cafim.effects.effect import Effect
 from drake_cafim.typing import Array
@@ -26,7 +27,7 @@ class Candidate:
 
 
 def screen(
-    problem: OutputErrorProblem,
+    problem: ErrorProblem[Any],
     base: SimulationFit,
     slopes: Sequence[Array],
     tried: Sequence[Sequence[Effect]],
@@ -50,7 +51,7 @@ def screen(
         rest = error - Q @ (Q.T @ error)
 
         def cost(left: Array, j: int = j) -> float:
-            return problem.errors.likelihood.cost(left, j)
+            return float(problem.errors.likelihood.cost(left, j))
 
         for start in own:
             stop = first + len(start.parts)
@@ -63,7 +64,7 @@ def screen(
     return found
 
 
-def _changes(problem: OutputErrorProblem, base: SimulationFit, parts: Sequence[Sequence[Effect]]) -> list[Array]:
+def _changes(problem: ErrorProblem[Any], base: SimulationFit, parts: Sequence[Sequence[Effect]]) -> list[Array]:
     """By joint (S, p), the changes of its errors by each of its parts."""
     changes = [np.zeros((len(base.errors), len(own))) for own in parts]
     together = [[part for part in row if part is not None] for row in zip_longest(*parts)]

@@ -9,9 +9,8 @@ import numpy as np
 from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.output_error import decisions
 from drake_cafim.diagnosis.output_error.candidates import screen
-from drake_cafim.diagnosis.output_error.errors import OutputErrors
 from drake_cafim.diagnosis.output_error.moves import Move, Moves, with_values_of
-from drake_cafim.diagnosis.output_error.problem import REFIT_STEPS, SimulationFit, at_joint
+from drake_cafim.diagnosis.output_error.problem import REFIT_STEPS, Errors, SimulationFit, at_joint
 from drake_cafim.diagnosis.output_error.shapes import fit_shapes
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
@@ -36,7 +35,7 @@ class Comparison:
     trace: Trace
     probability: dict[Key, float] = field(default_factory=dict)
     rivals: dict[Key, float] = field(default_factory=dict)
-    _latest: tuple[SimulationFit, tuple[OutputErrors, SimulationFit]] | None = None
+    _latest: tuple[SimulationFit, tuple[Errors, SimulationFit]] | None = None
 
     def of(self, best: SimulationFit) -> SimulationFit:
         """`best`, or the fit with laws that cost less in the place of its own, these compared as well."""
@@ -66,7 +65,7 @@ class Comparison:
         dropped = [effect for effect in asked if effect is not None]
         base = self.moves.without(best, dropped)
         tried = [
-            [] if effect is None else [it for it in own if _acts_alike(it, effect, base.model.effects)]
+            [] if effect is None else [it for it in own if self._acts_alike(it, effect, base.model.effects)]
             for own, effect in zip(self.moves.hypotheses, asked, strict=True)
         ]
         slopes = best.slopes_without(dropped)
@@ -99,7 +98,12 @@ class Comparison:
                     leads[j].append((float(apart[j]), with_values_of(trial.model, move[1])))
         return leads
 
-    def _finely(self, best: SimulationFit) -> tuple[OutputErrors, SimulationFit]:
+    def _acts_alike(self, law: Effect, effect: Effect, others: tuple[Effect, ...]) -> bool:
+        """Whether a law may be taken for an effect, and may act beside the `others`."""
+        alike = law.name in effect.alike or effect.name in law.alike
+        return alike and law.key != effect.key and not any(self.moves.excludes(law, other) for other in others)
+
+    def _finely(self, best: SimulationFit) -> tuple[Errors, SimulationFit]:
         """`best` fitted in fine steps, and its errors by these."""
         if self._latest is None or self._latest[0] is not best:
             problem, errors = self.moves.problem, self.moves.problem.errors.finely()
@@ -127,9 +131,3 @@ def _shares(costs: list[float]) -> list[float]:
     """p ∝ exp(−cost/2)."""
     weights = np.exp(-0.5 * (np.array(costs) - min(costs)))
     return [float(weight / np.sum(weights)) for weight in weights]
-
-
-def _acts_alike(law: Effect, effect: Effect, others: tuple[Effect, ...]) -> bool:
-    """Whether a law may be taken for an effect, and may act beside the `others`."""
-    alike = law.name in effect.alike or effect.name in law.alike
-    return alike and law.key != effect.key and not any(law.excludes(other) for other in others)

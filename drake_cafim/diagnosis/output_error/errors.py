@@ -11,8 +11,10 @@ from drake_cafim.diagnosis.output_error.likelihood import TINY, ErrorLikelihood
 from drake_cafim.diagnosis.predict.forecast import HORIZON, Forecast, simulated_courses, window_starts
 from drake_cafim.diagnosis.predict.initial_state import state_at
 from drake_cafim.diagnosis.predict.stepper import LONGEST_STEP
+from drake_cafim.diagnosis.rows.measurement import Measurement, corrected_measurement
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE
+from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.servos import SERVO_PARAMETERS
 from drake_cafim.scene.scene import Scene
@@ -24,6 +26,8 @@ MOST_SAMPLES = 30_000
 """Most samples of all joints in these windows."""
 BLOCKS = 4
 """Blocks of a recording whose errors count as independent; from as many recordings on, whole ones are left out."""
+KEPT_READINGS = 2
+"""Effects of sensors under which first states are kept, the latest."""
 FINE_STEP, FINEST_STEP = 5e-4, 2.5e-4
 """s: steps of what is nearly as good as another, and the shortest of the last fit. Those of a search bias friction."""
 
@@ -63,7 +67,8 @@ class OutputErrors:
         self.window = np.zeros(0, dtype=np.int64)
         self.likelihood = ErrorLikelihood(np.full(len(self.joints), float(self.windows)))
         self._basis: Array | None = None
-        self._states: dict[tuple[int, int], tuple[Array, Array, Array]] = {}
+        self._states: dict[tuple[object, ...], dict[int, tuple[Array, Array, Array]]] = {}
+        self._measured: dict[tuple[object, ...], Measurement] = {}
 
     def of(self, physics: Physics) -> Array:
         """Errors (S, c) by `physics`, without what `forgetting` takes away.
@@ -153,15 +158,18 @@ class OutputErrors:
         return np.asarray(chi2.sf(np.sum((found / allowed) ** 2, axis=0), freedom), dtype=float)
 
     def _first_state(self, weak: WeakForm, physics: Physics, start: int, doubt: int | None) -> tuple[Array, Array]:
-        """q and v (n,) at the start of a window, the same for every model without effects of encoders."""
-        key = (id(weak), start)
-        if physics.sensors or key not in self._states:
-            found = state_at(weak.samples, weak.measurement(physics), start)
-            if not physics.sensors:
-                self._states[key] = found
-        else:
-            found = self._states[key]
-        q, v, covariance = found
+        """q and v (n,) at the start of a window, the same for every model with the same effects of sensors."""
+        sensors = tuple((effect.key, *effect.values.values()) for effect in physics.sensors)
+        key = (id(weak), *sensors)
+        if key not in self._states:
+            make_room(self._states, KEPT_READINGS * len(self.forms))
+            self._states[key] = {}
+        if start not in self._states[key]:
+            if key not in self._measured:
+                make_room(self._measured, KEPT_READINGS * len(self.forms))
+                self._measured[key] = corrected_measurement(weak.samples, weak.sensors, physics)
+            self._states[key][start] = state_at(weak.samples, self._measured[key], start)
+        q, v, covariance = self._states[key][start]
         if doubt is None:
             return q, v
         root = np.linalg.cholesky(covariance + 1e-18 * np.eye(2))

@@ -1,12 +1,13 @@
 """Changes of the effects at the joints of a model, and what an explanation costs; one change of every joint at once."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.output_error.problem import OutputErrorProblem, SimulationFit, at_joint
+from drake_cafim.diagnosis.output_error.problem import ErrorProblem, SimulationFit, at_joint
 from drake_cafim.effects.effect import Effect
 from drake_cafim.typing import Array
 
@@ -21,8 +22,10 @@ Move = tuple[tuple[Effect, ...], Effect]
 class Moves:
     """Explanations of a problem whose joints are chosen from the `hypotheses` of each."""
 
-    problem: OutputErrorProblem
+    problem: ErrorProblem[Any]
     hypotheses: tuple[tuple[Effect, ...], ...]
+    excludes: Callable[[Effect, Effect], bool] = Effect.excludes
+    """Whether a law cannot act beside one that is present."""
 
     def costs(self, found: SimulationFit) -> Array:
         """(c,) the criterion of each joint."""

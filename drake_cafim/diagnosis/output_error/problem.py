@@ -17,17 +17,20 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import zip_longest
-from typing import TypeVar
+from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.output_error.errors import OutputErrors, left_out_parts
+from drake_cafim.diagnosis.output_error.likelihood import ErrorLikelihood
+from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.effects.effect import Effect
 from drake_cafim.parallel.forked import map_forked
+from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.servos import SERVO_PARAMETERS
 from drake_cafim.scene.scene import Scene
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 MOST_STEPS = 12
 """Most Gauss-Newton steps."""
@@ -133,15 +136,40 @@ def number_name(effect: Effect, strength: str) -> str:
     return f"{effect.name}@{effect.at}.{strength}"
 
 
+class Errors(Protocol):
+    """Errors (S, c) that models make at `joints` (c), in the recordings `forms`."""
+
+    forms: tuple[WeakForm, ...]
+    joints: tuple[str, ...]
+    block: Indices
+    """(S,) the block of a recording that each error is in, numbered through."""
+    likelihood: ErrorLikelihood
+
+    def of(self, physics: Physics) -> Array:
+        """The errors (S, c) by `physics`."""
+        ...
+
+    def count(self, found: Array) -> None:
+        """The likelihood is that of errors as independent as `found` (S, c) from now on."""
+        ...
+
+    def finely(self) -> Self:
+        """The same errors, computed as finely as close decisions need, and counted apart."""
+        ...
+
+
+E = TypeVar("E", bound=Errors)
+
+
 @dataclass
-class OutputErrorProblem:
-    """Fits of a scene's models to output errors, by `jobs` processes.
+class ErrorProblem(Generic[E]):
+    """Fits of a scene's models to errors at its joints, by `jobs` processes.
 
     `sizes` are those of effects' strengths, by name of the number.
     """
 
     scene: Scene
-    errors: OutputErrors
+    errors: E
     sizes: dict[str, float] = field(default_factory=dict)
     jobs: int = 1
 
@@ -166,17 +194,13 @@ class OutputErrorProblem:
             self.jobs = jobs
 
     @contextmanager
-    def simulating(self, errors: OutputErrors) -> Iterator[None]:
+    def simulating(self, errors: E) -> Iterator[None]:
         """Within it, models are simulated as these `errors` are."""
         usual, self.errors = self.errors, errors
         try:
             yield
         finally:
             self.errors = usual
-
-    def forget_first_states(self, model: Model) -> None:
-        """From now on, errors are without what the windows' first states can explain by a model."""
-        self.errors.forgetting(model.physics(self.scene))
 
     def counted(self, fitted: SimulationFit) -> SimulationFit:
         """The fit with its costs by the number of independent errors that it leaves, as all costs from now on."""
@@ -341,6 +365,10 @@ class OutputErrorProblem:
         sizes = self._sizes(model)
         n = len(model.unknown)
         return np.concatenate([self.scene.priors.mean, mean]), np.concatenate([sizes[:n], WIDE * sizes[n:]])
+
+
+OutputErrorProblem = ErrorProblem[OutputErrors]
+"""A problem whose errors are those of simulated positions."""
 
 
 def at_joint(place: str, joint: str) -> bool:

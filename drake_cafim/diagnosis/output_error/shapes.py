@@ -2,10 +2,11 @@
 
 from collections.abc import Collection, Iterator
 from itertools import zip_longest
+from typing import Any
 
 from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.output_error.moves import with_others, with_values_of
-from drake_cafim.diagnosis.output_error.problem import REFIT_STEPS, OutputErrorProblem, SimulationFit, at_joint
+from drake_cafim.diagnosis.output_error.problem import REFIT_STEPS, ErrorProblem, SimulationFit, at_joint
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import SLIP_VELOCITY
 
@@ -14,7 +15,7 @@ STICKING = SLIP_VELOCITY.grid[0] / 3.0
 
 
 def fit_shapes(
-    problem: OutputErrorProblem, best: SimulationFit, steps: int = 0, among: Collection[Key] | None = None
+    problem: ErrorProblem[Any], best: SimulationFit, steps: int = 0, among: Collection[Key] | None = None
 ) -> SimulationFit:
     """`best` with other shapes of its laws, or of those `among` them, where a joint's cost is then less.
 

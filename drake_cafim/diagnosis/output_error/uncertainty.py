@@ -1,7 +1,7 @@
 """Standard deviations of what is fitted to output errors: by curvature, the scale of efforts, and other unknowns."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,10 @@ class Uncertainty:
     def of(self, model: Model) -> Array:
         """(n + k,) those of a model's numbers."""
         return np.concatenate([self.unknown, *(self.strengths[effect.key] for effect in model.effects)])
+
+    def with_strengths(self, known: Mapping[Key, Array]) -> "Uncertainty":
+        """The same with those of effects that are `known` otherwise."""
+        return replace(self, strengths={**self.strengths, **known})
 
 
 def uncertainty(problem: OutputErrorProblem, found: SimulationFit, scale: ScaleProfile) -> Uncertainty:

@@ -57,6 +57,11 @@ class KinematicRows:
                 factor[:, j] *= quieter
         return channels["q"], channels["v"], factor
 
+    def variance(self, joint: str) -> Array:
+        """(M,) variance of a joint's rows by the noise of its position and velocity."""
+        windows = self.samples.windows
+        return self._variance(f"q.{joint}", windows.rate) + self._variance(f"v.{joint}", windows.velocity)
+
     def _filtered(self, lag: SensorEffect, kind: str, partner: str, joint: str) -> tuple[sp.csr_matrix, Array | None]:
         """The matrix (N, N) that reads both channels a time constant later, and the noise factor (M,) of a lag.
 

@@ -1,0 +1,159 @@
+"""Forward selection and pruning of what joints lack, by errors of each joint, all joints at once.
+
+An explanation of a joint grows by the effect that lowers its cost most, or in which a law of another kind takes the
+place of one of its group, as long as the errors of recordings that are left out fall by more than a standard error; and
+an effect is taken out without which they do not rise by more (Breiman, Friedman, Olshen, Stone, Classification and
+Regression Trees, 1984, §3.4.3). Of fewer than four recordings, the quarters of each are left out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+
+import numpy as np
+
+from drake_cafim.diagnosis.fit.model import Key
+from drake_cafim.diagnosis.output_error import decisions
+from drake_cafim.diagnosis.output_error.candidates import screen
+from drake_cafim.diagnosis.output_error.moves import Move, Moves, with_values_of
+from drake_cafim.diagnosis.output_error.problem import REFIT_STEPS, SimulationFit, at_joint
+from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.effects.effect import Effect
+from drake_cafim.typing import Flags
+
+TRIED = 3
+"""Candidates of each joint that are fitted in a round."""
+SETTLED_SHARE = 0.5
+"""Rise of a joint's cost without an effect, over the largest one, from which it is not put down to other joints."""
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Changes of explanations by `moves`, which the `trace` records."""
+
+    moves: Moves
+    trace: Trace
+
+    def grow(self, best: SimulationFit, asked: Flags | None = None) -> SimulationFit | None:
+        """`best` with one change at each joint that has one, of those `asked` (c,), or all; None where no joint has."""
+        problem = self.moves.problem
+        present = best.model.effects
+        allowed = [True] * len(problem.joints) if asked is None else asked.tolist()
+        free = [
+            [law for law in own if may_grow and not any(self.moves.excludes(law, other) for other in present)]
+            for own, may_grow in zip(self.moves.hypotheses, allowed, strict=True)
+        ]
+        added = screen(problem, best, best.slopes_without(()), free, self.moves.price, best.model)
+        for joint, own in zip(problem.joints, added, strict=True):
+            self.trace.add(*decisions.record_screening(joint, own, TRIED))
+        replacing = [own if grows else [] for own, grows in zip(self._replacing(best), allowed, strict=True)]
+        moves = [
+            [*instead[:TRIED], *(((), candidate.effect) for candidate in own[:TRIED])]
+            for instead, own in zip(replacing, added, strict=True)
+        ]
+        return self._accept(best, moves)
+
+    def _replacing(self, best: SimulationFit) -> list[list[Move]]:
+        """By joint, laws of the group of one that is present, each with that one, which it replaces."""
+        problem = self.moves.problem
+        out = []
+        for joint in problem.joints:
+            grouped = [e for e in best.model.effects if e.group is not None and at_joint(e.at, joint)]
+            out.append(grouped[0] if grouped else None)
+        if not any(out):
+            return [[] for _ in out]
+        dropped = [effect for effect in out if effect is not None]
+        base = self.moves.without(best, dropped)
+        tried = [
+            [e for e in laws if own is not None and e.name != own.name and e.excludes(own)]
+            for laws, own in zip(self.moves.hypotheses, out, strict=True)
+        ]
+        looks = screen(problem, base, best.slopes_without(dropped), tried, self.moves.price, best.model)
+        return [
+            [((own,), look.effect) for look in found] if own is not None else []
+            for own, found in zip(out, looks, strict=True)
+        ]
+
+    def _accept(self, best: SimulationFit, moves: Sequence[Sequence[Move]]) -> SimulationFit | None:
+        """`best` with the move of each joint that lowers its cost most, fitted; None where none is accepted."""
+        problem, costs = self.moves.problem, self.moves.costs(best)
+        chosen: list[tuple[float, Move] | None] = [None] * len(moves)
+        tried = list(zip_longest(*moves))
+        trials = problem.for_each(lambda own: self.moves.chord(best, own), tried)
+        for own, trial in zip(tried, trials, strict=True):
+            after = self.moves.costs(trial)
+            for j, move in enumerate(own):
+                lead = chosen[j]
+                if move is not None and after[j] < min(costs[j], np.inf if lead is None else lead[0]):
+                    chosen[j] = (float(after[j]), (move[0], with_values_of(trial.model, move[1])))
+        taken = [None if lead is None else lead[1] for lead in chosen]
+        if not any(taken):
+            return None
+        model = self.moves.changed(best.model, taken)
+        fitted = problem.fit(model, steps=REFIT_STEPS)
+        passed = self._passes(best, fitted, taken)
+        if all(passed):
+            return fitted
+        taken = [move if good else None for move, good in zip(taken, passed, strict=True)]
+        if not any(taken):
+            return None
+        return problem.fit(self.moves.changed(best.model, taken, fitted.model), steps=REFIT_STEPS)
+
+    def _passes(self, best: SimulationFit, fitted: SimulationFit, taken: Sequence[Move | None]) -> list[bool]:
+        """By joint, whether the change lowers the cost and the errors of parts that are left out, and its law acts."""
+        before, after, passed = self.moves.costs(best), self.moves.costs(fitted), []
+        for j, move in enumerate(taken):
+            if move is None:
+                passed.append(True)
+                continue
+            worse, error = _left_out(best, fitted, j)
+            law = with_values_of(fitted.model, move[1])
+            good = bool(after[j] < before[j] and worse < -error and not law.is_absent)
+            key, replaced = law.key, [effect.key for effect in move[0]]
+            self.trace.add(decisions.record_trial(key, replaced, float(before[j] - after[j]), worse, error, good))
+            passed.append(good)
+        return passed
+
+    def prune(self, best: SimulationFit) -> SimulationFit:
+        """`best` without the effects whose joint costs less without them, one of each joint at a time.
+
+        What one joint then misses shows at others, so that of those that cost more, only the joints that cost most are
+        settled, and the others are tried again without them.
+        """
+        problem = self.moves.problem
+        kept = set[Key]()
+        while True:
+            latest = [self._latest(best, j, kept) for j in range(len(problem.joints))]
+            dropped = [effect for effect in latest if effect is not None]
+            if not dropped:
+                return best
+            rest = problem.fit(self.moves.model_without(best.model, dropped))
+            risen, gone = self.moves.costs(rest) - self.moves.costs(best), []
+            most = max(float(risen[j]) for j, effect in enumerate(latest) if effect is not None)
+            for j, effect in enumerate(latest):
+                if effect is None:
+                    continue
+                worse, error = _left_out(best, rest, j)
+                stays = bool(risen[j] > 0.0 and worse > error)
+                if stays and risen[j] < SETTLED_SHARE * most:
+                    continue
+                self.trace.add(decisions.record_prune(effect.key, float(risen[j]), worse, error, stays))
+                if stays:
+                    kept.add(effect.key)
+                else:
+                    gone.append(effect)
+            if len(gone) == len(dropped):
+                best = rest
+            elif gone:
+                best = problem.fit(self.moves.model_without(best.model, gone), steps=REFIT_STEPS)
+
+    def _latest(self, best: SimulationFit, joint: int, kept: set[Key]) -> Effect | None:
+        """The latest effect at a joint of those not `kept`."""
+        own = [e for e in best.model.effects if at_joint(e.at, self.moves.problem.joints[joint]) and e.key not in kept]
+        return own[-1] if own else None
+
+
+def _left_out(before: SimulationFit, after: SimulationFit, joint: int) -> tuple[float, float]:
+    """By how much ln of the mean squared error of parts that are left out rises at a joint, and its standard error."""
+    rise = after.equations[joint].left_out() - before.equations[joint].left_out()
+    return float(np.mean(rise)), float(np.std(rise, ddof=1) / np.sqrt(len(rise))) if len(rise) > 1 else 0.0
