@@ -20,7 +20,7 @@ FAR = 40.0
 """Excess of the criterion beyond which a law is no rival, to first order."""
 NEAR = 1.0
 """Difference of the logarithms of two laws' mean squared errors below which they are compared in fine steps."""
-MOST_REPLACED = 2
+MOST_REPLACED = 4
 """Most laws of a joint that others take the place of."""
 
 Lead = tuple[float, Effect]

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -127,13 +127,15 @@ class OutputErrors:
     def _simulated(self, physics: Physics, doubt: int | None = None) -> Array:
         """Errors (S, c), with the first states off by a column `doubt` of a root of their covariance."""
         chosen = {id(form): own for form, own in zip(self.forms, self._starts, strict=True)}
+        # what sensors of velocities do matters to the first states alone
+        own = replace(physics, sensors=tuple(e for e in physics.sensors if not e.at.startswith("v.")))
         # a trial may diverge
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             found = simulated_courses(
                 self.forms,
-                physics,
+                own,
                 lambda weak: (chosen[id(weak)], HORIZON),
-                lambda weak, under, start: self._first_state(weak, under, start, doubt),
+                lambda weak, _, start: self._first_state(weak, physics, start, doubt),
                 self.longest_step,
             )
         if not len(self.block):
