@@ -1,9 +1,9 @@
 """Forward selection and pruning of what joints lack, by errors of each joint, all joints at once.
 
 An explanation of a joint grows by the effect that lowers its cost most, or in which a law of another kind takes the
-place of one of its group, as long as the squared errors of recordings that are left out have a smaller sum; and an
-effect is taken out without which they have none that is larger (cross-validation; Stone, J. Royal Statistical Society B
-36(2), 1974). Of fewer than four recordings, the quarters of each are left out.
+place of one of its group, as long as the errors of recordings that are left out fall by more than a standard error; and
+an effect is taken out without which they do not rise by more (Breiman, Friedman, Olshen, Stone, Classification and
+Regression Trees, 1984, §3.4.3). Of fewer than four recordings, the quarters of each are left out.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,6 @@ import numpy as np
 from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.output_error import decisions
 from drake_cafim.diagnosis.output_error.candidates import screen
-from drake_cafim.diagnosis.output_error.likelihood import TINY
 from drake_cafim.diagnosis.output_error.moves import Move, Moves, with_values_of
 from drake_cafim.diagnosis.output_error.problem import REFIT_STEPS, SimulationFit, at_joint
 from drake_cafim.diagnosis.trace import Trace
@@ -109,7 +108,7 @@ class Growth:
                 continue
             worse, error = _left_out(best, fitted, j)
             law = with_values_of(fitted.model, move[1])
-            good = bool(after[j] < before[j] and worse < 0.0 and not law.is_absent)
+            good = bool(after[j] < before[j] and worse < -error and not law.is_absent)
             key, replaced = law.key, [effect.key for effect in move[0]]
             self.trace.add(decisions.record_trial(key, replaced, float(before[j] - after[j]), worse, error, good))
             passed.append(good)
@@ -135,7 +134,7 @@ class Growth:
                 if effect is None:
                     continue
                 worse, error = _left_out(best, rest, j)
-                stays = bool(risen[j] > 0.0 and worse > 0.0)
+                stays = bool(risen[j] > 0.0 and worse > error)
                 if stays and risen[j] < SETTLED_SHARE * most:
                     continue
                 self.trace.add(decisions.record_prune(effect.key, float(risen[j]), worse, error, stays))
@@ -155,7 +154,6 @@ class Growth:
 
 
 def _left_out(before: SimulationFit, after: SimulationFit, joint: int) -> tuple[float, float]:
-    """By which share the squared errors of parts that are left out rise at a joint, and its standard error."""
-    left = before.equations[joint].left_out()
-    rise = (after.equations[joint].left_out() - left) / max(float(np.sum(left)), TINY)
-    return float(np.sum(rise)), float(np.std(rise, ddof=1) * np.sqrt(len(rise))) if len(rise) > 1 else 0.0
+    """By how much ln of the mean squared error of parts that are left out rises at a joint, and its standard error."""
+    rise = after.equations[joint].left_out() - before.equations[joint].left_out()
+    return float(np.mean(rise)), float(np.std(rise, ddof=1) / np.sqrt(len(rise))) if len(rise) > 1 else 0.0

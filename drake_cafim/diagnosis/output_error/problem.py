@@ -100,14 +100,14 @@ class NormalEquations:
         return np.asarray(np.sqrt(np.diag(self.covariance)), dtype=float)
 
     def left_out(self) -> Array:
-        """(b,) sum of squared errors of each part by the numbers that the other parts imply, to first order."""
+        """(b,) ln mean squared error of each part by the numbers that the other parts imply, to first order."""
         g, found, parts = self.gradient, [], left_out_parts(self.block)
         for b in np.unique(parts):
             own = parts == b
             J, e = self.J[own], self.errors[own]
             without = self.weight * self.J[~own].T @ self.J[~own] + np.diag(self.precision)
             change = np.linalg.solve(without, g - self.weight * J.T @ e)
-            found.append(float(np.sum((e - J @ change) ** 2)))
+            found.append(np.log(max(float(np.mean((e - J @ change) ** 2)), 1e-30)))
         return np.array(found)
 
 
