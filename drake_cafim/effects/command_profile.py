@@ -62,7 +62,7 @@ class CommandAccelerationLimit(ServoEffect):
 
     def looks(self, rate: Array, error: Array) -> Iterator[Sequence[Direction]]:
         fastest = float(np.quantile(np.abs(rate), 0.97))
-        for rise in (0.01, 0.03, 0.06, 0.12, 0.4):
+        for rise in (0.01, 0.03, 0.06, 0.1, 0.16, 0.25, 0.4, 0.6, 1.0):
             if fastest > 0.0:
                 yield (Direction({"acceleration": fastest / rise}, None, 1.0),)
 
