@@ -59,7 +59,9 @@ def test_a_strength_that_shows_nowhere_does_not_hide_the_others() -> None:
     left = []
     for variance in (1.0, NOTHING_KNOWN):
         covariance[4, 4] = variance
-        found = Fit(Model(np.zeros(0), (friction, load)), rng.standard_normal(60) * 1e-6, jacobian, covariance.copy(), 60)
+        found = Fit(
+            Model(np.zeros(0), (friction, load)), rng.standard_normal(60) * 1e-6, jacobian, covariance.copy(), 60
+        )
         left.append(residual_without(found, load))
         assert [effect.key for effect in fit_without(found, [load]).model.effects] == [friction.key]
     assert np.linalg.norm(left[0]) > 100.0
