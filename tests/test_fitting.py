@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.fit.fitting import Fit, _subtract_excess, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.evidence import scale_of
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, _subtract_excess, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.robust_covariance import wald_p_value
@@ -18,6 +19,7 @@ from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.pulses import DECAYED_SHARE, pulses_of, strongest_pushes
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
+from drake_cafim.diagnosis.search import law_shapes
 from drake_cafim.diagnosis.thresholds import REGRESSOR_SIGNAL_SHARE
 from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.body import ExternalDisturbance, pulse
@@ -398,3 +400,21 @@ def test_a_direction_of_numbers_that_are_each_known_is_known(share: float, kept:
     excess = share * 0.2 * np.outer(axes[:, 0], axes[:, 0]) * np.outer(size, size)
     left = _subtract_excess(information, excess) / np.outer(size, size)
     np.testing.assert_allclose(axes.T @ left @ axes, np.diag([0.2 * kept, 1.0, 2.0]), atol=1e-9)
+
+
+def test_a_width_is_refined_only_as_long_as_that_matters_beside_what_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Dry friction stands in for viscous friction, and leaves far more than noise whatever its width."""
+    problem = _problem(tmp_path, mass=2.0, friction=1.5, seed=1)
+    start = fit(problem, problem.nominal().with_effects([JointCoulombFriction("rail", {"torque": 0.3})]))
+    assert scale_of(start) > 100.0
+    tried: list[Fit] = []
+
+    def slightly_better(shapes: object, best: Fit, others: object) -> tuple[Fit, float]:
+        assert len(tried) < 20
+        tried.append(replace(best, residual=np.sqrt(1.0 - 2.0 / best.chi_square) * best.residual))
+        return tried[-1], 2.0 * start.chi_square
+
+    monkeypatch.setattr(law_shapes._Shapes, "_best_of", slightly_better)
+    assert law_shapes.fit_shapes(problem, start, None, CONVERGED) is tried[-1]

@@ -22,6 +22,7 @@ from drake_cafim.diagnosis.search.growth_by_place import (
     undetermined_in,
 )
 from drake_cafim.diagnosis.search.refused import Refused
+from drake_cafim.diagnosis.search.search_under_unknown_force import _grows_beside_others
 from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.effect import Effect
@@ -121,6 +122,25 @@ def test_positions_and_velocities_of_a_joint_gain_one_effect_a_round(
     looks = [Candidate(effect, gain, 1, 1) for effect, gain in ((rubs, 4e4), (late, 3e4), (skewed, 2e4), (other, 1e4))]
     monkeypatch.setattr(growth, "_looks", (growth.best, {False: looks}))
     assert [candidate.effect for candidate in growth._promising()] == [rubs, late, other]
+
+
+def test_a_law_that_took_another_ones_place_is_grown_beside(
+    growth: GrowthByPlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a law stood for two and one of them took its place, the other is looked for; else the growth has ended."""
+    nothing, second = growth.best, growth.problem.scene.tree.joint_names[1]
+    former = effect_named("joint_spring")(second, {"stiffness": 0.1, "rest": 0.0})
+    other = effect_named("rotor_inertia")(second, {"inertia": 0.01})
+    grown = nothing.model.with_effects([former])
+    asked: list[bool] = []
+    monkeypatch.setattr(growth, "refused", Refused())
+    monkeypatch.setattr(growth, "grow", lambda: asked.append(growth.refused.holds(former, growth.best.model)))
+    assert not _grows_beside_others(growth, grown) and not asked
+    monkeypatch.setattr(growth, "best", replace(nothing, model=nothing.model.with_effects([other])))
+    assert not _grows_beside_others(growth, grown) and asked == [True], "what was dropped is not tried again"
+    found = replace(nothing, model=nothing.model.with_effects([other, viscous(growth, VISCOUS)]))
+    monkeypatch.setattr(growth, "grow", lambda: setattr(growth, "best", found))
+    assert _grows_beside_others(growth, grown)
 
 
 @pytest.mark.parametrize(("gain", "drag_first"), [(3e4, False), (5e4, True)])

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import Looks
-from drake_cafim.diagnosis.search.growth_by_place import CONVERGED, GrowthByPlace
+from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.pairs_by_place import Pair, best_pairs
 from drake_cafim.diagnosis.search.refused import Refused
 from drake_cafim.effects.catalogue import effect_named

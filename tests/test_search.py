@@ -76,8 +76,8 @@ def _under_way(monkeypatch: pytest.MonkeyPatch, answers: dict[str, Fit]) -> Any:
     scene = SimpleNamespace(unknown=(), priors=SimpleNamespace(std=np.zeros(0)))
     problem: Any = SimpleNamespace(scene=scene)
     problem.rewhitened = lambda model: SimpleNamespace(scene=scene)
-    monkeypatch.setattr(state, "fit", lambda problem, model: SimpleNamespace(model=model))
-    monkeypatch.setattr(state, "fit_shapes", lambda problem, fitted_model: fitted_model)
+    monkeypatch.setattr(state, "fit", lambda problem, model, **_: SimpleNamespace(model=model))
+    monkeypatch.setattr(state, "fit_shapes", lambda problem, fitted_model, *_: fitted_model)
     monkeypatch.setattr(state, "unbiased_fit", lambda problem, model: answers[model.effects[0].name])
     return state.State(problem, state.Settings(), (), 10, lambda text: None)
 

@@ -23,7 +23,7 @@ FOLDER = Path(drake_cafim.diagnosis.__file__).parent
 
 ITERATIONS = {
     # at most so many steps of an iteration, and what ends it
-    "fit/fitting.py": "MOST_CORRECTIONS CORRECTION_TOLERANCE LARGEST_STEP ROUGHLY",
+    "fit/fitting.py": "CONVERGED MOST_CORRECTIONS CORRECTION_TOLERANCE LARGEST_STEP ROUGHLY",
     "fit/intervals.py": "DOUBLINGS REFINEMENTS",
     "search/cuts.py": "MOST_LEFT_OUT DRAWS",
     "joints/linearised_contact_effects.py": "IMPROVEMENTS",
@@ -48,7 +48,7 @@ ITERATIONS = {
     "fit/beside.py": "MOST_STEPS MOST_HALVINGS",
     "search/law_shapes.py": "FINER",
     "search/state.py": "ROUNDS",
-    "search/growth_by_place.py": "MOST_ROUNDS MOST_REFUSALS CONVERGED FIRST_ORDER_SHORTFALL",
+    "search/growth_by_place.py": "MOST_ROUNDS MOST_REFUSALS FIRST_ORDER_SHORTFALL",
     "fit/rivals.py": "FITTED_LEAD",
     "fit/without_effects.py": "QUARTERS",
     "search/rivals_by_place.py": "MOST_ALONE ROUNDS REPLACING_LEAD",

@@ -66,11 +66,11 @@ def test_an_innovation_whose_covariance_is_singular_is_none(
         mean, _, unlikely = _update(np.zeros((3, 4)), P, np.ones((3, 2)), np.full(2, 1e-6))
     assert np.isfinite(unlikely[0]) and np.all(np.isnan(unlikely[1:])) and np.all(np.isfinite(mean[0]))
     prepared = prepare(scene, [recording])
-    (quality,) = prepared.qualities(Model(np.zeros(0)), np.zeros((0, 0)))
+    [[quality]] = prepared.qualities([(Model(np.zeros(0)), np.zeros((0, 0)))])
     assert np.isfinite(quality.nll) and quality.missing == ()
     lost = Innovations(recording.time[:9], np.zeros(9), 0.25)
     monkeypatch.setattr(prediction, "innovations", lambda *_: [lost])
-    (quality,) = prepared.qualities(Model(np.zeros(0)), np.zeros((0, 0)))
+    [[quality]] = prepared.qualities([(Model(np.zeros(0)), np.zeros((0, 0)))])
     assert np.isnan(quality.nll) and quality.rmse
     assert quality.missing == ("nll cannot be computed: the filter's covariance is singular at 0.25 s of greased",)
 

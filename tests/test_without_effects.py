@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.fit.fitting import fit
+from drake_cafim.diagnosis.fit.fitting import NOTHING_KNOWN, Fit, fit
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.without_effects import fit_without, residual_without, share_improved, share_removed
 from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.effects.catalogue import effect_named
@@ -45,3 +46,23 @@ def test_shares_compare_rows_with_and_without(growth: GrowthByPlace) -> None:
     assert share_removed(growth.problem, found.residual, found.residual) == 0.0
     assert share_improved(growth.problem, found.residual, without) == 1.0
     assert share_improved(growth.problem, without, found.residual) == 0.0
+
+
+def test_a_strength_that_shows_nowhere_does_not_hide_the_others() -> None:
+    """As how far along the vertical axes of a SCARA arm its load lies: the load is taken out all the same."""
+    rng = np.random.default_rng(1)
+    friction = effect_named("joint_viscous_friction")("elbow", {"coefficient": 0.3})
+    load = effect_named("payload")("flange", {"mass": 1.0, "x": 0.05, "y": 0.02, "z": -0.1})
+    jacobian = 100.0 * rng.standard_normal((60, 5)) * [1.0, 1.0, 1.0, 1.0, 0.0]
+    covariance = np.zeros((5, 5))
+    covariance[:4, :4] = np.linalg.inv(jacobian[:, :4].T @ jacobian[:, :4])
+    left = []
+    for variance in (1.0, NOTHING_KNOWN):
+        covariance[4, 4] = variance
+        found = Fit(
+            Model(np.zeros(0), (friction, load)), rng.standard_normal(60) * 1e-6, jacobian, covariance.copy(), 60
+        )
+        left.append(residual_without(found, load))
+        assert [effect.key for effect in fit_without(found, [load]).model.effects] == [friction.key]
+    assert np.linalg.norm(left[0]) > 100.0
+    np.testing.assert_allclose(left[1], left[0], rtol=1e-3, atol=1e-3 * np.linalg.norm(left[0]))

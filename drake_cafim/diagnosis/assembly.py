@@ -274,15 +274,15 @@ def comparisons_of(prepared: PreparedRecordings, fits: Sequence[Fit]) -> list[Co
     priors, n = prepared.scene.priors, len(prepared.scene.unknown)
     candidates = [(Model(priors.mean), np.diag(priors.std**2))]
     candidates += [(fit.model, np.diag(priors.std**2) if fit.model.held else fit.covariance[:n, :n]) for fit in fits]
-    found: list[list[Quality]] = []
-    for k, (model, covariance) in enumerate(candidates):
-        # where nothing is missing, two of the three are the same
-        same = [
-            j
-            for j, (other, doubt) in enumerate(candidates[:k])
-            if other.effects == model.effects
-            and np.all(other.vector == model.vector)
-            and np.array_equal(doubt, covariance)
-        ]
-        found.append(found[same[0]] if same else prepared.qualities(model, covariance))
+    # where nothing is missing, two of the three are the same
+    first = [next(j for j, other in enumerate(candidates) if _same(candidate, other)) for candidate in candidates]
+    distinct = sorted(set(first))
+    by_model: list[list[Quality]] = prepared.qualities([candidates[j] for j in distinct])
+    found = [by_model[distinct.index(j)] for j in first]
     return [Comparison(*(qualities[k] for qualities in found)) for k in range(len(found[0]))]
+
+
+def _same(one: tuple[Model, Array], other: tuple[Model, Array]) -> bool:
+    """Whether two models and the covariances of their unknowns are equal."""
+    (model, doubt), (twin, its) = one, other
+    return model.effects == twin.effects and bool(np.all(model.vector == twin.vector)) and np.array_equal(doubt, its)

@@ -151,7 +151,7 @@ class Quality:
     `nll` is the negative log likelihood per sample of one-step innovations, with the uncertainty of the fitted unknowns
     included; `rmse` and `rmse_short` are the root mean square errors of simulations over 1 s and 0.1 s by column;
     `effort` is the residual of inverse dynamics by joint; `diverges` the seconds after which simulations over 1 s leave
-    a joint's range.
+    a joint's range: then the errors of all models that are compared are of the samples before that.
 
     A figure that cannot be computed is NaN or empty; `missing` says which and why, as "nll cannot be computed: ...".
     """

@@ -23,6 +23,8 @@ LARGEST_STEP = 3.0
 ROUGHLY = 1e-2, 100.0
 """Least damping after a step that failed, and its growth from one to the next, where a fit has a tolerance: what slopes
 that are not exact promise in vain is then found out by few residuals."""
+CONVERGED = 0.1
+"""Decrease of χ² below which a search need not fit more exactly."""
 NOTHING_KNOWN = 1e12
 """Variance of a parameter of which the rows contain no information."""
 LEAST_INFORMATION = 1e-13

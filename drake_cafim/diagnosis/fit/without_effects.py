@@ -55,7 +55,11 @@ def _change_without(found: Fit, effects: Sequence[Effect]) -> tuple[Array, Array
             slopes.append(seen)
     all_slopes = np.concatenate(slopes)
     along = found.covariance @ all_slopes.T
-    solved = np.linalg.lstsq(all_slopes @ along, np.column_stack([np.concatenate(differences), along.T]), rcond=None)[0]
+    among = all_slopes @ along
+    # one that changes nothing in the recordings has a variance beside which the others would count as zero
+    std = np.sqrt(np.maximum(np.diag(among), np.finfo(float).tiny))
+    sought = np.column_stack([np.concatenate(differences), along.T]) / std[:, None]
+    solved = np.linalg.lstsq(among / np.outer(std, std), sought, rcond=None)[0] / std[:, None]
     return -along @ solved[:, 0], found.covariance - along @ solved[:, 1:]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.doubts import doubts
-from drake_cafim.diagnosis.predict.forecast import HORIZON, SHORT_HORIZON, forecasts
+from drake_cafim.diagnosis.predict.forecast import HORIZON, SHORT_HORIZON, Forecast, counted_together, forecasts
 from drake_cafim.diagnosis.predict.innovations import Innovations, innovations
 from drake_cafim.diagnosis.predict.inverse_dynamics import effort_residuals
 from drake_cafim.diagnosis.predict.quality import qualities_of
@@ -18,18 +18,32 @@ from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
 
-def qualities(groups: Sequence[list[WeakForm]], scene: Scene, model: Model, covariance: Array) -> list[Quality]:
-    """The figures of fit of each group of recordings under `model`, whose unknowns have the `covariance` (n, n).
+def qualities(
+    groups: Sequence[list[WeakForm]], scene: Scene, models: Sequence[tuple[Model, Array]]
+) -> list[list[Quality]]:
+    """For each of the `models`, with the covariance (n, n) of its unknowns, its figures of fit of each group.
 
-    All recordings are simulated at once.
+    All recordings are simulated at once. The errors of simulations are of the same samples for all models.
     """
-    physics = model.physics(scene)
     forms = [form for group in groups for form in group]
-    filtered = compute(lambda: innovations(forms, physics, doubts(scene, model, covariance)))
-    simulated, shortly = (compute(partial(forecasts, forms, physics, horizon)) for horizon in (HORIZON, SHORT_HORIZON))
-    likelihoods = filtered if isinstance(filtered, NotComputable) else _likelihoods(forms, filtered)
-    efforts = [compute(partial(effort_residuals, group, physics)) for group in groups]
-    return qualities_of([len(group) for group in groups], likelihoods, simulated, shortly, efforts)
+    simulated, shortly = (_simulated(forms, scene, models, horizon) for horizon in (HORIZON, SHORT_HORIZON))
+    found = []
+    for (model, covariance), own, short in zip(models, simulated, shortly, strict=True):
+        physics, doubt = model.physics(scene), doubts(scene, model, covariance)
+        filtered = compute(partial(innovations, forms, physics, doubt))
+        likelihoods = filtered if isinstance(filtered, NotComputable) else _likelihoods(forms, filtered)
+        efforts = [compute(partial(effort_residuals, group, physics)) for group in groups]
+        found.append(qualities_of([len(group) for group in groups], likelihoods, own, short, efforts))
+    return found
+
+
+def _simulated(
+    forms: Sequence[WeakForm], scene: Scene, models: Sequence[tuple[Model, Array]], horizon: float
+) -> list[Sequence[Forecast] | NotComputable]:
+    """The recordings simulated over `horizon` s by each of the `models`, compared as long as none of them diverges."""
+    found = [compute(partial(forecasts, forms, model.physics(scene), horizon)) for model, _ in models]
+    together = iter(counted_together([own for own in found if not isinstance(own, NotComputable)]))
+    return [own if isinstance(own, NotComputable) else next(together) for own in found]
 
 
 def surprisal(

@@ -3,7 +3,8 @@
 It is open loop in the efforts, and closed through the position servos that drive joints, from their commands.
 
 A simulation counts as long as every joint stays in its range. When a joint leaves its range the simulation has
-diverged: its state is held from then on, and no later sample of that window counts.
+diverged: its state is held from then on, and no later sample of that window counts, nor of the same window simulated
+by a model that it is compared with: an error that grows with time would be the larger the longer a model holds.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -261,6 +262,15 @@ def root_mean_square(forecasts: Sequence[Forecast]) -> dict[str, float]:
         errors = np.concatenate([(f.predicted[column] - f.measured[column])[f.counted] for f in forecasts])
         result[column] = float("nan") if np.all(np.isnan(errors)) else float(np.sqrt(np.nanmean(errors**2)))
     return result
+
+
+def counted_together(by_model: Sequence[Sequence[Forecast]]) -> list[Sequence[Forecast]]:
+    """The forecasts of the same recordings by several models, of which those samples count that count for all."""
+    common = [np.logical_and.reduce([own.counted for own in each]) for each in zip(*by_model, strict=True)]
+    return [
+        [own if np.all(kept) else replace(own, lost=~kept) for own, kept in zip(each, common, strict=True)]
+        for each in by_model
+    ]
 
 
 def divergence(forecasts: Sequence[Forecast]) -> dict[str, float]:

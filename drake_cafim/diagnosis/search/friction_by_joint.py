@@ -13,12 +13,12 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.beside import Beside, strengths_at
 from drake_cafim.diagnosis.fit.evidence import criterion
-from drake_cafim.diagnosis.fit.fitting import Fit, posterior
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, posterior
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std
 from drake_cafim.diagnosis.fit.screening import Candidate, screen
 from drake_cafim.diagnosis.search.determined import strength_at_bound, undetermined_in
-from drake_cafim.diagnosis.search.growth_by_place import CONVERGED, FIRST_ORDER_SHORTFALL, GrowthByPlace
+from drake_cafim.diagnosis.search.growth_by_place import FIRST_ORDER_SHORTFALL, GrowthByPlace
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import DRY_FRICTION, JointViscousFriction

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from scipy.stats import chi2
 
 from drake_cafim.diagnosis.fit.evidence import UNDER_ITS_OWN_NOISE, Check, checks, leaves_noise, scale_of
-from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.fit.screening import Candidate
 from drake_cafim.diagnosis.search import candidate_decisions, decisions
@@ -69,11 +69,13 @@ def _expand(state: State, depth: int) -> None:
             if key in found or _is_far_less(state, parent, found.values(), candidate):
                 continue
             state.progress(f"{depth} effect{'s' * (depth > 1)}: {candidate.effect.name} at {candidate.effect.at}")
-            grown = fit(state.problem, parent.model.with_effects([candidate.effect]))
+            grown = fit(state.problem, parent.model.with_effects([candidate.effect]), tolerance=CONVERGED)
             if state.problem.plausible(grown.model):
                 found[key] = grown
     ranked = state.ranked(found.values())
-    carried_on = [fit_shapes(state.problem, explanation) for explanation in ranked[: state.settings.beam]]
+    carried_on = [
+        fit_shapes(state.problem, explanation, None, CONVERGED) for explanation in ranked[: state.settings.beam]
+    ]
     for explanation in (*ranked[state.settings.beam :], *carried_on):
         state.pool.add(explanation)
     state.frontier = state.ranked(carried_on)

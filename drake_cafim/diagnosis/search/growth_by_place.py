@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from drake_cafim.diagnosis.fit.evidence import cost_of, criterion, leaves_noise
-from drake_cafim.diagnosis.fit.fitting import Fit, fit, fit_at_first_order
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, fit_at_first_order
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, equations_of, joint_of
 from drake_cafim.diagnosis.fit.rivals import changed_effects
@@ -37,8 +37,6 @@ MOST_REFUSALS = 8
 """Number of effects tried in vain, one after another, after which the growth ends."""
 FIRST_ORDER_SHORTFALL = 0.3
 """By what share a test may be missed to first order by an effect that is fitted nevertheless."""
-CONVERGED = 0.1
-"""Decrease of χ² by one more fit below which a fit counts as converged."""
 
 
 Looked = tuple[Fit, dict[bool, list[Candidate]]]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.beside import Beside
+from drake_cafim.diagnosis.fit.evidence import scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -25,8 +26,8 @@ def fit_shapes(
 ) -> Fit:
     """The fit with the best shape of each effect in turn: first from the effect's grid, then between its values.
 
-    Of the effects `of` these keys only, if they are given. A change of χ² by `tolerance` does not matter;
-    `own_noise` is as for `fit`.
+    Of the effects `of` these keys only, if they are given. A change of χ² by `tolerance` does not matter, in units of
+    the noise that remains; `own_noise` is as for `fit`.
 
     With a wrong width, a change of sign looks like a law that falls or rises near rest.
     """
@@ -57,18 +58,18 @@ class _Shapes:
     def best(self, best: Fit) -> Fit:
         """The fit with the best shape, from `best`."""
         first, before, worst = best.chi_square, np.inf, -np.inf
-        while before - best.chi_square > SHAPE_CHI_SQUARE_RANGE:
+        while before - best.chi_square > SHAPE_CHI_SQUARE_RANGE * scale_of(best):
             before, effect = best.chi_square, best.model.effects[self.position]
             best, worst = self._best_of(best, effect.restarts())
             if not effect.shapes_about_values:
                 # the grid does not depend on the values: it would be the same again
                 break
         # χ² hardly depends on the shape: values between those of the grid cannot matter
-        if max(first, worst) - best.chi_square < SHAPE_CHI_SQUARE_RANGE:
+        if max(first, worst) - best.chi_square < SHAPE_CHI_SQUARE_RANGE * scale_of(best):
             return best
         for ratio in FINER:
             before = np.inf
-            while best.chi_square < before - self.tolerance:
+            while best.chi_square < before - self.tolerance * scale_of(best):
                 before = best.chi_square
                 best, _ = self._best_of(best, best.model.effects[self.position].between_shapes(ratio))
         return best

@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.beside import Beside, strengths_at
 from drake_cafim.diagnosis.fit.evidence import cost_of, criterion, leaves_noise
-from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.places import ELSEWHERE, joint_of
 from drake_cafim.diagnosis.fit.rivals import FITTED_LEAD, Lead, Rivals
@@ -19,7 +19,7 @@ from drake_cafim.diagnosis.fit.without_effects import residual_without, share_re
 from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import reasons_against, strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.friction_by_joint import Friction, choose_friction, is_friction
-from drake_cafim.diagnosis.search.growth_by_place import CONVERGED, GrowthByPlace
+from drake_cafim.diagnosis.search.growth_by_place import GrowthByPlace
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside, fit_shapes
 from drake_cafim.diagnosis.thresholds import (
     LEAST_PROBABILITY,

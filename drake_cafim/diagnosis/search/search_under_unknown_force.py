@@ -60,11 +60,15 @@ def search_again(
         # as far as they stand out of unknown forces
         growth.settle(first)
     # whoever asks for fewer effects than usual wants those, and no search for more
-    if more and settings.most_effects >= MOST_EFFECTS:
+    grows = more and settings.most_effects >= MOST_EFFECTS
+    if grows:
         growth.grow()
     # what explained more than was left under more noise is no less sure under less, of which more is left
     supported, known = ((), None) if more else (outcome.best.model.keys, outcome.rivals)
+    grown = growth.best.model
     compared = compare_by_place(growth, supported, known)
+    if grows and _grows_beside_others(growth, grown):
+        compared = compare_by_place(growth, supported, compared.rivals)
     if not growth.best.model.effects:
         trace.add(decisions.record_unknown_forces_failure(growth.best))
         return None
@@ -79,6 +83,19 @@ def search_again(
         unsupported=compared.unsupported,
         rivals=compared.rivals,
     )
+
+
+def _grows_beside_others(growth: GrowthByPlace, grown: Model) -> bool:
+    """Whether effects stand out beside the laws that have taken the places of some that had `grown`.
+
+    A law that stood for two may have gone, and one of the two with it. What was found and dropped is not tried again.
+    """
+    compared = growth.best.model
+    if compared.keys <= grown.keys:
+        return False
+    growth.refused.add((effect for effect in grown.effects if effect.key not in compared.keys), compared)
+    growth.grow()
+    return growth.best.model.keys != compared.keys
 
 
 def is_explained(outcome: Outcome, nominal: Fit, settings: Settings, trace: Trace) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drake_cafim.diagnosis.fit.evidence import criterion, scale_of
-from drake_cafim.diagnosis.fit.fitting import Fit, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.screening import Candidate, screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
@@ -136,7 +136,12 @@ class State:
             problem, pool = problem.rewhitened(best.model), Pool()
             for found in (best, *(other for other in competing if other.model.keys != best.model.keys)):
                 # the best width of a change of sign depends on the covariance as well
-                pool.add(unbiased_fit(problem, fit_shapes(problem, fit(problem, found.model)).model))
+                pool.add(
+                    unbiased_fit(
+                        problem,
+                        fit_shapes(problem, fit(problem, found.model, tolerance=CONVERGED), None, CONVERGED).model,
+                    )
+                )
                 if best.model.keys not in pool.fits:
                     self.trace.add(decisions.record_echo(best.model))
                     return None

@@ -111,13 +111,13 @@ class PreparedTosses:
         """NaN: the rows of throws are their innovations already."""
         return float("nan")
 
-    def qualities(self, model: Model, covariance: Array) -> list[Quality]:
-        """The quality of `model` on the recordings, and on the held-out ones if there are any.
+    def qualities(self, models: Sequence[tuple[Model, Array]]) -> list[list[Quality]]:
+        """For each model its quality on the recordings, and on the held-out ones if there are any.
 
-        `covariance` (n, n) of the unknowns is not needed for tosses.
+        The covariances (n, n) of their unknowns are not needed for tosses.
         """
         groups = [self.tracks, self.held_out] if self.held_out else [self.tracks]
-        return qualities(groups, self.noise, model.physics(self.scene), self.body)
+        return [qualities(groups, self.noise, model.physics(self.scene), self.body) for model, _ in models]
 
 
 def prepare_tosses(
