@@ -198,7 +198,7 @@ def draw(rng: np.random.Generator, robot: Robot, effect: str) -> Served:
         "command_delay": (0.03 * size,),
         "command_lag": (0.03 * size,),
         "command_rate_limit": (0.6 / size**0.5,),
-        "command_acceleration_limit": (4.0 / size**0.5,),
+        "command_acceleration_limit": (15.0 / size**0.5,),
         "actuator_speed_limit": (4.0, 0.5 * limit[j] / size**0.3),
         "joint_coulomb_friction": (0.2 * size * asked[j],),
     }[effect]
