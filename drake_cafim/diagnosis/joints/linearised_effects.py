@@ -33,7 +33,7 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.unknown import inertials
 from drake_cafim.typing import Array
 
-CACHED_ROWS = 30_000
+CACHED_ROWS = 5_000
 """Largest number of rows of all recordings at which the looks at joint laws are cached, to limit memory."""
 
 
@@ -152,7 +152,9 @@ def _force_looks(problem: WeakFormRows, physics: Physics, effect: JointForce) ->
     samples = tuple(run.weak.law_samples(physics)[joint] for run in problem.runs)
     known = problem.force_looks.get(effect.key)
     if known is None or any(sample is not other for sample, other in zip(known[0], samples, strict=True)):
-        known = samples, _force_rows(problem, joint, effect, samples)
+        found = _force_rows(problem, joint, effect, samples)
+        # of long recordings the columns of one start at a time are held
+        known = samples, list(found) if problem.rows < CACHED_ROWS else found
         if problem.rows < CACHED_ROWS:
             problem.force_looks[effect.key] = known
     for rows, shape in known[1]:
@@ -161,16 +163,11 @@ def _force_looks(problem: WeakFormRows, physics: Physics, effect: JointForce) ->
 
 def _force_rows(
     problem: WeakFormRows, joint: int, effect: JointForce, samples: Sequence[JointSamples]
-) -> list[tuple[Array, Mapping[str, float]]]:
+) -> Iterator[tuple[Array, Mapping[str, float]]]:
     """Whitened columns (R, c) of each start of the law, and its shape."""
-    starts = list(effect.starts(concatenate(samples)))
-    if not starts:
-        return []
     ends = np.cumsum([len(sample.q) for sample in samples])[:-1]
-    all_columns = np.concatenate([start.columns for start in starts], axis=1)
-    rows = problem.joint_columns(joint, np.split(all_columns, ends))
-    widths = np.cumsum([start.columns.shape[1] for start in starts])[:-1]
-    return [(part, start.shape) for part, start in zip(np.split(rows, widths, axis=1), starts, strict=True)]
+    for start in effect.starts(concatenate(samples)):
+        yield problem.joint_columns(joint, np.split(start.columns, ends)), start.shape
 
 
 def _drive_looks(problem: WeakFormRows, physics: Physics, effect: ActuatorEffect) -> Iterator[Look]:
