@@ -9,7 +9,7 @@ differences of the simulated end.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -21,6 +21,8 @@ STATE_STEP, EFFORT_STEP = 1e-6, 1e-3
 """Finite differences: rad and rad/s (m and m/s); N m (N)."""
 TERMS = 5
 """Of the series of e^Z and φ(Z)."""
+INTERVALS_AT_ONCE = 4_000
+"""Number of intervals whose derivatives are computed together, to limit memory."""
 
 
 @dataclass(frozen=True)
@@ -46,17 +48,30 @@ class Transitions:
     by_last: Array
 
 
+COLUMNS = tuple(column.name for column in fields(Transitions))
+
+
 def transitions(
     physics: Physics, displaced: Sequence[Displaced], state: Array, intervals: Intervals, steps: Indices
 ) -> Transitions:
     """Those of each interval from `state` (B, 2n), integrated in `steps` (B,) steps."""
     after = flow(physics, state, intervals, steps)
-    found = _of_the_middle(physics, displaced, state, after, intervals)
+    parts = [
+        _of_the_middle(
+            physics,
+            [replace(other, intervals=other.intervals.at(block)) for other in displaced],
+            state[block],
+            after[block],
+            intervals.at(block),
+        )
+        for block in np.split(np.arange(len(state)), np.arange(INTERVALS_AT_ONCE, len(state), INTERVALS_AT_ONCE))
+    ]
+    found = Transitions(*(np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS))
     rough = np.flatnonzero(steps > np.min(steps))
     if len(rough):
         others = [replace(other, intervals=other.intervals.at(rough)) for other in displaced]
         exact = _by_differences(physics, others, state[rough], after[rough], intervals.at(rough), steps[rough])
-        for name in ("by_state", "by_parameters", "by_first", "by_last"):
+        for name in COLUMNS[1:]:
             getattr(found, name)[rough] = getattr(exact, name)
     return found
 
