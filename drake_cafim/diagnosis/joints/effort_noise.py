@@ -26,7 +26,7 @@ from drake_cafim.diagnosis.thresholds import (
     EFFORT_NOISE_TREND,
     EFFORT_NOISE_TRUSTED_QUANTILE,
 )
-from drake_cafim.diagnosis.whitening.covariance import whitening
+from drake_cafim.diagnosis.whitening.covariance import row_covariance
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
@@ -68,7 +68,7 @@ def effort_noise(scene: Scene, forms: Sequence[WeakForm], model: Model, joints: 
     stretches: dict[int, list[Stretch]] = {j: [] for j in joints}
     whole: dict[int, list[Stretch]] = {j: [] for j in joints}
     for form in forms:
-        covariance = whitening(form, physics)[0].covariance.tocsr()
+        covariance = row_covariance(form, physics)
         residual = form.residual(physics)
         for j in joints:
             row = form.dynamic.start + j

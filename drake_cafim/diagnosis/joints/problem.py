@@ -56,9 +56,7 @@ class WeakProblem(WeakFormRows, SearchProblem):
             vars(self).pop(name, None)
         self._latest.model = self._latest.problem = None
         for run in self.runs:
-            run.weak.forget()
-            if run.measured is not None:
-                run.measured.forget()
+            run.forget()
 
     @cached_property
     def pictures(self) -> Pictures:

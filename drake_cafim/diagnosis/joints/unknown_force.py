@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.thresholds import LAW_ACCURACY, UNKNOWN_FORCE_VARIANCE_SHARE
-from drake_cafim.diagnosis.whitening.covariance import Whitening, lower_band, unknown_force_factors, whitening
+from drake_cafim.diagnosis.whitening.covariance import Whitening, lower_band, row_covariance, unknown_force_factors
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.dynamics.tree import Joint
 from drake_cafim.numerics.rounding import listed, rounded
@@ -39,7 +39,7 @@ def force_density(problem: WeakFormRows, model: Model, near: Array | None = None
     starts = np.cumsum([run.rows for run in problem.runs])[:-1]
     recordings = []
     for run, slopes in zip(problem.runs, np.split(_slopes(problem, model), starts), strict=True):
-        noise = whitening(run.weak, physics)[0].covariance
+        noise = row_covariance(run.weak, physics)
         factors = unknown_force_factors(run.weak, physics)
         recordings.append(_Recording(run.noisy_rows(physics).ravel(), run.whiten.unwhiten(slopes), noise, factors))
     # start from an upper bound: as if the rows held no noise of the channels

@@ -21,7 +21,7 @@ from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.whitening.covariance import NONE, whitening
-from drake_cafim.diagnosis.whitening.noise_jacobian import NoiseJacobian
+from drake_cafim.diagnosis.whitening.sampled_noise import KeptJacobian
 from drake_cafim.diagnosis.whitening.unmodelled_force import with_unmodelled_force
 from drake_cafim.diagnosis.whitening.whitened_run import Run
 from drake_cafim.effects.effect import Effect
@@ -75,6 +75,8 @@ class WeakFormRows(Problem):
             run = Run(estimated, whiten, jacobian, form, _noise(form, estimated, jacobian))
             # unknown forces are all the forces that count as noise
             runs.append(run if np.any(unknown_force) else with_unmodelled_force(run, physics))
+            # what the rows of the estimated motion are made of is computed of that
+            form.forget()
         return cls(scene, tuple(runs), model, unknown_force)
 
     @classmethod
@@ -222,7 +224,7 @@ class WeakFormRows(Problem):
         return np.concatenate(result)
 
 
-def _noise(measured: WeakForm, estimated: WeakForm, jacobian: NoiseJacobian) -> Array:
+def _noise(measured: WeakForm, estimated: WeakForm, jacobian: KeptJacobian) -> Array:
     """J (y − ŷ) (R,), the rows' part by the samples' noise."""
     columns = (measured.samples.recording, estimated.samples.recording)
     # what was not recorded is filled alike in both

@@ -117,6 +117,7 @@ def fit_nominal(problem: SearchProblem, trace: Trace) -> tuple[SearchProblem, Fi
             break
         # the noise covariance depends on the masses, and the arcs of a throw are fitted under them; the motion is
         # estimated under them too, where they act as forces that the model lacks
+        problem.forget()
         under, problem = nominal.model, problem.rewhitened(nominal.model)
         nominal = unbiased_fit(problem, under)
         trace.add(decisions.record_whitening(problem, under, nominal.model, UNKNOWN_MOVE_IN_PRIOR_STDS))

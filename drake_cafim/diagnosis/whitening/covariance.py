@@ -14,8 +14,7 @@ from drake_cafim.diagnosis.whitening.friction_at_rest import friction_at_rest_co
 from drake_cafim.diagnosis.whitening.impact_noise import impact_covariance
 from drake_cafim.diagnosis.whitening.kinked_law_noise import kinked_law_covariance
 from drake_cafim.diagnosis.whitening.mobility_noise import mobility_covariance
-from drake_cafim.diagnosis.whitening.noise_jacobian import NoiseJacobian
-from drake_cafim.diagnosis.whitening.sampled_noise import sampled_noise
+from drake_cafim.diagnosis.whitening.sampled_noise import KeptJacobian, sampled_noise
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -87,22 +86,12 @@ class Whitening:
         return _log_determinant(self.factor) - self.motion_log_determinant
 
 
-def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> tuple[Whitening, NoiseJacobian]:
+def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> tuple[Whitening, KeptJacobian]:
     """The whitening of one recording's rows under `physics`, and the noise Jacobian.
 
     `unknown_force` (n,) is the spectral density of unmodelled white forces at the joints, (N m)² s or N² s.
     """
-    of_motion, of_efforts, jacobian = sampled_noise(weak, physics)
-    # what the first-order Jacobian leaves out: kinks and jumps within the noise
-    of_motion = of_motion + kinked_law_covariance(weak, physics)
-    beyond = (
-        of_efforts
-        + friction_at_rest_covariance(weak, physics)
-        + impact_covariance(weak, physics)
-        + contact_at_rest_covariance(weak, physics)
-        + contact_step_covariance(weak, physics)
-        + mobility_covariance(weak, physics)
-    )
+    of_motion, beyond, jacobian = _covariances(weak, physics)
     for density, part in (
         zip(unknown_force, unknown_force_factors(weak, physics), strict=True) if np.any(unknown_force) else ()
     ):
@@ -113,6 +102,30 @@ def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> 
     band[0] += 1e-10 * total.diagonal()
     volume = _log_determinant(scipy.linalg.cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False))
     return Whitening.of(total, volume), jacobian
+
+
+def row_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matrix:
+    """(R, R) the covariance of one recording's rows under `physics`; no Jacobian is kept."""
+    of_motion, beyond, _ = _covariances(weak, physics, keep=False)
+    return sp.csr_matrix(of_motion + beyond)
+
+
+def _covariances(
+    weak: WeakForm, physics: Physics, keep: bool = True
+) -> tuple[sp.csr_matrix, sp.csr_matrix, KeptJacobian]:
+    """The covariances (R, R) by the samples of motion and by all else, and the noise Jacobian if that is to `keep`."""
+    of_motion, of_efforts, jacobian = sampled_noise(weak, physics, keep)
+    # what the first-order Jacobian leaves out: kinks and jumps within the noise
+    of_motion = of_motion + kinked_law_covariance(weak, physics)
+    beyond = (
+        of_efforts
+        + friction_at_rest_covariance(weak, physics)
+        + impact_covariance(weak, physics)
+        + contact_at_rest_covariance(weak, physics)
+        + contact_step_covariance(weak, physics)
+        + mobility_covariance(weak, physics)
+    )
+    return of_motion, beyond, jacobian
 
 
 def _log_determinant(factor: Array) -> float:

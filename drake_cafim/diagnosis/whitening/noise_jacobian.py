@@ -1,5 +1,6 @@
 """The Jacobian of the weak form's rows with respect to every recorded sample, which propagates the noise."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -19,31 +20,34 @@ from drake_cafim.typing import Array
 
 NoiseJacobian: TypeAlias = dict[str, sp.csr_matrix | LinearOperator]
 """∂rows/∂samples of each recorded column by its name: (M r, N), rows ordered window after window."""
+Block: TypeAlias = tuple[str, sp.csr_matrix]
+"""A column's name, and ∂rows/∂samples of it."""
 Parts: TypeAlias = dict[int, tuple[sp.csr_matrix, Array]]
 """By row of a window: a matrix (M, N) over the windows, and factors (N,) of its columns."""
 
 
 def noise_jacobian(weak: WeakForm, physics: Physics) -> NoiseJacobian:
     """∂rows/∂samples under `physics`, for each recorded column that is not exact."""
-    found = motion_jacobian(weak, physics) | effort_jacobian(weak, physics)
+    return by_joint(physics, dict(motion_blocks(weak, physics)) | dict(effort_blocks(weak, physics)))
+
+
+def by_joint(physics: Physics, found: NoiseJacobian) -> NoiseJacobian:
+    """The blocks `found` with those of each joint's position, velocity and effort together."""
     of_joints = [f"{kind}.{name}" for name in physics.tree.joint_names for kind in "qvu"]
     return {name: found[name] for name in [*of_joints, *found] if name in found}
 
 
-def effort_jacobian(weak: WeakForm, physics: Physics) -> NoiseJacobian:
-    """The part of `noise_jacobian` by the efforts."""
-    s, columns = weak.samples, [f"u.{name}" for name in physics.tree.joint_names]
-    return {
-        column: _of_recorded(
-            weak, physics, column, place(weak, -s.windows.held(s.time, s.ramped[j]), weak.kinematic_rows + j)
-        )
-        for j, column in enumerate(columns)
-        if s.std[column] > 0.0
-    }
+def effort_blocks(weak: WeakForm, physics: Physics) -> Iterator[Block]:
+    """The blocks of `noise_jacobian` by the efforts."""
+    s = weak.samples
+    for j, name in enumerate(physics.tree.joint_names):
+        if s.std[column := f"u.{name}"] > 0.0:
+            block = place(weak, -s.windows.held(s.time, s.ramped[j]), weak.kinematic_rows + j)
+            yield column, _of_recorded(weak, physics, column, block)
 
 
-def motion_jacobian(weak: WeakForm, physics: Physics) -> NoiseJacobian:
-    """The part of `noise_jacobian` by positions, velocities and wrenches."""
+def motion_blocks(weak: WeakForm, physics: Physics) -> Iterator[Block]:
+    """The blocks of `noise_jacobian` by positions, velocities and wrenches."""
     s, n = weak.samples, weak.joints
     measured = weak.measurement(physics)
     q, v = measured.q_hat, measured.v_hat
@@ -53,10 +57,9 @@ def motion_jacobian(weak: WeakForm, physics: Physics) -> NoiseJacobian:
     servos = weak.terms(physics).servos
     _, d_q_law, d_v_law = physics.applied_at_joints(joints)
     rigid = balance_slopes(replace(weak.motion(physics), tree=physics.tree), physics)
-    blocks: NoiseJacobian = {}
 
-    def add(name: str, block: sp.csr_matrix) -> None:
-        blocks[name] = _of_recorded(weak, physics, name, block)
+    def recorded(name: str, block: sp.csr_matrix) -> Block:
+        return name, _of_recorded(weak, physics, name, block)
 
     readings = [reading_windows(weak, physics, sensor, axis) for sensor in weak.sensors for axis in WRENCH_COMPONENTS]
     for j, name in enumerate(physics.tree.joint_names):
@@ -80,15 +83,14 @@ def motion_jacobian(weak: WeakForm, physics: Physics) -> NoiseJacobian:
             from_q = from_q + acts @ sp.diags_array(servos[j].mean.d_q)
             from_v = from_v + acts @ sp.diags_array(servos[j].mean.d_v)
         if s.differentiate is None:
-            add(f"q.{name}", sp.csr_matrix(from_q))
-            add(f"v.{name}", sp.csr_matrix(from_v))
+            yield recorded(f"q.{name}", sp.csr_matrix(from_q))
+            yield recorded(f"v.{name}", sp.csr_matrix(from_v))
         else:
-            add(f"q.{name}", sp.csr_matrix(from_q + from_v @ s.differentiate))
+            yield recorded(f"q.{name}", sp.csr_matrix(from_q + from_v @ s.differentiate))
     for i, sensor in enumerate(weak.sensors):
         for k, axis in enumerate(WRENCH_COMPONENTS):
             row = weak.kinematic_rows + n + 6 * i + k
-            add(f"wrench.{sensor.name}.{axis}", place(weak, s.windows.value, row))
-    return blocks
+            yield recorded(f"wrench.{sensor.name}.{axis}", place(weak, s.windows.value, row))
 
 
 def _of_recorded(weak: WeakForm, physics: Physics, name: str, block: sp.csr_matrix) -> sp.csr_matrix:

@@ -8,7 +8,7 @@ import numpy as np
 from drake_cafim.diagnosis.rows.initial_uncertainty import StartMarginal, has_unknown_start, start_rows
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.covariance import Whitening
-from drake_cafim.diagnosis.whitening.noise_jacobian import NoiseJacobian
+from drake_cafim.diagnosis.whitening.sampled_noise import KeptJacobian
 from drake_cafim.numerics.cache import make_room
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
@@ -25,12 +25,18 @@ class Run:
 
     weak: WeakForm
     whiten: Whitening
-    jacobian: NoiseJacobian
+    jacobian: KeptJacobian
     measured: WeakForm | None = None
     """The recording as measured, where `weak` has its motion as estimated."""
     noise: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     """J (y − ŷ) (R,): the part of the rows by the noise of the samples; empty where `weak` contains it."""
     _start_rows: dict[bytes, Array] = field(default_factory=dict, repr=False, compare=False)
+
+    def forget(self) -> None:
+        """Frees what was computed of the samples, which is computed again when it is asked for."""
+        for weak in (self.weak, *(() if self.measured is None else (self.measured,))):
+            weak.forget()
+        self.jacobian.forget()
 
     @property
     def name(self) -> str:
