@@ -14,28 +14,37 @@ WEIGHTS_AT_ONCE = 200_000
 """Number of weights that are computed together, to limit memory."""
 
 
-def local_polynomial(time: Array, reach: float, degree: int, derivative: int, at_least: int = 0) -> sp.csr_matrix:
+def local_polynomial(
+    time: Array, reach: float, degree: int, derivative: int, at_least: int = 0, rows: Indices | None = None
+) -> sp.csr_matrix:
     """(N, N) matrix whose product with samples is the `derivative`-th derivative of a local least-squares polynomial.
 
     A sample's fit uses the neighbours within `reach` s on both sides, but at least `at_least` (and enough for the
     degree) on each; near an end the same number, from the inside (Savitzky, Golay, Anal. Chem. 36(8), 1964). Cached
-    for the next recording at the same `time` (N,) s.
+    for the next recording at the same `time` (N,) s. Only its `rows` (K,), (K, N), if they are given.
     """
-    compute = _local_polynomial if len(time) <= CACHED_SAMPLES else _local_polynomial.__wrapped__
-    return compute(time.tobytes(), reach, degree, derivative, at_least)
+    if len(time) > CACHED_SAMPLES:
+        return _rows(time, reach, degree, derivative, at_least, np.arange(len(time)) if rows is None else rows)
+    every = _local_polynomial(time.tobytes(), reach, degree, derivative, at_least)
+    return every if rows is None or len(rows) == len(time) else sp.csr_matrix(every[rows])
 
 
 @lru_cache(maxsize=64)
 def _local_polynomial(at: bytes, reach: float, degree: int, derivative: int, at_least: int) -> sp.csr_matrix:
     time = np.frombuffer(at)
+    return _rows(time, reach, degree, derivative, at_least, np.arange(len(time)))
+
+
+def _rows(time: Array, reach: float, degree: int, derivative: int, at_least: int, rows: Indices) -> sp.csr_matrix:
     half = max(int(np.floor(reach / np.median(np.diff(time)) + 1e-9)), at_least, (degree + 1) // 2)
-    every, size = np.arange(len(time)), max(1, WEIGHTS_AT_ONCE // (2 * half + 1))
+    size = max(1, WEIGHTS_AT_ONCE // (2 * half + 1))
     parts = []
-    for rows in np.split(every, every[size::size]):
-        columns, x, width = _neighbours(time, half, rows)
-        wanted = _basis(_at_zero(x, columns, rows), degree, derivative) / width**derivative
+    for own in np.split(rows, np.arange(size, len(rows), size)):
+        columns, x, width = _neighbours(time, half, own)
+        wanted = _basis(_at_zero(x, columns, own), degree, derivative) / width**derivative
         parts.append((_weights(_basis(x, degree), wanted), columns.astype(np.int32)))
-    return _sparse(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    weights, columns = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return _sparse(weights, columns, len(time))
 
 
 def track_polynomial(time: Array, reach: float, degree: int, ratio: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
@@ -56,7 +65,7 @@ def _track_polynomial(at: bytes, reach: float, degree: int, ratio: float) -> tup
     slopes = ratio * _basis(x, degree, 1) / width[..., None]
     weights = _weights(np.concatenate([_basis(x, degree), slopes], axis=1), _basis(_at_zero(x, columns, every), degree))
     count = columns.shape[1]
-    return _sparse(weights[:, :count], columns), _sparse(ratio * weights[:, count:], columns)
+    return _sparse(weights[:, :count], columns, len(time)), _sparse(ratio * weights[:, count:], columns, len(time))
 
 
 def _neighbours(time: Array, half: int, rows: Indices) -> tuple[Indices, Array, Array]:
@@ -100,8 +109,8 @@ def _weights(basis: Array, wanted: Array) -> Array:
     return np.asarray((basis @ solved)[..., 0], dtype=float)
 
 
-def _sparse(weights: Array, columns: Indices) -> sp.csr_matrix:
-    """The sparse matrix (N, N) with `weights` (N, c) in the columns `columns` (N, c) of each row."""
-    samples, count = columns.shape
-    starts = np.arange(samples + 1, dtype=np.int32) * count
-    return sp.csr_matrix((weights.ravel(), columns.ravel(), starts), shape=(samples, samples))
+def _sparse(weights: Array, columns: Indices, samples: int) -> sp.csr_matrix:
+    """The sparse matrix (K, N) of N `samples` with `weights` (K, c) in the columns `columns` (K, c) of each row."""
+    rows, count = columns.shape
+    starts = np.arange(rows + 1, dtype=np.int32) * count
+    return sp.csr_matrix((weights.ravel(), columns.ravel(), starts), shape=(rows, samples))

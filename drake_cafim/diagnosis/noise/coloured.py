@@ -175,7 +175,7 @@ def _covariance(age: Array, memory: CorrelatedNoise) -> sp.csr_matrix:
 
 
 def filtered_std(operator: sp.csr_matrix, time: Array, memory: CorrelatedNoise | None) -> Array:
-    """(N,) standard deviation of `operator` (N, N) applied to unit noise at `time`, white if `memory` is None.
+    """(R,) standard deviation of `operator` (R, N) applied to unit noise at `time`, white if `memory` is None.
 
     √diag(A C Aᵀ) for the operator A and the noise's covariance C.
     """
@@ -195,15 +195,15 @@ def difference_std(operators: Sequence[sp.csr_matrix], time: Array, memory: Corr
 
 
 def _shared_variance(operators: Sequence[sp.csr_matrix], time: Array, memory: CorrelatedNoise | None) -> Array:
-    """(K, K, N) diag(A C Bᵀ) for each two of the K `operators` (N, N) A, B and the covariance C of unit noise.
+    """(K, K, R) diag(A C Bᵀ) for each two of the K `operators` (R, N) A, B and the covariance C of unit noise.
 
     A few rows at a time: A C of a minute at 1 kHz takes gigabytes.
     """
-    N, K = len(time), len(operators)
-    shared = np.zeros((K, K, N))
+    N, R, K = len(time), operators[0].shape[0], len(operators)
+    shared = np.zeros((K, K, R))
     age = None if memory is None or N <= CACHED_SAMPLES else memory.age(time)
-    for begin in range(0, N, ROWS_AT_ONCE):
-        own = slice(begin, min(begin + ROWS_AT_ONCE, N))
+    for begin in range(0, R, ROWS_AT_ONCE):
+        own = slice(begin, min(begin + ROWS_AT_ONCE, R))
         parts = [operator[own] for operator in operators]
         correlated = parts
         if memory is not None:

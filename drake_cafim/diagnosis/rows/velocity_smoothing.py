@@ -75,22 +75,21 @@ def resting(time: Array, q: Array, v: Array, noise: VelocityNoise) -> Velocity:
 def near_rest(time: Array, q: Array, v: Array, noise: Sequence[VelocityNoise]) -> tuple[Velocity, ...]:
     """Each joint's smoother, with measured `q` and `v` (N, n) at `time` (N,) s, over wider windows near rest.
 
-    All joints together: the widest windows' matrices take gigabytes of a long recording, and there are two of them at
-    a time.
+    The matrices of the widest windows, gigabytes of a long recording, are computed of all joints together and a few
+    rows at a time; once more those rows that are chosen.
     """
     step = float(np.median(np.diff(time)))
-    before = _fitted(time, VELOCITY_SMOOTHING_REACH)
-    joints = [_Resting(before, step, q[:, j], v[:, j], of_joint) for j, of_joint in enumerate(noise)]
+    windows = [_fitted(time, VELOCITY_SMOOTHING_REACH)]
+    joints = [_Resting(seen, std, step) for seen, std in windows[0].of(q, v, noise)]
     for reach in RESTING_SMOOTHING_REACHES:
         if not any(np.any(joint.near) for joint in joints):
             break
-        wider = _fitted(time, reach)
-        for joint in joints:
+        windows.append(_fitted(time, reach))
+        for joint, (seen, std) in zip(joints, windows[-1].of(q, v, noise), strict=True):
             if np.any(joint.near):
-                joint.widen(before, wider, _samples(reach, step))
-        before = wider
+                joint.widen(seen, std, _samples(reach, step))
     return tuple(
-        joint.chosen(Velocity.over(VELOCITY_SMOOTHING_REACH, time, of_joint))
+        _chosen(joint.index, windows, of_joint) if np.any(joint.index) else windows[0].smoother(of_joint)
         for joint, of_joint in zip(joints, noise, strict=True)
     )
 
@@ -100,29 +99,49 @@ class _Fitted:
     """Local polynomials over `reach` s about each of N samples, weighed for a joint's noise only when they are used."""
 
     time: Array
-    slope: sp.csr_matrix
-    value: sp.csr_matrix
+    reach: float
     _stds: dict[tuple[CorrelatedNoise | None, bool], Array] = field(default_factory=dict, repr=False, compare=False)
 
-    @classmethod
-    def over(cls, time: Array, reach: float) -> "_Fitted":
-        """Of positions the slope, of velocities the value."""
-        slope = local_polynomial(time, reach, 3, 1, at_least=3)
-        return cls(time, slope, local_polynomial(time, reach, 2, 0, at_least=2))
+    def of(self, q: Array, v: Array, noise: Sequence[VelocityNoise]) -> list[tuple[Array, Array]]:
+        """The smoothed velocity of each joint with `q` and `v` (N, n), and its standard deviation; each (N,)."""
+        slope, value = np.zeros_like(q), np.zeros_like(v)
+        wanted = {(own.q.memory, True) for own in noise} | {(own.v.memory, False) for own in noise if own.v is not None}
+        stds = {key: np.zeros(len(self.time)) for key in wanted - self._stds.keys()}
+        every = np.arange(len(self.time))
+        for rows in np.split(every, every[CACHED_SAMPLES::CACHED_SAMPLES]):
+            of_q, of_v = self._slope(rows), self._value(rows)
+            slope[rows], value[rows] = of_q @ q, of_v @ v
+            for (memory, of_slope), std in stds.items():
+                std[rows] = filtered_std(of_q if of_slope else of_v, self.time, memory)
+        for key, std in stds.items():
+            make_room(self._stds, CACHED_STDS)
+            self._stds[key] = std
+        found = []
+        for j, own in enumerate(noise):
+            share, std = self._share(own)
+            smoothed = (1.0 - share) * slope[:, j]
+            found.append((smoothed if own.v is None else share * value[:, j] + smoothed, std))
+        return found
 
-    def of(self, q: Array, v: Array, noise: VelocityNoise) -> tuple[Array, Array]:
-        """The smoothed velocity of a joint, and its standard deviation; each (N,)."""
-        share, std = self._share(noise)
-        smoothed = (1.0 - share) * (self.slope @ q)
-        return np.asarray(smoothed if noise.v is None else share * (self.value @ v) + smoothed), std
+    def smoother(self, noise: VelocityNoise) -> Velocity:
+        """The smoother of a joint, cached."""
+        return Velocity.over(self.reach, self.time, noise)
 
     def rows(self, index: Indices, noise: VelocityNoise) -> Velocity:
         """Rows `index` (K,) of the smoother of a joint, (K, N)."""
         share, std = self._share(noise)
         kept, rest = (sp.diags_array(values[index]) for values in (share, 1.0 - share))
         none = sp.csr_matrix((len(index), len(self.time)))
-        from_v = none if noise.v is None else kept @ self.value[index]
-        return Velocity(sp.csr_matrix(from_v), sp.csr_matrix(rest @ self.slope[index]), std[index])
+        from_v = none if noise.v is None else kept @ self._value(index)
+        return Velocity(sp.csr_matrix(from_v), sp.csr_matrix(rest @ self._slope(index)), std[index])
+
+    def _slope(self, rows: Indices) -> sp.csr_matrix:
+        """(K, N) of positions: the slope at the samples `rows` (K,)."""
+        return local_polynomial(self.time, self.reach, 3, 1, at_least=3, rows=rows)
+
+    def _value(self, rows: Indices) -> sp.csr_matrix:
+        """(K, N) of velocities: the value at the samples `rows` (K,)."""
+        return local_polynomial(self.time, self.reach, 2, 0, at_least=2, rows=rows)
 
     def _share(self, noise: VelocityNoise) -> tuple[Array, Array]:
         """The weight (N,) of the velocities beside the slope of the positions, and the estimate's std."""
@@ -136,54 +155,43 @@ class _Fitted:
     def _unit_std(self, memory: CorrelatedNoise | None, *, of_slope: bool) -> Array:
         """Standard deviation (N,) of the slope or the value by noise of unit std; cached."""
         if (memory, of_slope) not in self._stds:
-            found = filtered_std(self.slope if of_slope else self.value, self.time, memory)
+            every = np.arange(len(self.time))
+            found = filtered_std(self._slope(every) if of_slope else self._value(every), self.time, memory)
             make_room(self._stds, CACHED_STDS)
             self._stds[memory, of_slope] = found
         return self._stds[memory, of_slope]
 
 
 class _Resting:
-    """One joint near rest: how far its windows are widened at each sample, and the rows of the wider smoothers."""
+    """One joint near rest: how far its windows are widened at each sample."""
 
-    def __init__(self, narrow: _Fitted, step: float, q: Array, v: Array, noise: VelocityNoise) -> None:
-        self.q, self.v, self.noise = q, v, noise
-        seen, std = narrow.of(q, v, noise)
+    def __init__(self, seen: Array, std: Array, step: float) -> None:
         self.near = maximum_filter1d(
             np.abs(seen) < RESTING_VELOCITY_STDS * std, _samples(RESTING_SMOOTHING_REACHES[-1], step)
         )
         self.narrower = [(seen, AGREEING_VELOCITY_STDS * std)]
-        self.index = np.zeros(len(q), dtype=np.int64)
-        self.found: list[tuple[Indices, Velocity]] = []
+        self.index = np.zeros(len(seen), dtype=np.int64)
+        """(N,) of the windows chosen, the narrowest being 0."""
 
-    def widen(self, before: _Fitted, wider: _Fitted, samples: int) -> None:
-        """Chooses `before` where `wider`, over `samples`, agrees with all narrower ones."""
-        seen, std = wider.of(self.q, self.v, self.noise)
+    def widen(self, seen: Array, std: Array, samples: int) -> None:
+        """Chooses the last windows where wider ones, over `samples`, agree with all narrower ones."""
         # for nested least-squares windows the difference is no noisier than the narrower estimate
         agree = np.all([np.abs(seen - estimate) < limit for estimate, limit in self.narrower], axis=0)
         self.near &= minimum_filter1d(agree, samples)
-        tried = len(self.narrower) - 1
-        self.index[self.near] = tried
-        if tried:
-            rows = np.flatnonzero(self.near)
-            self.found.append((rows, before.rows(rows, self.noise)))
+        self.index[self.near] = len(self.narrower) - 1
         self.narrower.append((seen, AGREEING_VELOCITY_STDS * std))
 
-    def chosen(self, narrow: Velocity) -> Velocity:
-        """The smoother that is `narrow` where no wider one was chosen."""
-        if not np.any(self.index):
-            return narrow
-        parts, places = [], []
-        for k, (rows, smoother) in enumerate([(np.arange(len(self.q)), narrow), *self.found]):
-            own = np.flatnonzero(self.index[rows] == k)
-            parts.append((smoother.from_v[own], smoother.from_q[own], smoother.std[own]))
-            places.append(rows[own])
-        order = np.argsort(np.concatenate(places))
-        from_v, from_q, std = zip(*parts, strict=True)
-        return Velocity(
-            sp.csr_matrix(sp.vstack(from_v, format="csr")[order]),
-            sp.csr_matrix(sp.vstack(from_q, format="csr")[order]),
-            np.concatenate(std)[order],
-        )
+
+def _chosen(index: Indices, windows: Sequence[_Fitted], noise: VelocityNoise) -> Velocity:
+    """The smoother of a joint, over those of the `windows` at each sample that `index` (N,) tells."""
+    places = [np.flatnonzero(index == k) for k in range(len(windows))]
+    parts = [fitted.rows(rows, noise) for fitted, rows in zip(windows, places, strict=True) if len(rows)]
+    order = np.argsort(np.concatenate(places))
+    return Velocity(
+        sp.csr_matrix(sp.vstack([part.from_v for part in parts], format="csr")[order]),
+        sp.csr_matrix(sp.vstack([part.from_q for part in parts], format="csr")[order]),
+        np.concatenate([part.std for part in parts])[order],
+    )
 
 
 def _samples(reach: float, step: float) -> int:
@@ -199,9 +207,9 @@ def _over(at: bytes, reach: float, noise: VelocityNoise) -> Velocity:
 
 def _fitted(time: Array, reach: float) -> _Fitted:
     """The local polynomials over `reach` s, the same for all joints; of short recordings cached for the next one."""
-    return _known(time.tobytes(), reach) if len(time) <= CACHED_SAMPLES else _Fitted.over(time, reach)
+    return _known(time.tobytes(), reach) if len(time) <= CACHED_SAMPLES else _Fitted(time, reach)
 
 
 @lru_cache(maxsize=16)
 def _known(at: bytes, reach: float) -> _Fitted:
-    return _Fitted.over(np.frombuffer(at), reach)
+    return _Fitted(np.frombuffer(at), reach)
