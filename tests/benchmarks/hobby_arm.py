@@ -24,8 +24,11 @@ from drake_cafim.scene.scene import Scene
 HELD_OUT = ("multisine", "chirp_sweep")
 
 
-def scene_of(folder: Path, scratch: Path) -> Scene:
-    """The set's scenario with the servos' stiffness and damping unknown to a half."""
+def scene_of(folder: Path, scratch: Path, acceleration: float | None = None) -> Scene:
+    """The set's scenario with the servos' stiffness and damping unknown to a half.
+
+    With an `acceleration`, rad/s², all servos are stated to bound that of the command that they follow.
+    """
     text = (folder / "scenario.yaml").read_text(encoding="utf-8").replace("so101.urdf", str(folder / "so101.urdf"))
     stated = Scene.load(folder / "scenario.yaml").physics.servos
     text += "unknown:\n" + "".join(
@@ -33,6 +36,11 @@ def scene_of(folder: Path, scratch: Path) -> Scene:
         for servo in stated
         for name, value in (("servo_stiffness", servo.stiffness), ("servo_damping", servo.damping))
     )
+    if acceleration is not None:
+        text += "effects:\n" + "".join(
+            f"  - {{effect: command_acceleration_limit, at: {servo.joint}, acceleration: {acceleration}}}\n"
+            for servo in stated
+        )
     path = scratch / "scenario.yaml"
     path.write_text(text, encoding="utf-8")
     return Scene.load(path)
@@ -43,11 +51,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("--held-out", nargs="+", default=HELD_OUT, metavar="NAME", help="multisine chirp_sweep")
+    parser.add_argument("--acceleration", type=float, help="rad/s², stated as the bound of all servos' firmware")
     arguments = parser.parse_args()
     folder = arguments.data.resolve() / "so101"
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as scratch:
-        scene = scene_of(folder, Path(scratch))
+        scene = scene_of(folder, Path(scratch), arguments.acceleration)
     files = sorted((folder / "runs").glob("*.parquet"))
     own, others = (
         [recordings.read(file) for file in files if (file.stem in arguments.held_out) == held_out]

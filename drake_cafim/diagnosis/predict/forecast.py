@@ -14,7 +14,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.predict.initial_state import LOOK_BACK, state_at
 from drake_cafim.diagnosis.predict.rotor_efforts import rotor_efforts
-from drake_cafim.diagnosis.predict.servo_input import ServoInput, servo_input, stacked
+from drake_cafim.diagnosis.predict.servo_input import ServoInput, goals_of, servo_input, stacked
 from drake_cafim.diagnosis.predict.servo_memory import ServoMemory, remembering
 from drake_cafim.diagnosis.predict.stepper import LONGEST_STEP, State, acting_efforts, advance
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
@@ -175,7 +175,7 @@ def _courses(weak: WeakForm, physics: Physics, starts: Sequence[int], horizon: f
     knots, efforts = acting_efforts(physics, time, weak.measurement(physics).u, weak.samples.ramped, served)
     # what is followed of a command that is late or filtered changes within the intervals
     fine = bool(remembering(physics)) or any(effect.remembers for effect in physics.servo_effects)
-    taken = rotor_efforts(weak, physics)
+    taken, goals = rotor_efforts(weak, physics), goals_of(weak, physics)
     result = []
     for start in starts:
         stop = int(np.searchsorted(time, time[start] + horizon + 1e-9, side="right")) - 1
@@ -188,7 +188,7 @@ def _courses(weak: WeakForm, physics: Physics, starts: Sequence[int], horizon: f
             edges = np.append((edges[:-1, None] + np.diff(edges)[:, None] * shares).ravel(), edges[-1])
         held = np.clip(np.searchsorted(knots, edges[:-1] + 1e-12, side="right") - 1, 0, None)
         rotors = taken[np.searchsorted(time, edges[:-1] + 1e-12, side="right") - 1]
-        servo = servo_input(weak, physics, edges)
+        servo = servo_input(weak, physics, goals, edges)
         result.append(_Course(start, stop, np.diff(edges), efforts[held] + rotors, np.searchsorted(edges, own), servo))
     return result
 

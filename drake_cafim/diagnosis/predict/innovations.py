@@ -20,7 +20,7 @@ from scipy.linalg import block_diag
 
 from drake_cafim.diagnosis.predict.initial_state import LOOK_BACK, state_at
 from drake_cafim.diagnosis.predict.rotor_efforts import rotor_efforts
-from drake_cafim.diagnosis.predict.servo_input import ServoInput, joined, servo_input
+from drake_cafim.diagnosis.predict.servo_input import ServoInput, goals_of, joined, servo_input
 from drake_cafim.diagnosis.predict.servo_memory import remembering
 from drake_cafim.diagnosis.predict.stepper import State, advance
 from drake_cafim.diagnosis.predict.wrench_innovations import wrench_innovations
@@ -64,7 +64,7 @@ def innovations(forms: Sequence[WeakForm], physics: Physics, doubts: Sequence[Ph
     tracks = [_track(weak, physics) for weak in forms]
     time, y, effort, memory = (np.concatenate([track[k] for track in tracks]) for k in range(4))
     driving = any(weak.samples.commands for weak in forms)
-    servo = joined([servo_input(weak, physics, _edges(weak.samples.time)) for weak in forms]) if driving else None
+    servo = joined([_servo_input(weak, physics) for weak in forms]) if driving else None
     if servo is not None:
         # behind a delay or a lag it follows the recorded motion
         servo.on[:, list(remembering(physics))] = 0.0
@@ -189,6 +189,11 @@ def _joint_covariance(blocks: Array) -> Array:
     for j, block in enumerate(blocks):
         result[np.ix_([j, n + j], [j, n + j])] = block
     return result
+
+
+def _servo_input(weak: WeakForm, physics: Physics) -> ServoInput:
+    """The servos' inputs from each sample of a recording to the next."""
+    return servo_input(weak, physics, goals_of(weak, physics), _edges(weak.samples.time))
 
 
 def _edges(time: Array) -> Array:

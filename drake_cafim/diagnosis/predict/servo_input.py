@@ -1,6 +1,6 @@
 """What position servos get during a simulation: commands, gains and supply by interval; and the efforts they make."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -80,8 +80,17 @@ def joined(inputs: Sequence[ServoInput]) -> ServoInput:
     return ServoInput(*(np.concatenate([getattr(item, field.name) for item in inputs]) for field in fields(ServoInput)))
 
 
-def servo_input(weak: WeakForm, physics: Physics, edges: Array) -> ServoInput:
-    """The inputs over each of the intervals between `edges` (K + 1,) s of one recording, (K, n)."""
+def goals_of(weak: WeakForm, physics: Physics) -> dict[int, Effort]:
+    """The commanded position over time that each servo follows in one recording, by the joint's index."""
+    samples, names = weak.samples, physics.tree.joint_names
+    return {j: followed(physics, names[j], sent.over(samples.time)) for j, sent in samples.commands.items()}
+
+
+def servo_input(weak: WeakForm, physics: Physics, goals: Mapping[int, Effort], edges: Array) -> ServoInput:
+    """The inputs over each of the intervals between `edges` (K + 1,) s of one recording, (K, n).
+
+    `goals` are those of `goals_of`.
+    """
     samples, n = weak.samples, weak.joints
     time, count = samples.time, len(edges) - 1
     sample = np.clip(np.searchsorted(time, edges[:-1] + 1e-12, side="right") - 1, 0, len(time) - 1)
@@ -91,7 +100,7 @@ def servo_input(weak: WeakForm, physics: Physics, edges: Array) -> ServoInput:
     for j, sent in samples.commands.items():
         name = physics.tree.joints[j].name
         on[:, j] = 1.0
-        command[:, j] = followed(physics, name, sent.over(time)).means(edges)[:-1]
+        command[:, j] = goals[j].means(edges)[:-1]
         gain[:, j], supply[:, j] = sent.gain[sample], sent.supply[sample]
         for effect in physics.sensors:
             if effect.at == f"q.{name}" and not effect.late:
