@@ -192,8 +192,6 @@ def _with_less_noise(
     Many effects are not looked for again: None also where none of them stands out any more, and the trace goes on from
     the one `before`. Else it is a new one, since decisions under the former noise did not shape the verdict.
     """
-    for problem in (judgement.outcome.problem, judgement.outcome.nominal_problem):
-        problem.forget_samples()
     finer = prepared.with_noise_beside(judgement.best.model)
     if finer is None:
         return None

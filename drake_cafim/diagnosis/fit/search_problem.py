@@ -63,9 +63,6 @@ class SearchProblem(Problem):
     def forget(self) -> None:
         """Frees what is cached, which is computed again when it is asked for: of a search that has ended."""
 
-    def forget_samples(self) -> None:
-        """Frees what was computed of the samples alone; what was found in them stays."""
-
     def effect_columns(self, model: Model, position: int) -> Array:
         """(R + n, k) derivatives by the strengths of one of the model's effects."""
         raise TypeError(f"{type(self).__name__} has no derivatives by single effects")

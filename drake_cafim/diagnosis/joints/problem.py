@@ -55,9 +55,6 @@ class WeakProblem(WeakFormRows, SearchProblem):
         for name in ("noisier", "_by_unknowns", "_by_sensors"):
             vars(self).pop(name, None)
         self._latest.model = self._latest.problem = None
-        self.forget_samples()
-
-    def forget_samples(self) -> None:
         for run in self.runs:
             run.forget()
 
