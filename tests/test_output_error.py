@@ -15,7 +15,6 @@ from drake_cafim.diagnosis.output_error.errors import OutputErrors
 from drake_cafim.diagnosis.output_error.found import Found
 from drake_cafim.diagnosis.output_error.moves import Moves
 from drake_cafim.diagnosis.output_error.problem import NormalEquations, OutputErrorProblem, at_joint
-from drake_cafim.diagnosis.output_error.search import Search
 from drake_cafim.diagnosis.output_error.starts import hypotheses
 from drake_cafim.diagnosis.output_error.velocities import find_velocity_effects
 from drake_cafim.diagnosis.predict.forecast import Forecast
@@ -55,6 +54,7 @@ def test_a_light_axis_that_sticks_and_is_late(tmp_path: Path) -> None:
     _check_that_rows_add_nothing(prepared, found)
 
 
+@pytest.mark.long
 def test_the_verdict_names_what_simulations_show(tmp_path: Path) -> None:
     """From commands and positions to a verdict: names, values that hold, and a recording that nothing was fitted to."""
     prepared = _prepared(tmp_path, 2e-3, 9.81)
@@ -181,12 +181,6 @@ def test_a_late_velocity_shows_without_any_law_of_the_joint(tmp_path: Path, late
     (delay,) = found.effects
     assert delay.key == ("sensor_delay", "v.pan") and found.probability[delay.key] > 0.99
     assert abs(delay.values["delay"] - late) < 4.0 * found.std[delay.key][0] < 0.1 * late
-    # the simulations begin at the velocities that were true
-    search = Search(OutputErrorProblem(behind.scene, OutputErrors(tuple(behind.weak), ("pan",))), Trace(), print, found)
-    whole = search.run(most_effects=0)
-    assert delay.key in whole.fitted.model.keys and np.array_equal(
-        whole.uncertainty.strengths[delay.key], found.std[delay.key]
-    )
 
 
 def _found(prepared: Prepared, most_effects: int = 1) -> Found:

@@ -32,6 +32,9 @@ class _Moving:
     def nominal(self) -> Model:
         return Model(np.zeros(1))
 
+    def forget(self) -> None:
+        pass
+
     def rewhitened(self, model: Model) -> "_Moving":
         self.whitened_at.append(float(model.unknown[0]))
         return self

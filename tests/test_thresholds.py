@@ -119,6 +119,7 @@ APPROXIMATION = {
 MEMORY = {
     # how much is kept from one call to the next, or reckoned at once
     "joints/inertial_columns.py": "CACHED",
+    "likelihood/transitions.py": "INTERVALS_AT_ONCE",
     "output_error/errors.py": "MOST_WINDOWS MOST_SAMPLES KEPT_READINGS",
     "long/budget.py": "GIB DEFAULT_MEMORY BYTES_BY_PAIR BYTES_BY_COLUMN FIRST_SECONDS SEARCHED_SHARE "
     "PART_SHARE FEWEST_ROWS",

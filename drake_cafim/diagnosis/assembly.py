@@ -282,7 +282,7 @@ def comparisons_of(prepared: PreparedRecordings, fits: Sequence[Fit]) -> list[Co
     return [Comparison(*(qualities[k] for qualities in found)) for k in range(len(found[0]))]
 
 
-def _same(one: tuple[Model, Array], other: tuple[Model, Array]) -> bool:
+def _same(own: tuple[Model, Array], other: tuple[Model, Array]) -> bool:
     """Whether two models and the covariances of their unknowns are equal."""
-    (model, doubt), (twin, its) = one, other
+    (model, doubt), (twin, its) = own, other
     return model.effects == twin.effects and bool(np.all(model.vector == twin.vector)) and np.array_equal(doubt, its)
