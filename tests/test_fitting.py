@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.fit.evidence import scale_of
-from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, _subtract_excess, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.fitting import Fit, _subtract_excess, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.robust_covariance import wald_p_value
@@ -19,7 +18,6 @@ from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.pulses import DECAYED_SHARE, pulses_of, strongest_pushes
 from drake_cafim.diagnosis.rows.samples import samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
-from drake_cafim.diagnosis.search import law_shapes
 from drake_cafim.diagnosis.thresholds import REGRESSOR_SIGNAL_SHARE
 from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.body import ExternalDisturbance, pulse
@@ -45,7 +43,7 @@ PUSH = {"x": 3.0, "start": 1.228, "stop": 1.428}
 NOISE = {"q.rail": 1e-4, "v.rail": 0.03, "u.rail": 0.0}
 
 
-def _problem(
+def sliding_mass(
     folder: Path, *, mass: float, friction: float, seed: int, still: bool = False, rotor: float = 0.0, N: int = 1500
 ) -> WeakProblem:
     """A sliding mass, solved exactly between the steps of its effort; the velocity is measured badly."""
@@ -76,7 +74,7 @@ def _problem(
 def test_estimates_are_centred_and_as_sure_as_they_say(tmp_path: Path) -> None:
     scores = []
     for seed in range(30):
-        problem = _problem(tmp_path, mass=2.3, friction=1.5, seed=seed)
+        problem = sliding_mass(tmp_path, mass=2.3, friction=1.5, seed=seed)
         start = Model(problem.scene.priors.mean, (JointViscousFriction("rail", {"coefficient": 1.0}),))
         found = unbiased_fit(problem, start)
         # under the model that was found, as a search whitens them
@@ -88,7 +86,7 @@ def test_estimates_are_centred_and_as_sure_as_they_say(tmp_path: Path) -> None:
 
 
 def test_a_gain_of_pure_noise_is_not_significant(tmp_path: Path) -> None:
-    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=1, still=True)
+    problem = sliding_mass(tmp_path, mass=2.0, friction=0.0, seed=1, still=True)
     gain = SensorGainError("v.rail", {"gain": 1.05})
     found = unbiased_fit(problem, Model(problem.scene.priors.mean, (gain,)))
     assert wald_p_value(problem, found, gain.key) > 0.01
@@ -96,7 +94,7 @@ def test_a_gain_of_pure_noise_is_not_significant(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_mass_is_not_drawn_to_zero_by_noise(tmp_path: Path, seed: int) -> None:
-    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=seed)
+    problem = sliding_mass(tmp_path, mass=2.0, friction=0.0, seed=seed)
     found = unbiased_fit(problem, problem.nominal())
     assert abs(found.model.unknown[0] - 2.0) < 4.0 * found.std[0]
 
@@ -110,7 +108,7 @@ def test_a_mass_is_not_drawn_to_zero_by_noise(tmp_path: Path, seed: int) -> None
 )
 def test_a_stiff_coupling_is_a_rigid_one(tmp_path: Path, coupling: JointCoupling) -> None:
     """Also where its law has no start to reckon with, as a gap's has not."""
-    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=3, rotor=0.5)
+    problem = sliding_mass(tmp_path, mass=2.0, friction=0.0, seed=3, rotor=0.5)
     rigid = fit(problem, problem.nominal())
     coupled = problem.residual(rigid.model.with_effects([coupling]))
     assert float(coupled @ coupled) == pytest.approx(rigid.chi_square, abs=1.0)
@@ -120,7 +118,7 @@ def test_a_stiff_coupling_is_a_rigid_one(tmp_path: Path, coupling: JointCoupling
 
 def test_what_begins_beyond_its_bounds_is_fitted_from_them(tmp_path: Path) -> None:
     """Shapes are tried at multiples of a stiffness that may stand at its bound already; beyond it there is no slope."""
-    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=3, rotor=0.5)
+    problem = sliding_mass(tmp_path, mass=2.0, friction=0.0, seed=3, rotor=0.5)
     beyond = JointElasticity("rail", {"stiffness": 1.6e8, "damping": 1.0})
     fitted = fit(problem, Model(problem.scene.priors.mean, (beyond,)))
     assert fitted.model.effects[0].values["stiffness"] <= 1e8
@@ -128,7 +126,7 @@ def test_what_begins_beyond_its_bounds_is_fitted_from_them(tmp_path: Path) -> No
 
 
 def test_of_what_no_row_sees_nothing_is_known(tmp_path: Path) -> None:
-    problem = _problem(tmp_path, mass=2.3, friction=0.0, seed=4)
+    problem = sliding_mass(tmp_path, mass=2.3, friction=0.0, seed=4)
     stop = JointHardStop("rail", {"position": 100.0, "stiffness": 10.0, "damping": 0.1})
     found = fit(problem, Model(problem.scene.priors.mean, (stop,)))
     assert found.std[0] < 0.4 and np.all(found.std[1:] >= 1e6)
@@ -138,7 +136,7 @@ def test_of_what_no_row_sees_nothing_is_known(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("along", "seen"), [(30.0, True), (0.0, False)])
 def test_a_push_is_judged_by_the_direction_that_is_felt(tmp_path: Path, along: float, seen: bool) -> None:
     """However large it came out along the ones that are not, of which slopes know no more than rounding."""
-    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=0, still=True)
+    problem = sliding_mass(tmp_path, mass=2.0, friction=0.0, seed=0, still=True)
     rng = np.random.default_rng(1)
     felt = np.array([0.8, 0.0, 0.6])
     force = along * felt + 500.0 * np.array([0.6, 0.0, -0.8])
@@ -242,7 +240,7 @@ def test_a_load_is_judged_by_its_moments_where_they_alone_are_known(
     tmp_path: Path, mass: float, moments: tuple[float, float, float], there: bool
 ) -> None:
     """However mass and place share them, neither counts as known: the p-value is that of the moments themselves."""
-    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=0, still=True)
+    problem = sliding_mass(tmp_path, mass=2.0, friction=0.0, seed=0, still=True)
     rng = np.random.default_rng(1)
     by_moment, _ = np.linalg.qr(rng.normal(size=(problem.rows + 1, 4)))
     place = np.array(moments) / mass
@@ -262,7 +260,7 @@ def test_a_load_is_judged_by_its_moments_where_they_alone_are_known(
 @pytest.mark.parametrize(("stiffness", "rings"), [(1e5, False), (20.0, True)])
 def test_a_start_in_balance_costs_nothing(tmp_path: Path, stiffness: float, rings: bool) -> None:
     """A joint begins with a ring only where that, its doubt included, tells the rows better than balance does."""
-    problem = _problem(tmp_path, mass=2.0, friction=1.5, seed=0, rotor=0.5)
+    problem = sliding_mass(tmp_path, mass=2.0, friction=1.5, seed=0, rotor=0.5)
     coupling = JointElasticity("rail", {"stiffness": stiffness, "damping": 1.0})
     physics = Model(problem.scene.priors.mean, (coupling,)).physics(problem.scene)
     run = problem.runs[0]
@@ -277,7 +275,7 @@ def test_a_start_in_balance_costs_nothing(tmp_path: Path, stiffness: float, ring
 
 def test_slopes_are_those_under_doubts_that_stay_as_they_are(tmp_path: Path) -> None:
     """The likelihood is at its largest in how wide they are; rows under widths of their own hide what a ring tells."""
-    problem = _problem(tmp_path, mass=2.0, friction=1.5, seed=0, rotor=0.5)
+    problem = sliding_mass(tmp_path, mass=2.0, friction=1.5, seed=0, rotor=0.5)
     coupling = JointElasticity("rail", {"stiffness": 500.0, "damping": 1.0})
     model = Model(problem.scene.priors.mean, (coupling,))
     run = problem.runs[0]
@@ -295,7 +293,7 @@ def test_slopes_are_those_under_doubts_that_stay_as_they_are(tmp_path: Path) -> 
 
 def test_a_spring_without_stiffness_is_absent(tmp_path: Path) -> None:
     """Where it would rest moves no row, and has no size to measure the others by."""
-    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=0)
+    problem = sliding_mass(tmp_path, mass=2.0, friction=0.0, seed=0)
     none = Model(problem.scene.priors.mean, (JointSpring("rail", {"stiffness": 0.0, "rest": 0.0}),))
     jacobian = problem.jacobian(none)
     slack = Fit(none, problem.residual(none), jacobian, np.linalg.pinv(jacobian.T @ jacobian), problem.rows)
@@ -305,9 +303,9 @@ def test_a_spring_without_stiffness_is_absent(tmp_path: Path) -> None:
 def test_slopes_in_unknowns_hold_the_noise_of_a_late_sensors_own_time(tmp_path: Path) -> None:
     """What was reckoned before the delay was known holds the noise of other samples: masses then came out biased."""
     late = Model(np.array([2.3]), (SensorDelay("v.rail", {"delay": 0.006}),))
-    fresh = _problem(tmp_path, mass=2.3, friction=0.0, seed=0)
+    fresh = sliding_mass(tmp_path, mass=2.3, friction=0.0, seed=0)
     wanted = fresh.jacobian(late)[:, 0]
-    used = _problem(tmp_path, mass=2.3, friction=0.0, seed=0)
+    used = sliding_mass(tmp_path, mass=2.3, friction=0.0, seed=0)
     before = used.jacobian(used.nominal())[:, 0]
     np.testing.assert_allclose(used.jacobian(late)[:, 0], wanted)
     assert np.linalg.norm(wanted - before) > 0.01 * np.linalg.norm(wanted)
@@ -316,7 +314,7 @@ def test_slopes_in_unknowns_hold_the_noise_of_a_late_sensors_own_time(tmp_path: 
 @pytest.mark.parametrize("delay", [0.0007, 0.0031])
 def test_a_velocity_steps_when_the_effort_acts(tmp_path: Path, delay: float) -> None:
     """Efforts that shake step the velocity between its samples."""
-    like = _problem(tmp_path, mass=2.0, friction=0.0, seed=0)
+    like = sliding_mass(tmp_path, mass=2.0, friction=0.0, seed=0)
     h, N = 0.002, 1500
     time, u = h * np.arange(N), np.random.default_rng(4).normal(0.0, 40.0, N)
     fine = np.unique(np.concatenate([time, time + delay]))
@@ -337,7 +335,7 @@ def test_a_velocity_steps_when_the_effort_acts(tmp_path: Path, delay: float) -> 
 
 def test_looks_that_are_kept_are_those_of_the_samples_as_corrected(tmp_path: Path) -> None:
     """A joint law looks elsewhere once a sensor is known to be late, and where it did once it no longer is."""
-    problem = _problem(tmp_path, mass=2.0, friction=1.5, seed=0)
+    problem = sliding_mass(tmp_path, mass=2.0, friction=1.5, seed=0)
     delays = [SensorDelay(f"{kind}.rail", {"delay": 0.02}) for kind in "qv"]
     prompt, late = problem.nominal(), problem.nominal().with_effects(delays)
 
@@ -347,13 +345,13 @@ def test_looks_that_are_kept_are_those_of_the_samples_as_corrected(tmp_path: Pat
 
     first, second, third = (seen(model, problem) for model in (prompt, late, prompt))
     np.testing.assert_array_equal(first, third)
-    np.testing.assert_array_equal(second, seen(late, _problem(tmp_path, mass=2.0, friction=1.5, seed=0)))
+    np.testing.assert_array_equal(second, seen(late, sliding_mass(tmp_path, mass=2.0, friction=1.5, seed=0)))
     assert np.linalg.norm(second - first) > 0.01 * np.linalg.norm(first)
 
 
 def test_the_strongest_push_is_where_it_was_and_gains_what_a_fit_does(tmp_path: Path) -> None:
     """Pulses are tried in rows of their own, kept for the next residual."""
-    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=0)
+    problem = sliding_mass(tmp_path, mass=2.0, friction=0.0, seed=0)
     pushed = Model(np.array([2.0]), (ExternalDisturbance("block", dict.fromkeys("yz", 0.0) | PUSH, "a"),))
     residual = problem.residual(problem.nominal()) - problem.residual(pushed)
     for _ in range(2):
@@ -366,7 +364,7 @@ def test_the_strongest_push_is_where_it_was_and_gains_what_a_fit_does(tmp_path: 
 def test_pulses_gain_what_least_squares_do_and_are_kept_in_long_recordings_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    problem = _problem(tmp_path, mass=2.0, friction=0.0, seed=0, N=24_000)
+    problem = sliding_mass(tmp_path, mass=2.0, friction=0.0, seed=0, N=24_000)
     [run] = problem.runs
     assert run.rows > 3000
     residual = np.random.default_rng(2).normal(size=problem.rows)
@@ -400,21 +398,3 @@ def test_a_direction_of_numbers_that_are_each_known_is_known(share: float, kept:
     excess = share * 0.2 * np.outer(axes[:, 0], axes[:, 0]) * np.outer(size, size)
     left = _subtract_excess(information, excess) / np.outer(size, size)
     np.testing.assert_allclose(axes.T @ left @ axes, np.diag([0.2 * kept, 1.0, 2.0]), atol=1e-9)
-
-
-def test_a_width_is_refined_only_as_long_as_that_matters_beside_what_is_left(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Dry friction stands in for viscous friction, and leaves far more than noise whatever its width."""
-    problem = _problem(tmp_path, mass=2.0, friction=1.5, seed=1)
-    start = fit(problem, problem.nominal().with_effects([JointCoulombFriction("rail", {"torque": 0.3})]))
-    assert scale_of(start) > 100.0
-    tried: list[Fit] = []
-
-    def slightly_better(shapes: object, best: Fit, others: object) -> tuple[Fit, float]:
-        assert len(tried) < 20
-        tried.append(replace(best, residual=np.sqrt(1.0 - 2.0 / best.chi_square) * best.residual))
-        return tried[-1], 2.0 * start.chi_square
-
-    monkeypatch.setattr(law_shapes._Shapes, "_best_of", slightly_better)
-    assert law_shapes.fit_shapes(problem, start, None, CONVERGED) is tried[-1]

@@ -22,6 +22,7 @@ from drake_cafim.diagnosis.preparation import Prepared, prepare
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.joint import JointCoulombFriction, JointViscousFriction
 from drake_cafim.effects.servo_effect import CommandDelay
+from drake_cafim.effects.timing import SensorDelay
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
@@ -165,6 +166,21 @@ def test_left_out_blocks_are_predicted_by_the_others(tmp_path: Path) -> None:
         other = -np.linalg.solve(J[~own].T @ J[~own] + np.eye(2), J[~own].T @ errors[~own])
         expected.append(np.log(np.mean((errors[own] + J[own] @ other) ** 2)))
     assert np.allclose(at_fit.left_out(), expected, rtol=1e-9)
+
+
+def test_simulations_begin_at_the_velocities_that_were_true(tmp_path: Path) -> None:
+    prepared, late = _prepared(tmp_path, 2e-3, 9.81), 0.015
+    weight = (2e-3 + MASS * REACH**2, MASS * REACH * 9.81, FRICTION, LATE)
+    true, read = (prepare(prepared.scene, [_recorded(1, *weight, behind)]) for behind in (0.0, late))
+    assert isinstance(true, Prepared) and isinstance(read, Prepared)
+    delay = SensorDelay("v.pan", {"delay": late})
+    begun = []
+    for own, effects in ((true, ()), (read, ()), (read, (delay,))):
+        errors, physics = OutputErrors(tuple(own.weak), ("pan",)), Model(np.array([KP, KV]), effects).physics(own.scene)
+        starts = range(20, 180, 20)
+        begun.append(np.array([errors._first_state(own.weak[0], physics, k, None)[1][0] for k in starts]))
+    wrong, right = (np.sqrt(np.mean((v - begun[0]) ** 2)) for v in begun[1:])
+    assert right < 0.2 * wrong
 
 
 @pytest.mark.parametrize("late", [0.0, 0.015])

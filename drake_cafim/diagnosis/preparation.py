@@ -31,7 +31,7 @@ from drake_cafim.diagnosis.output_error.errors import OutputErrors, servos_with_
 from drake_cafim.diagnosis.output_error.found import Found, settled
 from drake_cafim.diagnosis.output_error.problem import OutputErrorProblem
 from drake_cafim.diagnosis.output_error.search import Search
-from drake_cafim.diagnosis.output_error.velocities import ReadingErrorsFound, find_velocity_effects
+from drake_cafim.diagnosis.output_error.velocities import VelocityEffects, find_velocity_effects
 from drake_cafim.diagnosis.predict.forecast import Forecast, forecasts_within
 from drake_cafim.diagnosis.rows.samples import moves, samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
@@ -235,7 +235,7 @@ class Prepared:
         errors = OutputErrors(driven, joints)
         if errors.windows < 2:
             return None
-        by_simulation, velocities = OutputErrorProblem(self.scene, errors, jobs=jobs), ReadingErrorsFound()
+        by_simulation, velocities = OutputErrorProblem(self.scene, errors, jobs=jobs), VelocityEffects()
         if most_effects:
             velocities = find_velocity_effects(self.scene, driven, joints, trace, progress)
         return Search(by_simulation, trace, progress, velocities).run(most_effects)

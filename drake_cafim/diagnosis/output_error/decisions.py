@@ -1,4 +1,4 @@
-"""Records of the decisions of a search by output errors."""
+"""Records of the decisions of a search by errors of simulations, or of velocities against positions."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from drake_cafim.numerics.rounding import short
 
 SEARCH = "simulations"
 """The name of this search in the trace."""
-CRITERION = "N ln of the mean squared error of N independent simulations, plus a cost for each parameter"
+CRITERION = "N ln of the mean of N independent squared errors, plus a cost for each parameter"
 
 
 def record_screening(joint: str, found: Sequence[Candidate], tried: int) -> list[Record]:
@@ -34,6 +34,15 @@ def record_trial(key: Key, replaced: Sequence[Key], lowered: float, worse: float
         f"{'admitted' if passed else 'not admitted'}"
     )
     return Record("admit", name_of(key), lowered, 0.0, passed, words, "decrease of the criterion")
+
+
+def record_share_of_excess(key: Key, share: float, asked: float) -> Record:
+    """Whether an effect of a sensor removes enough of what its channel has beyond noise."""
+    words = (
+        f"{spoken(name_of(key))} removes a share of {short(share)} of what the differences between velocities and "
+        f"positions have beyond noise; at least {short(asked)} is required"
+    )
+    return Record("prune", name_of(key), share, asked, share >= asked, words, "share of the excess")
 
 
 def record_prune(key: Key, risen: float, worse: float, error: float, stays: bool) -> Record:

@@ -20,7 +20,7 @@ from drake_cafim.diagnosis.output_error.scale import ScaleProfile, fit_scale
 from drake_cafim.diagnosis.output_error.shapes import fit_shapes
 from drake_cafim.diagnosis.output_error.starts import effort_rms, hypotheses
 from drake_cafim.diagnosis.output_error.uncertainty import uncertainty
-from drake_cafim.diagnosis.output_error.velocities import ReadingErrorsFound
+from drake_cafim.diagnosis.output_error.velocities import VelocityEffects
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import JointCoulombFriction
@@ -39,7 +39,7 @@ class Search:
     problem: OutputErrorProblem
     trace: Trace
     progress: Callable[[str], None] = lambda text: None
-    velocities: ReadingErrorsFound = field(default_factory=ReadingErrorsFound)
+    velocities: VelocityEffects = field(default_factory=VelocityEffects)
     """What the sensors of velocities do, which simulations begin with."""
 
     def __post_init__(self) -> None:

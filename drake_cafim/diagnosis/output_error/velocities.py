@@ -15,10 +15,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Key, Model
+from drake_cafim.diagnosis.output_error import decisions
 from drake_cafim.diagnosis.output_error.comparison import Comparison
 from drake_cafim.diagnosis.output_error.errors import BLOCKS
 from drake_cafim.diagnosis.output_error.growth import Growth
-from drake_cafim.diagnosis.output_error.likelihood import ErrorLikelihood
+from drake_cafim.diagnosis.output_error.likelihood import TINY, ErrorLikelihood
 from drake_cafim.diagnosis.output_error.moves import Moves
 from drake_cafim.diagnosis.output_error.problem import ErrorProblem, number_name
 from drake_cafim.diagnosis.rows.kinematic_rows import KinematicRows, lags_of
@@ -41,8 +42,8 @@ LENGTH = 1.0
 
 
 @dataclass(frozen=True)
-class ReadingErrorsFound:
-    """Effects of sensors, the standard deviations of their strengths, their probability, and what explains the same."""
+class VelocityEffects:
+    """Effects of sensors of velocities, stds of their strengths, their probability, and what explains the same."""
 
     effects: tuple[Effect, ...] = ()
     std: Mapping[Key, Array] = field(default_factory=dict)
@@ -67,7 +68,7 @@ class VelocityErrors:
             lasting = form.samples.time[-1] - form.samples.time[0]
             blocks.append(BLOCKS * k + np.minimum((BLOCKS * at / lasting).astype(np.int64), BLOCKS - 1))
             windows.append(first + (at / LENGTH).astype(np.int64))
-            first = int(windows[-1][-1]) + 1
+            first += int(lasting / LENGTH) + 1
         self.block: Indices = np.concatenate(blocks)
         self.window: Indices = np.concatenate(windows)
         self.likelihood = ErrorLikelihood(np.full(len(self.joints), float(len(self.window))))
@@ -96,7 +97,7 @@ class VelocityErrors:
         for joint in self.joints:
             own = joint.removeprefix("v.")
             variances.append(np.concatenate([rows.variance(own) for rows in self._rows]))
-        ratio = np.mean(found**2 / np.stack(variances, axis=1), axis=0)
+        ratio = np.mean(found**2 / np.maximum(np.stack(variances, axis=1), TINY), axis=0)
         return np.asarray(np.maximum(ratio - (1.0 + NOISE_STD_TOLERANCE) ** 2, 0.0), dtype=float)
 
     def finely(self) -> "VelocityErrors":
@@ -110,11 +111,11 @@ class VelocityErrors:
 
 def find_velocity_effects(
     scene: Scene, forms: Sequence[WeakForm], joints: Sequence[str], trace: Trace, progress: Callable[[str], None]
-) -> ReadingErrorsFound:
+) -> VelocityEffects:
     """What the sensors of the velocities of `joints` do; nothing where a recording measures none of them."""
     channels = tuple(f"v.{joint}" for joint in joints if all(f"v.{joint}" in form.samples.std for form in forms))
     if not channels or not all(form.samples.velocity_measured for form in forms):
-        return ReadingErrorsFound()
+        return VelocityEffects()
     progress("comparing measured velocities with positions")
     problem = ErrorProblem(scene, VelocityErrors(tuple(forms), channels))
     moves = Moves(problem, tuple(tuple(_hypotheses(scene, channel)) for channel in channels), _excludes)
@@ -126,10 +127,15 @@ def find_velocity_effects(
         if grown is None:
             break
         # kinks of the motion between samples leave more than noise, too, of which any effect takes a small part
-        left = problem.errors.excess(grown.errors) > (1.0 - NAMED_EXCESS_SHARE) * before
-        small = [channel for channel, is_small in zip(channels, left.tolist(), strict=True) if is_small]
-        known = best.model.keys
-        kept = [e for e in grown.model.effects if e.key in known or e.at not in small]
+        left = problem.errors.excess(grown.errors) / np.where(before > 0.0, before, 1.0)
+        removed, known, kept = dict(zip(channels, (1.0 - left).tolist(), strict=True)), best.model.keys, list[Effect]()
+        for effect in grown.model.effects:
+            if effect.key in known:
+                kept.append(effect)
+                continue
+            trace.add(decisions.record_share_of_excess(effect.key, removed[effect.at], NAMED_EXCESS_SHARE))
+            if removed[effect.at] >= NAMED_EXCESS_SHARE:
+                kept.append(effect)
         if len(kept) == len(known):
             break
         best = problem.counted(problem.fit(replace(grown.model, effects=tuple(kept))))
@@ -142,7 +148,7 @@ def find_velocity_effects(
             if set(numbers) <= set(own):
                 std[effect.key] = np.array([own[name] for name in numbers])
     present = best.model.keys
-    return ReadingErrorsFound(
+    return VelocityEffects(
         best.model.effects,
         std,
         comparison.probability,

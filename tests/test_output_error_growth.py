@@ -1,0 +1,50 @@
+"""What a search by simulations admits: recordings that are left out must be predicted better, and by how much."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.output_error.errors import left_out_parts
+from drake_cafim.diagnosis.output_error.growth import Growth
+from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.effects.joint import JointCoulombFriction
+
+FRICTION = JointCoulombFriction("pan", {"torque": 0.3})
+
+
+def test_whole_recordings_are_left_out_and_quarters_of_few() -> None:
+    quarters = np.repeat(np.arange(16), 3)
+    np.testing.assert_array_equal(left_out_parts(quarters), np.repeat(np.arange(4), 12))
+    np.testing.assert_array_equal(left_out_parts(quarters[:36]), quarters[:36])
+
+
+@pytest.mark.parametrize(
+    ("rises", "passes"),
+    [
+        ([-0.5, -0.4, -0.6, -0.5], True),
+        # one recording alone is predicted better
+        ([-2.0, 0.1, 0.1, 0.1], False),
+        ([0.5, 0.4, 0.6, 0.5], False),
+    ],
+)
+def test_an_effect_predicts_what_is_left_out_better_by_more_than_a_standard_error(
+    rises: list[float], passes: bool
+) -> None:
+    growth = Growth(SimpleNamespace(costs=lambda fitted: fitted.costs), trace := Trace())  # type: ignore[arg-type]
+    before, after = _fitted(100.0, np.zeros(4)), _fitted(50.0, np.array(rises))
+    assert growth._passes(before, after, [((), FRICTION)]) == [passes]
+    assert [record.passed for record in trace.records] == [passes]
+
+
+def test_a_law_that_fits_no_better_is_not_admitted() -> None:
+    growth = Growth(SimpleNamespace(costs=lambda fitted: fitted.costs), Trace())  # type: ignore[arg-type]
+    before, after = _fitted(100.0, np.zeros(4)), _fitted(101.0, np.full(4, -0.5))
+    assert growth._passes(before, after, [((), FRICTION)]) == [False]
+
+
+def _fitted(cost: float, left_out: np.ndarray[Any, np.dtype[np.float64]]) -> Any:
+    equations = (SimpleNamespace(left_out=lambda: left_out),)
+    return SimpleNamespace(costs=np.array([cost]), equations=equations, model=Model(np.zeros(0), (FRICTION,)))
