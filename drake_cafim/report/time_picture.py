@@ -59,7 +59,7 @@ def _against(axes: Axes, x: Array, y: Array, unit: str) -> None:
     ends = np.array([np.min(x), np.max(x)])
     draw_law(axes, ends, ends)
     draw_points(axes, x, y)
-    axes.set_xlabel(f"what the effect gives ({unit})")
+    axes.set_xlabel(f"what the effect\ngives ({unit})")
     axes.set_ylabel(f"missing without the effect ({unit})")
     fit_limits(axes, y)
 
