@@ -50,7 +50,8 @@ def record_prune(key: Key, risen: float, worse: float, error: float, stays: bool
     """Whether an effect stays."""
     words = (
         f"without {spoken(name_of(key))}, {CRITERION}, is higher by {short(risen)}, and errors of recordings, "
-        f"or of quarters of few, that are left out change by {short(worse)} ± {short(error)} in ln of their mean square: "
+        f"or of quarters of few, that are left out change by {short(worse)} ± {short(error)} in ln of their mean "
+        f"square: "
         f"{'it stays' if stays else 'it is taken out'}"
     )
     return Record("prune", name_of(key), risen, 0.0, stays, words, "rise of the criterion")
