@@ -28,13 +28,16 @@ def test_dwell_is_the_step_over_the_speed() -> None:
     np.testing.assert_allclose(lasting[500:3500:500], 0.1 / (1.0 + 2.0 * TIME[500:3500:500]), rtol=0.2)
 
 
-@pytest.mark.parametrize("dither", [0.0, 0.15])
-def test_memory_is_that_of_the_errors(dither: float) -> None:
-    """The variance of differences over 10 samples, of ramps of many speeds, against the memory's own."""
+@pytest.mark.parametrize(("dither", "steps"), [(0.0, 0), (0.15, 0), (0.0, 1), (0.0, -3)])
+def test_memory_is_that_of_the_errors(dither: float, steps: int) -> None:
+    """The variance of differences over 10 samples, of ramps of many speeds, against the memory's own.
+
+    A ramp that is faster by whole `steps` a sample has the same errors.
+    """
     rng = np.random.default_rng(1)
     ratios = []
     for speed in rng.uniform(0.005, 0.02, 40):
-        true = rng.uniform() + speed * TIME
+        true = rng.uniform() + (speed + steps * LEVEL / INTERVAL) * TIME
         seen = _rounded(true + dither * LEVEL * rng.standard_normal(len(TIME)))
         std = float(np.std(seen - true))
         memory = quantised_memories(Recording("a", TIME, {"q.a": seen}), {"q.a": std})["q.a"]
@@ -64,14 +67,26 @@ def test_errors_last_where_the_channel_is_slow() -> None:
 
 def test_drawn_errors_have_the_memorys_covariance() -> None:
     time = INTERVAL * np.arange(12)
-    memory = Rounding(np.geomspace(0.004, 0.1, len(time)), 0.8, 0.2)
+    memory = Rounding(np.geomspace(0.004, 0.1, len(time)), 0.8, 0.2, LEVEL)
     rng = np.random.default_rng(4)
     samples = np.stack([drawn(rng, time, memory) for _ in range(20000)])
     np.testing.assert_allclose(samples.T @ samples / len(samples), covariance(time, memory).toarray(), atol=0.03)
 
 
-def test_fast_and_continuous_channels_are_white() -> None:
-    fast = _rounded(0.3 * np.sin(9.0 * TIME))
-    noisy = 0.3 * np.sin(9.0 * TIME) + 1e-4 * np.random.default_rng(2).standard_normal(len(TIME))
+def test_dithered_and_continuous_channels_are_white() -> None:
+    noise = LEVEL * np.random.default_rng(2).standard_normal(len(TIME))
+    fast = _rounded(0.3 * np.sin(9.0 * TIME) + noise)
+    noisy = 0.3 * np.sin(9.0 * TIME) + noise
     recording = Recording("a", TIME, {"q.a": fast, "q.b": noisy})
-    assert quantised_memories(recording, {"q.a": LEVEL / 3.46, "q.b": 1e-4}) == {}
+    assert quantised_memories(recording, {"q.a": 1.04 * LEVEL, "q.b": LEVEL}) == {}
+
+
+def test_readings_of_a_motion_err_as_its_encoder_does() -> None:
+    motion = 0.1 * np.sin(TIME)
+    memory = quantised_memories(Recording("a", TIME, {"q.a": _rounded(motion)}), {"q.a": LEVEL / np.sqrt(12.0)})["q.a"]
+    errors = memory.of_readings(np.random.default_rng(5), motion, LEVEL / np.sqrt(12.0), 200)
+    assert np.abs(errors).max() <= 0.5 * LEVEL
+    assert np.std(errors) == pytest.approx(LEVEL / np.sqrt(12.0), rel=0.05)
+    # beside the lattice anywhere: the motion plus the error is a multiple of the step after one shift of all samples
+    lattice = (motion[:, None] + errors) / LEVEL
+    np.testing.assert_allclose((lattice - lattice[0] + 0.5) % 1.0, 0.5, atol=1e-6)

@@ -80,7 +80,7 @@ MEMORIES = [
     (None, None),
     (None, Memory(0.02)),
     (Memory(0.01), Memory(0.01)),
-    (Rounding(np.full(60, 0.015), 1.0, 0.0), None),
+    (Rounding(np.full(60, 0.015), 1.0, 0.0, 1e-3), None),
 ]
 
 

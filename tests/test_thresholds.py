@@ -95,7 +95,7 @@ APPROXIMATION = {
     "likelihood/linearised.py": "READING_STEP",
     "likelihood/transitions.py": "STATE_STEP EFFORT_STEP TERMS",
     "noise/coloured.py": "MEMORY",
-    "noise/quantised.py": "DECAY ROTATION",
+    "noise/quantised.py": "DECAY ROTATION COHERENT_SAMPLES MOST_SKIPPED LEAST_ROUNDED_SHARE",
     "noise/spectra.py": "FEWEST MAIN_LOBE",
     "noise/differences.py": "DIFFERENCES",
     "predict/innovations.py": "DIFFERENCE RENEWED",

@@ -14,10 +14,13 @@ from drake_cafim.diagnosis.diagnose import diagnose
 from drake_cafim.diagnosis.fit.adequacy import adequacy, misfits
 from drake_cafim.diagnosis.trace import NOMINAL, OTHERS, Record, Trace, names_of, spoken
 from drake_cafim.diagrams.tutorials.stand_in import ARM, NOISE, record, stiff_grease
+from drake_cafim.numerics.tail import Tail
 from drake_cafim.report.report_json import as_text, report_of
 
-RUNS: Any = SimpleNamespace(runs=[SimpleNamespace(name=name, shape=(200, 2)) for name in "ab"], rows=800)
-"""Two recordings of 200 windows and two rows each."""
+RUNS: Any = SimpleNamespace(
+    runs=[SimpleNamespace(name=name, shape=(200, 2)) for name in "ab"], rows=800, noise_tail=None
+)
+"""Two recordings of 200 windows and two rows each, whose noise is Gaussian."""
 NAMED = "joint_viscous_friction@elbow"
 ADMIT = Record("admit", NAMED, 41.2, 17.9, True, "admitted", "gain")
 
@@ -133,3 +136,19 @@ def test_the_worst_of_what_is_left_decides_as_the_p_value_does(louder: float) ->
     if not passes:
         (stretch,) = (decision for decision in parts if decision.kind == "stretch")
         assert (stretch.run, stretch.windows) == (0, (80, 87)) and stretch.failing >= 1
+
+
+def test_what_noise_that_is_not_gaussian_leaves_is_no_misfit() -> None:
+    rows = np.random.default_rng(5).standard_normal(800)
+    rows[160:176] *= 2.0
+    gaussian = adequacy(RUNS, rows, 0).p_value
+    assert gaussian < 0.01 and any(part.failing for part in misfits(RUNS, rows, 0, 0.01))
+    surprise = -np.log(gaussian)
+    often, rarely = (
+        SimpleNamespace(**vars(RUNS) | {"noise_tail": Tail(beside * surprise, 0.1 * surprise)}) for beside in (1.0, 0.5)
+    )
+    assert adequacy(often, rows, 0).p_value == pytest.approx(0.1)
+    assert not any(part.failing for part in misfits(often, rows, 0, 0.01))
+    # no tail makes a misfit likelier to be one than Gaussian noise does
+    assert gaussian <= adequacy(rarely, rows, 0).p_value < 0.01
+    assert any(part.failing for part in misfits(rarely, rows, 0, 0.01))

@@ -7,7 +7,8 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from drake_cafim.diagnosis.fit.problem import Problem
-from drake_cafim.diagnosis.thresholds import NOISE_STD_TOLERANCE, WINDOWS_PER_BLOCK
+from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE, NOISE_STD_TOLERANCE, WINDOWS_PER_BLOCK
+from drake_cafim.numerics.tail import SHARE, Tail
 from drake_cafim.typing import Array
 
 KINDS = 3
@@ -16,7 +17,11 @@ KINDS = 3
 
 @dataclass(frozen=True)
 class Adequacy:
-    """The smallest of several p-values, times their number (Bonferroni), and χ² per degree of freedom."""
+    """The smallest of several p-values, times their number (Bonferroni), and χ² per degree of freedom.
+
+    Where the noise is no Gaussian one, see `Problem.noise_tail`, the p-value is how often noise alone leaves so small a
+    one, if that is more.
+    """
 
     p_value: float
     reduced_chi_square: float
@@ -69,11 +74,29 @@ class _Group:
 
 
 def adequacy(problem: Problem, residual: Array, fitted: int) -> Adequacy:
-    """Test of `residual` (whitened rows, then prior rows) against unit white noise; `fitted` strengths were fitted."""
+    """Test of `residual` (whitened rows, then prior rows) against noise; `fitted` strengths were fitted."""
     rows = residual[: problem.rows]
-    p_values = [float(min(1.0, g.p.min() * g.p.size * g.recordings)) for g in _groups(problem, rows, fitted)]
     reduced = float(rows @ rows) / max(problem.rows - fitted, 1)
-    return Adequacy(min(1.0, KINDS * min(p_values)), reduced)
+    surprise = _surprise(problem, rows, fitted)
+    tail = _tail(problem, surprise, reduced)
+    return Adequacy(max(min(1.0, float(np.exp(-surprise))), tail.probability(surprise) if tail else 0.0), reduced)
+
+
+def tail_of(problem: Problem, realised: Array) -> Tail:
+    """The tail of −ln p of the tests, of whitened rows (K, R) that noise alone makes."""
+    return Tail.of(np.array([_surprise(problem, rows, 0) for rows in realised]))
+
+
+def _surprise(problem: Problem, rows: Array, fitted: int) -> float:
+    """−ln of the smallest p-value for Gaussian noise, times the number of them all."""
+    p = min(float(group.p.min()) * group.p.size * group.recordings for group in _groups(problem, rows, fitted))
+    return -float(np.log(KINDS * max(p, np.finfo(float).tiny)))
+
+
+def _tail(problem: Problem, surprise: float, reduced: float) -> Tail | None:
+    """The tail by which a misfit is judged that Gaussian noise would hardly leave, but other noise might."""
+    worth = surprise > -np.log(SHARE) and reduced < MISFIT_REDUCED_CHI_SQUARE
+    return problem.noise_tail if worth else None
 
 
 def misfits(problem: Problem, residual: Array, fitted: int, rate: float) -> tuple[Misfit, ...]:
@@ -82,7 +105,11 @@ def misfits(problem: Problem, residual: Array, fitted: int, rate: float) -> tupl
     `rate` is the probability that noise alone makes any statistic exceed its threshold.
     """
     kinds: dict[str, list[tuple[_Group, float]]] = {}
-    for group in _groups(problem, residual[: problem.rows], fitted):
+    rows = residual[: problem.rows]
+    tail = _tail(problem, _surprise(problem, rows, fitted), float(rows @ rows) / max(problem.rows - fitted, 1))
+    if tail is not None:
+        rate = min(rate, float(np.exp(-tail.level(rate))))
+    for group in _groups(problem, rows, fitted):
         level = group.level(rate / (KINDS * group.p.size * group.recordings))
         kinds.setdefault(group.kind, []).append((group, level))
     return tuple(_worst(kind, groups) for kind, groups in kinds.items())

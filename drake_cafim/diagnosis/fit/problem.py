@@ -7,6 +7,7 @@ from typing import ClassVar, Protocol, Self
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.numerics.tail import Tail
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -53,6 +54,11 @@ class Problem(ABC):
     def regressors_noisy(self) -> bool:
         """Whether the Jacobian contains measurement noise."""
         return False
+
+    @property
+    def noise_tail(self) -> Tail | None:
+        """The tail, on noise alone, of −ln p of the tests of fit; None where that is as for Gaussian noise."""
+        return None
 
     @abstractmethod
     def rewhitened(self, model: Model) -> Self:

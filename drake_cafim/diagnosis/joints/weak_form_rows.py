@@ -8,6 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from drake_cafim.diagnosis.fit.adequacy import tail_of
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem, prior_rows, prior_std
 from drake_cafim.diagnosis.joints.differences import Differences
@@ -21,6 +22,7 @@ from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.whitening.covariance import NONE, whitening
+from drake_cafim.diagnosis.whitening.noise_realisations import noise_realisations, rounds
 from drake_cafim.diagnosis.whitening.sampled_noise import KeptJacobian
 from drake_cafim.diagnosis.whitening.unmodelled_force import with_unmodelled_force
 from drake_cafim.diagnosis.whitening.whitened_run import Run
@@ -32,9 +34,13 @@ from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.numerics.computation import NotComputable, compute
+from drake_cafim.numerics.tail import Tail
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
+
+NOISE_REALISATIONS = 400
+"""Realisations of noise from which the tail of the tests of fit is taken."""
 
 
 @dataclass
@@ -107,6 +113,15 @@ class WeakFormRows(Problem):
         cached = latest.problem
         assert isinstance(cached, type(self))
         return cached
+
+    @cached_property
+    def noise_tail(self) -> Tail | None:
+        if not any(map(rounds, self.runs)):
+            return None
+        rng = np.random.default_rng(0)
+        realised = [noise_realisations(run, rng, NOISE_REALISATIONS) for run in self.runs]
+        known = [rows for rows in realised if rows is not None]
+        return tail_of(self, np.concatenate(known).T) if len(known) == len(realised) else None
 
     @property
     def regressors_noisy(self) -> bool:

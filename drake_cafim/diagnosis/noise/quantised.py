@@ -1,4 +1,4 @@
-"""Quantisation noise: white only while a channel moves by more than a quantisation step from sample to sample."""
+"""Quantisation noise: white only where a channel moves by ever other shares of a quantisation step between samples."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,11 +13,18 @@ from drake_cafim.typing import Array
 
 DECAY, ROTATION = 3.0, 15.0**0.5
 """Rates a and b of the rounding error's correlation, per quantisation step that the channel moves."""
+COHERENT_SAMPLES = 6
+"""Samples within which a channel must seem to stay within one step somewhere, for its rounding errors not to count as
+white."""
+MOST_SKIPPED = 4
+"""Most steps from one sample to the next of a channel that never moves by a single one."""
+LEAST_ROUNDED_SHARE = 0.01
+"""Share of the noise's variance by rounding errors below which they count as white: dither hides them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rounding(CorrelatedNoise):
-    """Rounding errors, correlated over the distance that a channel moves; `dwell` (N,) s is the time a step takes.
+    """Rounding errors to multiples of `step`, correlated over the distance that a channel moves; see `dwell` (N,) s.
 
     Over a fraction s of a step an error's correlation is 1 − 6 s + 6 s², and over whole steps its mean is zero (Widrow,
     Kollár, Quantization Noise, 2008, §5). The velocity of a damped oscillator under white noise has zero mean too, and
@@ -27,6 +34,7 @@ class Rounding(CorrelatedNoise):
     dwell: Array
     share: float
     white: float
+    step: float
 
     def age(self, time: Array) -> Array:
         rate = DECAY / self.dwell
@@ -39,6 +47,16 @@ class Rounding(CorrelatedNoise):
     def process(self, time: Array) -> NoiseProcess:
         phi = np.ascontiguousarray(np.moveaxis(_oscillation(np.diff(self.age(time))), 2, 0))
         return NoiseProcess.of(np.array([0.0, 1.0]), phi, np.diag([1.0 / (DECAY**2 + ROTATION**2), 1.0]))
+
+    def of_readings(self, rng: np.random.Generator, values: Array, std: float, count: int) -> Array:
+        """(N, count) errors of readings of a channel that moves like `values` (N,), anywhere beside the lattice.
+
+        Before it is rounded, white noise is added that makes the errors' standard deviation `std`.
+        """
+        white = np.sqrt(max(std**2 - self.step**2 / 12.0, 0.0))
+        true = values[:, None] + self.step * rng.uniform(size=count)
+        read = self.step * np.round((true + white * rng.standard_normal(true.shape)) / self.step)
+        return np.asarray(read - true)
 
     def drawn(self, rng: np.random.Generator, time: Array) -> Array:
         process = self.process(time)
@@ -70,21 +88,31 @@ def _oscillation(age: Array) -> Array:
 
 
 def quantum(values: Array) -> float | None:
-    """The quantisation step of `values` (N,); None where they are not multiples of a step."""
+    """The quantisation step of `values` (N,); None where they are not multiples of a step.
+
+    A fast channel may skip levels: then the smallest difference is a multiple of the step.
+    """
     levels = np.unique(values[np.isfinite(values)])
     if len(levels) < 3:
         return None
     apart = np.diff(levels)
-    step = float(apart.min())
+    least = float(apart.min())
     # repeated additions leave levels that differ by floating-point rounding only
-    if step < 1e-9 * float(np.abs(levels).max()):
+    if least < 1e-9 * float(np.abs(levels).max()):
         return None
-    times = apart / step
-    return step if float(np.abs(times - np.round(times)).max()) < LATTICE_DEVIATION else None
+    for skipped in range(1, MOST_SKIPPED + 1):
+        times = skipped * apart / least
+        if float(np.abs(times - np.round(times)).max()) < LATTICE_DEVIATION:
+            return least / skipped
+    return None
 
 
 def dwell(time: Array, values: Array, step: float) -> Array:
-    """(N,) time, s, that a channel takes to move one `step` at its smoothed speed; at most the recording's duration."""
+    """(N,) time, s, in which a channel seems to move one `step`, as its samples show; at most the recording's duration.
+
+    An error is the same a whole step further: moving by m steps from one sample to the next, as an encoder at constant
+    speed may for seconds, looks like moving by what m is away from an integer. m is taken from the smoothed speed.
+    """
     seen = np.isfinite(values)
     times, values = time[seen], values[seen]
     stride = max(1, round(QUANTISED_WAY_INTERVAL / float(np.median(np.diff(times)))))
@@ -92,9 +120,16 @@ def dwell(time: Array, values: Array, step: float) -> Array:
     if count < 2:
         return np.zeros(len(time))
     middle, mean = (part[: count * stride].reshape(count, stride).mean(axis=1) for part in (times, values))
-    speed = np.abs(np.diff(mean)) / np.diff(middle)
-    slowest = step / float(times[-1] - times[0])
-    return np.asarray(step / np.maximum(np.interp(time, 0.5 * (middle[1:] + middle[:-1]), speed), slowest))
+    speed, interval = np.diff(mean) / np.diff(middle), np.gradient(time)
+    moved = np.interp(time, 0.5 * (middle[1:] + middle[:-1]), speed) * interval / step
+    apparent = np.abs(moved - np.round(moved))
+    return np.asarray(interval / np.maximum(apparent, interval / float(times[-1] - times[0])))
+
+
+def is_coherent(time: Array, lasting: Array) -> bool:
+    """Whether rounding errors that last for `lasting` (N,) s stay correlated over several samples somewhere."""
+    apparent = np.gradient(time) / np.maximum(lasting, np.finfo(float).tiny)
+    return bool(np.convolve(apparent, np.ones(COHERENT_SAMPLES), "valid").min() < 1.0)
 
 
 def remembered(step: float, deviation: float) -> float:
@@ -117,7 +152,6 @@ def quantised_memories(recording: Recording, std: Mapping[str, float]) -> dict[s
     variance counts; an error that never changes is a bias. `std` is the standard deviation by column; columns with 0
     are exact and left out.
     """
-    interval = float(np.median(np.diff(recording.time)))
     found: dict[str, Rounding] = {}
     for column, deviation in std.items():
         if deviation == 0.0:
@@ -126,9 +160,9 @@ def quantised_memories(recording: Recording, std: Mapping[str, float]) -> dict[s
         step = quantum(values)
         if step is None:
             continue
+        rounded = min(1.0, remembered(step, deviation) / deviation**2)
         lasting = dwell(recording.time, values, step)
-        if lasting.max() > 6.0 * interval:
-            rounded = min(1.0, remembered(step, deviation) / deviation**2)
+        if rounded > LEAST_ROUNDED_SHARE and is_coherent(recording.time, lasting):
             share = rounded * min(1.0, LONGEST_ROUNDING_DWELL * float(np.mean(1.0 / lasting)))
-            found[column] = Rounding(np.minimum(lasting, LONGEST_ROUNDING_DWELL), share, 1.0 - rounded)
+            found[column] = Rounding(np.minimum(lasting, LONGEST_ROUNDING_DWELL), share, 1.0 - rounded, step)
     return found

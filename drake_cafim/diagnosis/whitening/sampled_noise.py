@@ -66,17 +66,17 @@ def sampled_noise(
     if isinstance(windows, FilteredWindows):
         narrow = WeakForm(replace(weak.samples, windows=windows.narrow), weak.sensors)
         F = sp.csr_matrix(sp.kron(windows.of_narrow, sp.eye_array(weak.rows_per_window)))
-        of_motion = sp.csr_matrix(F @ _covariance(narrow, kept(motion_blocks(narrow, physics))) @ F.T)
+        of_motion = sp.csr_matrix(F @ sampled_covariance(narrow, kept(motion_blocks(narrow, physics))) @ F.T)
         found = {name: aslinearoperator(F) @ aslinearoperator(block) for name, block in found.items()}
-        of_efforts = _covariance(weak, kept(effort_blocks(weak, physics)))
+        of_efforts = sampled_covariance(weak, kept(effort_blocks(weak, physics)))
     else:
-        of_motion = _covariance(weak, kept(motion_blocks(weak, physics)))
-        of_efforts = _covariance(weak, kept(effort_blocks(weak, physics)))
+        of_motion = sampled_covariance(weak, kept(motion_blocks(weak, physics)))
+        of_efforts = sampled_covariance(weak, kept(effort_blocks(weak, physics)))
         found = by_joint(physics, found)
     return of_motion, of_efforts, KeptJacobian(weak, physics, tuple(found), found)
 
 
-def _covariance(weak: WeakForm, jacobian: Iterable[Block]) -> sp.csr_matrix:
+def sampled_covariance(weak: WeakForm, jacobian: Iterable[Block]) -> sp.csr_matrix:
     """Σ std² J Σ Jᵀ (R, R) over the noise `jacobian` J (R, N) of each column and the correlation Σ of its samples.
 
     A column at a time: as one matrix, the Jacobian of a long recording takes gigabytes.

@@ -1,0 +1,70 @@
+"""What encoders round: the rows of right models are judged as noise, also where their joints move by whole steps."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from drake_cafim import recordings
+from drake_cafim.diagnosis.fit.adequacy import adequacy, by_run
+from drake_cafim.diagnosis.joints.problem import WeakProblem
+from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.whitening.noise_realisations import noise_realisations
+from drake_cafim.numerics.tail import Tail
+from drake_cafim.scene.scene import Scene
+from tests.concealed.make import make
+
+
+def _of_truth(folder: Path, kind: str, seed: int) -> WeakProblem:
+    """The training recordings of a case of the proof, under a scene that states what is concealed."""
+    case: Any = make(kind, f"served{2 + seed % 2}", seed)
+    case.write(folder)
+    stated = yaml.safe_load((folder / "scenario.yaml").read_text())
+    for item in case.truth["effects"]:
+        values = {name: value for name, (value, _) in item["parameters"].items()}
+        stated.setdefault("effects", []).append({"effect": item["effect"], "at": item["at"], **values})
+    (folder / "scenario.yaml").write_text(yaml.safe_dump(stated))
+    own = [recordings.read(path) for path in sorted(folder.glob("train*"))]
+    problem = prepare(Scene.load(folder / "scenario.yaml"), own).problem()
+    assert isinstance(problem, WeakProblem)
+    return problem
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [
+        ("null", 912),
+        # its joint moves for most of the time by one step of its encoder from one sample to the next
+        ("single:command_rate_limit", 930),
+        ("single:servo_gain_error", 923),
+    ],
+)
+def test_a_right_model_leaves_noise(kind: str, seed: int, tmp_path: Path) -> None:
+    problem = _of_truth(tmp_path, kind, seed)
+    residual = problem.residual(problem.nominal())
+    assert adequacy(problem, residual, 0).p_value > 0.01
+    # and not what is half a standard deviation larger
+    assert adequacy(problem, residual + 0.5 * np.sign(residual), 0).p_value < 0.01
+
+
+def test_realised_noise_is_as_large_as_its_covariance_says(tmp_path: Path) -> None:
+    problem = _of_truth(tmp_path, "null", 901)
+    tail = problem.noise_tail
+    assert tail is not None
+    realised = [noise_realisations(run, np.random.default_rng(1), 100) for run in problem.runs]
+    rows = np.concatenate([own for own in realised if own is not None])
+    squares = np.mean([np.mean(z**2, axis=0) for column in rows.T for _, z in by_run(problem, column)], axis=0)
+    assert np.all((squares > 0.8) & (squares < 1.25)), squares
+    # Gaussian noise would leave the surprise 0.7 with a probability of one half, and 2.3 with one of a tenth
+    assert 1.0 < tail.threshold < 10.0
+
+
+def test_the_tail_of_what_is_exponential() -> None:
+    draws = np.random.default_rng(2).exponential(3.0, 4000)
+    tail = Tail.of(draws)
+    assert tail.scale == pytest.approx(3.0, rel=0.15)
+    assert tail.probability(15.0) == pytest.approx(np.exp(-5.0), rel=0.5)
+    assert tail.level(tail.probability(15.0)) == pytest.approx(15.0)
+    assert tail.probability(-100.0) == 1.0
