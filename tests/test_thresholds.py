@@ -76,12 +76,14 @@ ROUNDING = {
     "tosses/innovation.py": "VAGUE",
     "tosses/poses.py": "OFF_CENTRE UNEVEN",
     "whitening/covariance.py": "NONE",
+    "whitening/noise_realisations.py": "LEAST_SHARE",
     "whitening/whitened_run.py": "IMPOSSIBLE",
 }
 APPROXIMATION = {
     # steps of differences, nodes, coefficients, and where a series, a memory or a mean of draws is cut off
     "joints/other_noise.py": "INSTANTS",
     "joints/pulses.py": "TAIL DECAYED_SHARE",
+    "joints/weak_form_rows.py": "NOISE_REALISATIONS",
     "output_error/starts.py": "SHARE",
     "output_error/errors.py": "FINE_STEP FINEST_STEP",
     "output_error/problem.py": "RELATIVE_STEP",
