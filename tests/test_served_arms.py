@@ -11,7 +11,8 @@ from drake_cafim.diagnosis.search.state import Settings
 from drake_cafim.errors import InputError
 from drake_cafim.recordings.recording import Recording
 from drake_cafim.scene.scene import Scene
-from tests.served_arm import KP, KV, LIMIT, MOTOR, POSITION, recorded, written
+from tests import served_arm
+from tests.served_arm import KP, KV, LIMIT, MOTOR, POSITION, QUANTUM, recorded, written
 
 ONE = Settings(most_effects=1)
 
@@ -25,11 +26,13 @@ def test_the_servos_of_an_mjcf_are_enough_and_nothing_is_missing(tmp_path: Path)
     assert any("the scale of the efforts at elbow, which were not recorded, is that of kp" in n for n in verdict.notes)
 
 
-def test_a_servo_holds_the_estimated_motion_to_its_command(tmp_path: Path) -> None:
+def test_a_servo_holds_the_estimated_motion_to_its_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path, shoulder=POSITION, elbow=POSITION)
-    [run] = prepare(Scene.load(path), [recorded(path, 1)]).problem().runs
+    scene = Scene.from_model(path, channels={"q": QUANTUM / np.sqrt(12.0)})
+    monkeypatch.setattr(served_arm, "QUANTUM", 1e-9)
+    [run] = prepare(scene, [recorded(path, 1)]).problem().runs
     assert run.weak.samples.estimated is not None
-    # without the servo's slopes a deviation would grow for ever, and white forces of 6e-9 would have to undo it
+    # without the servo's slopes a deviation would grow for ever, and white forces would have to undo it
     assert run.weak.samples.estimated.unmodelled_force[1] < 1e-12
 
 

@@ -109,7 +109,7 @@ APPROXIMATION = {
     "rows/filtered_windows.py": "RESPONSE_SHARE FADING_SHARE",
     "rows/adjustment.py": "POSITION_STEP VELOCITY_STEP",
     "rows/law_points.py": "LARGEST_CHANGE NEAR_ZERO MOST_PIECES GAUSS",
-    "rows/servo_efforts.py": "EDGE SETTLES",
+    "rows/servo_efforts.py": "EDGE",
     "tosses/contact_memory_derivatives.py": "SIZES FINE_SIZES SOONER PART",
     "tosses/linearised_effects.py": "GRAIN",
     "tosses/tangent.py": "INSIDE",

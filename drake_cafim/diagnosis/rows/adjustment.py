@@ -167,8 +167,7 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
     transition = Transition.of(time, found.q, found.v, gain, way, *slopes, (0.5 + mean, 1.0 / 6.0 + first))
     # of ramped efforts the rows know the slopes; of those of servos whose joints settle at once, not what is smooth
     ramps = np.where(samples.ramped, at_samples, 0.0)
-    measured = samples.velocity_measured
-    settled = {j: d for j, d in terms.servos.items() if d.settling(time, own[:, j], measured)[1] > 0.0}
+    settled = {j: d for j, d in terms.servos.items() if d.settling(own[:, j])[1] > 0.0}
     acting, arriving = at_samples.copy(), at_samples.copy()
     for j, drive in terms.servos.items():
         acting[:, j] = drive.after(time)
@@ -179,7 +178,7 @@ def _transition(weak: WeakForm, physics: Physics, found: Trajectory) -> tuple[Tr
         ends = (_accelerate(response, force + law - response.bias) for force in (acting, arriving))
         # Simpson's rule again, under the mean efforts, for what posture and speed change within an interval
         curved = (4.0 * middle - 2.0 * (after[:-1] + before[1:])) / 6.0
-        answers = answers_to_steps(terms.servos, time, response.mobility, measured)
+        answers = answers_to_steps(terms.servos, time, response.mobility)
         transition = _answering(transition, time, answers, list(settled), response.mobility, (*ends, curved), slopes)
     change = change + ringing + 12.0 * bent + np.diff(by_law, axis=0) - np.diff(_accelerate(response, ramps), axis=0)
     return transition, change, np.mean(own, axis=0)

@@ -82,7 +82,7 @@ class EffortRows:
         if self.mobility is None:
             return steps
         windows, mobility = self.rows.windows, self.mobility.of(physics)
-        lighter = answers_to_steps(self.rows.servos, windows.time, (1.0 + MASS_MATRIX_STD) * mobility, True)
+        lighter = answers_to_steps(self.rows.servos, windows.time, (1.0 + MASS_MATRIX_STD) * mobility)
         by_servos, doubted = np.zeros_like(steps), np.zeros_like(steps)
         for j, drive in self.rows.servos.items():
             if drive.response is not None:

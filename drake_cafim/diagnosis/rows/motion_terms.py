@@ -85,8 +85,7 @@ class MotionTerms:
         """
         servos = acted_on.drives(physics)
         if servos:
-            measured, mobility = self.driven.mobility is not None, self.mobility.of(physics)
-            servos = split_steps(servos, self.rows.windows.time, mobility, measured)
+            servos = split_steps(servos, self.rows.windows.time, self.mobility.of(physics))
         u, ramped = self.rows.u.copy(), list(self.rows.ramped)
         for j, drive in servos.items():
             u[:, j] += drive.mean.value
@@ -126,13 +125,12 @@ class MotionTerms:
         The servo has no sag, and the joint no actuator effect.
         """
         assert self.acted_on is not None
-        time, measured = self.rows.windows.time, self.driven.mobility is not None
-        mobility = self.mobility.of(physics)
+        time, mobility = self.rows.windows.time, self.mobility.of(physics)
         own = self.acted_on.by_parameter(physics, joint, parameter)
         servo = physics.servo_at(physics.tree.joint_names[joint])
-        settling = self.servos[joint].settling_by(parameter, servo, time, mobility[:, joint, joint], measured)
+        settling = self.servos[joint].settling_by(parameter, servo, mobility[:, joint, joint])
         if not self._answers:
-            self._answers.append(step_answers(self.servos, time, mobility, measured))
+            self._answers.append(step_answers(self.servos, time, mobility))
         servos = split_by_parameter(self._answers[0], joint, own, settling)
         u = np.zeros_like(self.rows.u)
         u[:, joint] = own.mean.value

@@ -44,23 +44,20 @@ class ServoDrive:
         """Medians of −∂effort/∂q and −∂effort/∂v where these act."""
         return _median_above_zero(-self.mean.d_q), _median_above_zero(-self.mean.d_v)
 
-    def settling(self, time: Array, own: Array, measured: bool) -> tuple[float, float]:
+    def settling(self, own: Array) -> tuple[float, float]:
         """k and d by which the joint settles, of its `own` mobility (N,).
 
-        Zeros where it takes longer than an interval and velocities are not `measured`, see `SETTLES`.
         They are medians of −∂effort/∂q and −∂effort/∂v where these act, neither at the limit nor within the dead band:
         one number for all samples, since what is left of the steps would jump where the slope does. A joint that would
         swing is taken as softer, so that it just does not, k = d² m/4: what is split off is the shape of the effort
         within an interval, and must not ring for seconds without the friction that ends that.
         """
         (stiffness, damping), m = self._slopes, float(np.median(own))
-        if not measured and damping * m * float(np.median(np.diff(time))) < SETTLES:
-            return 0.0, 0.0
         return min(stiffness, 0.25 * damping**2 * m), damping
 
-    def settling_by(self, parameter: str, servo: Servo, time: Array, own: Array, measured: bool) -> tuple[float, float]:
+    def settling_by(self, parameter: str, servo: Servo, own: Array) -> tuple[float, float]:
         """The derivatives of `settling` by the "stiffness" or the "damping" of the joint's `servo`, one without sag."""
-        k, d = self.settling(time, own, measured)
+        k, d = self.settling(own)
         swings = k < self._slopes[0]
         if parameter == "stiffness":
             return (0.0 if swings else k / servo.stiffness if k else 0.0), 0.0
@@ -75,7 +72,7 @@ class ServoDrive:
         if not np.any(self.mean.d_v != self.mean.d_v[0]):
             return self
         at = np.clip(np.searchsorted(time, other.steps.times, side="right") - 1, 0, None)
-        settling = self.settling(time, own, True)[1]
+        settling = self.settling(own)[1]
         beyond = (self.mean.d_v + settling) * mobility
         if len(at) < 2 or not np.any(beyond[at] * other.jumps):
             return self
@@ -106,42 +103,27 @@ def mean_left(slope: Array, time: Array) -> Array:
     return np.asarray(-np.expm1(-x) / x)
 
 
-SETTLES = 1.5
-"""λ h from which on a joint settles within a sampling interval h. Where velocities are derivatives of positions, what
-heavier joints make of a step within an interval is blurred with them; where they are measured, each joint's counts."""
+def answers_to_steps(servos: Mapping[int, ServoDrive], time: Array, mobility: Array) -> dict[int, StepResponse]:
+    """What the joints make of the steps of all `servos`, under the `mobility` (N, n, n) at `time` (N,) s."""
+    return step_answers(servos, time, mobility).responses
 
 
-def answers_to_steps(
-    servos: Mapping[int, ServoDrive], time: Array, mobility: Array, measured: bool
-) -> dict[int, StepResponse]:
-    """What the joints make of the steps of all `servos`, under the `mobility` (N, n, n) at `time` (N,) s.
-
-    `measured` tells whether velocities are.
-    """
-    return step_answers(servos, time, mobility, measured).responses
-
-
-def step_answers(servos: Mapping[int, ServoDrive], time: Array, mobility: Array, measured: bool) -> Answers:
+def step_answers(servos: Mapping[int, ServoDrive], time: Array, mobility: Array) -> Answers:
     """As `answers_to_steps`, with what their derivatives need."""
     by_q, by_v = np.zeros((2, *mobility.shape[:2]))
     for j, drive in servos.items():
-        by_q[:, j], by_v[:, j] = drive.settling(time, mobility[:, j, j], measured)
+        by_q[:, j], by_v[:, j] = drive.settling(mobility[:, j, j])
     return Answers.of(time, mobility, (by_q, by_v), {j: drive.steps for j, drive in servos.items()})
 
 
-def split_steps(
-    servos: Mapping[int, ServoDrive], time: Array, mobility: Array, measured: bool
-) -> dict[int, ServoDrive]:
-    """The drives with their steps as the joints leave them, under the `mobility` (N, n, n) at `time` (N,) s.
-
-    Bends of velocities are split off where these are `measured`: a derivative of positions has none.
-    """
-    answers = answers_to_steps(servos, time, mobility, measured)
+def split_steps(servos: Mapping[int, ServoDrive], time: Array, mobility: Array) -> dict[int, ServoDrive]:
+    """The drives with their steps as the joints leave them, under the `mobility` (N, n, n) at `time` (N,) s."""
+    answers = answers_to_steps(servos, time, mobility)
     found = {}
     for j, drive in servos.items():
         rest = drive.rest + drive.steps.at(time) - answers[j].after
         split = replace(drive, response=answers[j], rest=rest)
-        for k, other in servos.items() if measured else ():
+        for k, other in servos.items():
             split = split.bent_by(time, mobility[:, j, j], mobility[:, j, k], other)
         found[j] = split
     return found

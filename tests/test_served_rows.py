@@ -1,0 +1,34 @@
+"""Without noise, the rows of arms that are commanded by position are far below it, at samples every 8 ms."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from drake_cafim import recordings
+from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.scene.scene import Scene
+from tests.concealed import served_case
+from tests.concealed.make import make
+from tests.concealed.served_case import QUANTUM
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("null", 905), ("single:command_lag", 905), ("single:command_delay", 903)])
+def test_steps_of_commands_within_the_sampling_are_integrated_exactly(
+    kind: str, seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What joints make of a step between two samples, too: each takes a part of it back by its own motion."""
+    monkeypatch.setattr(served_case, "QUANTUM", 1e-9)
+    case = make(kind, "served3", seed)
+    case.write(tmp_path)
+    stated = yaml.safe_load((tmp_path / "scenario.yaml").read_text())
+    stated["channels"] = {"q": {"std": float(QUANTUM / np.sqrt(12.0))}}
+    for item in case.truth["effects"]:  # type: ignore[attr-defined]
+        values = {name: value for name, (value, _) in item["parameters"].items()}
+        stated.setdefault("effects", []).append({"effect": item["effect"], "at": item["at"], **values})
+    (tmp_path / "scenario.yaml").write_text(yaml.safe_dump(stated))
+    own = [recordings.read(path) for path in sorted(tmp_path.glob("train*"))]
+    problem = prepare(Scene.load(tmp_path / "scenario.yaml"), own).problem()
+    rows = problem.rows_of(problem.nominal())
+    assert np.mean(rows**2) < 0.02
