@@ -40,12 +40,7 @@ class CommandAccelerationLimit(ServoEffect):
         "command_delay": "both are late; a bounded acceleration only in sharp turns",
     }
 
-    shapes_about_values: ClassVar[bool] = True
-
-    def restarts(self) -> Iterator["CommandAccelerationLimit"]:
-        # far from the right one the course of what is followed, and with it the misfit, hardly changes
-        for factor in (0.4, 0.6, 0.8, 0.9, 1.1, 1.25, 1.6, 2.5):
-            yield self.with_values({"acceleration": factor * self.values["acceleration"]})
+    bounds_profile: ClassVar[bool] = True
 
     def follow(self, command: Effort) -> Effort:
         start = self.rest(float(command.values[0]))

@@ -21,6 +21,8 @@ class ServoEffect(Effect):
     place: ClassVar[Place] = Place.ACTUATOR
     family: ClassVar[str] = "servo"
     kind: ClassVar[str] = "servo"
+    bounds_profile: ClassVar[bool] = False
+    """Whether its one strength bounds how what is followed, a ramped signal, moves."""
 
     def add_to(self, physics: P) -> P:
         return physics.with_part("servo_effects", self)
@@ -226,6 +228,7 @@ class CommandRateLimit(ServoEffect):
         Strength("rate", "rad/s", 5.0, lower=1e-4, upper=1e4, inverse=True, linear_unit="m/s"),
     )
     reference: ClassVar[str] = "Hess, Snell, J. Guidance, Control, and Dynamics 20(4), 1997 (rate limiting)"
+    bounds_profile: ClassVar[bool] = True
     formula: ClassVar[str] = "what is followed moves at most at the rate <i>r</i>"
     words: ClassVar[str] = "follows the command at a bounded rate"
     alike: ClassVar[dict[str, str]] = {

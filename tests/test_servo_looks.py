@@ -1,0 +1,27 @@
+"""Bounds of the profile that a servo follows are found where only values within a percent show what they explain."""
+
+from pathlib import Path
+
+import pytest
+
+from drake_cafim.diagnosis.fit.fitting import fit
+from drake_cafim.diagnosis.fit.screening import screen
+from drake_cafim.diagnosis.preparation import prepare
+from tests.concealed.make import make
+from tests.concealed_case import written
+
+
+@pytest.mark.parametrize(
+    ("effect", "seed", "parameter"),
+    [("command_rate_limit", 906, "rate"), ("command_acceleration_limit", 931, "acceleration")],
+)
+def test_the_bound_is_the_true_one(effect: str, seed: int, parameter: str, tmp_path: Path) -> None:
+    case = make(f"single:{effect}", f"served{2 + seed % 2}", seed)
+    scene, train = written(case, tmp_path)
+    problem = prepare(scene, train).problem()
+    (true,) = case.truth["effects"]  # type: ignore[attr-defined]
+    nominal = fit(problem, problem.nominal())
+    own = [tried for tried in problem.hypotheses() if tried.key == (effect, true["at"])]
+    (found,) = screen(problem, nominal, own)
+    assert found.effect.values[parameter] == pytest.approx(true["parameters"][parameter][0], rel=2e-3)
+    assert found.gain > 0.99 * nominal.chi_square
