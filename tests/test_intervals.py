@@ -27,6 +27,7 @@ class OneWindow:
     """A recording of a single row, of which blocks of time tell nothing."""
 
     rows = 1
+    realised_noise = None
     runs = (SimpleNamespace(shape=(1, 1)),)
     scene = SimpleNamespace(unknown=())
 
@@ -105,6 +106,7 @@ class Wandering:
 
     lasting: bool
     rows = 40 * 4 * WINDOWS_PER_BLOCK
+    realised_noise = None
     runs = (SimpleNamespace(shape=(rows, 1)),)
     scene = SimpleNamespace(unknown=())
 

@@ -1,6 +1,7 @@
 """What encoders round: the rows of right models are judged as noise, also where their joints move by whole steps."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,13 @@ import yaml
 
 from drake_cafim import recordings
 from drake_cafim.diagnosis.fit.adequacy import adequacy, by_run
+from drake_cafim.diagnosis.fit.fitting import Fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.robust_covariance import realised_std, wald_statistics
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.whitening.noise_realisations import noise_realisations
+from drake_cafim.effects.joint import JointCoulombFriction
 from drake_cafim.numerics.tail import Tail
 from drake_cafim.scene.scene import Scene
 from tests.concealed.make import make
@@ -68,3 +73,20 @@ def test_the_tail_of_what_is_exponential() -> None:
     assert tail.probability(15.0) == pytest.approx(np.exp(-5.0), rel=0.5)
     assert tail.level(tail.probability(15.0)) == pytest.approx(15.0)
     assert tail.probability(-100.0) == 1.0
+
+
+@pytest.mark.parametrize("louder", [0.5, 2.0])
+def test_strengths_scatter_as_realised_noise_makes_them(louder: float) -> None:
+    """And no less than the noise's covariance says."""
+    rng = np.random.default_rng(3)
+    friction = JointCoulombFriction("j1", {"torque": 1.0})
+    residual, jacobian = rng.standard_normal(600), rng.standard_normal((600, 1))
+    fitted = Fit(Model(np.zeros(0), (friction,)), residual, jacobian, 1.0 / (jacobian.T @ jacobian), 600)
+    run = SimpleNamespace(name="run", shape=(600, 1), rows=600)
+    louder_noise = louder * rng.standard_normal((600, 4000))
+    problem: Any = SimpleNamespace(runs=(run,), rows=600, realised_noise=louder_noise)
+    gaussian: Any = SimpleNamespace(runs=(run,), rows=600, realised_noise=None)
+    assert realised_std(problem, fitted)[0] == pytest.approx(louder * fitted.std[0], rel=0.05)
+    assert realised_std(gaussian, fitted)[0] == 0.0
+    by_noise = [wald_statistics(of, fitted, friction.key)[0] for of in (problem, gaussian)]
+    assert by_noise[0] == pytest.approx(by_noise[1] / max(louder, 1.0) ** 2, rel=0.1)

@@ -4,7 +4,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.fitting import LEAST_INFORMATION, NOTHING_KNOWN, Fit
 from drake_cafim.diagnosis.fit.problem import Problem
-from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, wald_p_value
+from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std, realised_std, wald_p_value
 from drake_cafim.diagnosis.thresholds import EFFECT_SHOWN_P_VALUE, INTERVAL_REACH_IN_STDS, PARABOLIC_RISE_SHARE
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
@@ -16,13 +16,14 @@ DOUBLINGS, REFINEMENTS = 6, 2
 def standard_deviations(problem: Problem, fit: Fit, scale: float) -> Array:
     """(n + k,) of unknowns and strengths, where the residual is `scale` times the noise.
 
-    The larger of two by linearisation: under the stated noise, and by blocks of the residual (`blockwise_std`). If χ²
+    The largest of three by linearisation: under the stated noise, by realisations of it where it is not Gaussian
+    (`realised_std`), and by blocks of the residual (`blockwise_std`). If χ²
     rises by less than 1.96² at 1.96 of these, a strength's interval extends to where it does so on the farther side,
     or to the strength's bound, the other parameters adapting (profile likelihood; after Venzon, Moolgavkar, Applied
     Statistics 37(1), 1988). If an effect with further shape parameters is not significant, its fit is one of many
     minima by noise (Davies, Biometrika 74(1), 1987): its shape is unknown, and the std of an amplitude is its value.
     """
-    std = np.maximum(fit.std * np.sqrt(scale), blockwise_std(problem, fit))
+    std = np.maximum(np.maximum(fit.std, realised_std(problem, fit)) * np.sqrt(scale), blockwise_std(problem, fit))
     std = np.hypot(std, np.sqrt(doubt_of_settled(problem.scene, fit)))
     n = len(fit.model.unknown)
     if n:

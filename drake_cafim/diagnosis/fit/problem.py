@@ -56,6 +56,11 @@ class Problem(ABC):
         return False
 
     @property
+    def realised_noise(self) -> Array | None:
+        """(R, K) whitened rows that noise alone makes, K times; None where it is Gaussian, of unit covariance."""
+        return None
+
+    @property
     def noise_tail(self) -> Tail | None:
         """The tail, on noise alone, of −ln p of the tests of fit; None where that is as for Gaussian noise."""
         return None

@@ -61,6 +61,19 @@ def _block_factor(problem: Problem, fitted: Fit, known: Array) -> Array:
     return np.hstack([known @ (known.T @ meat), np.sqrt(LEAST_SHARE) * known])
 
 
+def _noise_factor(problem: Problem, fitted: Fit, known: Array) -> Array | None:
+    """Factor (n, K) of the covariance along `known` directions (n, a) by realisations of the noise.
+
+    The sandwich (JᵀJ)⁻¹ (Σ_k g_k g_kᵀ/K) (JᵀJ)⁻¹ with g_k = Jᵀ z_k of the rows z_k that noise alone makes; None where
+    it is Gaussian.
+    """
+    realised = problem.realised_noise
+    if realised is None:
+        return None
+    scores = fitted.jacobian[: problem.rows].T @ realised / np.sqrt(realised.shape[1])
+    return np.hstack([known @ (known.T @ scores), np.sqrt(LEAST_SHARE) * known])
+
+
 def _distance(difference: Array, factor: Array, alone: Array) -> float:
     """dᵀ (FFᵀ)⁺ d of a `difference` d (c,) with `factor` F (c, m), over determined directions; `alone` (c,) scales d.
 
@@ -80,6 +93,13 @@ def blockwise_std(problem: Problem, fitted: Fit) -> Array:
     """(n + k,) standard deviations that hold for any correlation of the residual within blocks of time."""
     known, nothing = _factors(fitted)
     return np.asarray(np.linalg.norm(np.hstack([_block_factor(problem, fitted, known), nothing]), axis=1))
+
+
+def realised_std(problem: Problem, fitted: Fit) -> Array:
+    """(n + k,) standard deviations by realisations of the noise; 0 where it is Gaussian."""
+    known, _ = _factors(fitted)
+    factor = _noise_factor(problem, fitted, known)
+    return np.zeros(len(fitted.model.vector)) if factor is None else np.asarray(np.linalg.norm(factor, axis=1))
 
 
 def wald_p_value(problem: Problem, fitted: Fit, key: tuple[str, str]) -> float:
@@ -125,8 +145,9 @@ def contrast_statistics(
             part = slice(start, stop)
             alone = slope**2 @ (1.0 / _sizes(fitted)[part] ** 2)
             known, nothing = _factors(fitted)
-            factors = (np.hstack([factor, nothing]) for factor in (known, _block_factor(problem, fitted, known)))
-            by_noise, by_blocks = (_distance(difference, slope @ factor[part], alone) for factor in factors)
-            return by_noise, by_blocks
+            found = (known, _noise_factor(problem, fitted, known), _block_factor(problem, fitted, known))
+            factors = [np.hstack([factor, nothing]) for factor in found if factor is not None]
+            *by_noise, by_blocks = (_distance(difference, slope @ factor[part], alone) for factor in factors)
+            return min(by_noise), by_blocks
         start = stop
     raise KeyError(key)

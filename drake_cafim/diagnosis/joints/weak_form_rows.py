@@ -39,8 +39,10 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
-NOISE_REALISATIONS = 400
-"""Realisations of noise from which the tail of the tests of fit is taken."""
+REALISATIONS = (100, 400)
+"""Fewest and most realisations of noise, from which what it may do to tests and to strengths is taken."""
+REALISED_NUMBERS = 1_000_000
+"""Numbers that all of them together take, where they are not the fewest."""
 
 
 @dataclass
@@ -115,13 +117,18 @@ class WeakFormRows(Problem):
         return cached
 
     @cached_property
-    def noise_tail(self) -> Tail | None:
+    def realised_noise(self) -> Array | None:
         if not any(map(rounds, self.runs)):
             return None
-        rng = np.random.default_rng(0)
-        realised = [noise_realisations(run, rng, NOISE_REALISATIONS) for run in self.runs]
+        rng, count = np.random.default_rng(0), int(np.clip(REALISED_NUMBERS / self.rows, *REALISATIONS))
+        realised = [noise_realisations(run, rng, count) for run in self.runs]
         known = [rows for rows in realised if rows is not None]
-        return tail_of(self, np.concatenate(known).T) if len(known) == len(realised) else None
+        return np.concatenate(known) if len(known) == len(realised) else None
+
+    @cached_property
+    def noise_tail(self) -> Tail | None:
+        realised = self.realised_noise
+        return None if realised is None else tail_of(self, realised.T)
 
     @property
     def regressors_noisy(self) -> bool:
