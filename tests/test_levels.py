@@ -32,7 +32,7 @@ class _TwoRows:
     """A recording of 500 windows, two rows each."""
 
     rows = 1000
-    noise_tail = None
+    realised_noise = None
     runs = (SimpleNamespace(name="run", rows=1000, shape=(500, 2), time=np.arange(500.0)),)
     pictures = SimpleNamespace(row_labels=("j1: q against v", "j1: forces"))
 

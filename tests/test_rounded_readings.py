@@ -12,10 +12,10 @@ from drake_cafim import recordings
 from drake_cafim.diagnosis.fit.adequacy import adequacy, by_run
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.realised_noise import RealisedNoise
 from drake_cafim.diagnosis.fit.robust_covariance import realised_std, wald_statistics
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.diagnosis.whitening.noise_realisations import noise_realisations
 from drake_cafim.effects.joint import JointCoulombFriction
 from drake_cafim.numerics.tail import Tail
 from drake_cafim.scene.scene import Scene
@@ -56,14 +56,12 @@ def test_a_right_model_leaves_noise(kind: str, seed: int, tmp_path: Path) -> Non
 
 def test_realised_noise_is_as_large_as_its_covariance_says(tmp_path: Path) -> None:
     problem = _of_truth(tmp_path, "null", 901)
-    tail = problem.noise_tail
-    assert tail is not None
-    realised = [noise_realisations(run, np.random.default_rng(1), 100) for run in problem.runs]
-    rows = np.concatenate([own for own in realised if own is not None])
+    assert problem.realised_noise is not None
+    rows = problem.realised_noise.rows
     squares = np.mean([np.mean(z**2, axis=0) for column in rows.T for _, z in by_run(problem, column)], axis=0)
     assert np.all((squares > 0.8) & (squares < 1.25)), squares
-    # Gaussian noise would leave the surprise 0.7 with a probability of one half, and 2.3 with one of a tenth
-    assert 1.0 < tail.threshold < 10.0
+    # one in a hundred, which Gaussian noise would make of one in twenty or more
+    assert np.mean([adequacy(problem, column, 0).p_value < 0.01 for column in rows.T]) < 0.05
 
 
 def test_the_tail_of_what_is_exponential() -> None:
@@ -84,7 +82,7 @@ def test_strengths_scatter_as_realised_noise_makes_them(louder: float) -> None:
     fitted = Fit(Model(np.zeros(0), (friction,)), residual, jacobian, 1.0 / (jacobian.T @ jacobian), 600)
     run = SimpleNamespace(name="run", shape=(600, 1), rows=600)
     louder_noise = louder * rng.standard_normal((600, 4000))
-    problem: Any = SimpleNamespace(runs=(run,), rows=600, realised_noise=louder_noise)
+    problem: Any = SimpleNamespace(runs=(run,), rows=600, realised_noise=RealisedNoise(louder_noise))
     gaussian: Any = SimpleNamespace(runs=(run,), rows=600, realised_noise=None)
     assert realised_std(problem, fitted)[0] == pytest.approx(louder * fitted.std[0], rel=0.05)
     assert realised_std(gaussian, fitted)[0] == 0.0

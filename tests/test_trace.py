@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,9 +18,21 @@ from drake_cafim.numerics.tail import Tail
 from drake_cafim.report.report_json import as_text, report_of
 
 RUNS: Any = SimpleNamespace(
-    runs=[SimpleNamespace(name=name, shape=(200, 2)) for name in "ab"], rows=800, noise_tail=None
+    runs=[SimpleNamespace(name=name, shape=(200, 2)) for name in "ab"], rows=800, realised_noise=None
 )
 """Two recordings of 200 windows and two rows each, whose noise is Gaussian."""
+
+
+@dataclass
+class _Noise:
+    """Noise of which any statistic has this tail."""
+
+    its: Tail
+
+    def tail(self, statistic: Any) -> Tail:
+        return self.its
+
+
 NAMED = "joint_viscous_friction@elbow"
 ADMIT = Record("admit", NAMED, 41.2, 17.9, True, "admitted", "gain")
 
@@ -145,7 +157,8 @@ def test_what_noise_that_is_not_gaussian_leaves_is_no_misfit() -> None:
     assert gaussian < 0.01 and any(part.failing for part in misfits(RUNS, rows, 0, 0.01))
     surprise = -np.log(gaussian)
     often, rarely = (
-        SimpleNamespace(**vars(RUNS) | {"noise_tail": Tail(beside * surprise, 0.1 * surprise)}) for beside in (1.0, 0.5)
+        SimpleNamespace(**vars(RUNS) | {"realised_noise": _Noise(Tail(beside * surprise, 0.1 * surprise))})
+        for beside in (1.0, 0.5)
     )
     assert adequacy(often, rows, 0).p_value == pytest.approx(0.1)
     assert not any(part.failing for part in misfits(often, rows, 0, 0.01))

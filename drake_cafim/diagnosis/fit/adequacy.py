@@ -19,8 +19,8 @@ KINDS = 3
 class Adequacy:
     """The smallest of several p-values, times their number (Bonferroni), and χ² per degree of freedom.
 
-    Where the noise is no Gaussian one, see `Problem.noise_tail`, the p-value is how often noise alone leaves so small a
-    one, if that is more.
+    Where the noise is no Gaussian one, see `Problem.realised_noise`, the p-value is how often noise alone leaves so
+    small a one, if that is more.
     """
 
     p_value: float
@@ -82,11 +82,6 @@ def adequacy(problem: Problem, residual: Array, fitted: int) -> Adequacy:
     return Adequacy(max(min(1.0, float(np.exp(-surprise))), tail.probability(surprise) if tail else 0.0), reduced)
 
 
-def tail_of(problem: Problem, realised: Array) -> Tail:
-    """The tail of −ln p of the tests, of whitened rows (K, R) that noise alone makes."""
-    return Tail.of(np.array([_surprise(problem, rows, 0) for rows in realised]))
-
-
 def _surprise(problem: Problem, rows: Array, fitted: int) -> float:
     """−ln of the smallest p-value for Gaussian noise, times the number of them all."""
     p = min(float(group.p.min()) * group.p.size * group.recordings for group in _groups(problem, rows, fitted))
@@ -96,7 +91,12 @@ def _surprise(problem: Problem, rows: Array, fitted: int) -> float:
 def _tail(problem: Problem, surprise: float, reduced: float) -> Tail | None:
     """The tail by which a misfit is judged that Gaussian noise would hardly leave, but other noise might."""
     worth = surprise > -np.log(SHARE) and reduced < MISFIT_REDUCED_CHI_SQUARE
-    return problem.noise_tail if worth else None
+    noise = problem.realised_noise if worth else None
+
+    def surprise_by_noise(rows: Array) -> float:
+        return _surprise(problem, rows, 0)
+
+    return None if noise is None else noise.tail(surprise_by_noise)
 
 
 def misfits(problem: Problem, residual: Array, fitted: int, rate: float) -> tuple[Misfit, ...]:

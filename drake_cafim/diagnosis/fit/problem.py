@@ -7,7 +7,7 @@ from typing import ClassVar, Protocol, Self
 import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.numerics.tail import Tail
+from drake_cafim.diagnosis.fit.realised_noise import RealisedNoise
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
 
@@ -56,13 +56,8 @@ class Problem(ABC):
         return False
 
     @property
-    def realised_noise(self) -> Array | None:
-        """(R, K) whitened rows that noise alone makes, K times; None where it is Gaussian, of unit covariance."""
-        return None
-
-    @property
-    def noise_tail(self) -> Tail | None:
-        """The tail, on noise alone, of −ln p of the tests of fit; None where that is as for Gaussian noise."""
+    def realised_noise(self) -> RealisedNoise | None:
+        """What noise alone makes of the rows; None where it is Gaussian, of unit covariance."""
         return None
 
     @abstractmethod

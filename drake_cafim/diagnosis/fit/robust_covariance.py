@@ -70,7 +70,7 @@ def _noise_factor(problem: Problem, fitted: Fit, known: Array) -> Array | None:
     realised = problem.realised_noise
     if realised is None:
         return None
-    scores = fitted.jacobian[: problem.rows].T @ realised / np.sqrt(realised.shape[1])
+    scores = fitted.jacobian[: problem.rows].T @ realised.rows / np.sqrt(realised.rows.shape[1])
     return np.hstack([known @ (known.T @ scores), np.sqrt(LEAST_SHARE) * known])
 
 

@@ -8,9 +8,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from drake_cafim.diagnosis.fit.adequacy import tail_of
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem, prior_rows, prior_std
+from drake_cafim.diagnosis.fit.realised_noise import RealisedNoise
 from drake_cafim.diagnosis.joints.differences import Differences
 from drake_cafim.diagnosis.joints.more_noise import noisy_parameters, with_more_effort_noise
 from drake_cafim.diagnosis.joints.other_noise import is_other_noise, noise_cost
@@ -34,7 +34,6 @@ from drake_cafim.effects.link import TreeEffect
 from drake_cafim.effects.plane import UnmodeledContact
 from drake_cafim.effects.sensor import SensorEffect
 from drake_cafim.numerics.computation import NotComputable, compute
-from drake_cafim.numerics.tail import Tail
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
@@ -117,18 +116,13 @@ class WeakFormRows(Problem):
         return cached
 
     @cached_property
-    def realised_noise(self) -> Array | None:
+    def realised_noise(self) -> RealisedNoise | None:
         if not any(map(rounds, self.runs)):
             return None
         rng, count = np.random.default_rng(0), int(np.clip(REALISED_NUMBERS / self.rows, *REALISATIONS))
         realised = [noise_realisations(run, rng, count) for run in self.runs]
         known = [rows for rows in realised if rows is not None]
-        return np.concatenate(known) if len(known) == len(realised) else None
-
-    @cached_property
-    def noise_tail(self) -> Tail | None:
-        realised = self.realised_noise
-        return None if realised is None else tail_of(self, realised.T)
+        return RealisedNoise(np.concatenate(known)) if len(known) == len(realised) else None
 
     @property
     def regressors_noisy(self) -> bool:
