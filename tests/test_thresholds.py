@@ -83,7 +83,7 @@ APPROXIMATION = {
     # steps of differences, nodes, coefficients, and where a series, a memory or a mean of draws is cut off
     "joints/other_noise.py": "INSTANTS",
     "joints/pulses.py": "TAIL DECAYED_SHARE",
-    "joints/weak_form_rows.py": "REALISATIONS REALISED_NUMBERS",
+    "joints/problem.py": "REALISATIONS REALISED_NUMBERS",
     "joints/servo_looks.py": "TRACKED MOST_TRACKED SCANS EACH_SIDE",
     "output_error/starts.py": "SHARE",
     "output_error/errors.py": "FINE_STEP FINEST_STEP",

@@ -9,6 +9,7 @@ import numpy as np
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.pictures import Pictures
+from drake_cafim.diagnosis.fit.realised_noise import RealisedNoise
 from drake_cafim.diagnosis.fit.search_problem import Looks, SearchProblem
 from drake_cafim.diagnosis.joints.linearised_effects import hypotheses, looks
 from drake_cafim.diagnosis.joints.location import locate
@@ -19,9 +20,15 @@ from drake_cafim.diagnosis.rows.samples import over_wider_windows
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import WIDEST_WINDOW
 from drake_cafim.diagnosis.verdict import Location
+from drake_cafim.diagnosis.whitening.noise_realisations import noise_realisations, rounds
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.typing import Array
+
+REALISATIONS = (100, 400)
+"""Fewest and most realisations of noise, from which what it may do to tests and to strengths is taken."""
+REALISED_NUMBERS = 1_000_000
+"""Numbers that all of them together take, where they are not the fewest."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +59,20 @@ class WeakProblem(WeakFormRows, SearchProblem):
     def forget(self) -> None:
         for cache in (self.found_pushes, self.tried_pulses, self.force_looks):
             cache.clear()
-        for name in ("noisier", "_by_unknowns", "_by_sensors"):
+        for name in ("noisier", "realised_noise", "_by_unknowns", "_by_sensors"):
             vars(self).pop(name, None)
         self._latest.model = self._latest.problem = None
         for run in self.runs:
             run.forget()
+
+    @cached_property
+    def realised_noise(self) -> RealisedNoise | None:
+        if not any(map(rounds, self.runs)):
+            return None
+        rng, count = np.random.default_rng(0), int(np.clip(REALISED_NUMBERS / self.rows, *REALISATIONS))
+        realised = [noise_realisations(run, rng, count) for run in self.runs]
+        known = [rows for rows in realised if rows is not None]
+        return RealisedNoise(np.concatenate(known)) if len(known) == len(realised) else None
 
     @cached_property
     def pictures(self) -> Pictures:

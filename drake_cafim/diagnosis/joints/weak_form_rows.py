@@ -10,7 +10,6 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem, prior_rows, prior_std
-from drake_cafim.diagnosis.fit.realised_noise import RealisedNoise
 from drake_cafim.diagnosis.joints.differences import Differences
 from drake_cafim.diagnosis.joints.more_noise import noisy_parameters, with_more_effort_noise
 from drake_cafim.diagnosis.joints.other_noise import is_other_noise, noise_cost
@@ -22,7 +21,6 @@ from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import MISFIT_REDUCED_CHI_SQUARE
 from drake_cafim.diagnosis.whitening.covariance import NONE, whitening
-from drake_cafim.diagnosis.whitening.noise_realisations import noise_realisations, rounds
 from drake_cafim.diagnosis.whitening.sampled_noise import KeptJacobian
 from drake_cafim.diagnosis.whitening.unmodelled_force import with_unmodelled_force
 from drake_cafim.diagnosis.whitening.whitened_run import Run
@@ -37,11 +35,6 @@ from drake_cafim.numerics.computation import NotComputable, compute
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene
 from drake_cafim.typing import Array
-
-REALISATIONS = (100, 400)
-"""Fewest and most realisations of noise, from which what it may do to tests and to strengths is taken."""
-REALISED_NUMBERS = 1_000_000
-"""Numbers that all of them together take, where they are not the fewest."""
 
 
 @dataclass
@@ -114,15 +107,6 @@ class WeakFormRows(Problem):
         cached = latest.problem
         assert isinstance(cached, type(self))
         return cached
-
-    @cached_property
-    def realised_noise(self) -> RealisedNoise | None:
-        if not any(map(rounds, self.runs)):
-            return None
-        rng, count = np.random.default_rng(0), int(np.clip(REALISED_NUMBERS / self.rows, *REALISATIONS))
-        realised = [noise_realisations(run, rng, count) for run in self.runs]
-        known = [rows for rows in realised if rows is not None]
-        return RealisedNoise(np.concatenate(known)) if len(known) == len(realised) else None
 
     @property
     def regressors_noisy(self) -> bool:
