@@ -46,6 +46,7 @@ def _judgement(
         runs=[SimpleNamespace(name=name, shape=(WINDOWS, ROWS)) for name in "ab"],
         residual=lambda model: fitted(None, model).residual,
         equations=slice(None),
+        realised_noise=None,
     )
     monkeypatch.setattr(shared_evidence, "unbiased_fit", fitted)
     monkeypatch.setattr(shared_evidence, "mean_square", lambda *of: 2.0)
@@ -83,6 +84,19 @@ def test_the_same_strength_throughout_is_named(monkeypatch: pytest.MonkeyPatch) 
     judgement = _judgement(monkeypatch, np.ones((2, 2)), "explained")
     assert shared_evidence.withhold_refuted(judgement, Settings(), trace) is judgement
     assert [record.passed for record in trace.records] == [True]
+
+
+@pytest.mark.parametrize(("more", "named"), [(0.6, True), (6.0, False)])
+def test_a_law_that_shows_so_well_that_it_varies_by_less_than_a_hundredth_is_named(
+    monkeypatch: pytest.MonkeyPatch, more: float, named: bool
+) -> None:
+    trace = Trace()
+    judgement = _judgement(monkeypatch, np.array([[100.0, 100.0], [100.0, 100.0 + more]]), "explained")
+    found = shared_evidence.withhold_refuted(judgement, Settings(), trace)
+    assert bool(found.best.model.effects) == named
+    (record,) = trace.records
+    assert record.statistic is not None and record.threshold is not None and record.statistic < record.threshold
+    assert ("too little of what it explains to refute it" in record.words) == named == record.passed
 
 
 @pytest.mark.parametrize(("strengths", "named"), [([[1.0, 1.0], [0.6, 0.6]], True), ([[1.0, 1.0], [-0.9, 0.9]], False)])

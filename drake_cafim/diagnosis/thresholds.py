@@ -147,6 +147,9 @@ MISFIT_REDUCED_CHI_SQUARE = 1.5
 share of it. Unit: 1. Not calibrated: chosen."""
 MISFIT_SHARE_TO_EXPLAIN = 0.05
 """Share of such a misfit's χ² that an effect must remove. Unit: 1. Not calibrated: chosen."""
+VARYING_SHARE = 1e-4
+"""Share of what a law explains by which strengths of its own in each half of a recording must explain more, to refute
+it: as strengths that differ by a hundredth do. Unit: 1. Not calibrated: chosen, ten times the accuracy of laws."""
 MISFIT_P_VALUE = 1e-3
 """p-value of χ² below which whole recordings do not follow a model, though its rows may: their likelihood then finishes
 no fit. Unit: 1. Not calibrated: chosen."""
@@ -368,33 +371,3 @@ WHOLE_EFFECT_LEAST_COEFFICIENT = 0.3
 rows: below it the effect explains something else. Unit: 1. Not calibrated: chosen."""
 WHOLE_EFFECT_LARGEST_COEFFICIENT = 3.0
 """Largest such coefficient. Unit: 1. Not calibrated: chosen."""
-
-REPLACED_LATER = frozenset(
-    {
-        "AGREEING_VELOCITY_STDS",
-        "CANDIDATE_GAIN_SHARE_REFITTED",
-        "CHANNEL_SMOOTHING_REACH",
-        "COMPETING_CRITERION_REACH",
-        "CORRECTION_COST_ALLOWANCE",
-        "INITIAL_DOUBT_ROW_CHANGE",
-        "MISFIT_REDUCED_CHI_SQUARE",
-        "MISFIT_SHARE_TO_EXPLAIN",
-        "NAMED_EXCESS_SHARE",
-        "POSITION_SMOOTHING_DEGREE",
-        "POSITION_SMOOTHING_REACHES",
-        "RECORDINGS_SHARE_IMPROVED",
-        "REGRESSOR_SIGNAL_SHARE",
-        "RESTING_SMOOTHING_REACHES",
-        "RESTING_VELOCITY_STDS",
-        "RIVALS_FITTED_PER_PARENT",
-        "RIVAL_EXCESS_CHI_SQUARE",
-        "UNKNOWN_FORCE_VARIANCE_SHARE",
-        "UNKNOWN_REACH_IN_PRIOR_STDS",
-        "VELOCITY_SMOOTHING_REACH",
-        "WIDER_WINDOW_RATIOS",
-        "WIDEST_WINDOW",
-        "WINDOWS_PER_BLOCK",
-        "WINDOW_WIDTH",
-    }
-)
-"""Thresholds of rows and of a search that will be replaced: `make thresholds` varies all the others."""

@@ -34,11 +34,40 @@ from .trial import scrubbed, short_report, write_whole
 ROOT = Path(__file__).resolve().parents[2]
 FACTORS = {"up": 4.0 / 3.0, "down": 2.0 / 3.0}
 
+REPLACED_LATER = frozenset(
+    {
+        "AGREEING_VELOCITY_STDS",
+        "CANDIDATE_GAIN_SHARE_REFITTED",
+        "CHANNEL_SMOOTHING_REACH",
+        "COMPETING_CRITERION_REACH",
+        "CORRECTION_COST_ALLOWANCE",
+        "INITIAL_DOUBT_ROW_CHANGE",
+        "MISFIT_REDUCED_CHI_SQUARE",
+        "MISFIT_SHARE_TO_EXPLAIN",
+        "NAMED_EXCESS_SHARE",
+        "POSITION_SMOOTHING_DEGREE",
+        "POSITION_SMOOTHING_REACHES",
+        "RECORDINGS_SHARE_IMPROVED",
+        "REGRESSOR_SIGNAL_SHARE",
+        "RESTING_SMOOTHING_REACHES",
+        "RESTING_VELOCITY_STDS",
+        "RIVALS_FITTED_PER_PARENT",
+        "RIVAL_EXCESS_CHI_SQUARE",
+        "UNKNOWN_FORCE_VARIANCE_SHARE",
+        "UNKNOWN_REACH_IN_PRIOR_STDS",
+        "VELOCITY_SMOOTHING_REACH",
+        "WIDER_WINDOW_RATIOS",
+        "WIDEST_WINDOW",
+        "WINDOWS_PER_BLOCK",
+        "WINDOW_WIDTH",
+    }
+)
+"""Thresholds of rows and of a search that will be replaced: all the others are moved."""
+
 
 def movable() -> list[str]:
     """Names of the thresholds that are there for good, in the order of their file."""
-    names = [name for name in vars(thresholds) if name.isupper() and name != "REPLACED_LATER"]
-    return [name for name in names if name not in thresholds.REPLACED_LATER]
+    return [name for name in vars(thresholds) if name.isupper() and name not in REPLACED_LATER]
 
 
 def chosen(source: Path, count: int) -> list[dict[str, Any]]:

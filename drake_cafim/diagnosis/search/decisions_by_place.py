@@ -128,10 +128,13 @@ def record_left_at_place(model: Model, effect: Effect, share: float, most: float
 
 def record_constancy(model: Model, tested: Constancy, level: float, passed: bool) -> Record:
     """Whether a law's strengths are the same throughout the recordings."""
+    outcome = f"it is {'' if passed else 'not '}named"
+    if passed and tested.p_value < level:
+        outcome = "too little of what it explains to refute it"
     words = (
         f"with strengths of its own in each half of each recording it would lower χ² by {short(tested.varying)} more, "
         f"beside {short(tested.common)} with the same strengths throughout; on noise alone, the probability of as much "
-        f"is {short(tested.p_value, 2)}, and below {short(level, 2)} they vary: it is {'' if passed else 'not '}named"
+        f"is {short(tested.p_value, 2)}, and below {short(level, 2)} they vary: {outcome}"
     )
     return _record("prune", model, tested.effect, tested.p_value, level, passed, words, "p-value of its constancy")
 

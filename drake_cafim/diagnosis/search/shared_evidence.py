@@ -21,6 +21,7 @@ from drake_cafim.diagnosis.thresholds import (
     MISFIT_REDUCED_CHI_SQUARE,
     MISFIT_SHARE_TO_EXPLAIN,
     NAMED_EXCESS_SHARE,
+    VARYING_SHARE,
 )
 from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.effects.effect import Effect
@@ -90,13 +91,14 @@ def _varying(judgement: Judgement, settings: Settings, trace: Trace) -> list[Eff
     """The law that needs other strengths in other parts of the recordings, the least constant one.
 
     Where noise alone is left, nothing else that is missing can make a strength vary: there it is refuted at the
-    adequacy's level. Where more is left, that varies too, and what a law explains with the same strengths throughout
-    has to be at least half of what it explains with strengths of its own in each part.
+    adequacy's level, unless it varies by less than `VARYING_SHARE`. Where more is left, that varies too, and what a law
+    explains with the same strengths throughout has to be at least half of what it explains with strengths of its own in
+    each part.
     """
     tested = constancy_of(judgement.outcome.problem, judgement.best)
     alone = judgement.kind == "explained" or judgement.adequate
     level = settings.adequacy_level / max(len(tested), 1)
-    varying = [it for it in tested if it.p_value < level]
+    varying = [it for it in tested if it.p_value < level and it.share < 1.0 - VARYING_SHARE]
     failed = [it for it in varying if alone or it.share < NAMED_EXCESS_SHARE]
     for it in tested:
         trace.add(decisions.record_constancy(judgement.best.model, it, level, it not in failed))
