@@ -83,9 +83,9 @@ def adequacy(problem: Problem, residual: Array, fitted: int) -> Adequacy:
 
 
 def _surprise(problem: Problem, rows: Array, fitted: int) -> float:
-    """−ln of the smallest p-value for Gaussian noise, times the number of them all."""
+    """−ln of the smallest p-value for Gaussian noise, times the number of them all; infinite where it underflows."""
     p = min(float(group.p.min()) * group.p.size * group.recordings for group in _groups(problem, rows, fitted))
-    return -float(np.log(KINDS * max(p, np.finfo(float).tiny)))
+    return -float(np.log(KINDS * p)) if p > 0.0 else np.inf
 
 
 def _tail(problem: Problem, surprise: float, reduced: float) -> Tail | None:
