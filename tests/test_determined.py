@@ -1,18 +1,14 @@
 """A strength of which the recordings tell too little; a component that they do not show at all is no argument."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.fit.fitting import NOTHING_KNOWN, Fit, unbiased_fit
-from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.fitting import NOTHING_KNOWN, unbiased_fit
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.diagnosis.search import determined
 from drake_cafim.diagnosis.search.determined import descend, undetermined
 from drake_cafim.effects.friction import JointStribeckFriction
-from drake_cafim.effects.joint import JointAsymmetricCoulombFriction
 from drake_cafim.effects.link import Payload
 from tests import two_links
 
@@ -55,16 +51,3 @@ def test_a_law_descends_to_the_simpler_one_where_a_strength_is_not_determined(tm
     assert law.values["torque"] == pytest.approx(friction, abs=0.03)
     # one that is determined stays
     assert descend(problem, simpler, problem.hypotheses()) == (simpler, [])
-
-
-@pytest.mark.parametrize(("negative", "told"), [(0.47, "joint_coulomb_friction"), (0.3, "")])
-def test_a_law_that_may_as_well_be_the_simpler_one_is_that(negative: float, told: str) -> None:
-    """Both torques are known to .02; their difference to .028, or to .01 where they are known together."""
-    law = JointAsymmetricCoulombFriction("shoulder", {"torque_positive": 0.5, "torque_negative": negative})
-    covariance = 4e-4 * np.eye(2)
-    jacobian = np.random.default_rng(1).normal(size=(100, 2))
-    found = Fit(Model(np.zeros(0), (law,)), np.zeros(100), jacobian, covariance, 100)
-    reason = determined._reason_of_likeness(found, law, np.sqrt(np.diag(covariance)))
-    assert (reason is not None and "beyond joint coulomb friction" in reason) == bool(told)
-    together = replace(found, covariance=4e-4 * np.array([[1.0, 0.999], [0.999, 1.0]]))
-    assert determined._reason_of_likeness(together, law, np.full(2, 0.02)) is None

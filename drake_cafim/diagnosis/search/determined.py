@@ -115,8 +115,7 @@ def _reason_against(problem: SearchProblem, found: Fit, effect: Effect) -> str |
     """Why the size of an effect of a fit is not known, as a clause; None where it is."""
     if strength_at_bound(effect) is not None:
         return _reason_by_std(found, effect, found.std)
-    std = _std(problem, found)
-    return _reason_by_std(found, effect, std) or _reason_of_likeness(found, effect, std)
+    return _reason_by_std(found, effect, _std(problem, found))
 
 
 def _reason_by_std(found: Fit, effect: Effect, std_of_all: Array) -> str | None:
@@ -141,23 +140,6 @@ def _reason_of_absence(found: Fit, effect: Effect, std: Array) -> str | None:
         return None
     words = f"its {strength.name.replace('_', ' ')} is {short(value)} ± {short(own, 2)}"
     return f"{words}, within {LEAST_STRENGTH_STDS:g} standard deviations of its absence"
-
-
-def _reason_of_likeness(found: Fit, effect: Effect, std: Array) -> str | None:
-    """Why a law may as well be a simpler one, as a clause: what it is beyond that may be nothing; None where it is not.
-
-    The covariance of its strengths is that of the fit with the standard deviations `std` (n + k,).
-    """
-    own = _strengths_of(found, effect)
-    grown = std[own] / np.maximum(found.std[own], 1e-300)
-    covariance = found.covariance[own, own] * np.outer(grown, grown)
-    for simpler, weights in effect.narrows.items():
-        w = np.array(weights)
-        beyond, doubt = float(w @ effect.vector), float(np.sqrt(max(w @ covariance @ w, 0.0)))
-        if abs(beyond) < LEAST_STRENGTH_STDS * doubt:
-            words = f"what it is beyond {simpler.replace('_', ' ')} is {short(beyond)} ± {short(doubt, 2)}"
-            return f"{words}, within {LEAST_STRENGTH_STDS:g} standard deviations of nothing"
-    return None
 
 
 def _strengths_of(found: Fit, effect: Effect) -> slice:
