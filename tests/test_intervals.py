@@ -11,6 +11,7 @@ import pytest
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.intervals import standard_deviations
 from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.realised_noise import RealisedNoise
 from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.thresholds import WINDOWS_PER_BLOCK
@@ -71,6 +72,14 @@ def test_where_chi_square_is_a_parabola_slopes_tell_all() -> None:
     problem: Any = Curve(flat=False)
     fit = problem.fit()
     np.testing.assert_allclose(standard_deviations(problem, fit, 1.0), fit.std, rtol=1e-6)
+
+
+def test_noise_that_is_three_times_as_large_as_its_covariance_says_widens_an_interval() -> None:
+    """C Jᵀ of the data's row (1, 2) is (0, 1/2), C the covariance of x and c."""
+    problem: Any = Curve(flat=False)
+    problem.realised_noise = RealisedNoise(3.0 * np.random.default_rng(1).standard_normal((1, 4000)))
+    found = standard_deviations(problem, problem.fit(), 1.0)
+    np.testing.assert_allclose(found, [1.0, 1.5], rtol=0.05)
 
 
 @dataclass

@@ -81,6 +81,12 @@ def test_dithered_and_continuous_channels_are_white() -> None:
     assert quantised_memories(recording, {"q.a": 1.04 * LEVEL, "q.b": LEVEL}) == {}
 
 
+def test_a_channel_that_moves_by_other_shares_of_a_step_all_the_time_is_white() -> None:
+    """Ever faster, by 1.7 steps a sample more from one to the next: shares .0, .7, .4, .1, .8 and so on."""
+    faster = _rounded(0.5 * 1.7 * LEVEL * np.arange(len(TIME)) ** 2)
+    assert quantised_memories(Recording("a", TIME, {"q.a": faster}), {"q.a": LEVEL / np.sqrt(12.0)}) == {}
+
+
 def test_readings_of_a_motion_err_as_its_encoder_does() -> None:
     motion = 0.1 * np.sin(TIME)
     memory = quantised_memories(Recording("a", TIME, {"q.a": _rounded(motion)}), {"q.a": LEVEL / np.sqrt(12.0)})["q.a"]

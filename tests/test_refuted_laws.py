@@ -96,7 +96,7 @@ def test_a_law_that_shows_so_well_that_it_varies_by_less_than_a_hundredth_is_nam
     assert bool(found.best.model.effects) == named
     (record,) = trace.records
     assert record.statistic is not None and record.threshold is not None and record.statistic < record.threshold
-    assert ("too little of what it explains to refute it" in record.words) == named == record.passed
+    assert ("too little to refute it, so it is named" in record.words) == named == record.passed
 
 
 @pytest.mark.parametrize(("strengths", "named"), [([[1.0, 1.0], [0.6, 0.6]], True), ([[1.0, 1.0], [-0.9, 0.9]], False)])

@@ -73,6 +73,24 @@ def test_the_tail_of_what_is_exponential() -> None:
     assert tail.probability(-100.0) == 1.0
 
 
+def test_slow_encoders_make_more_large_misfits_than_gaussian_noise(tmp_path: Path) -> None:
+    """Of a joint that mostly moves by less than a step between samples: a tenth of all, where a hundredth is asked."""
+    problem = _of_truth(tmp_path, "single:servo_gain_error", 923)
+    assert problem.realised_noise is not None
+    gaussian: Any = SimpleNamespace(runs=problem.runs, rows=problem.rows, realised_noise=None)
+    columns = problem.realised_noise.rows.T
+    rejected = [np.mean([adequacy(of, rows, 0).p_value < 0.01 for rows in columns]) for of in (gaussian, problem)]
+    assert rejected[0] > 0.05 and rejected[1] < 0.03, rejected
+
+
+def test_forces_that_count_as_noise_are_realised_too(tmp_path: Path) -> None:
+    """Ten times as large as the noise of all readings."""
+    problem = _of_truth(tmp_path, "null", 901)
+    forced = problem.with_unknown_force(np.full(len(problem.scene.tree.joints), 1.0))
+    assert forced.realised_noise is not None
+    assert np.mean(forced.realised_noise.rows**2) == pytest.approx(1.0, abs=0.1)
+
+
 @pytest.mark.parametrize("louder", [0.5, 2.0])
 def test_strengths_scatter_as_realised_noise_makes_them(louder: float) -> None:
     """And no less than the noise's covariance says."""

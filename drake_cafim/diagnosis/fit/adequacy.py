@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.stats import chi2, norm
@@ -92,11 +93,7 @@ def _tail(problem: Problem, surprise: float, reduced: float) -> Tail | None:
     """The tail by which a misfit is judged that Gaussian noise would hardly leave, but other noise might."""
     worth = surprise > -np.log(SHARE) and reduced < MISFIT_REDUCED_CHI_SQUARE
     noise = problem.realised_noise if worth else None
-
-    def surprise_by_noise(rows: Array) -> float:
-        return _surprise(problem, rows, 0)
-
-    return None if noise is None else noise.tail(surprise_by_noise)
+    return None if noise is None else noise.tail(partial(_surprise, problem, fitted=0))
 
 
 def misfits(problem: Problem, residual: Array, fitted: int, rate: float) -> tuple[Misfit, ...]:

@@ -17,11 +17,11 @@ def standard_deviations(problem: Problem, fit: Fit, scale: float) -> Array:
     """(n + k,) of unknowns and strengths, where the residual is `scale` times the noise.
 
     The largest of three by linearisation: under the stated noise, by realisations of it where it is not Gaussian
-    (`realised_std`), and by blocks of the residual (`blockwise_std`). If χ²
-    rises by less than 1.96² at 1.96 of these, a strength's interval extends to where it does so on the farther side,
-    or to the strength's bound, the other parameters adapting (profile likelihood; after Venzon, Moolgavkar, Applied
-    Statistics 37(1), 1988). If an effect with further shape parameters is not significant, its fit is one of many
-    minima by noise (Davies, Biometrika 74(1), 1987): its shape is unknown, and the std of an amplitude is its value.
+    (`realised_std`), and by blocks of the residual (`blockwise_std`). If χ² rises by less than 1.96² at 1.96 of these,
+    a strength's interval extends to where it does so on the farther side, or to the strength's bound, the other
+    parameters adapting (profile likelihood; after Venzon, Moolgavkar, Applied Statistics 37(1), 1988). If an effect
+    with further shape parameters is not significant, its fit is one of many minima by noise (Davies, Biometrika 74(1),
+    1987): its shape is unknown, and the std of an amplitude is its value.
     """
     std = np.maximum(np.maximum(fit.std, realised_std(problem, fit)) * np.sqrt(scale), blockwise_std(problem, fit))
     std = np.hypot(std, np.sqrt(doubt_of_settled(problem.scene, fit)))

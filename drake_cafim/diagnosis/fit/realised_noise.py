@@ -1,4 +1,4 @@
-"""Whitened rows that noise alone makes, where it is not Gaussian, and how a statistic of them is distributed."""
+"""Whitened rows that noise alone makes, where it is not Gaussian, and the tail of the tests of fit on them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,12 +14,11 @@ class RealisedNoise:
     """K realisations of the noise in the whitened `rows` (R, K) of a problem."""
 
     rows: Array
-    _tails: dict[str, Tail] = field(default_factory=dict, repr=False)
-    """Cache: the tail of each statistic, by its name."""
+    _tail: list[Tail] = field(default_factory=list, repr=False)
+    """Cache: the tail."""
 
-    def tail(self, statistic: Callable[[Array], float]) -> Tail:
-        """The tail of a `statistic` of rows (R,), a function with a name of its own."""
-        name = statistic.__name__
-        if name not in self._tails:
-            self._tails[name] = Tail.of(np.array([statistic(rows) for rows in self.rows.T]))
-        return self._tails[name]
+    def tail(self, surprise: Callable[[Array], float]) -> Tail:
+        """The tail of −ln p of the tests of fit, `surprise` of rows (R,); it is always the same function."""
+        if not self._tail:
+            self._tail.append(Tail.of(np.array([surprise(rows) for rows in self.rows.T])))
+        return self._tail[0]

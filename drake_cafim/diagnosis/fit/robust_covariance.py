@@ -136,7 +136,8 @@ def contrast_statistics(
 ) -> tuple[float, float]:
     """χ² of "`difference` (c,) is zero", by the stated noise and by blocks of time.
 
-    `slope` (c, k) is its Jacobian in the strengths of the effect with this `key`.
+    `slope` (c, k) is its Jacobian in the strengths of the effect with this `key`. Where noise is not Gaussian, the
+    first is the smaller of that by its covariance and that by realisations of it.
     """
     start = len(fitted.model.unknown)
     for effect in fitted.model.effects:

@@ -1,4 +1,4 @@
-"""Quantisation noise: white only where a channel moves by ever other shares of a quantisation step between samples."""
+"""Quantisation noise: not white where a channel moves by about a whole number of steps, or none, between samples."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -130,7 +130,7 @@ def record_constancy(model: Model, tested: Constancy, level: float, passed: bool
     """Whether a law's strengths are the same throughout the recordings."""
     outcome = f"it is {'' if passed else 'not '}named"
     if passed and tested.p_value < level:
-        outcome = "too little of what it explains to refute it"
+        outcome = "too little to refute it, so it is named"
     words = (
         f"with strengths of its own in each half of each recording it would lower χ² by {short(tested.varying)} more, "
         f"beside {short(tested.common)} with the same strengths throughout; on noise alone, the probability of as much "
