@@ -89,6 +89,7 @@ def test_full_composition_has_every_effect_ten_times_and_the_short_one_every_fam
         and min(served.count(effect) for effect in SERVO) >= 10
         and served.count("") >= 50
     )
+    assert [plan.counted_as(slot) for slot in slots].count("served") == len(served)
     short = plan.composition(np.random.default_rng(2), 60)
     assert {FAMILY[kind.partition(":")[2]] for kind, _ in short if kind.startswith("single")} == set(FAMILY.values())
     assert {kind.partition(":")[0] for kind, _ in short} == {"single", "null", "odd", "pair", "many"}

@@ -72,6 +72,12 @@ def counts(size: int) -> dict[str, int]:
     return shares
 
 
+def counted_as(slot: Slot) -> str:
+    """The key of `counts` under which a slot is: of an arm that is commanded by position, whatever it conceals."""
+    kind, rig = slot
+    return "served" if rig in SERVED_RIGS else kind.partition(":")[0]
+
+
 def composition(rng: np.random.Generator, size: int) -> list[Slot]:
     """The slots in random order; single effects go round all families first, so that a short form has them all."""
     number = counts(size)

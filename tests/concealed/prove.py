@@ -28,7 +28,7 @@ from drake_cafim.parallel.task import Task
 
 from .again import run_again
 from .page import write_page
-from .plan import FULL, composition
+from .plan import FULL, composition, counted_as
 from .seal import canonical, case_seed, fresh_seed
 from .summary import figures
 from .trial import Trial, attempt
@@ -139,7 +139,7 @@ def main(arguments: list[str] | None = None) -> int:
     slots = composition(np.random.default_rng(int(known["composition"], 0)), options.size)
     done = {item["slot"] for item in opened(options.out)}
     kinds = options.kinds or list(FULL)
-    asked = [i for i in range(len(slots)) if slots[i][0].partition(":")[0] in kinds]
+    asked = [i for i in range(len(slots)) if counted_as(slots[i]) in kinds]
     wanted = [i for i in asked if i not in done and (options.only is None or i in options.only)]
     print(f"diagnosis at commit {known['starts'][-1]['commit']}", flush=True)
     print(
