@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
-from drake_cafim.diagnosis.fit.fitting import Fit, clip_unknowns, posterior, reach_of
+from drake_cafim.diagnosis.fit.bounds import clip_unknowns, solve_within, steps_within
+from drake_cafim.diagnosis.fit.fitting import Fit, posterior, reach_of
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.typing import Array
@@ -78,11 +78,11 @@ class Beside:
         triangle = np.block([[self.triangle, along], [np.zeros((len(corner), m)), corner]])
         seen = np.concatenate([self.basis.T @ residual, across.T @ residual])
         order = np.r_[0 : own.start, own.stop : len(model.vector), own]
-        lower, upper = (bound[order] for bound in _bounds(model))
-        found = lsq_linear(triangle, -seen, (lower, upper), method="bvls")
+        reach, (lower, upper) = reach_of(model), steps_within(self.problem, model)
+        lower, upper = np.maximum(lower, -reach)[order], np.minimum(upper, reach)[order]
         step = np.zeros(len(order))
-        step[order] = found.x
-        return step, float(residual @ residual - seen @ seen + 2.0 * found.cost)
+        step[order], cost = solve_within(triangle, seen, lower, upper)
+        return step, float(residual @ residual - seen @ seen + 2.0 * cost)
 
     def _lower(self, model: Model, residual: Array, step: Array) -> tuple[Model, Array] | None:
         """The model after a `step`, halved until χ² is lower there, and its residual; None where it is not."""
@@ -110,15 +110,3 @@ def strengths_at(model: Model, position: int) -> slice:
     """Where the strengths of the effect at `position`, or of one behind the last, are among a model's parameters."""
     start = len(model.unknown) + sum(len(effect.strengths) for effect in model.effects[:position])
     return slice(start, start + sum(len(effect.strengths) for effect in model.effects[position : position + 1]))
-
-
-def _bounds(model: Model) -> tuple[Array, Array]:
-    """The least and the largest step (n + k,) of each parameter: its bounds, and how far its slope is valid."""
-    strengths = [strength for effect in model.effects for strength in effect.strengths]
-    n, reach = len(model.unknown), reach_of(model)
-    lower, upper = (
-        np.array([side] * n + [getattr(strength, bound) for strength in strengths]) - model.vector
-        for side, bound in ((-np.inf, "lower"), (np.inf, "upper"))
-    )
-    # the model itself is within its bounds but for rounding
-    return np.minimum(np.maximum(lower, -reach), 0.0), np.maximum(np.minimum(upper, reach), 0.0)

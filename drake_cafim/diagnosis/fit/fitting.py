@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from drake_cafim.diagnosis.fit.bounds import clip_unknowns, minimise_within, solve_within, steps_within
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.thresholds import (
     CORRECTION_COST_ALLOWANCE,
     REGRESSOR_SIGNAL_SHARE,
-    UNKNOWN_REACH_IN_PRIOR_STDS,
     VISIBLE_ROW_CHANGE,
 )
 from drake_cafim.typing import Array
@@ -106,6 +106,10 @@ def fit_at_first_order(problem: Problem, found: Fit, model: Model, columns: Sequ
     scale = np.linalg.norm(jacobian, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
     step = -np.linalg.lstsq(jacobian / scale, residual, rcond=LEAST_INFORMATION)[0] / scale
+    lower, upper = steps_within(problem, model)
+    if np.any(step < lower) or np.any(step > upper):
+        basis, triangle = np.linalg.qr(jacobian / scale)
+        step = solve_within(triangle, basis.T @ residual, lower * scale, upper * scale)[0] / scale
     moved = clip_unknowns(problem, model.at(model.vector + step))
     residual = residual + jacobian @ (moved.vector - model.vector)
     seen = jacobian[: problem.rows]
@@ -332,22 +336,17 @@ def _step(
     scaled = np.where(unseen, 0.0, jacobian / scale)
     normal, gradient = scaled.T @ scaled, np.where(unseen, 0.0, scaled.T @ residual - offset / scale)
     start = 0.5 * float(residual @ residual)
-    reach = reach_of(model)
+    reach, (lower, upper) = reach_of(model), steps_within(problem, model)
+    lower, upper = np.maximum(lower, -reach) * scale, np.minimum(upper, reach) * scale
     for _ in range(8):
         damped = normal + damping * np.eye(len(scale))
         step = -np.linalg.solve(damped, gradient)
+        if np.any(step < lower) or np.any(step > upper):
+            # parameters that reach their bounds stay there, and the others are solved for with them
+            step = minimise_within(damped, gradient, lower, upper)
         if -float(gradient @ step) < least_gain:
             break
-        step = np.clip(step, -reach * scale, reach * scale)
         trial = clip_unknowns(problem, model.at(model.vector + step / scale))
-        taken = (trial.vector - model.vector) * scale
-        stopped = np.abs(taken - step) > 1e-9 * (1.0 + np.abs(step))
-        if np.any(stopped) and not np.all(stopped):
-            # parameters that reach their bounds stay there, and the others are solved for again
-            free = ~stopped
-            toward = gradient[free] + damped[np.ix_(free, stopped)] @ taken[stopped]
-            taken[free] = -np.linalg.solve(damped[np.ix_(free, free)], toward)
-            trial = clip_unknowns(problem, model.at(model.vector + taken / scale))
         if not all(effect.plausible() for effect in trial.effects):
             damping = max(damping * harder[1], harder[0])
             continue
@@ -380,11 +379,3 @@ def _sizes(model: Model) -> Array:
     """(n + k,) typical size of each strength, or its value if that is larger; infinite for unknowns."""
     sizes = [max(s.typical, abs(effect.values[s.name])) for effect in model.effects for s in effect.strengths]
     return np.array([np.inf] * len(model.unknown) + sizes)
-
-
-def clip_unknowns(problem: Problem, model: Model) -> Model:
-    """The model with its unknowns within `UNKNOWN_REACH_IN_PRIOR_STDS` of their priors and in their physical bounds."""
-    priors = problem.scene.priors
-    reach = UNKNOWN_REACH_IN_PRIOR_STDS * problem.prior_std(model)
-    near = np.clip(model.unknown, priors.mean - reach, priors.mean + reach)
-    return replace(model, unknown=priors.clip(near))

@@ -1,5 +1,7 @@
 """Writes the decisions of a search under unknown forces, place by place, as records of its trace."""
 
+from collections.abc import Sequence
+
 from drake_cafim.diagnosis.fit.constancy import Constancy
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.trace import Record, name_of, names_of, spoken
@@ -73,6 +75,24 @@ def record_undetermined(model: Model, effect: Effect, strength: str, std: float,
 def record_unknown(model: Model, effect: Effect, reason: str) -> Record:
     """A law whose size is not known; `reason` is a clause."""
     return _record("admit", model, effect, None, None, False, f"{reason}, so it is dropped", "undetermined")
+
+
+def record_contrast(model: Model, effect: Effect, simpler: str, statistic: float, threshold: float) -> Record:
+    """A law of friction that the recordings do not tell from a `simpler` one that it contains."""
+    words = (
+        f"a Wald statistic of {short(statistic)} tells it from {simpler}; on noise alone, the best of all candidates "
+        f"would have less than {short(threshold)}, so it is not chosen"
+    )
+    return _record("admit", model, effect, statistic, threshold, False, words, "Wald statistic")
+
+
+def record_friction(model: Model, laws: Sequence[Effect], lead: float, chosen: bool) -> Record:
+    """Whether `laws` are the friction of their joint; `lead` is their criterion beyond the best one's."""
+    words = f"of the laws of friction that stand at {laws[0].at}, "
+    words += "the information criterion is least" if chosen else f"the information criterion is {short(lead)} higher"
+    words += f", so {'it is' if chosen else 'it is not'} chosen"
+    own = frozenset(law.key for law in laws)
+    return Record("fit", names_of(own), -lead, 0.0, chosen, words, "criterion", names_of(model.keys - own))
 
 
 def record_support(model: Model, effect: Effect, share: float, least: float) -> Record:

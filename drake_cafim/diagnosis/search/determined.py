@@ -37,18 +37,24 @@ UNSEEN_STD = 0.5 * float(np.sqrt(NOTHING_KNOWN))
 def undetermined(effect: Effect, std: Array, linear_std: Array) -> tuple[str, float, float] | None:
     """A strength whose standard deviation is too large a share of what it may be: its name, the std and that size.
 
-    That size is the width of its bounds or, where they are not finite, the larger of its value and its typical size.
-    `std` and `linear_std` (k,) are those of the effect's strengths, the second by linearisation alone.
+    That size is the width of its bounds or, where they are not finite, the larger of its value and its typical size,
+    and at least that of each of the effect's strengths in the same unit: of friction by direction and of components of
+    a force, the small one is known where it is known to be small beside the other. `std` and `linear_std` (k,) are
+    those of the effect's strengths, the second by linearisation alone.
 
     A component that changes nothing in the recordings, as that of a force along the axis of the only joint, says
     nothing against the others.
     """
     seen = bool(np.any(linear_std < UNSEEN_STD))
+    by_unit: dict[str, float] = {}
+    for strength in effect.strengths:
+        own = max(abs(effect.values[strength.name]), strength.typical)
+        by_unit[strength.unit] = max(own, by_unit.get(strength.unit, 0.0))
     for strength, deviation, linear in zip(effect.strengths, std, linear_std, strict=True):
         if seen and linear >= UNSEEN_STD:
             continue
-        value, width = effect.values[strength.name], strength.upper - strength.lower
-        size = width if np.isfinite(width) else max(abs(value), strength.typical)
+        width = strength.upper - strength.lower
+        size = width if np.isfinite(width) else by_unit[strength.unit]
         if not deviation <= UNDETERMINED_STD_SHARE * size:
             return strength.name, float(deviation), float(size)
     return None

@@ -17,9 +17,11 @@ from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, posterior
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.robust_covariance import blockwise_std
 from drake_cafim.diagnosis.fit.screening import Candidate, screen
+from drake_cafim.diagnosis.search import decisions_by_place as decisions
 from drake_cafim.diagnosis.search.determined import strength_at_bound, undetermined_in
 from drake_cafim.diagnosis.search.growth_by_place import FIRST_ORDER_SHORTFALL, GrowthByPlace
 from drake_cafim.diagnosis.search.law_shapes import fit_shape_beside
+from drake_cafim.diagnosis.trace import Record, spoken
 from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint import DRY_FRICTION, JointViscousFriction
 from drake_cafim.typing import Array
@@ -51,9 +53,16 @@ def choose_friction(growth: GrowthByPlace) -> dict[str, list[Friction]]:
     joints = [effect.at for effect in growth.best.model.effects if effect.group == DRY_FRICTION]
     standing: dict[str, list[Friction]] = {}
     for joint in joints:
-        own = [option for option in _options(growth, joint) if stands(growth, option)]
+        own = []
+        for option in _options(growth, joint):
+            failure = failure_of(growth, option)
+            if failure is None:
+                own.append(option)
+            else:
+                growth.trace.add(failure)
         if own:
             standing[joint] = sorted(own, key=lambda option: criterion(option.found, 1.0, growth.trials))
+            growth.trace.add(*_record_choice(growth, standing[joint]))
     model = growth.best.model
     for joint, [chosen, *_] in standing.items():
         rest = [effect for effect in model.effects if not (is_friction(effect) and effect.at == joint)]
@@ -64,23 +73,39 @@ def choose_friction(growth: GrowthByPlace) -> dict[str, list[Friction]]:
     return standing
 
 
-def stands(growth: GrowthByPlace, option: Friction) -> bool:
-    """Whether the recordings determine each law of `option`, and show that it acts and is no simpler law."""
+def failure_of(growth: GrowthByPlace, option: Friction) -> Record | None:
+    """The record of the first test that a law of `option` fails; None where the option stands.
+
+    The recordings have to determine each of its laws, and to show that it acts and is none of the simpler laws that it
+    contains.
+    """
     found = option.found
     std = np.maximum(found.std, blockwise_std(growth.problem, found))
     for law in option.laws:
-        if strength_at_bound(law) is not None or undetermined_in(found, law, std) is not None:
-            return False
+        bound, wide = strength_at_bound(law), undetermined_in(found, law, std)
+        if bound is not None:
+            return decisions.record_bound(found.model, law, bound)
+        if wide is not None:
+            return decisions.record_undetermined(found.model, law, *wide)
         if not growth.nominal.plausible(Model(found.model.unknown, (law,))):
-            return False
-        contrasts = [law.vanishing()]
-        for weights in law.narrows.values():
-            contrasts.append((np.array([law.vector @ weights]), np.array([weights])))
-        for difference, slope in contrasts:
+            return decisions.record_implausible(found.model, law)
+        contrasts = [("no effect", *law.vanishing())]
+        for simpler, weights in law.narrows.items():
+            contrasts.append((spoken(simpler), np.array([law.vector @ weights]), np.array([weights])))
+        for simpler, difference, slope in contrasts:
             shown = growth.shown(growth.problem, found, law.key, difference, slope)
-            if shown < growth.threshold(len(difference)):
-                return False
-    return True
+            threshold = growth.threshold(len(difference))
+            if shown < threshold:
+                return decisions.record_contrast(found.model, law, simpler, shown, threshold)
+    return None
+
+
+def _record_choice(growth: GrowthByPlace, standing: Sequence[Friction]) -> Iterator[Record]:
+    """Of the laws of friction that stand at a joint, by how much the others' criterion exceeds the chosen one's."""
+    best = criterion(standing[0].found, 1.0, growth.trials)
+    for option in standing:
+        lead = criterion(option.found, 1.0, growth.trials) - best
+        yield decisions.record_friction(option.found.model, option.laws, lead, option is standing[0])
 
 
 def _options(growth: GrowthByPlace, joint: str) -> Iterator[Friction]:

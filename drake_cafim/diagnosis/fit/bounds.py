@@ -1,0 +1,61 @@
+"""The bounds of a model's parameters, and least squares within them."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.problem import Problem
+from drake_cafim.diagnosis.thresholds import UNKNOWN_REACH_IN_PRIOR_STDS
+from drake_cafim.typing import Array
+
+
+def bounds(problem: Problem, model: Model) -> tuple[Array, Array]:
+    """The least and the largest value (n + k,) of each parameter.
+
+    An unknown stays within `UNKNOWN_REACH_IN_PRIOR_STDS` of its prior and in its physical bounds.
+    """
+    priors, strengths = problem.scene.priors, [strength for effect in model.effects for strength in effect.strengths]
+    reach = UNKNOWN_REACH_IN_PRIOR_STDS * problem.prior_std(model)
+    lower = [*priors.clip(priors.mean - reach), *(strength.lower for strength in strengths)]
+    upper = [*priors.clip(priors.mean + reach), *(strength.upper for strength in strengths)]
+    return np.array(lower, dtype=float), np.array(upper, dtype=float)
+
+
+def clip_unknowns(problem: Problem, model: Model) -> Model:
+    """The model with its unknowns within their bounds."""
+    n = len(model.unknown)
+    lower, upper = bounds(problem, model)
+    return replace(model, unknown=np.clip(model.unknown, lower[:n], upper[:n]))
+
+
+def steps_within(problem: Problem, model: Model) -> tuple[Array, Array]:
+    """The least and the largest step (n + k,) of each parameter of a model to its bounds."""
+    lower, upper = bounds(problem, model)
+    # the model itself is within its bounds but for rounding
+    return np.minimum(lower - model.vector, 0.0), np.maximum(upper - model.vector, 0.0)
+
+
+def solve_within(triangle: Array, seen: Array, lower: Array, upper: Array) -> tuple[Array, float]:
+    """The step d (m,) that minimises |R d + s|² with `lower` ≤ d ≤ `upper`, (m,) each, and half of that minimum.
+
+    J = Q R are slopes with their `triangle` R (m, m), s = Qᵀ z a residual `seen` (m,) along them. A step that is cut
+    off at a bound is not the best one within: what moves together with it is left behind.
+    """
+    step, free = np.zeros(len(lower)), lower < upper
+    if not np.any(free):
+        return step, 0.5 * float(seen @ seen)
+    found = lsq_linear(triangle[:, free], -seen, (lower[free], upper[free]), method="bvls")
+    step[free] = found.x
+    return step, float(found.cost)
+
+
+def minimise_within(curvature: Array, slope: Array, lower: Array, upper: Array) -> Array:
+    """The step d (m,) that minimises ½ dᵀ H d + gᵀ d with `lower` ≤ d ≤ `upper`, (m,) each.
+
+    H is the positive definite `curvature` (m, m), g the `slope` (m,).
+    """
+    sizes, axes = np.linalg.eigh(curvature)
+    root = np.sqrt(np.maximum(sizes, np.finfo(float).eps * sizes[-1]))
+    return solve_within((axes * root).T, axes.T @ slope / root, lower, upper)[0]
