@@ -17,12 +17,12 @@ $(STAMPS)/test: $(STAMPS)/package
 	$(VENV)/bin/pip install --quiet --constraint constraints.txt --editable '.[test]'
 	touch $@
 
-# The main job: a robot hefts a ball and learns its mass, with friction in one joint that its model does not
-# have; then its own recordings are diagnosed.
+# The main job: a robot pinches a ball and finds that the contact law that it was told is wrong; then its own recordings
+# are diagnosed.
 demo: $(STAMPS)/package
-	$(RUN)/cafim run hefting --seed 1 --conceal joint_viscous_friction@joint2 coefficient=8 --out cafim-out/hefting --overwrite
-	@echo "The run:       cafim-out/hefting/replay.html, error.svg, information.svg"
-	@echo "The diagnosis: cafim-out/hefting/diagnosis/report.html"
+	$(RUN)/cafim run pinching --seed 1 --out cafim-out/pinching --overwrite
+	@echo "The run:       cafim-out/pinching/replay.html, error.svg, information.svg"
+	@echo "The diagnosis: cafim-out/pinching/diagnosis/report.html"
 
 # What a change must pass: about a quarter of an hour on two cores.
 test: $(STAMPS)/test
