@@ -8,6 +8,7 @@ import pytest
 from drake_cafim.diagnosis.fit.fitting import NOTHING_KNOWN, unbiased_fit
 from drake_cafim.diagnosis.preparation import prepare
 from drake_cafim.diagnosis.search.determined import descend, undetermined
+from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.effects.friction import JointStribeckFriction
 from drake_cafim.effects.link import Payload
 from tests import two_links
@@ -32,6 +33,26 @@ def test_what_is_not_determined_is_told_and_what_is_not_seen_is_not(
 ) -> None:
     found = undetermined(PAYLOAD, np.array(std), np.array(std))
     assert (None if found is None else found[:2]) == told
+
+
+@pytest.mark.parametrize(
+    ("law", "values", "std", "told"),
+    [
+        # the friction one way is known to be small beside that the other way
+        ("joint_asymmetric_coulomb_friction", (0.3, 2.3), (0.2, 0.2), None),
+        ("joint_asymmetric_coulomb_friction", (0.3, 2.3), (0.2, 0.8), "torque_negative"),
+        # a static torque that nothing shows makes the kinetic one no better known than itself
+        ("joint_stribeck_friction", (0.3, 4.0, 0.05), (0.01, 5.0, 0.01), "static"),
+        # a speed is no torque
+        ("joint_stribeck_friction", (0.3, 5.0, 2.0), (0.01, 0.02, 0.8), "velocity"),
+    ],
+)
+def test_a_strength_is_weighed_beside_the_largest_in_its_unit(
+    law: str, values: tuple[float, ...], std: tuple[float, ...], told: str | None
+) -> None:
+    effect = effect_named(law)("shoulder").with_values(np.array(values))
+    found = undetermined(effect, np.array(std), np.array(std))
+    assert (None if found is None else found[0]) == told
 
 
 def test_a_law_descends_to_the_simpler_one_where_a_strength_is_not_determined(tmp_path: Path) -> None:

@@ -61,7 +61,7 @@ def test_friction_is_named_at_every_joint(diagnosed: tuple[Verdict, dict[str, fl
 
 @pytest.mark.ci
 def test_nothing_named_is_undetermined(diagnosed: tuple[Verdict, dict[str, float]]) -> None:
-    """Each strength's std is below a third of the width of its bounds, or of its size, and one is 3 std from none."""
+    """Each std is below a third of the bounds or of the largest strength in its unit; one is 3 std from none."""
     verdict, _ = diagnosed
     rivals = max((rival.probability for rival in verdict.rivals), default=0.0)
     for found in verdict.explanation:
@@ -71,8 +71,9 @@ def test_nothing_named_is_undetermined(diagnosed: tuple[Verdict, dict[str, float
             value = found.values[strength.name]
             assert value.std is not None
             width = strength.upper - strength.lower
-            size = width if np.isfinite(width) else max(abs(value.value), strength.typical)
-            assert value.std < size / 3.0
+            alike = [other for other in found.effect.strengths if other.unit == strength.unit]
+            sizes = [max(abs(found.values[other.name].value), other.typical) for other in alike]
+            assert value.std < (width if np.isfinite(width) else max(sizes)) / 3.0
             sure.append(abs(value.value - strength.nominal) >= 3.0 * value.std)
         assert any(sure)
 
