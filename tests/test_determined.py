@@ -43,8 +43,8 @@ def test_what_is_not_determined_is_told_and_what_is_not_seen_is_not(
         ("joint_asymmetric_coulomb_friction", (0.3, 2.3), (0.2, 0.8), "torque_negative"),
         # a static torque that nothing shows makes the kinetic one no better known than itself
         ("joint_stribeck_friction", (0.3, 4.0, 0.05), (0.01, 5.0, 0.01), "static"),
-        # a speed is no torque
-        ("joint_stribeck_friction", (0.3, 5.0, 2.0), (0.01, 0.02, 0.8), "velocity"),
+        # a coefficient is no torque
+        ("joint_load_dependent_friction", (0.3, 0.4), (0.2, 0.01), "torque"),
     ],
 )
 def test_a_strength_is_weighed_beside_the_largest_in_its_unit(
