@@ -43,6 +43,7 @@ def _assert_in_proportion(rows: Array, missed: Array, expected: float) -> None:
     assert abs(size) == pytest.approx(abs(expected), rel=0.02)
 
 
+@pytest.mark.long
 def test_an_effort_was_behind(tmp_path: Path) -> None:
     scene, whole, weak = _begun_later("arm2", tmp_path)
     name = scene.tree.joint_names[0]

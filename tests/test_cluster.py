@@ -11,9 +11,12 @@ from drake_cafim.parallel.task import Task, carry_out
 from tests.fleets import faults
 from tests.fleets.faulty import cannot_write, die
 
+SLOW = "a task dies every time"
 
-@pytest.mark.ci
-@pytest.mark.parametrize("name", faults.CASES)
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long if name == SLOW else pytest.mark.ci) for name in faults.CASES]
+)
 def test_what_fails_costs_its_own_task_alone(name: str) -> None:
     found = faults.CASES[name]()
     assert (found.lost, found.twice, found.half) == (0, 0, 0)

@@ -84,7 +84,7 @@ def test_a_world_has_the_effects_of_its_scenario(tmp_path: Path) -> None:
     assert known - bare == pytest.approx(8.0)
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_a_run_of_a_corrected_scenario_is_explained_by_it(tmp_path: Path) -> None:
     """The world has the effects that the file knows, and a diagnosis with the same file finds no others."""
     raw = yaml.safe_load((DIAGRAMS / "hefting.yaml").read_text())

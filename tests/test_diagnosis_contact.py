@@ -105,7 +105,7 @@ def test_named_and_measured(effect: str, tmp_path: Path) -> None:
     assert found.values[first] == pytest.approx(truth["parameters"][first][0], rel=0.05)
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_the_gain_of_a_quiet_wrench_is_looked_for(tmp_path: Path) -> None:
     """Friction is felt with an eighth of it as noise; the gain scales what is predicted, and no noise."""
     scene, read = written(simulate("pair", "press", 0xAE53DDB31F5426298249DE33E22B8BD3), tmp_path)

@@ -115,7 +115,10 @@ def test_values_are_where_they_belong(tmp_path: Path) -> None:
     assert scene.known == ()
 
 
-@pytest.mark.parametrize(("form", "model"), [("urdf", URDF), ("sdf", SDF), ("mjcf", MJCF)])
+@pytest.mark.parametrize(
+    ("form", "model"),
+    [("urdf", URDF), ("sdf", SDF), pytest.param("mjcf", MJCF, marks=pytest.mark.long)],
+)
 def test_inertials_that_the_model_holds_act_once(form: str, model: str, tmp_path: Path) -> None:
     change = [0.1, 0.05, -0.04, 0.03, 0.02, -0.02, 0.01, 0.05, -0.03, 0.02]
     entry = f"  - {{parameter: inertials, body: lower, std: 0.1, log_cholesky: {change}}}\n"

@@ -136,7 +136,7 @@ def recorded(free: Scene, drag: float, seed: int, duration: float = 4.0) -> Reco
     return Recording(f"run_{seed}", time, columns | {"u.wrist": u[:, 0], "u.finger": u[:, 1]})
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_a_gripper_is_diagnosed_by_one_column(scene: Scene, free: Scene) -> None:
     """Nothing is named where nothing is missing; a drag on the finger is, with its strength."""
     assert diagnose(scene, [recorded(free, 0.0, seed) for seed in (1, 2)]).kind == "none"

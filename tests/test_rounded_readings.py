@@ -43,7 +43,8 @@ def _of_truth(folder: Path, kind: str, seed: int) -> WeakProblem:
         ("null", 912),
         # its joint moves for most of the time by one step of its encoder from one sample to the next
         ("single:command_rate_limit", 930),
-        ("single:servo_gain_error", 923),
+        # half a minute
+        pytest.param("single:servo_gain_error", 923, marks=pytest.mark.long),
     ],
 )
 def test_a_right_model_leaves_noise(kind: str, seed: int, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ def run_and_diagnose(out: Path, concealed: tuple[Concealed, ...]) -> dict[str, A
     return diagnose_command("hefting", [str(out / "experiment_1.parquet")], (), out, lambda text: None)
 
 
-@pytest.mark.ci
+@pytest.mark.long
 def test_concealed_friction_is_named(tmp_path: Path) -> None:
     friction = Concealed("joint_viscous_friction", "joint2", {"coefficient": 8.0})
     report = run_and_diagnose(tmp_path, (friction,))

@@ -130,6 +130,7 @@ def test_a_ground_that_is_tilted_by_far_is_found(tmp_path: Path) -> None:
         assert found.values[name].value == pytest.approx(true, abs=4.0 * found.values[name].std)
 
 
+@pytest.mark.long
 def test_a_surface_stands_where_a_body_comes_to_and_does_not_pass(tmp_path: Path) -> None:
     """A box on ground that is tilted by 4°: level ground fits none of its arcs."""
     case = simulate("single:surface_tilt", "toss", 0x4A89AA4265669F76DDB3730E0202236E)
@@ -145,7 +146,7 @@ def test_a_surface_stands_where_a_body_comes_to_and_does_not_pass(tmp_path: Path
     [
         # a minute; another tilt is found from afar above
         pytest.param("surface_tilt", 0x4A89AA4265669F76DDB3730E0202236E, 3, marks=pytest.mark.long),
-        pytest.param("contact_hunt_crossley_dissipation", 0x2340459A777EF7FF0C193DF1DB59730, 2, marks=pytest.mark.ci),
+        pytest.param("contact_hunt_crossley_dissipation", 0x2340459A777EF7FF0C193DF1DB59730, 2, marks=pytest.mark.long),
     ],
 )
 def test_what_makes_throws_bounce_otherwise_is_found_from_afar(

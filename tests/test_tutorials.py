@@ -34,6 +34,7 @@ def test_own_robot_has_thirty_lines_at_most() -> None:
     assert len([line for line in code.splitlines() if line.strip()]) <= 30
 
 
+@pytest.mark.long
 def test_own_servo_from_commands_and_positions_to_a_corrected_simulation(tmp_path: Path) -> None:
     run("stand_in_servo", "robot", folder=tmp_path)
     tables = [f"robot/run_{number}.csv" for number in (1, 2, 3)]

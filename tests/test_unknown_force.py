@@ -82,6 +82,7 @@ def test_a_force_alone_is_no_effect(tmp_path: Path) -> None:
     assert found.kind == "unexplained" and not found.best.model.effects
 
 
+@pytest.mark.long
 def test_a_contact_is_found_beside_forces(tmp_path: Path) -> None:
     """Of an arm with unknown random efforts."""
     case = simulate("single:unmodeled_contact", "arm3", CONTACT_SHAKEN)
