@@ -52,7 +52,7 @@ def test_a_followed_command_of_bounded_acceleration_gets_to_a_step_in_the_shorte
     path = np.array([followed(k * STEP, lambda at: np.array([1.0, 1.0]))[1] for k in range(round(1.5 / STEP))])
     at = (np.arange(len(path)) + 0.5) * STEP
     expected = np.where(at < 0.5, 2.0 * at**2, np.where(at < 1.0, 1.0 - 2.0 * (1.0 - at) ** 2, 1.0))
-    assert path == pytest.approx(expected, abs=4.0 * STEP)
+    assert path == pytest.approx(expected, abs=4.0 * STEP**2)
 
 
 def test_what_is_followed_is_late_lagged_or_limited_in_its_rate() -> None:

@@ -122,13 +122,15 @@ class Served:
                 moved = np.clip(goal[j] - state[j], -STEP * self.values[0], STEP * self.values[0])
                 state[j], goal[j] = state[j] + moved, state[j] + 0.5 * moved
             if self.effect == "command_acceleration_limit":
-                # the speed from which it can still stop at the goal, if half a step from now it begins to
-                most, left = self.values[0], goal[j] - state[j]
-                wanted = np.sign(left) * (
-                    np.sqrt(2.0 * most * abs(left) + (0.5 * most * STEP) ** 2) - 0.5 * most * STEP
-                )
-                speed += np.clip(min(abs(wanted), abs(left) / STEP) * np.sign(left) - speed, -most * STEP, most * STEP)
-                state[j], goal[j] = state[j] + speed * STEP, state[j] + 0.5 * speed * STEP
+                # the speed at the end of this step from which it can still stop at the goal
+                most, left, before = self.values[0], goal[j] - state[j], speed
+                side, half = np.sign(left), 0.5 * most * STEP
+                ahead = max(side * (left - 0.5 * before * STEP), 0.0)
+                wanted = side * min(np.sqrt(half**2 + 2.0 * most * ahead) - half, 2.0 * abs(left) / STEP)
+                speed += np.clip(wanted - speed, -most * STEP, most * STEP)
+                # the mean of the step's two speeds: with the last one alone it would move as if under more acceleration
+                moved = 0.5 * (before + speed) * STEP
+                state[j], goal[j] = state[j] + moved, state[j] + 0.5 * moved
             return goal
 
         return followed
