@@ -40,6 +40,7 @@ def test_what_is_not_determined_is_told_and_what_is_not_seen_is_not(
     [
         # the friction one way is known to be small beside that the other way
         ("joint_asymmetric_coulomb_friction", (0.3, 2.3), (0.2, 0.2), None),
+        ("joint_asymmetric_coulomb_friction", (2.3, 0.3), (0.2, 0.2), None),
         ("joint_asymmetric_coulomb_friction", (0.3, 2.3), (0.2, 0.8), "torque_negative"),
         # a static torque that nothing shows makes the kinetic one no better known than itself
         ("joint_stribeck_friction", (0.3, 4.0, 0.05), (0.01, 5.0, 0.01), "static"),

@@ -103,7 +103,23 @@ def test_a_larger_law_stands_only_where_it_is_no_simpler_one(tmp_path: Path, bac
     values = {"torque_positive": COULOMB, "torque_negative": backward, "slip_velocity": WIDTH}
     growth.take(growth.best.model.with_effects([effect_named("joint_asymmetric_coulomb_friction")(joint, values)]))
     option = Friction(growth.best, growth.best.model.effects)
-    assert (friction_by_joint.failure_of(growth, option) is None) == (backward != COULOMB)
+    failure = friction_by_joint.failure_of(growth, option)
+    assert (failure is None) == (backward != COULOMB)
+    if failure is not None:
+        assert "tells it from joint coulomb friction" in failure.words and not failure.passed
+        assert failure.statistic is not None and failure.threshold is not None
+        assert failure.statistic < failure.threshold
+
+
+def test_the_trace_tells_which_laws_of_friction_stand_at_a_joint_and_why_others_do_not(tmp_path: Path) -> None:
+    growth, _ = _compared(tmp_path, _stribeck, "joint_coulomb_friction")
+    told = [record for record in growth.trace.records if "laws of friction that stand at" in record.words]
+    chosen, *others = ({effect.partition("@")[0] for effect in record.asked.split(" + ")} for record in told)
+    stribeck, coulomb, viscous = "joint_stribeck_friction", "joint_coulomb_friction", "joint_viscous_friction"
+    assert chosen == {stribeck, viscous}
+    assert all(other in others for other in ({coulomb, viscous}, {stribeck}, {coulomb}))
+    assert [record.passed for record in told] == [True] + [False] * len(others)
+    assert all(record.statistic is not None and record.statistic < 0.0 for record in told[1:])
 
 
 def test_viscous_friction_beside_a_larger_law_is_named(tmp_path: Path) -> None:

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_cafim.diagnosis.fit.bounds import clip_unknowns, solve_within, steps_within
-from drake_cafim.diagnosis.fit.fitting import Fit, posterior, reach_of
+from drake_cafim.diagnosis.fit.bounds import clip_unknowns, solve_within
+from drake_cafim.diagnosis.fit.fitting import Fit, allowed_steps, posterior
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.typing import Array
@@ -78,8 +78,7 @@ class Beside:
         triangle = np.block([[self.triangle, along], [np.zeros((len(corner), m)), corner]])
         seen = np.concatenate([self.basis.T @ residual, across.T @ residual])
         order = np.r_[0 : own.start, own.stop : len(model.vector), own]
-        reach, (lower, upper) = reach_of(model), steps_within(self.problem, model)
-        lower, upper = np.maximum(lower, -reach)[order], np.minimum(upper, reach)[order]
+        lower, upper = (bound[order] for bound in allowed_steps(self.problem, model))
         step = np.zeros(len(order))
         step[order], cost = solve_within(triangle, seen, lower, upper)
         return step, float(residual @ residual - seen @ seen + 2.0 * cost)

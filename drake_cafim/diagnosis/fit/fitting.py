@@ -336,8 +336,7 @@ def _step(
     scaled = np.where(unseen, 0.0, jacobian / scale)
     normal, gradient = scaled.T @ scaled, np.where(unseen, 0.0, scaled.T @ residual - offset / scale)
     start = 0.5 * float(residual @ residual)
-    reach, (lower, upper) = reach_of(model), steps_within(problem, model)
-    lower, upper = np.maximum(lower, -reach) * scale, np.minimum(upper, reach) * scale
+    lower, upper = (scale * bound for bound in allowed_steps(problem, model))
     for _ in range(8):
         damped = normal + damping * np.eye(len(scale))
         step = -np.linalg.solve(damped, gradient)
@@ -364,9 +363,13 @@ def _least_gain(problem: Problem, residual: Array) -> float:
     return problem.least_gain + problem.slack * beyond
 
 
-def reach_of(model: Model) -> Array:
-    """(n + k,) largest step of each parameter: the slope of a weakly determined one is not valid far away."""
-    return LARGEST_STEP * _sizes(model)
+def allowed_steps(problem: Problem, model: Model) -> tuple[Array, Array]:
+    """The least and the largest step (n + k,) of each parameter: to its bounds, and while its slope is valid.
+
+    The slope of a weakly determined one is not valid far away.
+    """
+    reach, (lower, upper) = LARGEST_STEP * _sizes(model), steps_within(problem, model)
+    return np.maximum(lower, -reach), np.minimum(upper, reach)
 
 
 def _unseen(model: Model, jacobian: Array) -> np.ndarray[Any, np.dtype[np.bool_]]:
