@@ -4,7 +4,7 @@ VENV := .venv
 RUN := OMP_NUM_THREADS=1 $(VENV)/bin
 STAMPS := $(VENV)/stamps
 
-.PHONY: all demo test ci long descriptions descriptions-concealed prove thresholds ablations recoveries confusable servo served efficiency bench growth hour fuzz faults fleet cluster exports wheels lint clean
+.PHONY: all demo test ci long descriptions descriptions-concealed prove thresholds ablations recoveries confusable servo served efficiency bench planning growth hour fuzz faults fleet cluster exports wheels lint clean
 
 all: demo
 
@@ -93,6 +93,10 @@ efficiency: $(STAMPS)/test
 # `cafim estimate` and `mujoco.sysid` on the same recordings, in turn: time, error, coverage, convergence, memory.
 bench: $(STAMPS)/test
 	$(RUN)/python -m tests.benchmarks.peers $(BENCH)
+
+# How long a planning step takes beside its period, in all four scenarios.
+planning: $(STAMPS)/test
+	$(RUN)/python -m tests.benchmarks.planning $(PLANNING)
 
 # How the time and memory of a diagnosis grow with samples, joints and recordings, with fitted exponents;
 # `GROWTH=--short` takes about ten minutes.

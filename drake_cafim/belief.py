@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import norm
@@ -38,12 +39,13 @@ class Belief:
         """The prior of the free parameters, independent of each other."""
         return cls(parameters.names, parameters.mean, np.diag(parameters.std**2))
 
-    @property
+    @cached_property
     def information(self) -> Array:
-        """Σ⁻¹ (n, n); zero for a parameter without a prior (infinite std)."""
+        """Σ⁻¹ (n, n), read-only; zero for a parameter without a prior (infinite std)."""
         known = np.isfinite(np.diag(self.covariance))
         result = np.zeros_like(self.covariance)
         result[np.ix_(known, known)] = _inverse(self.covariance[np.ix_(known, known)])
+        result.setflags(write=False)
         return result
 
     @property

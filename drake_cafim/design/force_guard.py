@@ -45,6 +45,9 @@ def guarded_commands(
     axes; what is touched does not move.
     """
     away = _away(model, belief, robot_states, commands, limit, config)
+    pushed = np.any(away, axis=1)
+    if not pushed.any():
+        return commands
     less = np.linspace(0.0, 1.0, config.shares)[:, np.newaxis]
     against = np.minimum(np.einsum("bi,bi->b", commands, away), 0.0)[:, np.newaxis] * away
     sliding = commands - against
@@ -60,12 +63,12 @@ def guarded_commands(
     )
     # a robot that follows at once gets further in the first period, one that does not in the second
     before, after = robot_states[:, np.newaxis], retreat[:, np.newaxis]
-    followed = [_approach(before, tried, after, model.period, ramp, config) for ramp in (1e-6, config.ramp)]
-    risk = exceedance(model, belief, np.concatenate(followed, axis=2), limit).max(axis=-1)
+    followed = _approach(before, tried, after, model.period, (1e-6, config.ramp), config)
+    risk = exceedance(model, belief, followed, limit).max(axis=-1)
     held = risk <= config.probability
     best = np.where(held.any(axis=1), held.argmax(axis=1), risk.argmin(axis=1))
     chosen = np.take_along_axis(tried, best[:, np.newaxis, np.newaxis], axis=1)[:, 0]
-    return np.where(np.any(away, axis=1)[:, np.newaxis], chosen, commands)
+    return np.where(pushed[:, np.newaxis], chosen, commands)
 
 
 def exceedance(model: PlanningModel, belief: ForceBelief, robot_states: Array, limit: float) -> Array:
@@ -80,7 +83,7 @@ def _away(
 ) -> Array:
     """Unit vectors (B, nu) along the forces expected on the ways of `commands`; zero where none is possible."""
     before, onwards = robot_states[:, np.newaxis], commands[:, np.newaxis]
-    way = _approach(before, onwards, onwards, model.period, 1e-6, config)[:, 0]
+    way = _approach(before, onwards, onwards, model.period, (1e-6,), config)[:, 0]
     forces = predicted_forces(model, np.concatenate([before, way], axis=1), belief.theta)
     mean, variance = magnitude(belief, forces, limit)
     size = np.linalg.norm(forces, axis=-1)
@@ -93,24 +96,26 @@ def _away(
 
 
 def _approach(
-    robot_states: Array, commands: Array, retreat: Array, period: float, ramp: float, config: GuardConfig
+    robot_states: Array, commands: Array, retreat: Array, period: float, ramps: tuple[float, ...], config: GuardConfig
 ) -> Array:
-    """States (B, N, 2·instants, 2 nu) of a robot that ramps to each command in a period, to `retreat` in the next.
+    """States (B, N, 2·instants·R, 2 nu) of a robot that ramps to each command in a period, to `retreat` in the next.
 
-    From robot states (B, 1, 2 nu) to commands (B, N, nu), then to retreat (B, 1 or N, nu).
+    From robot states (B, 1, 2 nu) to commands (B, N, nu), then to retreat (B, 1 or N, nu); it takes `ramps`
+    (R,) s for a change, one after the other.
     """
     size = commands.shape[-1]
-    elapsed = (np.arange(1, config.instants + 1) / config.instants * period)[:, np.newaxis]
-    ramp = min(ramp, period)
-    whole = np.broadcast_to(robot_states, (*commands.shape[:2], 2 * size))
-    position, velocity = whole[..., :size], whole[..., size:]
-    states = []
-    for target in (commands, retreat):
-        change = (target - velocity)[..., np.newaxis, :]
-        inside = np.minimum(elapsed, ramp)
-        v = velocity[..., np.newaxis, :] + change * inside / ramp
-        p = position[..., np.newaxis, :] + velocity[..., np.newaxis, :] * elapsed
-        p = p + change * (0.5 * inside**2 / ramp + (elapsed - inside))
-        states.append(np.concatenate([p, v], axis=-1))
-        position, velocity = p[..., -1, :], v[..., -1, :]
-    return np.concatenate(states, axis=2)
+    elapsed = np.arange(1, config.instants + 1) / config.instants * period
+    ramp = np.minimum(ramps, period)[:, np.newaxis]
+    inside = np.minimum(elapsed, ramp)
+    changed = (inside / ramp)[..., np.newaxis]
+    moved = (0.5 * inside**2 / ramp + (elapsed - inside))[..., np.newaxis]
+    shape = (*commands.shape[:2], len(ramps), 1, size)
+    position = np.broadcast_to(robot_states[:, :, np.newaxis, np.newaxis, :size], shape)
+    velocity = np.broadcast_to(robot_states[:, :, np.newaxis, np.newaxis, size:], shape)
+    states = np.empty((*shape[:3], 2, config.instants, 2 * size))
+    for number, target in enumerate((commands, retreat)):
+        change = target[:, :, np.newaxis, np.newaxis] - velocity
+        states[..., number, :, :size] = position + velocity * elapsed[:, np.newaxis] + change * moved
+        states[..., number, :, size:] = velocity + change * changed
+        position, velocity = states[..., number, -1:, :size], states[..., number, -1:, size:]
+    return states.reshape(*shape[:2], -1, 2 * size)
