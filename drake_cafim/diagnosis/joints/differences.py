@@ -1,7 +1,7 @@
 """Derivatives of whitened rows by central differences: by unknowns, and by strengths without an analytic derivative."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +11,7 @@ from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.rows.initial_uncertainty import has_unknown_start
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.whitened_run import Run
+from drake_cafim.dynamics.contact import SphereContact
 from drake_cafim.effects.effect import Effect
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.scene import Scene
@@ -68,7 +69,7 @@ class Differences:
     def _difference(self, model: Model, index: int, step: float) -> Array:
         up, down, taken = _either_side(self.scene, model, index, step)
         if not has_unknown_start(up.physics(self.scene)):
-            return self._change_of(up, down, WeakForm.residual) / taken
+            return self._change_of(up, down, _change_of_rows) / taken
         ahead, widths = self._residual(up, [None] * len(self.runs))
         # the likelihood is maximal in the widths, so that its derivative is the one at constant widths
         behind, _ = self._residual(down, widths)
@@ -76,12 +77,12 @@ class Differences:
         possible = np.all(np.isfinite(ahead)) and np.all(np.isfinite(behind))
         return (ahead - behind) / taken if possible else np.zeros(len(ahead))
 
-    def _change_of(self, up: Model, down: Model, rows: Callable[[WeakForm, Physics], Array]) -> Array:
-        """(R + n,) difference between two models of each recording's `rows` (M, r), whitened, and of prior rows."""
+    def _change_of(self, up: Model, down: Model, change_of: Callable[[WeakForm, Physics, Physics], Array]) -> Array:
+        """(R + n,) difference between two models of each recording's rows (M, r), whitened, and of prior rows."""
         ahead, behind = up.physics(self.scene), down.physics(self.scene)
         parts = []
         for run in self.runs:
-            change = rows(run.weak, ahead) - rows(run.weak, behind)
+            change = change_of(run.weak, ahead, behind)
             # most changes affect only some of the recordings, and whitening zeros takes time
             parts.append(run.whitened(change) if np.any(change) else np.zeros(run.rows))
         return np.concatenate([*parts, self.prior_rows(up) - self.prior_rows(down)])
@@ -96,7 +97,41 @@ class Differences:
     def _contact_difference(self, model: Model, index: int, step: float) -> Array:
         """(R + n,) derivative by a parameter that enters the contact rows only."""
         up, down, taken = _either_side(self.scene, model, index, step)
-        return self._change_of(up, down, WeakForm.contact_rows) / taken
+        return self._change_of(up, down, _change_of_contacts) / taken
+
+
+def _change_of_contacts(weak: WeakForm, ahead: Physics, behind: Physics) -> Array:
+    """(M, r) the difference of the terms of contacts."""
+    return weak.contact_rows(ahead) - weak.contact_rows(behind)
+
+
+def _change_of_rows(weak: WeakForm, ahead: Physics, behind: Physics) -> Array:
+    """(M, r) the difference of the residual; the terms of contacts take most of the time, and often are the same."""
+    change = weak.rows_beside_contacts(ahead) - weak.rows_beside_contacts(behind)
+    return change if _touch_alike(weak, ahead, behind) else change + _change_of_contacts(weak, ahead, behind)
+
+
+def _touch_alike(weak: WeakForm, ahead: Physics, behind: Physics) -> bool:
+    """Whether contacts are known to push, and wrench sensors to read, the same under both."""
+    return (
+        weak.terms(ahead).moving is weak.terms(behind).moving
+        and np.array_equal(ahead.effort_gains, behind.effort_gains)
+        and _numbers_of(ahead.sensors) == _numbers_of(behind.sensors)
+        and len(ahead.contacts) == len(behind.contacts)
+        and all(_is_same_contact(*both) for both in zip(ahead.contacts, behind.contacts, strict=True))
+    )
+
+
+def _is_same_contact(first: SphereContact, second: SphereContact) -> bool:
+    """Whether both have the same numbers; of what was made anew, as a surface that was moved, this is not known."""
+    if first is second:
+        return True
+    parts = [(vars(first)[field.name], vars(second)[field.name]) for field in fields(first) if field.name != "changes"]
+    return type(first) is type(second) and all(a is b for a, b in parts) and first.changes == second.changes
+
+
+def _numbers_of(effects: Sequence[Effect]) -> list[Any]:
+    return [(effect.key, dict(effect.values)) for effect in effects]
 
 
 def _step_of(model: Model, position: int, k: int) -> tuple[int, float]:

@@ -113,6 +113,10 @@ class WeakForm:
 
     def residual(self, physics: Physics) -> Array:
         """All rows (M, r) of each window: kinematic, dynamic, then each sensor's wrench."""
+        return self.rows_beside_contacts(physics) + self.contact_rows(physics)
+
+    def rows_beside_contacts(self, physics: Physics) -> Array:
+        """(M, r) the residual without the terms of `contact_rows`."""
         terms = self.terms(physics)
         dynamic = terms.inertial.of(physics.tree, physics.gravity)
         dynamic = dynamic - terms.rows.rate_of_velocity * physics.rotor_inertias
@@ -126,7 +130,7 @@ class WeakForm:
         if kinematic.size:
             kinematic = kinematic - terms.driven.steps(physics) * terms.louder
         rows = [kinematic, dynamic / physics.effort_gains]
-        return np.concatenate([*rows, *terms.rows.read], axis=1) + self.contact_rows(physics)
+        return np.concatenate([*rows, *terms.rows.read], axis=1)
 
     def contact_rows(self, physics: Physics) -> Array:
         """(M, r) the terms of contacts: generalised forces in dynamic rows, predicted readings in wrench rows."""
