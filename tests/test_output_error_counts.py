@@ -135,18 +135,19 @@ def test_several_servos_follow_the_law_of_each() -> None:
         2: Servo("c", 3.0, 0.2),
         0: Servo("a", 8.0, 0.1, limit=1.5, sag=0.3),
         1: Servo("b", 5.0, 0.0, limit=0.4, dead_band=0.05),
+        3: Servo("d", 6.0, 0.1, stall_torque=1.2, no_load_speed=0.8),
     }
-    command, q, v, effort, offset = random.normal(size=(5, 50, 4))
-    gain, supply, scale = random.uniform(0.5, 1.5, size=(3, 50, 4))
-    on, duration = (random.uniform(size=(50, 4)) > 0.3).astype(float), random.uniform(1e-3, 2e-3, 50)
-    numbers = np.array([[own.stiffness, own.damping, own.limit, own.dead_band, own.sag] for own in servos.values()])
+    command, q, v, effort, offset = random.normal(size=(5, 50, 5))
+    gain, supply, scale = random.uniform(0.5, 1.5, size=(3, 50, 5))
+    on, duration = (random.uniform(size=(50, 5)) > 0.3).astype(float), random.uniform(1e-3, 2e-3, 50)
+    numbers = np.array([own.numbers for own in servos.values()])
     inputs = (on, command, gain, supply, scale, offset)
     total, slope = drive_servos(np.array([*servos]), numbers, *inputs, q, v, effort, duration)
     for j, servo in servos.items():
         own = servo.effort(command[:, j], scale[:, j] * q[:, j] + offset[:, j], v[:, j], gain[:, j], supply[:, j])
         assert np.allclose(total[:, j], effort[:, j] + on[:, j] * own.value, rtol=1e-13)
         assert np.allclose(slope[:, j], on[:, j] * (own.d_v + 0.5 * duration * scale[:, j] * own.d_q), rtol=1e-13)
-    assert np.array_equal(total[:, 3], effort[:, 3]) and not np.any(slope[:, 3])
+    assert np.array_equal(total[:, 4], effort[:, 4]) and not np.any(slope[:, 4])
 
 
 def test_a_friction_that_sticks_is_tried_beside_the_grid_of_its_law() -> None:

@@ -7,18 +7,31 @@ import pytest
 import yaml
 
 from drake_cafim import recordings
+from drake_cafim.diagnosis.fit.fitting import fit
 from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scene.scene import Scene
 from tests.concealed import served_case
 from tests.concealed.make import make
 from tests.concealed.served_case import QUANTUM
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("null", 905), ("single:command_lag", 905), ("single:command_delay", 903)])
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [
+        ("null", 905),
+        ("single:command_lag", 905),
+        ("single:command_delay", 903),
+        ("single:actuator_speed_limit", 0xF61252CBAA935F18730E5AAEEB6796C3),
+    ],
+)
 def test_steps_of_commands_within_the_sampling_are_integrated_exactly(
     kind: str, seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What joints make of a step between two samples, too: each takes a part of it back by its own motion."""
+    """What joints make of a step between two samples, too: each takes a part of it back by its own motion.
+
+    At the envelope of its motor, a joint takes back less.
+    """
     monkeypatch.setattr(served_case, "QUANTUM", 1e-9)
     case = make(kind, "served3", seed)
     case.write(tmp_path)
@@ -32,3 +45,22 @@ def test_steps_of_commands_within_the_sampling_are_integrated_exactly(
     problem = prepare(Scene.load(tmp_path / "scenario.yaml"), own).problem()
     rows = problem.rows_of(problem.nominal())
     assert np.mean(rows**2) < 0.02
+
+
+def test_a_motors_envelope_is_part_of_its_servo(tmp_path: Path) -> None:
+    """It is fitted exactly from a start that is off, and acts as its name says though it takes nothing off any more."""
+    case = make("single:actuator_speed_limit", "served2", 4001)
+    case.write(tmp_path)
+    [truth] = case.truth["effects"]  # type: ignore[attr-defined]
+    values = {name: value for name, (value, _) in truth["parameters"].items()}
+    own = [recordings.read(path) for path in sorted(tmp_path.glob("train*"))]
+    problem = prepare(Scene.load(tmp_path / "scenario.yaml"), own).problem()
+    envelope = effect_named(truth["effect"])
+    start = envelope(truth["at"], {name: 0.9 * value for name, value in values.items()})
+    found = fit(problem, problem.nominal().with_effects((start,))).model
+    [fitted] = found.effects
+    assert fitted.values["stall_torque"] == pytest.approx(values["stall_torque"], rel=0.01)
+    assert fitted.values["no_load_speed"] == pytest.approx(values["no_load_speed"], rel=0.1)
+    assert problem.plausible(found)
+    idle = envelope(truth["at"], {name: 10.0 * value for name, value in values.items()})
+    assert not problem.plausible(problem.nominal().with_effects((idle,)))

@@ -85,6 +85,9 @@ def test_columns_are_those_of_differences(tmp_path: Path, measured: bool, effect
     differences = Differences(problem.scene, problem.runs, lambda model: np.zeros(0))
     for i, unknown in enumerate(problem.scene.unknown):
         found = problem._by_unknowns.servos.by_unknown(model, i)
+        if effects == "speed limit":
+            assert found is None  # the instants at which an effort enters the envelope move
+            continue
         assert found is not None
         step = 1e-4 * model.unknown[i]
         expected = differences._difference(model, i, step)

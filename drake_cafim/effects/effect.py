@@ -186,6 +186,8 @@ class Effect(ABC):
     """Whether inertia or gravity is another under it, and with it the noise of motion in the equations."""
     late: ClassVar[bool] = False
     """Whether it is a sensor effect that records values, and their noise, at a shifted or filtered time."""
+    bounds_effort: ClassVar[bool] = False
+    """Whether it takes off what an actuator's effort is beyond its bounds, and nothing else."""
     needs_motion: ClassVar[bool] = False
     """Whether it acts through changes of a motion or an effort alone: at a joint that rests, these are noise that a
     controller feeds back, and go with the noise of the samples."""

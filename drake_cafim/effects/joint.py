@@ -10,6 +10,7 @@ import numpy as np
 from drake_cafim.effects.effect import Effect, P, Place, Start, Strength
 from drake_cafim.effects.joint_samples import Force, JointSamples
 from drake_cafim.effects.mean_sign import mean_sides
+from drake_cafim.effects.servo import Servo
 from drake_cafim.typing import Array
 
 SLIP_VELOCITY = Strength(
@@ -59,6 +60,10 @@ class JointForce(Effect):
     @abstractmethod
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "JointForce":
         """The effect whose force is `columns @ coefficients`, for the columns of the start with this `shape`."""
+
+    def bounded(self, servo: Servo) -> Servo:
+        """The servo at this joint with the law's bounds of its effort; only of a law that `bounds_effort`."""
+        raise TypeError(f"effect {self.name}: it does not bound the effort")
 
     def plausible_over(self, joint: JointSamples) -> bool:
         """Whether values fitted over this motion still describe the phenomenon of the effect's name."""

@@ -1,7 +1,7 @@
 """The torque–speed envelope of an electric actuator."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from drake_cafim.effects.effect import Place, Start, Strength
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.joint_samples import Force, JointSamples
+from drake_cafim.effects.servo import Servo
 from drake_cafim.typing import Array
 
 
@@ -24,6 +25,7 @@ class ActuatorSpeedLimit(JointForce):
     family: ClassVar[str] = "actuator"
     shown_over: ClassVar[str] = "variable"
     all_but_linear: ClassVar[bool] = False
+    bounds_effort: ClassVar[bool] = True
     strengths: ClassVar[tuple[Strength, ...]] = (
         Strength(
             "no_load_speed", "rad/s", 10.0, lower=1e-3, upper=1e4, nominal=1e3, amplitude=False, linear_unit="m/s"
@@ -52,6 +54,9 @@ class ActuatorSpeedLimit(JointForce):
         return Force(
             value, np.zeros_like(value), by_v, np.where(high | low, -1.0, 0.0), np.stack([by_speed, by_stall], axis=1)
         )
+
+    def bounded(self, servo: Servo) -> Servo:
+        return replace(servo, stall_torque=self.values["stall_torque"], no_load_speed=self.values["no_load_speed"])
 
     def starts(self, joint: JointSamples) -> Iterator[Start]:
         fastest = float(np.max(np.abs(joint.v), initial=0.0))

@@ -86,13 +86,25 @@ class Physics:
                 servo = effect.of(servo)
         return servo
 
+    def bounds_servo(self, law: JointForce) -> bool:
+        """Whether the law bounds the effort of a servo directly, with no actuator effect in between."""
+        driven = any(servo.joint == law.at for servo in self.servos)
+        return law.bounds_effort and driven and not any(effect.at == law.at for effect in self.actuators)
+
+    def bounded_servo_at(self, joint: str) -> Servo:
+        """`servo_at` within the bounds of its effort; of what is within them, the law that has them takes nothing."""
+        servo = self.servo_at(joint)
+        for law in self.joint_forces:
+            if law.at == joint and self.bounds_servo(law):
+                servo = law.bounded(servo)
+        return servo
+
     @cached_property
     def servo_numbers(self) -> tuple[Indices, Array]:
-        """The joints (m,) that servos drive, and (m, 5) the numbers of these, as `drive_servos` takes them."""
+        """The joints (m,) that servos drive, and (m, 7) the numbers of these, as `drive_servos` takes them."""
         servos = [self.servo_at(servo.joint) for servo in self.servos]
         joints = np.array([self.tree.joint_index(own.joint) for own in servos], dtype=np.int64)
-        numbers = [(own.stiffness, own.damping, own.limit, own.dead_band, own.sag) for own in servos]
-        return joints, np.array(numbers, dtype=float).reshape(-1, 5)
+        return joints, np.array([own.numbers for own in servos], dtype=float).reshape(-1, 7)
 
     @property
     def depends_on_load(self) -> bool:

@@ -36,13 +36,14 @@ class Differences:
             # effects of contact change when a surface is touched, and so all derivatives by contact parameters
             return self._contact_difference(model, i, 1e-2 * self.scene.priors.std[i])
         # rows are linear in masses and nearly so in the rest: one derivative per whitening serves every later step; but
-        # it contains the channels' noise, which a delay or lag of a sensor moves to another time
-        late = tuple(
+        # it contains the channels' noise, which a delay or lag of a sensor moves to another time, and numbers of servos
+        # act only where their efforts are not bounded
+        bending = tuple(
             (effect.key, *(float(f"{value:.2g}") for value in effect.values.values()))
             for effect in model.effects
-            if effect.late
+            if effect.late or effect.bounds_effort
         )
-        kind = late, model.free
+        kind = bending, model.free
         if self._unknown_columns.get(i, (None,))[0] != kind:
             # without effects that impact, since the smallest change of a mass moves an impact in time
             smooth = replace(model, effects=tuple(effect for effect in model.effects if not effect.impacts))

@@ -26,7 +26,8 @@ class ServoColumns:
     def by_unknown(self, model: Model, i: int) -> Array | None:
         """(R,) derivative by the unknown with index `i`; None unless it is a servo's number that has an analytic one.
 
-        A servo with sag has none, nor has one whose effort an actuator effect changes.
+        A servo with sag has none, nor has one whose effort an actuator effect changes. Where a motor's envelope bounds
+        the effort at a joint, what that takes back of the steps of any servo changes, and none has one.
         """
         unknown, physics = self.scene.unknown[i], model.physics(self.scene)
         parameter = FIELDS.get(unknown.parameter)
@@ -34,6 +35,8 @@ class ServoColumns:
             return None
         servo, acting = next(own for own in physics.servos if own.joint == unknown.at), physics.servo_at(unknown.at)
         if any(effect.at == unknown.at for effect in physics.actuators) or acting.sag > 0.0 or servo.stiffness == 0.0:
+            return None
+        if any(physics.bounded_servo_at(own.joint).is_in_envelope for own in physics.servos):
             return None
         key = _key(physics)
         if self._cached.get(i, (None,))[0] != key:

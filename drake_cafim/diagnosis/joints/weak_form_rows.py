@@ -250,6 +250,9 @@ class _Plausible(ByKind[bool]):
 
     def joint_force(self, effect: JointForce) -> bool:
         physics, joint = self.model.physics(self.problem.scene), self.problem.scene.tree.joint_index(effect.at)
+        if physics.bounds_servo(effect):
+            # where it acts shows in the effort that it has not bounded yet
+            physics = self.model.without(effect).physics(self.problem.scene)
         together = concatenate([run.weak.joint_samples(physics)[joint] for run in self.problem.runs])
         if not effect.plausible_over(together):
             return False
@@ -291,7 +294,9 @@ class _KnownColumns(ByKind[Array | None]):
             columns.append(known.inertials.change(ahead, behind) / taken if taken else np.zeros(self.problem.rows))
         return np.stack(columns, axis=1)
 
-    def joint_force(self, effect: JointForce) -> Array:
+    def joint_force(self, effect: JointForce) -> Array | None:
+        if self.physics.bounds_servo(effect):
+            return None
         joint = self.problem.scene.tree.joint_index(effect.at)
         laws = [effect.force(run.weak.law_samples(self.physics)[joint]) for run in self.problem.runs]
         return self.problem.joint_columns(joint, [law.d_strengths for law in laws])

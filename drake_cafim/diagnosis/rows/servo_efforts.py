@@ -193,7 +193,7 @@ class ServoMotion:
     def _servo(self, physics: Physics, joint: int) -> tuple[Servo, Effort]:
         """The servo at a joint, and the commanded position that it follows."""
         name = physics.tree.joints[joint].name
-        return physics.servo_at(name), followed(physics, name, self.commands[joint].over(self.time))
+        return physics.bounded_servo_at(name), followed(physics, name, self.commands[joint].over(self.time))
 
     def _read(self, joint: int) -> tuple[Array, Array]:
         return self.q[:, joint], self.v[:, joint]
@@ -238,7 +238,7 @@ def _bends_at_edges(servo: Servo, command: Command, sent: Effort, time: Array, q
     levels = [servo.dead_band] if servo.dead_band > 0.0 else []
     if np.isfinite(servo.limit):
         levels.append(np.nan)  # depends on the gain, below
-    if not levels:
+    if not levels and not servo.is_in_envelope:
         return None
     knots = np.unique(np.concatenate([time, sent.times[(sent.times > time[0]) & (sent.times < time[-1])]]))
     held = np.clip(np.searchsorted(sent.times, knots[:-1], side="right") - 1, 0, None)
@@ -246,7 +246,9 @@ def _bends_at_edges(servo: Servo, command: Command, sent: Effort, time: Array, q
     begin, end = (goal[:-1], goal[1:]) if sent.ramped else (sent.values[held], sent.values[held])
     at = np.interp(knots, time, q)
     before, after, lasting = begin - at[:-1], end - at[1:], np.diff(knots)
-    speed, gain, supply = (np.interp(knots[:-1], time, channel) for channel in (v, command.gain, command.supply))
+    moving = np.interp(knots, time, v)
+    speed, faster = moving[:-1], moving[1:]
+    gain, supply = (np.interp(knots[:-1], time, channel) for channel in (command.gain, command.supply))
     instants, bends, later = [], [], []
     for level in levels:
         edge, by_stiffness = np.full_like(before, level), np.zeros_like(before)
@@ -265,12 +267,31 @@ def _bends_at_edges(servo: Servo, command: Command, sent: Effort, time: Array, q
             instants.append(knots[k] + (side[k] - before[k]) / rate)
             bends.append((slopes[0] - slopes[1]) * rate)
             later.append(sign_of_side * by_stiffness[k] / rate)
+    if servo.is_in_envelope:
+        free = replace(servo, stall_torque=np.inf)
+        efforts = [
+            free.effort(*at, gain, supply).value for at in ((before, 0.0 * before, speed), (after, 0.0 * after, faster))
+        ]
+        for side in (1.0, -1.0):
+            bounds = [
+                servo.stall_torque * np.maximum(1.0 - side * at / servo.no_load_speed, 0.0) for at in (speed, faster)
+            ]
+            inside, onwards = (side * effort - bound for effort, bound in zip(efforts, bounds, strict=True))
+            k = np.flatnonzero(inside * onwards < 0.0)
+            rate = (onwards[k] - inside[k]) / lasting[k]
+            instants.append(knots[k] - inside[k] / rate)
+            bends.append(-side * np.abs(rate))
+            later.append(0.0 * rate)
     # a step of the command may cross an edge as well
-    rates = (after - before) / lasting
-    slopes = [servo.effort(error, 0.0 * error, speed, gain, supply).d_command for error in (before, after)]
-    crossed = np.flatnonzero(slopes[0][1:] != slopes[1][:-1])
+    rates, accelerations = (after - before) / lasting, (faster - speed) / lasting
+    begins, ends = (
+        servo.effort(error, 0.0 * error, at, gain, supply) for error, at in ((before, speed), (after, faster))
+    )
+    change = (begins.d_command[1:] - ends.d_command[:-1]) * 0.5 * (rates[1:] + rates[:-1])
+    change = change + (begins.d_v[1:] - ends.d_v[:-1]) * 0.5 * (accelerations[1:] + accelerations[:-1])
+    crossed = np.flatnonzero(begins.d_command[1:] != ends.d_command[:-1])
     instants.append(knots[1:-1][crossed])
-    bends.append(((slopes[0][1:] - slopes[1][:-1]) * 0.5 * (rates[1:] + rates[:-1]))[crossed])
+    bends.append(change[crossed])
     later.append(np.zeros(len(crossed)))
     times, bent = np.concatenate(instants), np.concatenate(bends)
     if not len(times):
@@ -308,6 +329,7 @@ def mean_around(signal: Effort, time: Array) -> Array:
 
 def servo_key(physics: Physics) -> tuple[object, ...]:
     """All numbers that the efforts of servos and the loads from outside depend on, as a key of a cache."""
+    servos = tuple(physics.bounded_servo_at(servo.joint) for servo in physics.servos)
     effects = ((effect.key, *effect.values.items()) for effect in physics.servo_effects)
     contacts = (str(contact) for contact in physics.contacts)
-    return (physics.servos, *effects, physics.tree.inertial_parameters.tobytes(), physics.gravity.tobytes(), *contacts)
+    return (servos, *effects, physics.tree.inertial_parameters.tobytes(), physics.gravity.tobytes(), *contacts)
