@@ -361,8 +361,8 @@ ARC_RESTART_CHI_SQUARE = 3.0
 """χ² per degree of freedom of an arc, over the larger of 1 and the arcs' median, beyond which its initial state is
 fitted from another start. Unit: 1. Not calibrated: chosen."""
 ARC_RESTART_CHI_SQUARE_SHARE = 0.5
-"""Largest χ² from the other start over that from the first one, for the other start to be used. Unit: 1. Not
-calibrated: chosen."""
+"""Largest χ² from the other start over that from the first one, for the other start to be used; of fits with effects,
+of what χ² exceeds the number of rows by. Unit: 1. Not calibrated: chosen."""
 
 # First-order tests of effects that are simulated as a whole
 

@@ -81,6 +81,10 @@ class Problem(ABC):
     def jacobian(self, model: Model) -> Array:
         """∂residual/∂(unknowns, strengths), (R + n, n + k)."""
 
+    def better_start(self, model: Model) -> Model | None:
+        """From where another fit comes to a far lower minimum than `model`, a fitted one; None where none is known."""
+        return None
+
     def has_other_noise(self, model: Model) -> bool:
         """Whether the noise of the rows under `model` is so different that tests of it need its own whitening."""
         return False

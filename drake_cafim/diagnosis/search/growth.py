@@ -8,6 +8,7 @@ from drake_cafim.diagnosis.fit.evidence import UNDER_ITS_OWN_NOISE, Check, check
 from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.fit.screening import Candidate
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import candidate_decisions, decisions
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.diagnosis.search.state import State
@@ -60,6 +61,7 @@ def _tested(state: State, best: Fit, larger: Fit) -> list[Check]:
 def _expand(state: State, depth: int) -> None:
     """Replaces the frontier by the best explanations with one more effect, `depth` in all."""
     found: dict[frozenset[Key], Fit] = {}
+    promised: dict[frozenset[Key], float] = {}
     for parent in state.frontier:
         present = parent.model.keys
         candidates = state.screen(parent)
@@ -71,7 +73,12 @@ def _expand(state: State, depth: int) -> None:
             state.progress(f"{depth} effect{'s' * (depth > 1)}: {candidate.effect.name} at {candidate.effect.at}")
             grown = fit(state.problem, parent.model.with_effects([candidate.effect]), tolerance=CONVERGED)
             if state.problem.plausible(grown.model):
-                found[key] = grown
+                found[key], promised[key] = grown, parent.chi_square - candidate.gain
+    least = min((explanation.chi_square for explanation in found.values()), default=0.0)
+    for key, explanation in found.items():
+        # an exact fit that ended elsewhere than the first order, which promises the best of all, is begun again
+        if promised[key] < min(least, explanation.chi_square):
+            found[key] = _begun_again(state.problem, explanation)
     ranked = state.ranked(found.values())
     carried_on = [
         fit_shapes(state.problem, explanation, None, CONVERGED) for explanation in ranked[: state.settings.beam]
@@ -80,6 +87,15 @@ def _expand(state: State, depth: int) -> None:
         state.pool.add(explanation)
     state.frontier = state.ranked(carried_on)
     state.trace.add(*decisions.record_fits(ranked, state.settings.beam, state.cost(1.0)))
+
+
+def _begun_again(problem: SearchProblem, found: Fit) -> Fit:
+    """The fit from a better start than that of `found`, where there is one and the fit from there is plausible."""
+    start = problem.better_start(found.model)
+    if start is None:
+        return found
+    again = fit(problem, start, tolerance=CONVERGED)
+    return again if again.chi_square < found.chi_square and problem.plausible(again.model) else found
 
 
 def _is_far_less(state: State, parent: Fit, found: Iterable[Fit], candidate: Candidate) -> bool:

@@ -13,9 +13,15 @@ import numpy as np
 from drake_cafim.diagnosis.fit.fitting import fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
+from drake_cafim.diagnosis.thresholds import ARC_RESTART_CHI_SQUARE_SHARE
 from drake_cafim.diagnosis.tosses.arcs import Arcs
 from drake_cafim.diagnosis.tosses.free_body import FreeBody
-from drake_cafim.diagnosis.tosses.initial_states import FittedArcs, fit_initial_states, shoot_from_better_start
+from drake_cafim.diagnosis.tosses.initial_states import (
+    FittedArcs,
+    fit_initial_states,
+    shoot_from_better_start,
+    shoot_from_predicted_start,
+)
 from drake_cafim.diagnosis.tosses.jacobian import number_columns
 from drake_cafim.diagnosis.tosses.poses import PoseNoise
 from drake_cafim.diagnosis.tosses.simulated_arcs import Shot
@@ -119,6 +125,23 @@ class ArcRows(Problem):
         """The problem of the same arcs, linearised under another model."""
         return self.linearised_at(self.scene, self.arcs, self.noise, model, self.shot(model).start)
 
+    def better_start(self, model: Model) -> Model | None:
+        """The fit to arcs that are fitted anew under `model`, where it halves the excess of χ² over the number of rows.
+
+        Fits of `self` go on from its arcs. While a fit changes the parameters, an arc's initial state takes a few steps
+        only: one that is on the wrong side of an edge stays there, and better parameters then fit worse.
+        """
+        left = self.rows_of(model)
+        excess = float(left @ left) - self.rows
+        if excess <= 0.0:
+            return None
+        anew = self.rewhitened(model)
+        better = fit(anew, model)
+        if not better.chi_square - self.rows < ARC_RESTART_CHI_SQUARE_SHARE * excess:
+            return None
+        self.seed(better.model, anew.shot(better.model))
+        return better.model
+
     def plausible(self, model: Model) -> bool:
         return all(effect.plausible() for effect in model.effects)
 
@@ -176,7 +199,7 @@ class ArcRows(Problem):
         else:
             before = linearisation.fitted
             start = before.predict_start(linearisation.by_numbers @ (model.vector - linearisation.vector))
-            shot = Shot.of(self.arcs, self.noise, physics, start, memory)
+            shot = shoot_from_predicted_start(before, physics, start, memory)
         fitted = FittedArcs.of(shot, self.base.innovation, before.damping)
         for _ in range(CORRECTIONS):
             if not np.any(fitted.improvable):

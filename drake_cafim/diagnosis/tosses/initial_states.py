@@ -144,6 +144,20 @@ def shoot_from_better_start(
     return select_arcs(_cost(guessed) < _cost(shot), guessed, shot)
 
 
+def shoot_from_predicted_start(before: FittedArcs, physics: Physics, start: State, memory: Array | None) -> Shot:
+    """The arcs simulated from `start`, predicted to first order beside `before`; where far worse, from its own starts.
+
+    A prediction ends anywhere where a small change of an initial state moves an arc to another side of an edge.
+    """
+    shot = Shot.of(before.shot.arcs, before.shot.noise, physics, start, memory)
+    worse = ARC_RESTART_CHI_SQUARE_SHARE * _cost(shot) > before.cost
+    if not np.any(worse):
+        return shot
+    unmoved = shot.simulate_again(worse, before.shot.start, memory)
+    better = _cost(unmoved) < _cost(shot)
+    return select_arcs(better, unmoved, shot) if np.any(better) else shot
+
+
 def _cost(shot: Shot) -> Array:
     """χ² of each arc, (B,); infinite where it is not a number."""
     cost = np.sum(shot.rows**2, axis=(1, 2))
