@@ -13,7 +13,11 @@ from tests.concealed_case import written
 
 @pytest.mark.parametrize(
     ("effect", "seed", "parameter"),
-    [("command_rate_limit", 906, "rate"), ("command_acceleration_limit", 931, "acceleration")],
+    [
+        ("command_rate_limit", 906, "rate"),
+        ("command_acceleration_limit", 931, "acceleration"),
+        ("command_rate_limit", 0x3F6C07E6CE6B46C9A6F5F622C63E0C34, "rate"),  # slower than the command ever is
+    ],
 )
 def test_the_bound_is_the_true_one(effect: str, seed: int, parameter: str, tmp_path: Path) -> None:
     case = make(f"single:{effect}", f"served{2 + seed % 2}", seed)
@@ -25,3 +29,19 @@ def test_the_bound_is_the_true_one(effect: str, seed: int, parameter: str, tmp_p
     (found,) = screen(problem, nominal, own)
     assert found.effect.values[parameter] == pytest.approx(true["parameters"][parameter][0], rel=2e-3)
     assert found.gain > 0.99 * nominal.chi_square
+
+
+def test_a_motors_envelope_is_fitted_from_its_first_order_start(tmp_path: Path) -> None:
+    """Efforts that jump between few levels have no quantile near the stall torque."""
+    case = make("single:actuator_speed_limit", "served2", 0x58CC2F18066F6F4AF440F7165A2BB646)
+    scene, train = written(case, tmp_path)
+    problem = prepare(scene, train).problem()
+    (true,) = case.truth["effects"]  # type: ignore[attr-defined]
+    nominal = fit(problem, problem.nominal())
+    own = [tried for tried in problem.hypotheses() if tried.key == ("actuator_speed_limit", true["at"])]
+    (started,) = screen(problem, nominal, own)
+    found = fit(problem, nominal.model.with_effects([started.effect]))
+    assert found.chi_square < problem.rows
+    assert found.model.effects[0].values["stall_torque"] == pytest.approx(
+        true["parameters"]["stall_torque"][0], rel=0.05
+    )

@@ -84,7 +84,7 @@ APPROXIMATION = {
     "joints/other_noise.py": "INSTANTS",
     "joints/pulses.py": "TAIL DECAYED_SHARE",
     "joints/problem.py": "REALISATIONS REALISED_NUMBERS",
-    "joints/servo_looks.py": "TRACKED MOST_TRACKED SCANS EACH_SIDE",
+    "joints/servo_looks.py": "TRACKED SLOWEST MOST_TRACKED SCANS EACH_SIDE",
     "output_error/starts.py": "SHARE",
     "output_error/errors.py": "FINE_STEP FINEST_STEP",
     "output_error/problem.py": "RELATIVE_STEP",

@@ -67,11 +67,15 @@ class ActuatorSpeedLimit(JointForce):
                 stall = float(np.quantile(needed, share))
                 if stall > 0.0:
                     shape = {"no_load_speed": speed, "stall_torque": stall}
-                    yield Start(type(self)(self.at, shape).force(joint).value[:, None], shape)
+                    law = type(self)(self.at, shape).force(joint)
+                    yield Start(np.stack([law.value, law.d_strengths[:, 1]], axis=1), shape)
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "ActuatorSpeedLimit":
-        # the coefficient is about 1 if this envelope acts; a start need not be exact
-        return self.with_values(shape)
+        """Where the same samples are at the envelope it is linear in the stall torque: L(T′) = L(T) + (T′ − T) ∂L/∂T."""
+        acting, added = coefficients.tolist()
+        stall = shape["stall_torque"] + (added / acting if acting > 0.0 else 0.0)
+        # a stall torque below nothing is no step within the linear range; a start need not be exact
+        return self.with_values({**shape, "stall_torque": stall if stall > 0.0 else shape["stall_torque"]})
 
     def plausible_over(self, joint: JointSamples) -> bool:
         return bool(np.any(self.force(joint).d_u < 0.0))

@@ -15,8 +15,10 @@ from drake_cafim.effects.servo_effect import ServoEffect
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
-TRACKED = 80
+TRACKED = 120
 """Values of a profile's bound whose profiles are compared with the joint's positions."""
+SLOWEST = 0.125
+"""The least of them, over the least of the effect's own looks: a command may never be as slow as what follows it."""
 MOST_TRACKED = 3
 """Most of them, those that the positions follow best, that are tested."""
 SCANS = (0.06, 0.015, 0.004, 0.001)
@@ -85,13 +87,13 @@ def _at(values: Mapping[str, float]) -> tuple[Direction]:
 def _tracked(
     effect: ServoEffect, about: Sequence[Mapping[str, float]], driven: Sequence[Samples], joint: int
 ) -> list[dict[str, float]]:
-    """The values, between the least and the largest `about`, of which the positions follow the profile best.
+    """The values, from `SLOWEST` of the least to the largest `about`, of which the positions follow the profile best.
 
     The joint's position is taken for a combination of the profile's position, velocity and acceleration.
     """
     (name,) = about[0]
     bounds = [values[name] for values in about]
-    levels = np.geomspace(min(bounds), max(bounds), TRACKED)
+    levels = np.geomspace(SLOWEST * min(bounds), max(bounds), TRACKED)
     missed = np.zeros(TRACKED)
     for k, level in enumerate(levels):
         for samples in driven:
