@@ -71,7 +71,7 @@ class ActuatorSpeedLimit(JointForce):
                     yield Start(np.stack([law.value, law.d_strengths[:, 1]], axis=1), shape)
 
     def from_coefficients(self, coefficients: Array, shape: Mapping[str, float]) -> "ActuatorSpeedLimit":
-        """While the same samples are at the envelope, L is linear in the stall torque: L(T′) = L(T) + (T′ − T) ∂L/∂T."""
+        """While the same samples are at the envelope, L(T′) = L(T) + (T′ − T) ∂L/∂T in the stall torque T."""
         acting, added = coefficients.tolist()
         stall = shape["stall_torque"] + (added / acting if acting > 0.0 else 0.0)
         # a stall torque below nothing is no step within the linear range; a start need not be exact
