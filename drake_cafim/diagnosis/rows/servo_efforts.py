@@ -6,7 +6,7 @@ The effort also bends where it enters or leaves its limit or the dead band: what
 split off as well.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -17,7 +17,7 @@ from drake_cafim.effects.servo import Servo, ServoEffort
 from drake_cafim.effects.step_response import Answers, StepResponse
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.scene.driving import Command
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -268,20 +268,11 @@ def _bends_at_edges(servo: Servo, command: Command, sent: Effort, time: Array, q
             bends.append((slopes[0] - slopes[1]) * rate)
             later.append(sign_of_side * by_stiffness[k] / rate)
     if servo.is_in_envelope:
-        free = replace(servo, stall_torque=np.inf)
-        efforts = [
-            free.effort(*at, gain, supply).value for at in ((before, 0.0 * before, speed), (after, 0.0 * after, faster))
-        ]
-        for side in (1.0, -1.0):
-            bounds = [
-                servo.stall_torque * np.maximum(1.0 - side * at / servo.no_load_speed, 0.0) for at in (speed, faster)
-            ]
-            inside, onwards = (side * effort - bound for effort, bound in zip(efforts, bounds, strict=True))
-            k = np.flatnonzero(inside * onwards < 0.0)
-            rate = (onwards[k] - inside[k]) / lasting[k]
-            instants.append(knots[k] - inside[k] / rate)
-            bends.append(-side * np.abs(rate))
-            later.append(0.0 * rate)
+        speeds, supplied = (speed, faster), (gain, supply)
+        for k, since, bend in _bends_at_envelope(servo, (before, after), speeds, supplied, lasting):
+            instants.append(knots[k] + since)
+            bends.append(bend)
+            later.append(np.zeros(len(k)))
     # a step of the command may cross an edge as well
     rates, accelerations = (after - before) / lasting, (faster - speed) / lasting
     begins, ends = (
@@ -303,6 +294,29 @@ def _bends_at_edges(servo: Servo, command: Command, sent: Effort, time: Array, q
     slope = np.concatenate([[0.0], np.cumsum(bent[order])])
     ramp = Effort(times, np.concatenate([[0.0], np.cumsum(slope * np.diff(times))]), True)
     return Bends(ramp, stairs)
+
+
+def _bends_at_envelope(
+    servo: Servo,
+    errors: tuple[Array, Array],
+    speeds: tuple[Array, Array],
+    supplied: tuple[Array, Array],
+    lasting: Array,
+) -> Iterator[tuple[Indices, Array, Array]]:
+    """Where the effort enters or leaves the motor's envelope, on either side of zero.
+
+    The intervals (k,), the instants (k,) s after their beginnings, and the bends (k,) there, of intervals that last
+    `lasting` (K,) s: the effort beyond the envelope is taken as linear in each, from the `errors` and `speeds` at its
+    beginning to those at its end.
+    """
+    free = replace(servo, stall_torque=np.inf)
+    begin, end = (free.effort(error, 0.0 * error, v, *supplied).value for error, v in zip(errors, speeds, strict=True))
+    for side in (1.0, -1.0):
+        bounds = (servo.stall_torque * np.maximum(1.0 - side * v / servo.no_load_speed, 0.0) for v in speeds)
+        before, after = (side * effort - bound for effort, bound in zip((begin, end), bounds, strict=True))
+        k = np.flatnonzero(before * after < 0.0)
+        rate = (after[k] - before[k]) / lasting[k]
+        yield k, -before[k] / rate, -side * np.abs(rate)
 
 
 EDGE = 1e-9
