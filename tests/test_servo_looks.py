@@ -2,11 +2,15 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.fit.fitting import fit
 from drake_cafim.diagnosis.fit.screening import screen
+from drake_cafim.diagnosis.output_error.starts import _of_law
 from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.effects.catalogue import effect_named
+from drake_cafim.effects.joint_samples import JointSamples
 from tests.concealed.make import make
 from tests.concealed_case import written
 
@@ -45,3 +49,16 @@ def test_a_motors_envelope_is_fitted_from_its_first_order_start(tmp_path: Path) 
     assert found.model.effects[0].values["stall_torque"] == pytest.approx(
         true["parameters"]["stall_torque"][0], rel=0.05
     )
+
+
+def test_by_simulation_an_envelope_begins_whole() -> None:
+    """A share of it is no law: what its start gives is simulated as it is, and not divided by a size."""
+    time = 0.01 * np.arange(400)
+    joint = JointSamples(
+        np.sin(3.0 * time), 3.0 * np.cos(3.0 * time), 4.0 * np.sign(np.sin(7.0 * time)), load=0.0 * time
+    )
+    begun = list(_of_law(effect_named("actuator_speed_limit")("j"), joint, 4.0, 0.005))
+    assert begun
+    for start in begun:
+        assert start.sizes == (1.0,) and start.parts[0].values["stall_torque"] < 4.0 / (1.0 - 1.0 / 1.05)
+        assert start.law(np.array([3.0])).values == start.parts[0].values

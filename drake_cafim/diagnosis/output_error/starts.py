@@ -148,11 +148,10 @@ def _of_law(effect: JointForce, samples: JointSamples, effort: float, width: flo
         sizes = SHARE * effort / rms
         unit = np.eye(len(sizes))
         # a law that its shape alone determines acts whole
-        fixed = len(sizes) == 1 and np.array_equal(
-            effect.from_coefficients(unit[0], start.shape).vector,
-            effect.from_coefficients(2.0 * unit[0], start.shape).vector,
-        )
-        sizes = np.ones(1) if fixed else sizes
+        whole = effect.from_coefficients(unit[0], start.shape)
+        if np.array_equal(whole.vector, effect.from_coefficients(2.0 * unit[0], start.shape).vector):
+            yield Start(effect, (whole,), (1.0,), lambda c, whole=whole: whole)  # type: ignore[misc]
+            continue
         parts = tuple(effect.from_coefficients(size * own, start.shape) for size, own in zip(sizes, unit, strict=True))
         yield Start(
             effect,
