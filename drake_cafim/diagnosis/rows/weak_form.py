@@ -139,19 +139,20 @@ class WeakForm:
         wrench = None
         if physics.contacts:
             memory = self.contact_memory(physics)
-            rows[:, self.dynamic] = -(self.samples.law_value @ self._contact_forces(physics, memory))
+            rows[:, self.dynamic] = -(self.samples.law_value @ _contact_forces(self, physics, memory))
             rows[:, self.dynamic] /= physics.effort_gains
             wrench = physics.contact_wrenches(moving, memory) if self.sensors else None
         if self.sensors:
             rows[:, self.dynamic.stop :] = -(windows.value @ self.contacts.readings(physics, moving, wrench))
         return rows
 
-    def _contact_forces(self, physics: Physics, memory: Array) -> Array:
-        """(P, n) generalised forces of contacts at the points over which laws are integrated."""
-        moving, estimated = self.terms(physics).moving_at_points, self.samples.estimated
-        if estimated is not None:
-            memory = estimated.points.between(memory)
-        return moving.project(physics.contact_wrenches(moving, memory))
+
+def _contact_forces(weak: WeakForm, physics: Physics, memory: Array) -> Array:
+    """(P, n) generalised forces of contacts at the points over which laws are integrated."""
+    moving, estimated = weak.terms(physics).moving_at_points, weak.samples.estimated
+    if estimated is not None:
+        memory = estimated.points.between(memory)
+    return moving.project(physics.contact_wrenches(moving, memory))
 
 
 def acting_effort(weak: WeakForm, physics: Physics) -> Array:
