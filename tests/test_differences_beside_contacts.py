@@ -1,5 +1,7 @@
 """Derivatives beside a contact: its terms are evaluated only where the parameter acts on it, or on its reading."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -61,3 +63,15 @@ def test_contacts_are_evaluated_where_they_change(
         change = differences._change_of_rows(weak, ahead, behind)
     assert np.any(whole) and (len(calls) > 0) == evaluated
     np.testing.assert_allclose(change, whole, rtol=0.0, atol=1e-9 * float(np.abs(weak.residual(ahead)).max()))
+
+
+def test_a_contact_of_other_numbers_is_evaluated(pressed: Prepared) -> None:
+    """A parameter of its law, and a place, act on the rows of a contact whose other numbers are the same objects."""
+    scene, [weak] = pressed.scene, pressed.weak
+    physics = Model(scene.priors.mean).physics(scene)
+    [contact] = physics.contacts
+    for other in (contact.with_parameter("stiffness", 1.01 * contact.parameters.stiffness), contact.raised(1e-4)):
+        ahead = replace(physics, contacts=(other,))
+        change = differences._change_of_rows(weak, ahead, physics)
+        assert np.any(change)
+        np.testing.assert_allclose(change, weak.residual(ahead) - weak.residual(physics), rtol=1e-9, atol=1e-9)

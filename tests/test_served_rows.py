@@ -9,6 +9,7 @@ import yaml
 from drake_cafim import recordings
 from drake_cafim.diagnosis.fit.fitting import fit
 from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.rows.servo_efforts import servo_key
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.scene.scene import Scene
 from tests.concealed import served_case
@@ -17,16 +18,17 @@ from tests.concealed.served_case import QUANTUM
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed"),
+    ("kind", "seed", "most"),
     [
-        ("null", 905),
-        ("single:command_lag", 905),
-        ("single:command_delay", 903),
-        ("single:actuator_speed_limit", 0xF61252CBAA935F18730E5AAEEB6796C3),
+        ("null", 905, 0.02),
+        ("single:command_lag", 905, 0.02),
+        ("single:command_delay", 903, 0.02),
+        # without the bends where the effort enters and leaves the envelope .0049
+        ("single:actuator_speed_limit", 0xF61252CBAA935F18730E5AAEEB6796C3, 0.003),
     ],
 )
 def test_steps_of_commands_within_the_sampling_are_integrated_exactly(
-    kind: str, seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, seed: int, most: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What joints make of a step between two samples, too: each takes a part of it back by its own motion.
 
@@ -44,7 +46,7 @@ def test_steps_of_commands_within_the_sampling_are_integrated_exactly(
     own = [recordings.read(path) for path in sorted(tmp_path.glob("train*"))]
     problem = prepare(Scene.load(tmp_path / "scenario.yaml"), own).problem()
     rows = problem.rows_of(problem.nominal())
-    assert np.mean(rows**2) < 0.02
+    assert np.mean(rows**2) < most
 
 
 def test_a_motors_envelope_is_part_of_its_servo(tmp_path: Path) -> None:
@@ -62,5 +64,8 @@ def test_a_motors_envelope_is_part_of_its_servo(tmp_path: Path) -> None:
     assert fitted.values["stall_torque"] == pytest.approx(values["stall_torque"], rel=0.01)
     assert fitted.values["no_load_speed"] == pytest.approx(values["no_load_speed"], rel=0.1)
     assert problem.plausible(found)
-    idle = envelope(truth["at"], {name: 10.0 * value for name, value in values.items()})
-    assert not problem.plausible(problem.nominal().with_effects((idle,)))
+    idle = problem.nominal().with_effects((envelope(truth["at"], {name: 10.0 * v for name, v in values.items()}),))
+    assert not problem.plausible(idle)
+    # what an envelope leaves of the servo's effort is cached beside what is without
+    bounded, whole = found.physics(problem.scene), problem.nominal().physics(problem.scene)
+    assert servo_key(bounded) != servo_key(whole)

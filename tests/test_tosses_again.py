@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.fit.fitting import fit
+from drake_cafim.diagnosis.fit.fitting import fit, unbiased_fit
 from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.diagnosis.search import growth
+from drake_cafim.diagnosis.search.state import Settings, State
 from drake_cafim.diagnosis.tosses.problem import TossProblem
 from drake_cafim.effects.catalogue import effect_named
 from drake_cafim.recordings import read
@@ -34,6 +36,17 @@ def test_a_fit_that_ended_elsewhere_finds_the_gain_from_arcs_that_are_fitted_ane
     assert again.chi_square < 1.05 * block.rows < 1.5 * block.rows < ended.chi_square
     assert again.model.effects[0].values["gain"] == pytest.approx(0.97013, abs=3e-4)
     assert block.better_start(again.model) is None
+
+
+def test_the_search_begins_again_where_the_first_order_promised_the_best(block: TossProblem) -> None:
+    nominal = unbiased_fit(block, block.nominal())
+    places = (("sensor_gain_error", "pose.block"), ("surface_offset", "ground"))
+    effects = tuple(effect_named(name)(at) for name, at in places)
+    state = State(block, Settings(), effects, 576, lambda text: None, frontier=[nominal])
+    growth._expand(state, 1)
+    best, other = state.frontier
+    assert [effect.key for effect in best.model.effects] == [places[0]] and best.chi_square < 1.05 * block.rows
+    assert [effect.key for effect in other.model.effects] == [places[1]] and other.chi_square > 1.1 * block.rows
 
 
 def test_what_is_left_of_a_model_does_not_depend_on_the_models_before_it(block: TossProblem) -> None:

@@ -45,7 +45,7 @@ class Servo:
         return np.array([self.stiffness, self.damping, self.limit, self.dead_band, self.sag, *envelope])
 
     @property
-    def is_in_envelope(self) -> bool:
+    def has_envelope(self) -> bool:
         """Whether the motor's envelope bounds the effort."""
         return bool(np.isfinite(self.stall_torque))
 

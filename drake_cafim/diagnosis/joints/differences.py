@@ -125,10 +125,10 @@ def _touch_alike(weak: WeakForm, ahead: Physics, behind: Physics) -> bool:
 
 def _is_same_contact(first: SphereContact, second: SphereContact) -> bool:
     """Whether both have the same numbers; of what was made anew, as a surface that was moved, this is not known."""
-    if first is second:
-        return True
-    parts = [(vars(first)[field.name], vars(second)[field.name]) for field in fields(first) if field.name != "changes"]
-    return type(first) is type(second) and all(a is b for a, b in parts) and first.changes == second.changes
+    if first is second or type(first) is not type(second):
+        return first is second
+    names = (field.name for field in fields(first) if field.name != "changes")
+    return first.changes == second.changes and all(getattr(first, name) is getattr(second, name) for name in names)
 
 
 def _numbers_of(effects: Sequence[Effect]) -> list[Any]:

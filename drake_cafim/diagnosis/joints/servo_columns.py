@@ -36,7 +36,7 @@ class ServoColumns:
         servo, acting = next(own for own in physics.servos if own.joint == unknown.at), physics.servo_at(unknown.at)
         if any(effect.at == unknown.at for effect in physics.actuators) or acting.sag > 0.0 or servo.stiffness == 0.0:
             return None
-        if any(physics.bounded_servo_at(own.joint).is_in_envelope for own in physics.servos):
+        if any(physics.bounded_servo_at(own.joint).has_envelope for own in physics.servos):
             return None
         key = _key(physics)
         if self._cached.get(i, (None,))[0] != key:

@@ -238,7 +238,7 @@ def _bends_at_edges(servo: Servo, command: Command, sent: Effort, time: Array, q
     levels = [servo.dead_band] if servo.dead_band > 0.0 else []
     if np.isfinite(servo.limit):
         levels.append(np.nan)  # depends on the gain, below
-    if not levels and not servo.is_in_envelope:
+    if not levels and not servo.has_envelope:
         return None
     knots = np.unique(np.concatenate([time, sent.times[(sent.times > time[0]) & (sent.times < time[-1])]]))
     held = np.clip(np.searchsorted(sent.times, knots[:-1], side="right") - 1, 0, None)
@@ -267,7 +267,7 @@ def _bends_at_edges(servo: Servo, command: Command, sent: Effort, time: Array, q
             instants.append(knots[k] + (side[k] - before[k]) / rate)
             bends.append((slopes[0] - slopes[1]) * rate)
             later.append(sign_of_side * by_stiffness[k] / rate)
-    if servo.is_in_envelope:
+    if servo.has_envelope:
         speeds, supplied = (speed, faster), (gain, supply)
         for k, since, bend in _bends_at_envelope(servo, (before, after), speeds, supplied, lasting):
             instants.append(knots[k] + since)

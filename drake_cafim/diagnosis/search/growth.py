@@ -78,7 +78,7 @@ def _expand(state: State, depth: int) -> None:
     for key, explanation in found.items():
         # an exact fit that ended elsewhere than the first order, which promises the best of all, is begun again
         if promised[key] < min(least, explanation.chi_square):
-            found[key] = _begun_again(state.problem, explanation)
+            found[key] = _begin_again(state.problem, explanation)
     ranked = state.ranked(found.values())
     carried_on = [
         fit_shapes(state.problem, explanation, None, CONVERGED) for explanation in ranked[: state.settings.beam]
@@ -89,7 +89,7 @@ def _expand(state: State, depth: int) -> None:
     state.trace.add(*decisions.record_fits(ranked, state.settings.beam, state.cost(1.0)))
 
 
-def _begun_again(problem: SearchProblem, found: Fit) -> Fit:
+def _begin_again(problem: SearchProblem, found: Fit) -> Fit:
     """The fit from a better start than that of `found`, where there is one and the fit from there is plausible."""
     start = problem.better_start(found.model)
     if start is None:

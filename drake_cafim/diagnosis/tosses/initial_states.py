@@ -147,7 +147,7 @@ def shoot_from_better_start(
 def shoot_from_predicted_start(before: FittedArcs, physics: Physics, start: State, memory: Array | None) -> Shot:
     """The arcs simulated from `start`, predicted to first order beside `before`; where far worse, from its own starts.
 
-    A prediction ends anywhere where a small change of an initial state moves an arc to another side of an edge.
+    The first order says nothing where a small change of an initial state makes another edge strike the ground.
     """
     shot = Shot.of(before.shot.arcs, before.shot.noise, physics, start, memory)
     worse = ARC_RESTART_CHI_SQUARE_SHARE * _cost(shot) > before.cost
