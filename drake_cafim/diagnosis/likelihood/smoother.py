@@ -17,6 +17,51 @@ from drake_cafim.typing import Array, Flags
 
 
 @compiled
+def _multiply(A: Array, X: Array, product: Array) -> None:
+    """Fills `product` with A X; loops compile in a fraction of the time of matrix products, and run as fast here."""
+    for a in range(len(A)):
+        for b in range(X.shape[1]):
+            product[a, b] = 0.0
+        for k in range(A.shape[1]):
+            by = A[a, k]
+            if by != 0.0:
+                for b in range(X.shape[1]):
+                    product[a, b] += by * X[k, b]
+
+
+@compiled
+def _propagate(A: Array, P: Array, E: Array, room: Array, later: Array) -> None:
+    """Fills `later` (s, s) with A P Aᵀ + E Eᵀ of a symmetric P; `room` (s, s) is for what is in between."""
+    s = len(A)
+    _multiply(A, P, later)
+    for a in range(s):
+        for b in range(s):
+            room[b, a] = later[a, b]
+    _multiply(A, room, later)
+    for a in range(s):
+        for b in range(a + 1):
+            total = 0.5 * (later[a, b] + later[b, a])
+            for k in range(E.shape[1]):
+                total += E[a, k] * E[b, k]
+            later[a, b] = later[b, a] = total
+
+
+@compiled
+def _seen_covariance(P: Array, row: Array, PC: Array) -> float:
+    """Fills `PC` (s,) with P c of a symmetric P and a `row` c of the readings; returns cᵀ P c."""
+    for a in range(len(row)):
+        PC[a] = 0.0
+    for a in range(len(row)):
+        if row[a] != 0.0:
+            for b in range(len(row)):
+                PC[b] += row[a] * P[a, b]
+    total = 0.0
+    for a in range(len(row)):
+        total += row[a] * PC[a]
+    return total
+
+
+@compiled
 def filter_forward(
     A: Array, B: Array, c: Array, E: Array, C: Array, D: Array, r: Array, R: Array, seen: Flags, start: Array
 ) -> tuple[Array, Array, Array, float, float, Array, Array, Array]:
@@ -32,18 +77,17 @@ def filter_forward(
     information, gradient, scores = np.zeros((p, p)), np.zeros(p), np.zeros((N, p))
     chi_square, log_volume = 0.0, 0.0
     means, covariances, gains = np.zeros((N, s, p + 1)), np.zeros((N, s, s)), np.zeros((N, s, m))
-    d, P = np.zeros((s, p + 1)), np.diag(start)
-    V = np.zeros(p + 1)
+    d, P = np.zeros((s, p + 1)), np.zeros((s, s))
+    for a in range(s):
+        P[a, a] = start[a]
+    moved, room, V, PC = np.zeros((s, p + 1)), np.zeros((s, s)), np.zeros(p + 1), np.zeros(s)
     for k in range(N):
         # one reading after another: their noises are independent, so that S is a number
         for i in range(m):
             if not seen[k, i]:
                 continue
             row = C[k, i]
-            PC = P @ row
-            S = R[i]
-            for a in range(s):
-                S += row[a] * PC[a]
+            S = R[i] + _seen_covariance(P, row, PC)
             for b in range(p):
                 V[b] = D[k, i, b]
             V[p] = r[k, i]
@@ -78,13 +122,12 @@ def filter_forward(
             for b in range(s):
                 covariances[k, a, b] = P[a, b]
         if k + 1 < N:
-            d = A[k] @ d
+            _multiply(A[k], d, moved)
             for a in range(s):
                 for b in range(p):
-                    d[a, b] += B[k, a, b]
-                d[a, p] += c[k, a]
-            P = A[k] @ P @ A[k].T + E[k] @ E[k].T
-            P = 0.5 * (P + P.T)
+                    d[a, b] = moved[a, b] + B[k, a, b]
+                d[a, p] = moved[a, p] + c[k, a]
+            _propagate(A[k], covariances[k], E[k], room, P)
     for a in range(p):
         for b in range(a):
             information[a, b] = information[b, a]
@@ -102,24 +145,23 @@ def smooth(
     1973).
     """
     N, m, s = C.shape
-    result = np.empty((N, s))
-    adjoint = np.zeros(s)
     p = len(theta)
+    result, adjoint, turned = np.empty((N, s)), np.zeros(s), np.zeros(s)
+    previous, d, PC, P, room = np.zeros(s), np.zeros(s), np.zeros(s), np.zeros((s, s)), np.zeros((s, s))
+    error, volume = np.zeros(m), np.ones(m)
     for k in range(N - 1, -1, -1):
-        after = means[k, :, p].copy()
         for a in range(s):
+            result[k, a] = means[k, a, p]
             for b in range(p):
-                after[a] += means[k, a, b] * theta[b]
-        for a in range(s):
-            result[k, a] = after[a]
+                result[k, a] += means[k, a, b] * theta[b]
             for b in range(s):
                 result[k, a] -= covariances[k, a, b] * adjoint[b]
         if k == 0:
             break
         # the state and covariance before this sample's readings
-        d, P = np.zeros(s), A[k - 1] @ covariances[k - 1] @ A[k - 1].T + E[k - 1] @ E[k - 1].T
-        previous = means[k - 1, :, p].copy()
+        _propagate(A[k - 1], covariances[k - 1], E[k - 1], room, P)
         for a in range(s):
+            previous[a] = means[k - 1, a, p]
             for b in range(p):
                 previous[a] += means[k - 1, a, b] * theta[b]
         for a in range(s):
@@ -128,22 +170,20 @@ def smooth(
                 d[a] += A[k - 1, a, b] * previous[b]
             for b in range(p):
                 d[a] += B[k - 1, a, b] * theta[b]
-        error, volume = np.zeros(m), np.ones(m)
         for i in range(m):
             if not seen[k, i]:
                 continue
-            row = C[k, i]
-            PC = P @ row
-            S, left = R[i], r[k, i]
+            row, left = C[k, i], r[k, i]
+            S = R[i] + _seen_covariance(P, row, PC)
             for a in range(s):
-                S += row[a] * PC[a]
                 left -= row[a] * d[a]
             for b in range(p):
                 left -= D[k, i, b] * theta[b]
             error[i], volume[i] = left, S
             for a in range(s):
                 d[a] += PC[a] / S * left
-            P = P - np.outer(PC, PC) / S
+                for b in range(s):
+                    P[a, b] -= PC[a] * PC[b] / S
         for i in range(m - 1, -1, -1):
             if not seen[k, i]:
                 continue
@@ -152,5 +192,10 @@ def smooth(
                 along += gains[k, a, i] * adjoint[a]
             for a in range(s):
                 adjoint[a] -= row[a] * (along + error[i] / volume[i])
-        adjoint = A[k - 1].T @ adjoint
+        for a in range(s):
+            turned[a] = 0.0
+            for b in range(s):
+                turned[a] += A[k - 1, b, a] * adjoint[b]
+        for a in range(s):
+            adjoint[a] = turned[a]
     return result

@@ -6,9 +6,8 @@ that no model knows, of spectral density S:
     q̇ = v,    v̇ = a(q̄, v̄) + a_q (q − q̄) + a_v (v − v̄) + w,    E w(t) w(t′) = S δ(t − t′).
 
 S is the likeliest (the innovations' likelihood is maximised): nearly zero where the model is right, so that the whole
-recording tells where the joint is, and large where something is missing, so that the samples nearby do. The smoother is
-the modified one of Bryson and Frazier (Bierman, Automatica 9, 1973). Noise of the samples that lasts, such as
-coloured noise, has states of its own beside the joint's.
+recording tells where the joint is, and large where something is missing, so that the samples nearby do. Noise of
+the samples that lasts, such as coloured noise, has states of its own beside the joint's.
 """
 
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.noise.coloured import NoiseProcess
 from drake_cafim.diagnosis.thresholds import LONGEST_PAUSE_OF_WINDOW
-from drake_cafim.numerics.compiled import compiled
+from drake_cafim.numerics.joint_smoother import filter_joint, smooth_joint
 from drake_cafim.typing import Array, Flags
 
 DENSITIES = 10.0 ** np.arange(-12.0, 7.0, 1.0)
@@ -156,7 +155,7 @@ def smooth(
         read = np.stack([q[:, j] - transition.about[0, :, j], v[:, j] - transition.about[1, :, j]], axis=1)
         numbers = (longest, h, read, *_state_space(transition, j, noises))
         density = _likeliest_density(numbers)
-        columns.append((*_smoothed(*numbers, density), density))
+        columns.append((*smooth_joint(*numbers, density), density))
     q_hat, v_hat, q_std, v_std = (np.stack([column[k] for column in columns], axis=1) for k in range(4))
     q_hat, v_hat = q_hat + transition.about[0], v_hat + transition.about[1]
     surprise, densities = (np.array([column[k] for column in columns]) for k in (4, 5))
@@ -193,169 +192,23 @@ def _state_space(transition: Transition, j: int, noises: Sequence[ChannelNoise])
 def _likeliest_density(numbers: tuple[Any, ...]) -> float:
     """The smallest density that the innovations do not refuse against the likeliest one."""
     exponents = np.log10(DENSITIES)
-    N, m = len(numbers[2]), len(numbers[-1])
-    filled = (np.empty((N, m)), np.empty((N, m, m)), np.empty((N, 2, 2)), np.empty((N, 2, m)))
-    costs = [_filtered(*numbers, 10.0**exponent, *filled) for exponent in exponents]
+    costs = _costs(numbers, exponents)
     best, step = int(np.argmin(costs)), 1.0
-    exponent, cost = float(exponents[best]), costs[best]
+    exponent, cost = float(exponents[best]), float(costs[best])
     for _ in range(REFINEMENTS):
         step *= 0.5
-        for near in (exponent - step, exponent + step):
-            found = _filtered(*numbers, 10.0**near, *filled)
-            if found < cost:
-                exponent, cost = near, found
+        near = exponent + np.array([-step, step])
+        for found, own in zip(near, _costs(numbers, near), strict=True):
+            if own < cost:
+                exponent, cost = float(found), float(own)
     for smaller, own in zip(exponents, costs, strict=True):
         if own < cost + REFUSED and smaller < exponent:
             return float(10.0**smaller)
     return float(10.0**exponent)
 
 
-@compiled
-def _filtered(
-    longest: float,
-    h: Array,
-    read: Array,
-    variance: Array,
-    seen: Array,
-    steps: Array,
-    rise: Array,
-    fresh: Array,
-    start: Array,
-    density: float,
-    means: Array,
-    covariances: Array,
-    innovations: Array,
-    gains: Array,
-) -> float:
-    """Twice the negative log likelihood of the innovations.
-
-    Fills the filtered `means` (N, m), `covariances` (N, m, m), the `innovations` (N, 2, 2) with their variances, and
-    the `gains` (N, 2, m) of the samples.
-    """
-    N, m, cost, started = len(read), len(start), 0.0, 0
-    x, P = np.zeros(m), np.zeros((m, m))
-    moved, carried = np.zeros(m), np.zeros((m, m))
-    for k in range(N):
-        if k == 0 or h[k - 1] > longest:
-            # nobody knows what happened in between: the joint starts anew
-            started = k
-            for i in range(m):
-                x[i] = read[k, i] if i < 2 and np.isfinite(variance[k, i]) else 0.0
-                for j in range(m):
-                    P[i, j] = start[i, j]
-        else:
-            dt, F = h[k - 1], steps[k - 1]
-            for i in range(m):
-                moved[i] = rise[k - 1, i] if i < 2 else 0.0
-                for j in range(m):
-                    moved[i] += F[i, j] * x[j]
-                    carried[i, j] = 0.0
-                    for p in range(m):
-                        carried[i, j] += F[i, p] * P[p, j]
-            for i in range(m):
-                x[i] = moved[i]
-                for j in range(i + 1):
-                    total = fresh[k - 1, i, j]
-                    for p in range(m):
-                        total += carried[i, p] * F[j, p]
-                    P[i, j] = P[j, i] = total
-            P[0, 0] += density * dt**3 / 3.0
-            P[0, 1] += density * dt**2 / 2.0
-            P[1, 0] = P[0, 1]
-            P[1, 1] += density * dt
-        for c in range(2):
-            if not np.isfinite(variance[k, c]):
-                continue
-            s, e = variance[k, c], read[k, c]
-            for i in range(m):
-                e -= seen[c, i] * x[i]
-                moved[i] = 0.0
-                for j in range(m):
-                    moved[i] += P[i, j] * seen[c, j]
-                s += seen[c, i] * moved[i]
-            if k > started + 1:
-                cost += e * e / s + np.log(s)
-            innovations[k, c, 0], innovations[k, c, 1] = e, s
-            for i in range(m):
-                gains[k, c, i] = moved[i] / s
-                x[i] += gains[k, c, i] * e
-                for j in range(m):
-                    P[i, j] -= gains[k, c, i] * moved[j]
-        for i in range(m):
-            means[k, i] = x[i]
-            for j in range(m):
-                covariances[k, i, j] = P[i, j]
-    return cost
-
-
-@compiled
-def _smoothed(
-    longest: float,
-    h: Array,
-    read: Array,
-    variance: Array,
-    seen: Array,
-    steps: Array,
-    rise: Array,
-    fresh: Array,
-    start: Array,
-    density: float,
-) -> tuple[Array, Array, Array, Array, float]:
-    """Smoothed q, v and their standard deviations, (N,) each, and −2 ln likelihood of the innovations."""
-    N, m = len(read), len(start)
-    means, covariances = np.empty((N, m)), np.empty((N, m, m))
-    innovations, gains = np.empty((N, 2, 2)), np.empty((N, 2, m))
-    model = (variance, seen, steps, rise, fresh, start)
-    cost = _filtered(longest, h, read, *model, density, means, covariances, innovations, gains)
-    q, v, q_std, v_std = np.empty(N), np.empty(N), np.empty(N), np.empty(N)
-    # what the samples after k say: the state is x − P a, its covariance P − P A P
-    a, A = np.zeros(m), np.zeros((m, m))
-    turned, product = np.zeros(m), np.zeros((m, m))
-    for k in range(N - 1, -1, -1):
-        x, P = means[k], covariances[k]
-        for c in range(2):
-            mean, spread = x[c], P[c, c]
-            for i in range(m):
-                mean -= P[c, i] * a[i]
-                for j in range(m):
-                    spread -= P[c, i] * A[i, j] * P[j, c]
-            if c == 0:
-                q[k], q_std[k] = mean, np.sqrt(max(spread, 0.0))
-            else:
-                v[k], v_std[k] = mean, np.sqrt(max(spread, 0.0))
-        if k == 0:
-            break
-        for c in (1, 0):
-            if not np.isfinite(variance[k, c]):
-                continue
-            e, s = innovations[k, c]
-            along, twice = e / s, 1.0 / s
-            for i in range(m):
-                along += gains[k, c, i] * a[i]
-                turned[i] = 0.0
-                for j in range(m):
-                    turned[i] += A[i, j] * gains[k, c, j]
-                twice += gains[k, c, i] * turned[i]
-            for i in range(m):
-                a[i] -= seen[c, i] * along
-                for j in range(m):
-                    A[i, j] += twice * seen[c, i] * seen[c, j] - seen[c, i] * turned[j] - turned[i] * seen[c, j]
-        if h[k - 1] > longest:
-            a[:] = 0.0
-            A[:] = 0.0
-            continue
-        F = steps[k - 1]
-        for i in range(m):
-            turned[i] = 0.0
-            for j in range(m):
-                turned[i] += F[j, i] * a[j]
-                product[i, j] = 0.0
-                for p in range(m):
-                    product[i, j] += F[p, i] * A[p, j]
-        for i in range(m):
-            a[i] = turned[i]
-            for j in range(m):
-                A[i, j] = 0.0
-                for p in range(m):
-                    A[i, j] += product[i, p] * F[p, j]
-    return q, v, q_std, v_std, cost
+def _costs(numbers: tuple[Any, ...], exponents: Array) -> Array:
+    """(D,) −2 ln likelihood of the innovations under densities of these powers of ten."""
+    m, nothing = len(numbers[-1]), np.zeros((0, 0, 0))
+    costs = filter_joint(*numbers, 10.0**exponents, np.empty((0, m)), nothing, nothing, nothing)
+    return np.asarray(costs, dtype=float)

@@ -15,7 +15,7 @@ from drake_cafim.diagnosis.noise.coloured import covariance
 from drake_cafim.diagnosis.rows.measurement import joint_samples_of
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.scenario.physics import Physics
-from drake_cafim.typing import Array
+from drake_cafim.typing import Array, Indices
 
 NODES = np.linspace(-5.0, 5.0, 51)
 SHARES = np.exp(-0.5 * NODES**2) / np.sum(np.exp(-0.5 * NODES**2))
@@ -26,12 +26,13 @@ LEAST_SHARE = 1e-3
 
 def kinked_law_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matrix:
     """(R, R) the rows' covariance by the scatter of kinked force laws, beyond the Jacobian's first order."""
-    scattered = scatter(weak, physics)
+    scattered, windows = scatter(weak, physics), sp.csc_matrix(weak.samples.windows.value)
     rows = len(weak.samples.windows) * weak.rows_per_window
     total = sp.csr_matrix((rows, rows))
     for j in np.flatnonzero(np.any(scattered > 0.0, axis=0)):
-        weighed = weak.samples.windows.value @ sp.diags_array(scattered[:, j] / physics.effort_gains[j])
-        of_joint = sp.coo_matrix(weighed @ _correlation(weak, int(j)).power(2) @ weighed.T)
+        kinked = np.flatnonzero(scattered[:, j])
+        weighed = windows[:, kinked] @ sp.diags_array(scattered[kinked, j] / physics.effort_gains[j])
+        of_joint = sp.coo_matrix(weighed @ _correlation(weak, int(j), kinked).power(2) @ weighed.T)
         row, column = (weak.rows_per_window * index + weak.dynamic.start + j for index in (of_joint.row, of_joint.col))
         total = total + sp.csr_matrix((of_joint.data, (row, column)), shape=(rows, rows))
     return sp.csr_matrix(total)
@@ -58,14 +59,17 @@ def beyond_slope(force: Callable[[Array], Array], std: Array) -> Array:
     return np.sqrt(np.where(beyond > LEAST_SHARE * linear**2, np.maximum(beyond, 0.0), 0.0))
 
 
-def _correlation(weak: WeakForm, joint: int) -> sp.csr_matrix:
-    """Correlation matrix (N, N) of the noise of the velocity at which a joint's force law is evaluated."""
+def _correlation(weak: WeakForm, joint: int, at: Indices) -> sp.csr_matrix:
+    """Correlation matrix (K, K) of the noise of the velocity at which a joint's force law is evaluated.
+
+    Of the samples `at` (K,).
+    """
     s = weak.samples
     name = [column.removeprefix("q.") for column in s.std if column.startswith("q.")][joint]
-    total = sp.csr_matrix((len(s.time), len(s.time)))
-    for column, smooth in ((f"v.{name}", s.kinked_v[joint].from_v), (f"q.{name}", s.kinked_v[joint].from_q)):
-        if smooth.nnz and column in s.std:
-            memory = s.memories.get(column)
+    total = sp.csr_matrix((len(at), len(at)))
+    for column, whole in ((f"v.{name}", s.kinked_v[joint].from_v), (f"q.{name}", s.kinked_v[joint].from_q)):
+        if whole.nnz and column in s.std:
+            smooth, memory = whole[at], s.memories.get(column)
             correlated = smooth if memory is None else smooth @ covariance(s.time, memory)
             total = total + s.std[column] ** 2 * (correlated @ smooth.T)
     scale = sp.diags_array(1.0 / np.sqrt(np.maximum(total.diagonal(), 1e-300)))
