@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.random import Generator
+from scipy.linalg import block_diag
 
 from drake_cafim.diagnosis.noise.coloured import CorrelatedNoise, Memory
 from drake_cafim.diagnosis.noise.quantised import Rounding
@@ -42,7 +43,7 @@ def _wandering(rng: Generator, time: Array, density: float) -> Array:
     return np.stack([np.concatenate([[0.0], np.cumsum(way)]), v])
 
 
-def _read(rng: Generator, truth: Array, covariances: tuple[Array, Array]) -> Array:
+def _read(rng: Generator, truth: Array, covariances: tuple[Array, ...]) -> Array:
     return np.stack(
         [x + np.linalg.cholesky(C) @ rng.normal(size=len(x)) for x, C in zip(truth, covariances, strict=True)]
     )
@@ -53,8 +54,8 @@ def _smoothed(time: Array, read: Array, noises: tuple[ChannelNoise, ChannelNoise
     return smooth(time, read[0][:, None], read[1][:, None], noises[:1], noises[1:], unknown)
 
 
-def _by_inversion(time: Array, read: Array, covariances: tuple[Array, Array], density: float) -> tuple[Array, Array]:
-    """Means and variances (2 N,) of q and v given all samples; of a motion whose start is not known."""
+def _by_inversion(time: Array, read: Array, covariances: tuple[Array, ...], density: float) -> tuple[Array, Array]:
+    """Means and variances (2 N,) of q and v given all samples of both, or of q; of a motion whose start is unknown."""
     t, s = time[:, None] - time[0], time[None] - time[0]
     first, apart = np.minimum(t, s), np.abs(t - s)
     own = density * np.block(
@@ -65,10 +66,10 @@ def _by_inversion(time: Array, read: Array, covariances: tuple[Array, Array], de
     )
     start = np.block([[1.0 + 0.0 * t, t], [0.0 * t, 1.0 + 0.0 * t]])
     prior = own + 1e2 * start @ start.T
-    zero = np.zeros_like(covariances[0])
-    of_samples = prior + np.block([[covariances[0], zero], [zero, covariances[1]]])
-    gain = np.linalg.solve(of_samples, prior).T
-    return gain @ read.ravel(), np.diag(prior - gain @ prior)
+    noise = block_diag(*covariances)
+    seen = prior[: len(noise)]
+    gain = np.linalg.solve(seen[:, : len(noise)] + noise, seen).T
+    return gain @ read.ravel(), np.diag(prior - gain @ seen)
 
 
 def _cross(t: Array, s: Array) -> Array:
@@ -100,6 +101,18 @@ def test_it_is_the_mean_given_all_samples(memories: tuple[CorrelatedNoise | None
     np.testing.assert_allclose(found.v[inner, 0], mean[60:][inner], atol=1e-3 * std[90])
     np.testing.assert_allclose(found.q_std[inner, 0], std[:60][inner], rtol=1e-3)
     np.testing.assert_allclose(found.v_std[inner, 0], std[60:][inner], rtol=1e-3)
+
+
+def test_rounding_leaves_the_first_state_of_positions_that_hardly_scatter() -> None:
+    """A start that is as good as unknown loses digits: without white noise the first velocity had no std at all."""
+    rng, memory, white, q_std = np.random.default_rng(3), Memory(0.03), 1e-6, 5e-4
+    time = STEP * np.arange(60)
+    covariance = _covariance(time, q_std, memory) + (white - WHITE) * q_std**2 * np.eye(60)
+    read = _read(rng, _wandering(rng, time, 1.0)[:1], (covariance,))
+    noises = ChannelNoise(np.full(60, white * q_std**2), q_std, memory.process(time)), ChannelNoise(np.full(60, np.inf))
+    found = _smoothed(time, np.stack([read[0], np.zeros(60)]), noises)
+    _, variance = _by_inversion(time, read, (covariance,), float(found.density[0]))
+    np.testing.assert_allclose(found.v_std[:, 0], np.sqrt(variance[60:]), rtol=1e-3)
 
 
 @pytest.mark.parametrize("memories", [(None, None), (None, Memory(0.02)), (Memory(0.01), Memory(0.01))])

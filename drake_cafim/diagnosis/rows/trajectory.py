@@ -29,7 +29,7 @@ LONGEST_PAUSE = LONGEST_PAUSE_OF_WINDOW
 """Pause between samples, in median sampling intervals, after which a joint starts anew."""
 REFUSED = 6.6
 """Rise of −2 ln likelihood at which a smaller density is refused: the 99 % point of χ² with one degree of freedom."""
-DIFFUSE = 1e8
+DIFFUSE = 1e6
 """Variance of the initial state, over that of one sample."""
 PASSES = 4
 """Most times that the acceleration is computed along the motion estimated before."""
