@@ -20,6 +20,7 @@ from drake_cafim.diagnosis.search.search_under_unknown_force import (
     geometric_misfit,
     is_explained,
     mean_square,
+    misfit_by_row,
     search_again,
 )
 from drake_cafim.diagnosis.search.state import Settings
@@ -116,7 +117,7 @@ def _judge_searches(
         first = _of_search(outcome, settings, trace)
         if first.kind != "unexplained":
             return first
-    if isinstance(again, Judgement) and not (first and _leaves_less(first, again)):
+    if isinstance(again, Judgement) and not (first and _is_better(first, again)):
         return again
     if first is None:
         outcome = outcome.compared()
@@ -160,28 +161,38 @@ def _under_unknown_forces(
     )
 
 
-def _leaves_less(first: Judgement, again: Judgement) -> bool:
-    """Whether what the first search named leaves less, under the noise of the channels, than what the second did.
+def _is_better(first: Judgement, again: Judgement) -> bool:
+    """Whether what the first search named is worth more than what the second one, under unknown forces, did.
 
-    Unknown forces as noise hide what acts as white forces do, and a few laws may explain more without them.
+    Unknown forces as noise hide what acts as white forces do: a few laws may leave less without them, or the second
+    search may fit some kinds of rows at the cost of others.
     """
     if not first.best.model.effects:
         return False
-    by_first, by_second = (geometric_misfit(found.outcome.nominal_problem, found.best) for found in (first, again))
-    return by_first < by_second
+    problem = first.outcome.nominal_problem
+    less = geometric_misfit(problem, first.best) < geometric_misfit(again.outcome.nominal_problem, again.best)
+    return less or (_worsens(first.outcome, again.best) and not _worsens(first.outcome, first.best))
 
 
 def _explains_little(outcome: Outcome, again: Judgement) -> bool:
     """Whether the second search leaves more than half of the misfit, so that the first one should be ended, too.
 
-    Where that had found effects before it was put off, and these leave less: to compare them with their rivals takes
-    long, and in vain where the second search explains more than they do.
+    Or more of some kind of row than there was. Where the first search had found effects before it was put off, and
+    these leave less: to compare them with their rivals takes long, and in vain where the second search explains more
+    than they do.
     """
     if not outcome.best.model.effects:
         return False
     ended = (outcome.nominal, again.best, outcome.best)
     had, left, by_first = (geometric_misfit(outcome.nominal_problem, found) - 1.0 for found in ended)
-    return left > (1.0 - NAMED_EXCESS_SHARE) * had and by_first < left
+    little = left > (1.0 - NAMED_EXCESS_SHARE) * had and by_first < left
+    return little or (_worsens(outcome, again.best) and not _worsens(outcome, outcome.best))
+
+
+def _worsens(outcome: Outcome, found: Fit) -> bool:
+    """Whether an explanation leaves more than twice of what there was of some kind of row, without any effect."""
+    had, left = (misfit_by_row(outcome.nominal_problem, model) for model in (outcome.nominal.model, found.model))
+    return bool(np.any((1.0 - NAMED_EXCESS_SHARE) * left > np.maximum(had, 1.0)))
 
 
 def _with_note(judgement: Judgement, note: str) -> Judgement:
