@@ -9,7 +9,7 @@ import pytest
 
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
-from drake_cafim.diagnosis.search import judgement, search_under_unknown_force
+from drake_cafim.diagnosis.search import judgement
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.effects.catalogue import effect_named
@@ -41,11 +41,12 @@ def test_an_explanation_of_some_rows_at_the_cost_of_others(
     def misfit_by_row(_: object, model: Model) -> Array:
         return np.array(rows[model.keys])
 
-    for module in (judgement, search_under_unknown_force):
-        monkeypatch.setattr(module, "misfit_by_row", misfit_by_row)
+    monkeypatch.setattr(judgement, "misfit_by_row", misfit_by_row)
     fits = [cast("Fit", SimpleNamespace(model=model)) for model in (NOMINAL, FEW, MANY)]
     outcome = cast("Outcome", SimpleNamespace(nominal_problem=None, nominal=fits[0], best=fits[1]))
     first = Judgement(outcome, fits[1], "unexplained")
     again = replace(first, best=fits[2])
     assert judgement._explains_little(outcome, again) == few
-    assert judgement._is_better(first, again) == few
+    preferred = judgement._preference(first, again)
+    assert (preferred is not None) == few
+    assert preferred is None or "2.621 times as large" in preferred.words

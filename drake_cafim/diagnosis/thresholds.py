@@ -206,6 +206,9 @@ Source: three standard deviations."""
 NAMED_EXCESS_SHARE = 0.5
 """Share of the excess χ², in the channel that an effect explains best, that it must remove to be named under
 `unexplained`; other channels may hold something unknown. Unit: 1. Not calibrated: chosen."""
+MISFIT_GROWTH_ALLOWED = 2.0
+"""Largest factor by which effects that stand out of unknown forces may increase the misfit of a kind of row, where what
+a search for few effects found does not. Unit: 1. Not calibrated: chosen."""
 WIDER_WINDOW_RATIOS = (2.0, 4.0, 8.0)
 """Widths of further windows over the usual width: fast vibration averages out in them. Unit: 1. Not calibrated:
 chosen."""

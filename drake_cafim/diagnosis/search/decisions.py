@@ -196,6 +196,24 @@ def record_worse_than_none(best: Fit, left: float, had: float) -> Record:
     return Record("support", model_name(best.model), left, had, False, words, "misfit")
 
 
+def record_leaves_less(few: Fit, many: Fit, by_few: float, by_many: float) -> Record:
+    """A search under unknown forces whose effects leave more, `by_many` times the noise, than a `few` of the first."""
+    words = (
+        f"the geometric mean over all kinds of rows of what is left is {short(by_many)} times the noise variance, and "
+        f"{short(by_few)} with {model_name(few.model)}: these are named instead"
+    )
+    return Record("unknown_forces", model_name(many.model), by_many, by_few, False, words, "misfit")
+
+
+def record_cost_of_others(many: Fit, growth: float, most: float) -> Record:
+    """A search under unknown forces whose effects leave some kind of row `growth` times as large as it was."""
+    words = (
+        f"the misfit of one kind of row is {short(growth)} times as large as without any effect; at most {short(most)} "
+        "is allowed, to which the effects of the search for few of them keep: these are named instead"
+    )
+    return Record("unknown_forces", model_name(many.model), growth, most, False, words, "times the misfit")
+
+
 def record_far_unknown(scene: Scene, unknown: UnknownParameter, model: Model) -> Record:
     """An unknown parameter whose value in `model` is too far from its prior mean."""
     i = scene.unknown.index(unknown)

@@ -17,6 +17,7 @@ from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
 from drake_cafim.diagnosis.search.search import Outcome, fit_nominal, search
 from drake_cafim.diagnosis.search.search_under_unknown_force import (
     UNKNOWN_FORCES,
+    geometric_mean,
     geometric_misfit,
     is_explained,
     mean_square,
@@ -24,8 +25,8 @@ from drake_cafim.diagnosis.search.search_under_unknown_force import (
     search_again,
 )
 from drake_cafim.diagnosis.search.state import Settings
-from drake_cafim.diagnosis.thresholds import NAMED_EXCESS_SHARE, WIDER_WINDOW_RATIOS
-from drake_cafim.diagnosis.trace import Trace
+from drake_cafim.diagnosis.thresholds import MISFIT_GROWTH_ALLOWED, NAMED_EXCESS_SHARE, WIDER_WINDOW_RATIOS
+from drake_cafim.diagnosis.trace import Record, Trace
 from drake_cafim.diagnosis.verdict import Kind
 from drake_cafim.effects.effect import Effect
 from drake_cafim.numerics.computation import NotComputable, compute
@@ -117,8 +118,11 @@ def _judge_searches(
         first = _of_search(outcome, settings, trace)
         if first.kind != "unexplained":
             return first
-    if isinstance(again, Judgement) and not (first and _is_better(first, again)):
-        return again
+    if isinstance(again, Judgement):
+        preferred = _preference(first, again) if first else None
+        if preferred is None:
+            return again
+        trace.add(preferred)
     if first is None:
         outcome = outcome.compared()
         first = _of_search(outcome, settings, trace)
@@ -161,17 +165,22 @@ def _under_unknown_forces(
     )
 
 
-def _is_better(first: Judgement, again: Judgement) -> bool:
-    """Whether what the first search named is worth more than what the second one, under unknown forces, did.
+def _preference(first: Judgement, again: Judgement) -> Record | None:
+    """Why what the first search named is preferred to what the second one, under unknown forces, did; None if not.
 
     Unknown forces as noise hide what acts as white forces do: a few laws may leave less without them, or the second
     search may fit some kinds of rows at the cost of others.
     """
     if not first.best.model.effects:
-        return False
-    problem = first.outcome.nominal_problem
-    less = geometric_misfit(problem, first.best) < geometric_misfit(again.outcome.nominal_problem, again.best)
-    return less or (_worsens(first.outcome, again.best) and not _worsens(first.outcome, first.best))
+        return None
+    problem, ended = first.outcome.nominal_problem, (first.outcome.nominal, first.best, again.best)
+    had, by_first, by_second = (misfit_by_row(problem, found.model) for found in ended)
+    less, more = geometric_mean(by_first), geometric_mean(by_second)
+    if less < more:
+        return decisions.record_leaves_less(first.best, again.best, less, more)
+    if _costs_others(had, by_first, by_second):
+        return decisions.record_cost_of_others(again.best, _growth(had, by_second), MISFIT_GROWTH_ALLOWED)
+    return None
 
 
 def _explains_little(outcome: Outcome, again: Judgement) -> bool:
@@ -183,16 +192,23 @@ def _explains_little(outcome: Outcome, again: Judgement) -> bool:
     """
     if not outcome.best.model.effects:
         return False
-    ended = (outcome.nominal, again.best, outcome.best)
-    had, left, by_first = (geometric_misfit(outcome.nominal_problem, found) - 1.0 for found in ended)
-    little = left > (1.0 - NAMED_EXCESS_SHARE) * had and by_first < left
-    return little or (_worsens(outcome, again.best) and not _worsens(outcome, outcome.best))
+    ended = (outcome.nominal, outcome.best, again.best)
+    had, by_first, left = (misfit_by_row(outcome.nominal_problem, found.model) for found in ended)
+    little = geometric_mean(left) - 1.0 > (1.0 - NAMED_EXCESS_SHARE) * (geometric_mean(had) - 1.0)
+    return (little and geometric_mean(by_first) < geometric_mean(left)) or _costs_others(had, by_first, left)
 
 
-def _worsens(outcome: Outcome, found: Fit) -> bool:
-    """Whether an explanation leaves more than twice of what there was of some kind of row, without any effect."""
-    had, left = (misfit_by_row(outcome.nominal_problem, model) for model in (outcome.nominal.model, found.model))
-    return bool(np.any((1.0 - NAMED_EXCESS_SHARE) * left > np.maximum(had, 1.0)))
+def _costs_others(had: Array, by_first: Array, by_second: Array) -> bool:
+    """Whether the second search's effects, and not the first one's, leave far more of a kind of row than it `had`.
+
+    Each is the misfit (r,) of the kinds of rows.
+    """
+    return _growth(had, by_first) <= MISFIT_GROWTH_ALLOWED < _growth(had, by_second)
+
+
+def _growth(had: Array, left: Array) -> float:
+    """The largest factor by which the misfit `left` (r,) of a kind of row exceeds what it `had`, or noise."""
+    return float(np.max(left / np.maximum(had, 1.0)))
 
 
 def _with_note(judgement: Judgement, note: str) -> Judgement:

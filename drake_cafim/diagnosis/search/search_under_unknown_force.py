@@ -122,7 +122,12 @@ def geometric_misfit(problem: SearchProblem, fit: Fit) -> float:
     The likelihood under a force of unknown size at each joint: a joint that is explained counts as much as another one
     that is far more noise variances away.
     """
-    return float(np.exp(np.mean(np.log(np.maximum(misfit_by_row(problem, fit.model), 1e-300)))))
+    return geometric_mean(misfit_by_row(problem, fit.model))
+
+
+def geometric_mean(misfit: Array) -> float:
+    """The geometric mean of what is left of each kind of row."""
+    return float(np.exp(np.mean(np.log(np.maximum(misfit, 1e-300)))))
 
 
 def misfit_by_row(problem: SearchProblem, model: Model) -> Array:
