@@ -4,12 +4,13 @@ The state is the joint's position and velocity, and m − 2 states of the noise 
 
     x₊ = F x + r + e,    cov e = `fresh` + S (h³/3, h²/2; h²/2, h) in position and velocity,
 
-S the spectral density of the acceleration, and the channels read y = `seen` x + white noise. The smoother is the
-modified one of Bryson and Frazier (Bierman, Automatica 9, 1973), channel by channel.
+S the spectral density of the acceleration, and the channels read y = `seen` x + white noise. They are
+taken one after the other, see `backward_pass`.
 """
 
 import numpy as np
 
+from drake_cafim.numerics.backward_pass import absorb_reading, forget, step_back
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array
 
@@ -182,36 +183,10 @@ def smooth_joint(
         for c in (1, 0):
             if not np.isfinite(variance[k, c]):
                 continue
-            e, s = innovations[k, c]
-            along, twice = e / s, 1.0 / s
-            for i in range(m):
-                along += gains[k, c, i] * a[i]
-                turned[i] = 0.0
-                for j in range(m):
-                    turned[i] += A[i, j] * gains[k, c, j]
-                twice += gains[k, c, i] * turned[i]
-            for i in range(m):
-                a[i] -= seen[c, i] * along
-                for j in range(m):
-                    A[i, j] += twice * seen[c, i] * seen[c, j] - seen[c, i] * turned[j] - turned[i] * seen[c, j]
+            innovation, spread = innovations[k, c]
+            absorb_reading(a, A, seen[c], gains[k, c], innovation, spread, turned)
         if h[k - 1] > longest:
-            for i in range(m):
-                a[i] = 0.0
-                for j in range(m):
-                    A[i, j] = 0.0
+            forget(a, A)
             continue
-        F = steps[k - 1]
-        for i in range(m):
-            turned[i] = 0.0
-            for j in range(m):
-                turned[i] += F[j, i] * a[j]
-                product[i, j] = 0.0
-                for p in range(m):
-                    product[i, j] += F[p, i] * A[p, j]
-        for i in range(m):
-            a[i] = turned[i]
-            for j in range(m):
-                A[i, j] = 0.0
-                for p in range(m):
-                    A[i, j] += product[i, p] * F[p, j]
+        step_back(a, A, steps[k - 1], turned, product)
     return q, v, q_std, v_std, cost

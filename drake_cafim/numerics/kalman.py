@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_cafim.numerics.backward_pass import absorb_reading, forget, step_back
 from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array, Flags
 
@@ -152,21 +153,10 @@ def _smoothed(
             c = C - 1 - back
             if not np.isfinite(variance[k, c]):
                 continue
-            e, s = innovations[k, c]
-            along, twice = e / s, 1.0 / s
-            for i in range(m):
-                along += gains[k, c, i] * a[i]
-                turned[i] = 0.0
-                for j in range(m):
-                    turned[i] += A[i, j] * gains[k, c, j]
-                twice += gains[k, c, i] * turned[i]
-            for i in range(m):
-                a[i] -= seen[c, i] * along
-                for j in range(m):
-                    A[i, j] += twice * seen[c, i] * seen[c, j] - seen[c, i] * turned[j] - turned[i] * seen[c, j]
+            innovation, spread = innovations[k, c]
+            absorb_reading(a, A, seen[c], gains[k, c], innovation, spread, turned)
         if anew[k]:
-            a[:] = 0.0
-            A[:] = 0.0
+            forget(a, A)
             continue
         F, G = steps[k - 1], entering[k - 1]
         for p in range(f):
@@ -176,20 +166,5 @@ def _smoothed(
                 for j in range(m):
                     square += G[i, p] * A[i, j] * G[j, p]
             asked[k - 1, p], expected[k - 1, p] = slope * slope, square
-        for i in range(m):
-            turned[i] = 0.0
-            for j in range(m):
-                turned[i] += F[j, i] * a[j]
-                product[i, j] = 0.0
-            for p in range(m):
-                along = F[p, i]
-                if along != 0.0:
-                    for j in range(m):
-                        product[i, j] += along * A[p, j]
-        for i in range(m):
-            a[i] = turned[i]
-            for j in range(m):
-                A[i, j] = 0.0
-                for p in range(m):
-                    A[i, j] += product[i, p] * F[p, j]
+        step_back(a, A, F, turned, product)
     return mean, std, asked, expected, cost

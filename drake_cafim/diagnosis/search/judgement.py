@@ -178,7 +178,8 @@ def _preference(first: Judgement, again: Judgement) -> Record | None:
     less, more = geometric_mean(by_first), geometric_mean(by_second)
     if less < more:
         return decisions.record_leaves_less(first.best, again.best, less, more)
-    if _costs_others(had, by_first, by_second):
+    # what leaves only noise and small forces explains all rows
+    if again.kind == "unexplained" and _costs_others(had, by_first, by_second):
         return decisions.record_cost_of_others(again.best, _growth(had, by_second), MISFIT_GROWTH_ALLOWED)
     return None
 
@@ -186,28 +187,28 @@ def _preference(first: Judgement, again: Judgement) -> Record | None:
 def _explains_little(outcome: Outcome, again: Judgement) -> bool:
     """Whether the second search leaves more than half of the misfit, so that the first one should be ended, too.
 
-    Or more of some kind of row than there was. Where the first search had found effects before it was put off, and
-    these leave less: to compare them with their rivals takes long, and in vain where the second search explains more
-    than they do.
+    Or far more of some kind of row than there was. Only where the first search had found effects before it was put off
+    that are better: to compare them with their rivals takes long, and in vain where the second search explains more.
     """
     if not outcome.best.model.effects:
         return False
     ended = (outcome.nominal, outcome.best, again.best)
     had, by_first, left = (misfit_by_row(outcome.nominal_problem, found.model) for found in ended)
     little = geometric_mean(left) - 1.0 > (1.0 - NAMED_EXCESS_SHARE) * (geometric_mean(had) - 1.0)
-    return (little and geometric_mean(by_first) < geometric_mean(left)) or _costs_others(had, by_first, left)
+    costly = again.kind == "unexplained" and _costs_others(had, by_first, left)
+    return costly or (little and geometric_mean(by_first) < geometric_mean(left))
 
 
 def _costs_others(had: Array, by_first: Array, by_second: Array) -> bool:
-    """Whether the second search's effects, and not the first one's, leave far more of a kind of row than it `had`.
+    """Whether the second search's effects, and not the first one's, leave far more of a kind of row than there was.
 
-    Each is the misfit (r,) of the kinds of rows.
+    Each is the misfit (r,) of the kinds of rows; `had` is that without any effect.
     """
     return _growth(had, by_first) <= MISFIT_GROWTH_ALLOWED < _growth(had, by_second)
 
 
 def _growth(had: Array, left: Array) -> float:
-    """The largest factor by which the misfit `left` (r,) of a kind of row exceeds what it `had`, or noise."""
+    """The largest factor by which what is `left` (r,) of a kind of row exceeds what it `had`, or noise."""
     return float(np.max(left / np.maximum(had, 1.0)))
 
 
