@@ -27,6 +27,8 @@ SLIP_VELOCITY = Strength(
 DRY_FRICTION = "dry friction"
 SLIDING = 20.0
 """Velocity in widths w at which a joint slides for certain."""
+HIDDEN_WIDTH = 2.0
+"""Width of a sign change, in standard deviations of the velocity, below which it may as well be none."""
 FAINT = 1e-3
 """Share of a dry friction below which its doubt counts as none."""
 
@@ -75,14 +77,19 @@ class JointForce(Effect):
 
 
 def doubt_at_rest(effect: JointForce, joint: JointSamples) -> tuple[Array, Array]:
-    """(N,) the size of a dry friction, N m or N, and (N,) the share 1 − |tanh(v/w)| of it, zero away from rest.
+    """(N,) the size of a dry friction, N m or N, and (N,) the share of it that the velocity does not tell.
 
-    w is the nominal width of its sign change.
+    That is 1 − |mean of tanh(v/w) over the velocity's error|, w the width of the sign change or, where it is not known,
+    the nominal one. Where that error does not hide the width, the force is a function of the velocity, and only what
+    the error makes of it is not known: |tanh(v/w)| − |mean of tanh(v/w)|.
     """
-    width = SLIP_VELOCITY.nominal
+    known = effect.values.get(SLIP_VELOCITY.name)
+    width = SLIP_VELOCITY.nominal if known is None else known
     sliding = np.full_like(joint.v, SLIDING * width)
     forward, backward = (effect.force(JointSamples(joint.q, v, joint.u, load=joint.load)) for v in (sliding, -sliding))
-    share = np.maximum(1.0 - np.abs(joint.sign(width).value), 0.0)
+    hidden = known is None or width < HIDDEN_WIDTH * np.asarray(joint.v_std)
+    sure = np.where(hidden, 1.0, np.abs(np.tanh(joint.v / width)))
+    share = np.maximum(sure - np.abs(joint.sign(width).value), 0.0)
     return 0.5 * np.abs(forward.value - backward.value), np.where(share > FAINT, share, 0.0)
 
 

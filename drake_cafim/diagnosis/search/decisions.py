@@ -158,9 +158,9 @@ def record_pruning(best: Fit, part: Key, lead: float) -> Record:
 
 
 def record_descent(model: Model, descent: Descent) -> Record:
-    """A law whose size is not known, and the simpler one, if any, that is named in its place."""
+    """A law that is not determined or explains no more, and the simpler one, if any, that is named in its place."""
     instead = f"{spoken(name_of(descent.law.key))} is named instead" if descent.law else "it is not named"
-    words = f"{descent.reason}: nothing is known of its size, so {instead}"
+    words = f"{descent.reason}, so {instead}"
     rest = names_of(model.keys - {descent.effect.key})
     return Record("admit", name_of(descent.effect.key), 0.0, 0.0, False, words, "undetermined", rest)
 

@@ -87,12 +87,22 @@ def record_contrast(model: Model, effect: Effect, simpler: str, statistic: float
 
 
 def record_friction(model: Model, laws: Sequence[Effect], lead: float, chosen: bool) -> Record:
-    """Whether `laws` are the friction of their joint; `lead` is their criterion beyond the best one's."""
+    """Whether `laws` are the friction of their joint; `lead` is their criterion beyond that of the chosen ones."""
     words = f"of the laws of friction that stand at {laws[0].at}, "
-    words += "the information criterion is least" if chosen else f"the information criterion is {short(lead)} higher"
+    words += "none simpler explains as much" if chosen else f"the information criterion is {short(lead)} higher"
     words += f", so {'it is' if chosen else 'it is not'} chosen"
     own = frozenset(law.key for law in laws)
     return Record("fit", names_of(own), -lead, 0.0, chosen, words, "criterion", names_of(model.keys - own))
+
+
+def record_larger_friction(model: Model, laws: Sequence[Effect], gain: float, most: float) -> Record:
+    """That `laws` are not the friction of their joint: their `gain` of χ² over simpler ones may be noise."""
+    words = (
+        f"of the laws of friction that stand at {laws[0].at}, it lowers χ² by {short(gain)} against the simplest; on "
+        f"noise alone, the best of all candidates would lower it by less than {short(most)}, so it is not chosen"
+    )
+    own = frozenset(law.key for law in laws)
+    return Record("fit", names_of(own), gain, most, False, words, "decrease of χ²", names_of(model.keys - own))
 
 
 def record_support(model: Model, effect: Effect, share: float, least: float) -> Record:

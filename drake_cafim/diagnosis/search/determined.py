@@ -28,6 +28,7 @@ class Descent:
     law: Effect | None
 
 
+UNKNOWN_SIZE = "nothing is known of its size"
 AT_BOUND = 1e-9
 """Distance from a bound, relative to the strength's size, up to which it counts as reached."""
 UNSEEN_STD = 0.5 * float(np.sqrt(NOTHING_KNOWN))
@@ -96,17 +97,17 @@ def descend(problem: SearchProblem, found: Fit, laws: Sequence[Effect]) -> tuple
     descents: list[Descent] = []
     for effect in found.model.effects:
         present = next((own for own in found.model.effects if own.key == effect.key), None)
-        reason = None if present is None else _reason_against(problem, found, present)
+        reason = None if present is None else reason_against(problem, found, present)
         if present is None or reason is None:
             continue
         rest, known = unbiased_fit(problem, found.model.without(present)), []
         for look in screen(problem, rest, [law for law in laws if is_simpler(law, present)]):
             shaped = fit_shapes(problem, fit(problem, rest.model.with_effects([look.effect])))
             fitted = unbiased_fit(problem, shaped.model)
-            if not fitted.echo and _reason_against(problem, fitted, fitted.model.effects[-1]) is None:
+            if not fitted.echo and reason_against(problem, fitted, fitted.model.effects[-1]) is None:
                 known.append(fitted)
         found = min(known, key=lambda fitted: criterion(fitted, scale_of(fitted), 1)) if known else rest
-        descents.append(Descent(present, reason, found.model.effects[-1] if known else None))
+        descents.append(Descent(present, f"{reason}: {UNKNOWN_SIZE}", found.model.effects[-1] if known else None))
     return found, descents
 
 
@@ -117,7 +118,7 @@ def reasons_against(problem: SearchProblem, found: Fit) -> list[tuple[Effect, st
     return [(effect, reason) for effect, reason in reasons if reason is not None]
 
 
-def _reason_against(problem: SearchProblem, found: Fit, effect: Effect) -> str | None:
+def reason_against(problem: SearchProblem, found: Fit, effect: Effect) -> str | None:
     """Why the size of an effect of a fit is not known, as a clause; None where it is."""
     if strength_at_bound(effect) is not None:
         return _reason_by_std(found, effect, found.std)

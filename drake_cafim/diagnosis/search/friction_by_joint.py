@@ -46,7 +46,7 @@ def is_friction(effect: Effect) -> bool:
 
 
 def choose_friction(growth: GrowthByPlace) -> dict[str, list[Friction]]:
-    """Gives each joint of `growth.best` with dry friction the laws that stand there and have the least criterion.
+    """Gives each joint of `growth.best` with dry friction the simplest laws that stand there and explain as much.
 
     All that stand are returned, by joint, the chosen ones first. Where none stands, nothing is changed.
     """
@@ -61,7 +61,7 @@ def choose_friction(growth: GrowthByPlace) -> dict[str, list[Friction]]:
             else:
                 growth.trace.add(failure)
         if own:
-            standing[joint] = sorted(own, key=lambda option: criterion(option.found, 1.0, growth.trials))
+            standing[joint] = _by_preference(growth, own)
             growth.trace.add(*_record_choice(growth, standing[joint]))
     model = growth.best.model
     for joint, [chosen, *_] in standing.items():
@@ -100,12 +100,38 @@ def failure_of(growth: GrowthByPlace, option: Friction) -> Record | None:
     return None
 
 
+def _by_preference(growth: GrowthByPlace, options: Sequence[Friction]) -> list[Friction]:
+    """The `options` by their criterion, the simplest first of those that explain as much as the best one.
+
+    Each further strength has to lower χ² by more than noise makes of it: near rest, laws also differ by how the
+    velocity's noise is reckoned with.
+    """
+    best, *others = ordered = sorted(options, key=lambda option: criterion(option.found, 1.0, growth.trials))
+    alike = [best, *(other for other in others if _gain(best, other) < _luck(growth, best, other))]
+    return sorted(ordered, key=lambda option: option is not min(alike, key=lambda it: it.found.strengths))
+
+
+def _gain(larger: Friction, simpler: Friction) -> float:
+    """By how much χ² is lower with the larger laws."""
+    return simpler.found.chi_square - larger.found.chi_square
+
+
+def _luck(growth: GrowthByPlace, larger: Friction, simpler: Friction) -> float:
+    """What noise alone makes of the strengths that larger laws have more; minus infinity where they have no more."""
+    more = larger.found.strengths - simpler.found.strengths
+    return growth.threshold(more) if more > 0 else -np.inf
+
+
 def _record_choice(growth: GrowthByPlace, standing: Sequence[Friction]) -> Iterator[Record]:
-    """Of the laws of friction that stand at a joint, by how much the others' criterion exceeds the chosen one's."""
-    best = criterion(standing[0].found, 1.0, growth.trials)
+    """Why of the laws of friction that stand at a joint the first ones are chosen."""
+    chosen = standing[0]
     for option in standing:
-        lead = criterion(option.found, 1.0, growth.trials) - best
-        yield decisions.record_friction(option.found.model, option.laws, lead, option is standing[0])
+        model, gain, luck = option.found.model, _gain(option, chosen), _luck(growth, option, chosen)
+        if 0.0 < gain < luck:
+            yield decisions.record_larger_friction(model, option.laws, gain, luck)
+            continue
+        lead = criterion(option.found, 1.0, growth.trials) - criterion(chosen.found, 1.0, growth.trials)
+        yield decisions.record_friction(model, option.laws, lead, option is chosen)
 
 
 def _options(growth: GrowthByPlace, joint: str) -> Iterator[Friction]:

@@ -12,8 +12,9 @@ from drake_cafim.diagnosis.fit.model import Key
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions
-from drake_cafim.diagnosis.search.determined import descend
+from drake_cafim.diagnosis.search.determined import Descent, descend
 from drake_cafim.diagnosis.search.far_unknowns import far_unknowns
+from drake_cafim.diagnosis.search.nested_laws import simplify
 from drake_cafim.diagnosis.search.search import Outcome, fit_nominal, search
 from drake_cafim.diagnosis.search.search_under_unknown_force import (
     UNKNOWN_FORCES,
@@ -248,7 +249,11 @@ def _of_search(outcome: Outcome, settings: Settings, trace: Trace) -> Judgement:
     """The judgement on the outcome of one search."""
     if outcome.detection_p_value > settings.false_alarm_rate:
         return Judgement(outcome, outcome.nominal, "none")
-    best = outcome.best
+    problem, best, descents = simplify(
+        outcome.problem, outcome.best, settings.false_alarm_rate / max(outcome.hypotheses, 1), settings.adequacy_level
+    )
+    trace.add(*(decisions.record_descent(outcome.best.model, descent) for descent in descents))
+    outcome = _with_simpler(outcome, problem, best, descents)
     trace.add(*decisions.record_residual(outcome.problem, best, settings.adequacy_level))
     if best.model.named and leaves_noise(outcome.problem, best, settings.adequacy_level):
         return Judgement(outcome, best, "explained")
@@ -269,17 +274,23 @@ def _of_search(outcome: Outcome, settings: Settings, trace: Trace) -> Judgement:
         return Judgement(outcome, outcome.nominal, "unexplained")
     simpler, descents = descend(outcome.problem, best, outcome.problem.hypotheses())
     trace.add(*(decisions.record_descent(best.model, descent) for descent in descents))
-    if descents:
-        probability = dict(outcome.probability)
-        for descent in descents:
-            # the laws are nested: what speaks for the larger one speaks for the simpler one
-            larger = probability.pop(descent.effect.key, 1.0)
-            if descent.law is not None:
-                probability[descent.law.key] = min(probability.get(descent.law.key, 0.0) + larger, 1.0)
-        replaced = {descent.effect.key for descent in descents}
-        others = tuple(other for other in outcome.competing if not other.model.keys & replaced)
-        outcome = replace(outcome, best=simpler, competing=(simpler, *others), probability=probability)
+    outcome = _with_simpler(outcome, outcome.problem, simpler, descents)
     return Judgement(outcome, simpler, "unexplained")
+
+
+def _with_simpler(outcome: Outcome, problem: SearchProblem, simpler: Fit, descents: Sequence[Descent]) -> Outcome:
+    """The outcome with the `simpler` explanation, fitted to `problem`, that `descents` left of its best one."""
+    if not descents:
+        return outcome
+    probability = dict(outcome.probability)
+    for descent in descents:
+        # the laws are nested: what speaks for the larger one speaks for the simpler one
+        larger = probability.pop(descent.effect.key, 1.0)
+        if descent.law is not None:
+            probability[descent.law.key] = min(probability.get(descent.law.key, 0.0) + larger, 1.0)
+    replaced = {descent.effect.key for descent in descents}
+    others = tuple(other for other in outcome.competing if not other.model.keys & replaced)
+    return replace(outcome, problem=problem, best=simpler, competing=(simpler, *others), probability=probability)
 
 
 def _excess(problem: Problem, found: Fit) -> Array:

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
+from drake_cafim.diagnosis.fit.detection import detection_p_value
 from drake_cafim.diagnosis.fit.evidence import inclusion_probabilities, leaves_inaccuracy, scale_of
 from drake_cafim.diagnosis.fit.fitting import Fit, fit_at_first_order, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
@@ -16,7 +17,6 @@ from drake_cafim.diagnosis.fit.screening import Candidate, by_row, screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import candidate_decisions, decisions
 from drake_cafim.diagnosis.search.competition import compete
-from drake_cafim.diagnosis.search.detection import detection_p_value
 from drake_cafim.diagnosis.search.growth import grow
 from drake_cafim.diagnosis.search.state import ROUNDS, Settings, State, has_moved
 from drake_cafim.diagnosis.thresholds import (
@@ -142,7 +142,12 @@ def _concluded(state: State, begun: Outcome, best: Fit) -> Outcome:
     # larger explanations that failed a test may have a smaller criterion: they do not compete
     competing = tuple(found for found in state.pool.fits.values() if found is best or cost(found) > cost(best))
     state.trace.add(*decisions.record_choice(competing, best, cost))
-    probability = inclusion_probabilities(competing, cost)
+    probability = dict(inclusion_probabilities(competing, cost))
+    for effect in best.model.effects:
+        # what speaks for a law speaks for a simpler one at its place that it contains
+        larger = [law.key for law in state.effects if law.at == effect.at and effect.name in law.narrows]
+        together = sum(probability.get(key, 0.0) for key in (effect.key, *larger))
+        probability[effect.key] = min(together, 1.0)
     return replace(begun, problem=state.problem, best=best, competing=competing, probability=probability)
 
 

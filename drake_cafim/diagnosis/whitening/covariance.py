@@ -115,10 +115,11 @@ def _covariances(
 ) -> tuple[sp.csr_matrix, sp.csr_matrix, KeptJacobian]:
     """The covariances (R, R) by the samples of motion and by all else, and the noise Jacobian if that is to `keep`."""
     of_motion, of_efforts, jacobian = sampled_noise(weak, physics, keep)
-    # what the first-order Jacobian leaves out: kinks and jumps within the noise
-    of_motion = of_motion + kinked_law_covariance(weak, physics)
     beyond = (
         of_efforts
+        # what the first-order Jacobian leaves out: kinks and jumps within the noise. It is no part of the volume that
+        # the rows make of the samples, or a law would gain by leaving much to chance near rest
+        + kinked_law_covariance(weak, physics)
         + friction_at_rest_covariance(weak, physics)
         + impact_covariance(weak, physics)
         + contact_at_rest_covariance(weak, physics)

@@ -5,7 +5,8 @@ v of the order of w in its place, and w is not known where a model file states t
 differs from the law by up to T (1 − |tanh(v/w)|); that is counted as noise, once as what is alike for as long as the
 joint rests, and once as what turns within a window, since the force follows what pushes the joint: a controller that
 makes up for the friction turns it from −T to T within a few samples. A friction whose width is stated, or was fitted,
-is a function of the velocity, and there is no such noise.
+is a function of the velocity: there is no such noise unless the velocity's error hides the width. A joint that truly
+sticks has the force of no velocity, and a law that rises towards rest would seem to explain it.
 """
 
 import numpy as np
@@ -14,7 +15,7 @@ import scipy.sparse as sp
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.thresholds import REST_LASTING, RESTING_EFFORT_STD
 from drake_cafim.diagnosis.whitening.lasting_noise import lasting
-from drake_cafim.effects.joint import DRY_FRICTION, SLIP_VELOCITY, JointForce, doubt_at_rest
+from drake_cafim.effects.joint import DRY_FRICTION, JointForce, doubt_at_rest
 from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.scenario.physics import Physics
 
@@ -25,7 +26,7 @@ def friction_at_rest_covariance(weak: WeakForm, physics: Physics) -> sp.csr_matr
     total = sp.csr_matrix((r * len(windows), r * len(windows)))
     joints = weak.joint_samples(physics)
     for effect in physics.joint_forces:
-        if effect.group != DRY_FRICTION or SLIP_VELOCITY.name in effect.values:
+        if effect.group != DRY_FRICTION:
             continue
         joint = physics.tree.joint_index(effect.at)
         held = sp.coo_matrix(_held(weak, effect, joints[joint]) / physics.effort_gains[joint] ** 2)

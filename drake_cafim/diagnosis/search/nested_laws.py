@@ -1,0 +1,89 @@
+"""Of nested laws the simplest one that explains as much is named, each compared under the noise that it implies.
+
+A law may fit better by its noise alone: friction with a large static torque leaves much to chance near rest, and so
+takes little account of the rows there, though its static torque may be anything.
+"""
+
+from scipy.stats import chi2
+
+from drake_cafim.diagnosis.fit.evidence import leaves_noise, scale_of
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, unbiased_fit
+from drake_cafim.diagnosis.fit.model import Model
+from drake_cafim.diagnosis.fit.screening import screen
+from drake_cafim.diagnosis.fit.search_problem import SearchProblem
+from drake_cafim.diagnosis.search.determined import UNKNOWN_SIZE, Descent, is_simpler, reason_against
+from drake_cafim.diagnosis.search.law_shapes import fit_shapes
+from drake_cafim.effects.effect import Effect
+from drake_cafim.numerics.rounding import short
+
+Whitened = tuple[SearchProblem, Fit]
+"""A problem whitened with the noise that an explanation implies, and its fit there."""
+
+
+def simplify(
+    problem: SearchProblem, found: Fit, rate: float, adequacy_level: float
+) -> tuple[SearchProblem, Fit, list[Descent]]:
+    """The explanation with the simplest laws that explain as much, the problem under its noise, and what was replaced.
+
+    A law's simpler ones are those of its group that have fewer strengths. It stands if −2 ln likelihood, χ² + ln det C,
+    is lower with it by more than noise alone makes of as many strengths more, but with a probability of `rate`; or if
+    it alone leaves only noise, by the `adequacy_level`. Where the recordings do not determine its strengths, it stands
+    only if it alone leaves noise.
+    """
+    descents: list[Descent] = []
+    grouped = any(effect.group and len(effect.strengths) > 1 for effect in found.model.effects)
+    laws = problem.hypotheses() if grouped else ()
+    for effect in found.model.effects:
+        present = next((own for own in found.model.effects if own.key == effect.key), None)
+        simpler = [] if present is None else [law for law in laws if is_simpler(law, present)]
+        if present is None or not simpler:
+            continue
+        larger = _under_own_noise(problem, found.model)
+        others = [other for law in simpler if (other := _with_law(problem, found.model, present, law)) is not None]
+        adequate = [other for other in others if leaves_noise(*other, adequacy_level)]
+        if leaves_noise(*larger, adequacy_level):
+            others = adequate
+        alike = [other for other in others if _explains_as_much(larger, other, rate)]
+        fitted = next(own for own in larger[1].model.effects if own.key == effect.key)
+        reason = None if alike or not adequate else reason_against(*larger, fitted)
+        alike = alike if reason is None else adequate
+        if not alike:
+            continue
+        problem, found = min(alike, key=lambda other: (other[1].strengths, _misfit(*other)))
+        law = found.model.effects[-1]
+        more = short(max(_misfit(problem, found) - _misfit(*larger), 0.0))
+        words = f"with it −2 ln likelihood is lower by {more} only" if reason is None else f"{reason}: {UNKNOWN_SIZE}"
+        descents.append(Descent(present, words, law))
+    return problem, found, descents
+
+
+def _with_law(problem: SearchProblem, model: Model, present: Effect, law: Effect) -> Whitened | None:
+    """The explanation with a simpler `law` in the place of the `present` one; None where its size is not known."""
+    rest = fit(problem, model.without(present))
+    looks = screen(problem, rest, [law])
+    if not looks:
+        return None
+    begun = fit_shapes(problem, fit(problem, rest.model.with_effects([looks[0].effect]), tolerance=CONVERGED))
+    own, found = _under_own_noise(problem, begun.model)
+    replaced = found.model.effects[-1]
+    if found.echo or not own.plausible(found.model) or reason_against(own, found, replaced) is not None:
+        return None
+    return own, found
+
+
+def _under_own_noise(problem: SearchProblem, model: Model) -> Whitened:
+    """The problem whitened under a `model`, and the fit that begins with it, the shapes of its laws included."""
+    own = problem.rewhitened(model)
+    shaped = fit_shapes(own, fit(own, model, tolerance=CONVERGED), None, CONVERGED)
+    return own, unbiased_fit(own, shaped.model)
+
+
+def _explains_as_much(larger: Whitened, other: Whitened, rate: float) -> bool:
+    """Whether the `other` explanation's misfit is larger by no more than luck, the likelihood in units of its noise."""
+    more = larger[1].strengths - other[1].strengths
+    return (_misfit(*other) - _misfit(*larger)) / scale_of(other[1]) < float(chi2.isf(rate, more))
+
+
+def _misfit(problem: SearchProblem, found: Fit) -> float:
+    """−2 ln likelihood but for a constant."""
+    return found.chi_square + problem.log_determinant
