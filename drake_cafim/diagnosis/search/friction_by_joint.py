@@ -106,9 +106,10 @@ def _by_preference(growth: GrowthByPlace, options: Sequence[Friction]) -> list[F
     Each further strength has to lower χ² by more than noise makes of it: near rest, laws also differ by how the
     velocity's noise is reckoned with.
     """
-    best, *others = ordered = sorted(options, key=lambda option: criterion(option.found, 1.0, growth.trials))
+    best, *others = sorted(options, key=lambda option: criterion(option.found, 1.0, growth.trials))
     alike = [best, *(other for other in others if _gain(best, other) < _luck(growth, best, other))]
-    return sorted(ordered, key=lambda option: option is not min(alike, key=lambda it: it.found.strengths))
+    chosen = min(alike, key=lambda option: option.found.strengths)
+    return [chosen, *(option for option in (best, *others) if option is not chosen)]
 
 
 def _gain(larger: Friction, simpler: Friction) -> float:

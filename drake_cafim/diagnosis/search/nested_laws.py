@@ -4,6 +4,8 @@ A law may fit better by its noise alone: friction with a large static torque lea
 takes little account of the rows there, though its static torque may be anything.
 """
 
+from collections.abc import Sequence
+
 from scipy.stats import chi2
 
 from drake_cafim.diagnosis.fit.evidence import leaves_noise, scale_of
@@ -33,28 +35,35 @@ def simplify(
     descents: list[Descent] = []
     grouped = any(effect.group and len(effect.strengths) > 1 for effect in found.model.effects)
     laws = problem.hypotheses() if grouped else ()
-    for effect in found.model.effects:
-        present = next((own for own in found.model.effects if own.key == effect.key), None)
-        simpler = [] if present is None else [law for law in laws if is_simpler(law, present)]
-        if present is None or not simpler:
-            continue
-        larger = _under_own_noise(problem, found.model)
-        others = [other for law in simpler if (other := _with_law(problem, found.model, present, law)) is not None]
-        adequate = [other for other in others if leaves_noise(*other, adequacy_level)]
-        if leaves_noise(*larger, adequacy_level):
-            others = adequate
-        alike = [other for other in others if _explains_as_much(larger, other, rate)]
-        fitted = next(own for own in larger[1].model.effects if own.key == effect.key)
-        reason = None if alike or not adequate else reason_against(*larger, fitted)
-        alike = alike if reason is None else adequate
-        if not alike:
-            continue
-        problem, found = min(alike, key=lambda other: (other[1].strengths, _misfit(*other)))
-        law = found.model.effects[-1]
-        more = short(max(_misfit(problem, found) - _misfit(*larger), 0.0))
-        words = f"with it −2 ln likelihood is lower by {more} only" if reason is None else f"{reason}: {UNKNOWN_SIZE}"
-        descents.append(Descent(present, words, law))
+    for key in [effect.key for effect in found.model.effects]:
+        present = next(effect for effect in found.model.effects if effect.key == key)
+        simpler = [law for law in laws if is_simpler(law, present)]
+        instead = _simplest(problem, found.model, present, simpler, rate, adequacy_level) if simpler else None
+        if instead is not None:
+            (problem, found), reason = instead
+            descents.append(Descent(present, reason, found.model.effects[-1]))
     return problem, found, descents
+
+
+def _simplest(
+    problem: SearchProblem, model: Model, present: Effect, simpler: Sequence[Effect], rate: float, adequacy_level: float
+) -> tuple[Whitened, str] | None:
+    """The explanation with the simplest law in the place of the `present` one, and why; None where that one stands."""
+    larger = _under_own_noise(problem, model)
+    others = [other for law in simpler if (other := _with_law(problem, model, present, law)) is not None]
+    adequate = [other for other in others if leaves_noise(*other, adequacy_level)]
+    if leaves_noise(*larger, adequacy_level):
+        others = adequate
+    alike = [other for other in others if _explains_as_much(larger, other, rate)]
+    if alike:
+        best = min(alike, key=lambda other: (other[1].strengths, _misfit(*other)))
+        more = short(max(_misfit(*best) - _misfit(*larger), 0.0))
+        return best, f"with it −2 ln likelihood is lower by {more} only"
+    fitted = next(effect for effect in larger[1].model.effects if effect.key == present.key)
+    unknown = reason_against(*larger, fitted) if adequate else None
+    if unknown is None:
+        return None
+    return min(adequate, key=lambda other: _misfit(*other)), f"{unknown}: {UNKNOWN_SIZE}"
 
 
 def _with_law(problem: SearchProblem, model: Model, present: Effect, law: Effect) -> Whitened | None:
