@@ -55,16 +55,16 @@ def test_what_holds_a_joint_is_noise_while_it_rests(tmp_path: Path, monkeypatch:
 
 
 def test_a_width_that_is_stated_leaves_doubt_only_where_noise_hides_the_sign(tmp_path: Path) -> None:
-    """The velocity is known to 1e-4 rad/s: far below a width of .005 rad/s, above one of 2e-5 rad/s."""
+    """The velocity's standard deviation is 1.7e-4 rad/s: a width of 3e-4 may as well be none, one of .005 is seen."""
     problem = _problem(tmp_path)
     (form,), physics = problem.forms, problem.scene.physics
     (friction,) = physics.joint_forces
     doubt = []
-    for width in (None, 2e-5, 0.005):
+    for width in (None, 3e-4, 0.005):
         stated = {} if width is None else {"slip_velocity": width}
         changed = physics.changed(joint_forces=(type(friction)(friction.at, {**friction.values, **stated}),))
         doubt.append(float(np.max(friction_at_rest_covariance(form, changed).diagonal())))
-    assert doubt[2] < 1e-4 * doubt[0] and 0.1 * doubt[0] < doubt[1] < 1.1 * doubt[0]
+    assert doubt[2] < 1e-4 * doubt[0] and 0.3 * doubt[0] < doubt[1] < 1.1 * doubt[0]
 
 
 def test_what_holds_a_joint_may_turn_from_one_window_to_the_next(tmp_path: Path) -> None:

@@ -142,6 +142,23 @@ def test_what_a_rival_needs_not_is_no_rival() -> None:
     assert found.key == STRIBECK.key and found.probability == 0.1
 
 
+@pytest.mark.parametrize(("best", "told"), [(COULOMB, 0.999), (STRIBECK, 0.499)])
+def test_what_speaks_for_a_law_speaks_for_a_simpler_one(
+    monkeypatch: pytest.MonkeyPatch, best: JointCoulombFriction | JointStribeckFriction, told: float
+) -> None:
+    """Nested laws that are as probable as each other do not withhold each other's name."""
+    under_way, found = _under_way(monkeypatch, {}), _found(best, 1000.0)
+    under_way.effects = (COULOMB, STRIBECK)
+    elsewhere = JointStribeckFriction("j2", STRIBECK.values)
+    monkeypatch.setattr(
+        search,
+        "inclusion_probabilities",
+        lambda *of: {COULOMB.key: 0.5, STRIBECK.key: 0.499, elsewhere.key: 0.3},
+    )
+    begun = search.Outcome(under_way.problem, under_way.problem, found, found, (), 10, (), 1e-9, {})
+    assert search._concluded(under_way, begun, found).probability[best.key] == pytest.approx(told)
+
+
 def test_the_noise_is_that_under_the_unknowns_as_fitted(tmp_path: Path) -> None:
     """A mass that is wrong within its prior is a force that the model lacks, where the motion is estimated under it."""
     unknown = "unknown: [{parameter: mass, body: lower, mean: 1.02, std: 0.1}]"

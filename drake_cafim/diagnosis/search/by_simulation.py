@@ -11,7 +11,7 @@ from drake_cafim.diagnosis.output_error.decisions import SEARCH, record_errors
 from drake_cafim.diagnosis.output_error.found import Found
 from drake_cafim.diagnosis.search.decisions import record_descent
 from drake_cafim.diagnosis.search.decisions_by_place import record_shared
-from drake_cafim.diagnosis.search.determined import UNKNOWN_SIZE, Descent, undetermined
+from drake_cafim.diagnosis.search.determined import Descent, undetermined
 from drake_cafim.diagnosis.search.given_effects import fit_given
 from drake_cafim.diagnosis.search.judgement import Judgement
 from drake_cafim.diagnosis.search.search import Outcome
@@ -77,10 +77,7 @@ def _withheld(found: Found, trace: Trace) -> tuple[Effect, ...]:
             trace.add(record_shared(model, effect, probability, LEAST_PROBABILITY))
         elif wide is not None:
             strength, deviation, size = wide
-            reason = (
-                f"the standard deviation of its {strength} is {short(deviation)}, and it may span {short(size)}: "
-                f"{UNKNOWN_SIZE}"
-            )
+            reason = f"the standard deviation of its {strength} is {short(deviation)}, and it may span {short(size)}"
             trace.add(record_descent(model, Descent(effect, reason, None)))
         else:
             kept.append(effect)

@@ -158,11 +158,17 @@ def record_pruning(best: Fit, part: Key, lead: float) -> Record:
 
 
 def record_descent(model: Model, descent: Descent) -> Record:
-    """A law that is not determined or explains no more, and the simpler one, if any, that is named in its place."""
+    """Why a law is not named, and the simpler one, if any, that is named in its place."""
     instead = f"{spoken(name_of(descent.law.key))} is named instead" if descent.law else "it is not named"
-    words = f"{descent.reason}, so {instead}"
-    rest = names_of(model.keys - {descent.effect.key})
-    return Record("admit", name_of(descent.effect.key), 0.0, 0.0, False, words, "undetermined", rest)
+    rest, name = names_of(model.keys - {descent.effect.key}), name_of(descent.effect.key)
+    if descent.gain is None or descent.luck is None:
+        words = f"{descent.reason}: nothing is known of its size, so {instead}"
+        return Record("admit", name, None, None, False, words, "undetermined", rest)
+    words = (
+        f"with it −2 ln likelihood is lower by {short(descent.gain)}, in units of what is left; on noise alone, it "
+        f"would be by less than {short(descent.luck)}, so {instead}"
+    )
+    return Record("admit", name, descent.gain, descent.luck, False, words, "decrease of −2 ln likelihood", rest)
 
 
 def record_residual(problem: SearchProblem, entry: Fit, rate: float) -> list[Record]:

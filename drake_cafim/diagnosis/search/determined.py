@@ -21,14 +21,19 @@ from drake_cafim.typing import Array
 
 @dataclass(frozen=True)
 class Descent:
-    """A law whose size is not known, the `reason` as a clause, and the simpler `law`, or None, in its place."""
+    """A law that is not named, and the simpler `law`, or None, in its place.
+
+    Nothing is known of its size, for a `reason` as a clause; or the simpler one explains as much: −2 ln likelihood is
+    lower with it by a `gain` only, where noise alone makes up to `luck` of it. Then the reason is empty.
+    """
 
     effect: Effect
     reason: str
     law: Effect | None
+    gain: float | None = None
+    luck: float | None = None
 
 
-UNKNOWN_SIZE = "nothing is known of its size"
 AT_BOUND = 1e-9
 """Distance from a bound, relative to the strength's size, up to which it counts as reached."""
 UNSEEN_STD = 0.5 * float(np.sqrt(NOTHING_KNOWN))
@@ -107,7 +112,7 @@ def descend(problem: SearchProblem, found: Fit, laws: Sequence[Effect]) -> tuple
             if not fitted.echo and reason_against(problem, fitted, fitted.model.effects[-1]) is None:
                 known.append(fitted)
         found = min(known, key=lambda fitted: criterion(fitted, scale_of(fitted), 1)) if known else rest
-        descents.append(Descent(present, f"{reason}: {UNKNOWN_SIZE}", found.model.effects[-1] if known else None))
+        descents.append(Descent(present, reason, found.model.effects[-1] if known else None))
     return found, descents
 
 

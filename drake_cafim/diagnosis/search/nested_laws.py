@@ -13,10 +13,9 @@ from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
-from drake_cafim.diagnosis.search.determined import UNKNOWN_SIZE, Descent, is_simpler, reason_against
+from drake_cafim.diagnosis.search.determined import Descent, is_simpler, reason_against
 from drake_cafim.diagnosis.search.law_shapes import fit_shapes
 from drake_cafim.effects.effect import Effect
-from drake_cafim.numerics.rounding import short
 
 Whitened = tuple[SearchProblem, Fit]
 """A problem whitened with the noise that an explanation implies, and its fit there."""
@@ -40,30 +39,31 @@ def simplify(
         simpler = [law for law in laws if is_simpler(law, present)]
         instead = _simplest(problem, found.model, present, simpler, rate, adequacy_level) if simpler else None
         if instead is not None:
-            (problem, found), reason = instead
-            descents.append(Descent(present, reason, found.model.effects[-1]))
+            (problem, found), descent = instead
+            descents.append(descent)
     return problem, found, descents
 
 
 def _simplest(
     problem: SearchProblem, model: Model, present: Effect, simpler: Sequence[Effect], rate: float, adequacy_level: float
-) -> tuple[Whitened, str] | None:
+) -> tuple[Whitened, Descent] | None:
     """The explanation with the simplest law in the place of the `present` one, and why; None where that one stands."""
     larger = _under_own_noise(problem, model)
     others = [other for law in simpler if (other := _with_law(problem, model, present, law)) is not None]
     adequate = [other for other in others if leaves_noise(*other, adequacy_level)]
     if leaves_noise(*larger, adequacy_level):
         others = adequate
-    alike = [other for other in others if _explains_as_much(larger, other, rate)]
+    alike = [other for other in others if _gain(larger, other) < _luck(larger, other, rate)]
     if alike:
         best = min(alike, key=lambda other: (other[1].strengths, _misfit(*other)))
-        more = short(max(_misfit(*best) - _misfit(*larger), 0.0))
-        return best, f"with it −2 ln likelihood is lower by {more} only"
+        gain, luck = max(_gain(larger, best), 0.0), _luck(larger, best, rate)
+        return best, Descent(present, "", best[1].model.effects[-1], gain, luck)
     fitted = next(effect for effect in larger[1].model.effects if effect.key == present.key)
     unknown = reason_against(*larger, fitted) if adequate else None
     if unknown is None:
         return None
-    return min(adequate, key=lambda other: _misfit(*other)), f"{unknown}: {UNKNOWN_SIZE}"
+    best = min(adequate, key=lambda other: _misfit(*other))
+    return best, Descent(present, unknown, best[1].model.effects[-1])
 
 
 def _with_law(problem: SearchProblem, model: Model, present: Effect, law: Effect) -> Whitened | None:
@@ -87,10 +87,14 @@ def _under_own_noise(problem: SearchProblem, model: Model) -> Whitened:
     return own, unbiased_fit(own, shaped.model)
 
 
-def _explains_as_much(larger: Whitened, other: Whitened, rate: float) -> bool:
-    """Whether the `other` explanation's misfit is larger by no more than luck, the likelihood in units of its noise."""
-    more = larger[1].strengths - other[1].strengths
-    return (_misfit(*other) - _misfit(*larger)) / scale_of(other[1]) < float(chi2.isf(rate, more))
+def _gain(larger: Whitened, other: Whitened) -> float:
+    """By how much −2 ln likelihood is lower with the larger law, in units of what the other explanation leaves."""
+    return (_misfit(*other) - _misfit(*larger)) / scale_of(other[1])
+
+
+def _luck(larger: Whitened, other: Whitened, rate: float) -> float:
+    """What noise alone makes of the strengths that the larger law has more, but with a probability of `rate`."""
+    return float(chi2.isf(rate, larger[1].strengths - other[1].strengths))
 
 
 def _misfit(problem: SearchProblem, found: Fit) -> float:

@@ -5,8 +5,8 @@ v of the order of w in its place, and w is not known where a model file states t
 differs from the law by up to T (1 − |tanh(v/w)|); that is counted as noise, once as what is alike for as long as the
 joint rests, and once as what turns within a window, since the force follows what pushes the joint: a controller that
 makes up for the friction turns it from −T to T within a few samples. A friction whose width is stated, or was fitted,
-is a function of the velocity: there is no such noise unless the velocity's error hides the width. A joint that truly
-sticks has the force of no velocity, and a law that rises towards rest would seem to explain it.
+is a function of the velocity: there is no such noise unless the velocity's error hides the width. The force that holds
+a joint which truly sticks depends on no velocity, and a law that rises towards rest would seem to explain it.
 """
 
 import numpy as np
