@@ -162,8 +162,10 @@ def test_many_effects_are_not_looked_for_again_under_less_noise(
     given: list[tuple[str, tuple[object, ...]]] = []
     for asked in ("judge", "judge_again"):
         monkeypatch.setattr(diagnose, asked, lambda *arguments, asked=asked: given.append((asked, arguments)) or asked)
-    finer = SimpleNamespace(mistakes=(), problem=lambda: "finer")
+    finest = SimpleNamespace(mistakes=(), problem=lambda: "finest")
+    finer = SimpleNamespace(mistakes=(), problem=lambda: "finer", with_noise_beside={"refitted": finest}.get)
     prepared: Any = SimpleNamespace(with_noise_beside=lambda model: finer)
+    monkeypatch.setattr(diagnose, "fit_again", lambda problem, before: "refitted" if problem == "finer" else None)
     judged: Any = SimpleNamespace(best=_fit(7, effects), search=name)
     before = Trace()
     before.add(Record("detect", "", 0.0, 0.01, True, ""))
@@ -172,12 +174,14 @@ def test_many_effects_are_not_looked_for_again_under_less_noise(
     [(asked, arguments)] = given
     assert again[1] == asked
     if effects > state.Settings().most_effects:
-        assert asked == "judge_again" and arguments[1] is judged and again[2].records == before.records
+        # what was found is compared with others once, under the noise that it leaves when fitted again
+        assert asked == "judge_again" and arguments[:2] == ("finest", judged) and again[0] is finest
+        assert again[2].records == before.records
         monkeypatch.setattr(diagnose, "judge_again", lambda *arguments: None)
         none = diagnose._with_less_noise(prepared, judged, state.Settings(), lambda text: None, before)
         assert none is None, "the judgement under more noise stays"
     else:
-        assert asked == "judge" and not again[2].records
+        assert asked == "judge" and arguments[0] == "finer" and not again[2].records
         assert arguments[-1] == (judged.best.model.effects if name else ())
 
 

@@ -23,7 +23,7 @@ from drake_cafim.diagnosis.preparation import PreparedRecordings, prepare
 from drake_cafim.diagnosis.search.by_simulation import judge_found
 from drake_cafim.diagnosis.search.conclusion import record_conclusion, record_data_mistake
 from drake_cafim.diagnosis.search.given_effects import fit_given
-from drake_cafim.diagnosis.search.judgement import Judgement, judge, judge_again
+from drake_cafim.diagnosis.search.judgement import Judgement, fit_again, judge, judge_again
 from drake_cafim.diagnosis.search.pushes import withhold_refuted_pushes
 from drake_cafim.diagnosis.search.search import Outcome
 from drake_cafim.diagnosis.search.search_under_unknown_force import UNKNOWN_FORCES
@@ -201,6 +201,9 @@ def _with_less_noise(
     trace.add(*map(record_data_mistake, finer.mistakes))
     if len(found) > settings.most_effects:
         progress("fitting again with less noise of the efforts")
+        # to compare them with others takes long, and is done once, under the noise that no longer falls
+        for _ in range(EFFORT_NOISE_ROUNDS - 1):
+            finer = finer.with_noise_beside(fit_again(finer.problem(), judgement)) or finer
         again = judge_again(finer.problem(), judgement, settings, progress, trace)
         return None if again is None else (finer, again, trace)
     progress("searching again with less noise of the efforts")

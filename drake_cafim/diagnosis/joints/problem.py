@@ -47,9 +47,7 @@ class WeakProblem(WeakFormRows, SearchProblem):
     def apart(self, rows: Array) -> Array:
         ends = np.cumsum([run.rows for run in self.runs])[:-1]
         own = zip(self.runs, np.split(rows, ends), strict=True)
-        return np.concatenate(
-            [run.whiten.unwhiten(part) / np.sqrt(run.whiten.covariance.diagonal()) for run, part in own]
-        )
+        return np.concatenate([run.whiten.unwhiten(part) / run.whiten.std for run, part in own])
 
     @property
     def equations(self) -> slice:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
 
 from drake_cafim.diagnosis.fit.pushes import Push, candidate_intervals
 from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
@@ -94,9 +93,7 @@ def _pulse(run: Run, start: float, stop: float) -> Pulse | None:
         for j in range(weak.joints):
             columns[: last - first, weak.dynamic.start + j, j] = -weights
         rows = slice(first * r, end * r)
-        solved, info = lapack.dtbtrs(run.whiten.factor[:, rows], columns.reshape(-1, weak.joints), uplo="L")
-        if info != 0:
-            return None
+        solved = run.whiten.factor.block(rows.start, rows.stop).solve(columns.reshape(-1, weak.joints))
         # a change of momentum is seen until the noise of later samples has averaged it away
         left = np.linalg.norm(solved[-TAIL * r :], axis=0) <= DECAYED_SHARE * np.linalg.norm(solved, axis=0)
         if end == len(windows) or np.all(left):

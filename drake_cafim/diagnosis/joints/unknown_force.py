@@ -20,9 +20,10 @@ from drake_cafim.typing import Array, Indices
 
 MOST_STEPS, TOLERANCE = 12, 0.02
 """Largest number of scoring steps, and the relative change of the densities at which they end."""
-PART, REACH, FAINT = 32, 32, 1e-9
+PART, REACH, FAINT = 32, 8, 1e-6
 """Windows whose forces are whitened at once, how many windows later they may still be felt in whitened rows, and the
-share of the squared rows there up to which they are not; while it is larger, twice as many later windows are."""
+share of the squared rows in the last quarter of these up to which they are not felt beyond; while it is larger, twice
+as many later windows are taken."""
 
 
 def force_density(problem: WeakFormRows, model: Model, near: Array | None = None) -> Array:
@@ -126,8 +127,8 @@ def _whitened(whiten: Whitening, factor: sp.csr_matrix) -> Iterator[tuple[slice,
         reach, felt = REACH, True
         while felt:
             rows = slice(first * each, min((first + PART + reach) * each, count))
-            seen = whiten.part(rows.start, rows.stop)(factor[rows, first : first + PART].toarray())
-            late = float(np.sum(seen[-(reach // 2) * each :] ** 2))
+            seen = whiten.factor.block(rows.start, rows.stop).solve(factor[rows, first : first + PART].toarray())
+            late = float(np.sum(seen[-(reach // 4) * each :] ** 2))
             felt = rows.stop < count and late > FAINT * float(np.sum(seen**2))
             reach *= 2
         yield rows, seen

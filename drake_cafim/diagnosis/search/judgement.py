@@ -7,8 +7,8 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.evidence import leaves_inaccuracy, leaves_noise
-from drake_cafim.diagnosis.fit.fitting import Fit
-from drake_cafim.diagnosis.fit.model import Key
+from drake_cafim.diagnosis.fit.fitting import CONVERGED, Fit, fit
+from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.diagnosis.search import decisions
@@ -88,9 +88,21 @@ def judge_again(
     problem, nominal = fit_nominal(problem, trace)
     outcome = replace(before.outcome, problem=problem, nominal_problem=problem, nominal=nominal)
     own = trace.of_search(UNKNOWN_FORCES)
-    begin = (*before.best.model.effects, *before.outcome.unsupported)
+    begin = _all_found(before).effects
     found = _under_unknown_forces(outcome, settings, progress, own, begin, more=False)
     return None if found is None else _with_far_unknowns(problem, found, settings, trace)
+
+
+def fit_again(problem: SearchProblem, before: Judgement) -> Model:
+    """The effects that `judge_again` begins with, fitted under the forces that they leave."""
+    model = _all_found(before)
+    force = problem.likeliest_force(model)
+    return model if force is None else fit(problem.with_unknown_force(force, model), model, tolerance=CONVERGED).model
+
+
+def _all_found(judgement: Judgement) -> Model:
+    """What is named, and what explained less than was left at its place."""
+    return judgement.best.model.with_effects(judgement.outcome.unsupported)
 
 
 def _with_far_unknowns(problem: SearchProblem, judgement: Judgement, settings: Settings, trace: Trace) -> Judgement:

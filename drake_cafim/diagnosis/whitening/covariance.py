@@ -1,11 +1,11 @@
 """The covariance of the weak form's rows, and the whitening: rows times the inverse of its Cholesky factor."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from scipy.linalg import lapack
 
 from drake_cafim.diagnosis.rows.weak_form import WeakForm
 from drake_cafim.diagnosis.whitening.contact_at_rest import contact_at_rest_covariance
@@ -15,6 +15,7 @@ from drake_cafim.diagnosis.whitening.impact_noise import impact_covariance
 from drake_cafim.diagnosis.whitening.kinked_law_noise import kinked_law_covariance
 from drake_cafim.diagnosis.whitening.mobility_noise import mobility_covariance
 from drake_cafim.diagnosis.whitening.sampled_noise import KeptJacobian, sampled_noise
+from drake_cafim.numerics.banded import LowerBand
 from drake_cafim.scenario.physics import Physics
 from drake_cafim.typing import Array
 
@@ -23,9 +24,9 @@ NONE = np.zeros(0)
 
 @dataclass(frozen=True)
 class Whitening:
-    """The rows' `covariance` C (R, R) and its Cholesky `factor` L, C = L Lᵀ, in lower band storage (b + 1, R)."""
+    """The rows' `covariance` C (R, R) and its Cholesky `factor` L, C = L Lᵀ."""
 
-    factor: Array
+    factor: LowerBand
     covariance: sp.csr_matrix
     motion_log_determinant: float = 0.0
     """ln det of the part of C that the noise of the samples of motion makes; see `log_determinant`."""
@@ -49,31 +50,25 @@ class Whitening:
             raise np.linalg.LinAlgError("the covariance of the rows is not finite")
         # so that rounding does not make the factorisation fail where rows are nearly dependent
         band[0] *= 1.0 + 1e-10
-        return cls(scipy.linalg.cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False), covariance)
+        factor = scipy.linalg.cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
+        return cls(LowerBand.of(factor), covariance)
 
     def __call__(self, rows: Array) -> Array:
-        """L⁻¹ `rows`, for (R,) or (R, k); raises `ArithmeticError` where L is singular."""
-        flat = rows.reshape(len(rows), -1)
-        solved, info = lapack.dtbtrs(self.factor, flat, uplo="L")
-        if info != 0:
-            raise ArithmeticError(f"the covariance of the residual is singular at row {info}")
-        return np.asarray(solved.reshape(rows.shape), dtype=float)
+        """L⁻¹ `rows`, for (R,) or (R, k)."""
+        return self.factor.solve(rows)
 
     def unwhiten(self, rows: Array) -> Array:
-        """L `rows`, for (R, k): what `__call__` whitens to `rows`."""
-        L = sp.dia_array((self.factor, -np.arange(len(self.factor))), shape=self.covariance.shape)
-        return np.asarray(L @ rows, dtype=float)
-
-    def part(self, start: int, stop: int) -> "Whitening":
-        """The whitening of the rows from `start` to `stop` − 1, given those before."""
-        return Whitening(self.factor[:, start:stop], self.covariance)
+        """L `rows`, for (R,) or (R, k): what `__call__` whitens to `rows`."""
+        return self.factor.times(rows)
 
     def transposed(self, rows: Array) -> Array:
-        """L⁻ᵀ `rows`, for (R, k): of whitened rows L⁻¹ r it makes C⁻¹ r."""
-        solved, info = lapack.dtbtrs(self.factor, rows, uplo="L", trans="T")
-        if info != 0:
-            raise ArithmeticError(f"the covariance of the residual is singular at row {info}")
-        return np.asarray(solved, dtype=float)
+        """L⁻ᵀ `rows`, for (R,) or (R, k): of whitened rows L⁻¹ r it makes C⁻¹ r."""
+        return self.factor.solve_transposed(rows)
+
+    @cached_property
+    def std(self) -> Array:
+        """(R,) the rows' standard deviations."""
+        return np.asarray(np.sqrt(self.covariance.diagonal()), dtype=float)
 
     @property
     def log_determinant(self) -> float:
@@ -83,7 +78,7 @@ class Whitening:
         times the volume that r makes of a unit of samples, √det(C_m) but for a constant. Stiff laws, as dry friction
         near rest, and large inertias make large rows of small motions: by det C alone they would seem to predict badly.
         """
-        return _log_determinant(self.factor) - self.motion_log_determinant
+        return _log_determinant(self.factor.diagonal) - self.motion_log_determinant
 
 
 def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> tuple[Whitening, KeptJacobian]:
@@ -100,7 +95,8 @@ def whitening(weak: WeakForm, physics: Physics, unknown_force: Array = NONE) -> 
     band = lower_band(sp.csr_matrix(of_motion))
     # where the samples are exact, rows without noise are those without a doubt
     band[0] += 1e-10 * total.diagonal()
-    volume = _log_determinant(scipy.linalg.cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False))
+    factor = scipy.linalg.cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
+    volume = _log_determinant(factor[0])
     return Whitening.of(total, volume), jacobian
 
 
@@ -129,9 +125,9 @@ def _covariances(
     return of_motion, beyond, jacobian
 
 
-def _log_determinant(factor: Array) -> float:
-    """ln det L Lᵀ of a Cholesky `factor` in lower band storage."""
-    return float(2.0 * np.sum(np.log(factor[0])))
+def _log_determinant(diagonal: Array) -> float:
+    """ln det L Lᵀ of a Cholesky factor with this `diagonal` (R,)."""
+    return float(2.0 * np.sum(np.log(diagonal)))
 
 
 def lower_band(symmetric: sp.csr_matrix) -> Array:

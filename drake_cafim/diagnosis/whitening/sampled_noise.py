@@ -16,6 +16,7 @@ from drake_cafim.diagnosis.whitening.noise_jacobian import (
     effort_blocks,
     motion_blocks,
 )
+from drake_cafim.numerics.row_products import SymmetricBand
 from drake_cafim.scenario.physics import Physics
 
 
@@ -83,9 +84,9 @@ def sampled_covariance(weak: WeakForm, jacobian: Iterable[Block]) -> sp.csr_matr
     """
     samples, rows = weak.samples, weak.rows_per_window * len(weak.samples.windows)
     alike = {memory: covariance(samples.time, memory) for memory in set(samples.memories.values())}
-    total = sp.csr_matrix((rows, rows))
+    total = SymmetricBand.zeros(rows)
     for name, block in jacobian:
         memory = samples.memories.get(name)
         correlated = block if memory is None else sp.csr_matrix(block @ alike[memory])
-        total = total + samples.std[name] ** 2 * (correlated @ block.T)
-    return sp.csr_matrix(total)
+        total.add(samples.std[name] ** 2, correlated, block)
+    return total.full()
