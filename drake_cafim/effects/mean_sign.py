@@ -9,10 +9,11 @@ is exact for each term, whether s is large or small against w.
 """
 
 from dataclasses import dataclass
+from math import erf
 
 import numpy as np
-from scipy.special import erf
 
+from drake_cafim.numerics.compiled import compiled
 from drake_cafim.typing import Array, Indices
 
 SIGN = ((0.065202, 0.457608), (0.451595, 1.001436), (0.386803, 0.679370), (0.096400, 1.466001))
@@ -38,19 +39,32 @@ class MeanSign:
         if not np.any(std):
             sign = np.tanh(v / width)
             return cls(sign, (1.0 - sign**2) / width, np.zeros_like(sign))
-        value = np.sign(v) * sum(share for share, _ in SIGN)
-        by_v, by_std = np.zeros_like(v), np.zeros_like(v)
-        widest = min(rate for _, rate in SIGN)
-        near, v, std = _within(v, std, SETTLED / widest * np.sqrt(width**2 + 2.0 * (widest * std) ** 2))
-        value[near] = 0.0
+        return cls(*_mean_sign(v, np.broadcast_to(std, v.shape), float(width)))
+
+
+@compiled
+def _mean_sign(v: Array, std: Array, width: float) -> tuple[Array, Array, Array]:
+    """The numbers of a `MeanSign`, where `std` (N,) is not zero everywhere."""
+    value, by_v, by_std = np.empty_like(v), np.zeros_like(v), np.zeros_like(v)
+    most, widest = 0.0, SIGN[0][1]
+    for share, rate in SIGN:
+        most += share
+        widest = min(widest, rate)
+    for k in range(len(v)):
+        variance = 2.0 * std[k] ** 2
+        if abs(v[k]) >= SETTLED / widest * np.sqrt(width**2 + widest**2 * variance):
+            value[k] = most * np.sign(v[k])
+            continue
+        mean, slope, change = 0.0, 0.0, 0.0
         for share, rate in SIGN:
-            narrowed = rate / np.sqrt(width**2 + 2.0 * (rate * std) ** 2)
-            x = narrowed * v
+            narrowed = rate / np.sqrt(width**2 + rate**2 * variance)
+            x = narrowed * v[k]
             bell = share * 2.0 / np.sqrt(np.pi) * np.exp(-(x**2))
-            value[near] += share * erf(x)
-            by_v[near] += bell * narrowed
-            by_std[near] -= 2.0 * bell * v * std * narrowed**3
-        return cls(value, by_v, by_std)
+            mean += share * erf(x)
+            slope += bell * narrowed
+            change -= 2.0 * bell * v[k] * std[k] * narrowed**3
+        value[k], by_v[k], by_std[k] = mean, slope, change
+    return value, by_v, by_std
 
 
 def mean_sides(sign: MeanSign, v: Array, v_std: Array | float, width: float) -> tuple[Array, Array]:
