@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -57,12 +58,12 @@ class Parameters:
     def __len__(self) -> int:
         return len(self.items)
 
-    @property
+    @cached_property
     def free(self) -> tuple[Parameter, ...]:
         """The parameters that are not frozen."""
         return tuple(parameter for parameter in self.items if not parameter.frozen)
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the free parameters, the order of every vector."""
         return tuple(parameter.name for parameter in self.free)
@@ -107,6 +108,6 @@ class Parameters:
         return np.array([values.get(p.name, p.mean) for p in self.free], dtype=float)
 
     def clip(self, vector: Array) -> Array:
-        """`vector` (n,) clipped to the bounds."""
+        """`vector` (..., n) clipped to the bounds."""
         lower, upper = self.bounds
         return np.asarray(np.clip(vector, lower, upper), dtype=float)

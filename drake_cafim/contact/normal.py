@@ -115,10 +115,13 @@ def normal_force_derivatives(
 ) -> NormalForce:
     """`normal_force` with its analytic derivatives; arguments, shapes and errors are the same."""
     index = _index(law)
-    arguments = np.broadcast_arrays(penetration, rate, stiffness, damping, dissipation, narrowing, deficit)
-    flat = [np.asarray(argument, dtype=float).ravel() for argument in arguments]
-    values = _each(index, *flat, smoothing)
-    return NormalForce(*values.reshape(6, *arguments[0].shape))
+    arguments = (penetration, rate, stiffness, damping, dissipation, narrowing, deficit)
+    shape = np.broadcast_shapes(*map(np.shape, arguments))
+    full = np.empty((len(arguments), *shape))
+    for row, argument in zip(full, arguments, strict=True):
+        row[...] = argument
+    values = _each(index, *full.reshape(len(arguments), -1), smoothing)
+    return NormalForce(*values.reshape(6, *shape))
 
 
 @compiled

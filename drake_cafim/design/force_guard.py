@@ -5,12 +5,13 @@ the robot, which takes a while to follow, has come back from it.
 """
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from scipy.special import ndtr
 
 from drake_cafim.design.attainable import attainable
-from drake_cafim.design.force_belief import FilterConfig, ForceBelief, magnitude, predicted_forces
+from drake_cafim.design.force_belief import FilterConfig, ForceBelief, magnitude, predicted_forces, sizes
 from drake_cafim.sensitivity.model import PlanningModel
 from drake_cafim.typing import Array
 
@@ -48,7 +49,7 @@ def guarded_commands(
     pushed = np.any(away, axis=1)
     if not pushed.any():
         return commands
-    less = np.linspace(0.0, 1.0, config.shares)[:, np.newaxis]
+    less = np.arange(config.shares)[:, np.newaxis] / max(config.shares - 1, 1)
     against = np.minimum(np.einsum("bi,bi->b", commands, away), 0.0)[:, np.newaxis] * away
     sliding = commands - against
     _, fastest = model.velocity_bounds
@@ -67,7 +68,7 @@ def guarded_commands(
     risk = exceedance(model, belief, followed, limit).max(axis=-1)
     held = risk <= config.probability
     best = np.where(held.any(axis=1), held.argmax(axis=1), risk.argmin(axis=1))
-    chosen = np.take_along_axis(tried, best[:, np.newaxis, np.newaxis], axis=1)[:, 0]
+    chosen = tried[np.arange(len(tried)), best]
     return np.where(pushed[:, np.newaxis], chosen, commands)
 
 
@@ -75,7 +76,7 @@ def exceedance(model: PlanningModel, belief: ForceBelief, robot_states: Array, l
     """P(|λ| > `limit`), (...,), at robot states (..., 2 nu)."""
     mean, variance = magnitude(belief, predicted_forces(model, robot_states, belief.theta), limit)
     risk = ndtr((mean - limit) / np.sqrt(np.maximum(variance, 1e-12 * limit**2)))
-    return np.asarray(np.tensordot(belief.weight, risk, axes=1))
+    return np.asarray(belief.weight @ risk.reshape(len(risk), -1)).reshape(risk.shape[1:])
 
 
 def _away(
@@ -86,12 +87,12 @@ def _away(
     way = _approach(before, onwards, onwards, model.period, (1e-6,), config)[:, 0]
     forces = predicted_forces(model, np.concatenate([before, way], axis=1), belief.theta)
     mean, variance = magnitude(belief, forces, limit)
-    size = np.linalg.norm(forces, axis=-1)
+    size = sizes(forces)
     # as strong as it may be: a hypothesis that has been felt to push little turns the robot little
     strong = np.maximum(mean, 0.0) + np.sqrt(variance)
     gain = np.divide(strong, size, out=np.zeros_like(size), where=size > 0)
     expected = np.einsum("m,mbs,mbsi->bi", belief.weight, gain, forces)
-    length = np.linalg.norm(expected, axis=-1, keepdims=True)
+    length = sizes(expected)[:, np.newaxis]
     return np.asarray(np.divide(expected, length, out=np.zeros_like(expected), where=length > 0))
 
 
@@ -104,18 +105,26 @@ def _approach(
     (R,) s for a change, one after the other.
     """
     size = commands.shape[-1]
-    elapsed = np.arange(1, config.instants + 1) / config.instants * period
-    ramp = np.minimum(ramps, period)[:, np.newaxis]
-    inside = np.minimum(elapsed, ramp)
-    changed = (inside / ramp)[..., np.newaxis]
-    moved = (0.5 * inside**2 / ramp + (elapsed - inside))[..., np.newaxis]
-    shape = (*commands.shape[:2], len(ramps), 1, size)
-    position = np.broadcast_to(robot_states[:, :, np.newaxis, np.newaxis, :size], shape)
-    velocity = np.broadcast_to(robot_states[:, :, np.newaxis, np.newaxis, size:], shape)
-    states = np.empty((*shape[:3], 2, config.instants, 2 * size))
+    elapsed, moved, changed = _ramps(period, ramps, config.instants)
+    position = robot_states[:, :, np.newaxis, np.newaxis, :size]
+    velocity = robot_states[:, :, np.newaxis, np.newaxis, size:]
+    states = np.empty((*commands.shape[:2], len(ramps), 2, config.instants, 2 * size))
     for number, target in enumerate((commands, retreat)):
         change = target[:, :, np.newaxis, np.newaxis] - velocity
-        states[..., number, :, :size] = position + velocity * elapsed[:, np.newaxis] + change * moved
+        states[..., number, :, :size] = position + velocity * elapsed + change * moved
         states[..., number, :, size:] = velocity + change * changed
         position, velocity = states[..., number, -1:, :size], states[..., number, -1:, size:]
-    return states.reshape(*shape[:2], -1, 2 * size)
+    return states.reshape(*commands.shape[:2], -1, 2 * size)
+
+
+@cache
+def _ramps(period: float, ramps: tuple[float, ...], instants: int) -> tuple[Array, Array, Array]:
+    """Elapsed times (instants, 1) of a period, s, and after each ramp (R, instants, 1) what of a change has come about.
+
+    Of position, as a time by which to multiply the change of velocity, s, and of velocity, from 0 to 1.
+    """
+    elapsed = np.arange(1, instants + 1) / instants * period
+    ramp = np.minimum(ramps, period)[:, np.newaxis]
+    inside = np.minimum(elapsed, ramp)
+    moved = 0.5 * inside**2 / ramp + (elapsed - inside)
+    return elapsed[:, np.newaxis], moved[..., np.newaxis], (inside / ramp)[..., np.newaxis]

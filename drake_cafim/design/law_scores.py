@@ -37,9 +37,10 @@ class LawAveragedScore:
         rollouts: list[tuple[Hypothesis, Rollout]] = []
         counted = [each for each in situation.hypotheses if each.probability >= LEAST]
         share = sum(each.probability for each in counted)
+        # the robot moves the same under all laws
+        motion = self.scores[counted[0].law].model.motion(situation.robot_state, commands)
         for each in counted:
             score = self.scores[each.law]
-            motion = score.model.motion(situation.robot_state, commands)
             rollout = score.evaluator(motion, each.theta, each.touched)
             scored = score.of_rollout(rollout, each)
             total = total + each.probability / share * scored.scores

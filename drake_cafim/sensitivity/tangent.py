@@ -6,6 +6,7 @@ with S_0 = ∂x_0/∂θ: the total derivative of the measurements along the roll
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -20,10 +21,15 @@ class TangentEvaluator:
 
     model: PlanningModel
 
+    @cached_property
+    def _fast(self) -> "FastRollout | None":
+        """The model, if it has a rollout of its own: to ask that takes a tenth of a millisecond."""
+        return self.model if isinstance(self.model, FastRollout) else None
+
     def __call__(self, motion: Array, theta: Array, start: Start) -> Rollout:
         """Rollouts along motion (B, T·substeps + 1, nr) at θ (n,) from `start`."""
-        if isinstance(self.model, FastRollout):
-            return self.model.rollout(motion, theta, start)
+        if self._fast is not None:
+            return self._fast.rollout(motion, theta, start)
         if self.model.state_size == 0:
             return _differentiate_stateless(self.model, motion, theta)
         return _differentiate_stateful(self.model, motion, theta, start)

@@ -54,7 +54,7 @@ class Pinching(PointModel):
         return np.array([self.force_std])
 
     def _contact_parameters(self, theta: Array) -> ContactParameters:
-        numbers = dict(zip(self.parameters.names, np.moveaxis(theta, -1, 0), strict=True))
+        numbers = {name: theta[..., k] for k, name in enumerate(self.parameters.names)}
         numbers.pop("offset", None)
         return ContactParameters(**numbers, radius=self.ball_radius, resolution=self.resolution)
 

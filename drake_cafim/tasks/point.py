@@ -63,9 +63,9 @@ class PointModel:
         result[:, 0] = robot_state
         for index in range(length):
             position, velocity = result[:, index, :size], result[:, index, size:]
-            reached = np.clip(commands[:, index], velocity - most, velocity + most)
+            reached = np.minimum(np.maximum(commands[:, index], velocity - most), velocity + most)
             following = position + 0.5 * self.period * (velocity + reached)
-            inside = np.clip(following, lower, upper)
+            inside = np.minimum(np.maximum(following, lower), upper)
             result[:, index + 1, :size] = inside
             result[:, index + 1, size:] = np.where(inside == following, reached, (inside - position) / self.period)
         return result

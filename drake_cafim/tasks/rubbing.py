@@ -71,7 +71,7 @@ class Rubbing(TiltedModel):
 
     def _contact_parameters(self, theta: Array) -> ContactParameters:
         numbers: dict[str, Any] = {name: getattr(self, name) for name in self._numbers}
-        numbers.update(zip(self.parameters.names, np.moveaxis(theta, -1, 0), strict=True))
+        numbers.update({name: theta[..., k] for k, name in enumerate(self.parameters.names)})
         for name in ("offset", TILT):
             numbers.pop(name, None)
         return ContactParameters(**numbers, radius=self.tip_radius, resolution=self.resolution)
