@@ -10,6 +10,7 @@ import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
 from drake_cafim.diagnosis.fit.beside import strengths_at
+from drake_cafim.diagnosis.fit.columns import Nuisance
 from drake_cafim.diagnosis.fit.evidence import law_inaccuracy, luck_p_value
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.problem import Problem
@@ -45,15 +46,14 @@ def constancy_of(problem: Problem, found: Fit) -> list[Constancy]:
     χ² with k (P − 1) degrees of freedom for k strengths (Rao, Proc. Camb. Philos. Soc. 44(1), 1948). Variation within
     the accuracy of the laws counts as none.
     """
-    basis = np.linalg.qr(found.jacobian)[0]
-    residual = found.residual - basis @ (basis.T @ found.residual)
+    nuisance = Nuisance.of(found)
     inaccuracy = law_inaccuracy(problem, found)
     tested = []
     for position, effect in enumerate(found.model.effects):
         if effect.episode is not None:
             continue
         columns = _in_parts(problem, found.jacobian[:, strengths_at(found.model, position)])
-        solved = solve_beside(columns, basis, residual)
+        solved = solve_beside(columns, nuisance)
         varying = max((0.0 if solved is None else solved[1]) - inaccuracy, 0.0)
         common, _ = wald_statistics(problem, found, effect.key)
         tested.append(Constancy(effect, common, varying, luck_p_value(varying, columns.shape[1])))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import by_run
+from drake_cafim.diagnosis.fit.columns import Columns, Nuisance, change_by, products_of
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.search_problem import SearchProblem
 from drake_cafim.effects.effect import Effect
@@ -37,39 +38,39 @@ def screen(problem: SearchProblem, at: Fit, effects: Sequence[Effect], rest: Fit
     With a `rest` of `at`, they take the place of what that lacks: they act along the motion of `at`, and are weighed
     against the residual and the slopes of `rest`.
     """
-    left = rest or at
-    basis = np.linalg.qr(left.jacobian)[0] if left.jacobian.shape[1] else np.zeros((len(left.residual), 0))
-    residual = left.residual - basis @ (basis.T @ left.residual)
+    nuisance = Nuisance.of(rest or at)
     found = []
     for effect in effects:
-        candidate = _best_look(problem, at, effect, basis, residual)
+        candidate = _best_look(problem, at, effect, nuisance)
         if candidate is not None:
             found.append(candidate)
     return sorted(found, key=lambda candidate: -candidate.gain)
 
 
-def _best_look(problem: SearchProblem, at: Fit, effect: Effect, basis: Array, residual: Array) -> Candidate | None:
-    best: Candidate | None = None
-    change = np.zeros(0)
+def _best_look(problem: SearchProblem, at: Fit, effect: Effect, nuisance: Nuisance) -> Candidate | None:
+    best: tuple[Candidate, Array | Columns, Array] | None = None
     looks = problem.looks(at, effect)
     trials = looks.tried
     for columns, build in looks.found:
         trials += 1
-        solved = solve_beside(columns, basis[: len(columns)], residual[: len(columns)])
+        solved = solve_beside(columns, nuisance)
         if solved is None:
             continue
         coefficients, gain = solved
-        if best is not None and gain <= best.gain:
+        if best is not None and gain <= best[0].gain:
             continue
         built = build(coefficients)
         # a friction that drives, or a negative inertia, is no explanation, however well it fits
         if built is not None and built.plausible():
-            best, change = Candidate(built, gain, len(effect.strengths), 0), columns @ coefficients
+            best = Candidate(built, gain, len(effect.strengths), 0), columns, coefficients
     if best is None:
         return None
-    adapted = change - basis[: len(change)] @ (basis[: len(change)].T @ change)
+    candidate, columns, coefficients = best
+    change = change_by(columns, coefficients)
+    basis, residual = nuisance.basis[: len(change)], nuisance.residual
+    adapted = change - basis @ (basis.T @ change)
     return replace(
-        best, trials=trials, gains=by_row(problem, residual) - by_row(problem, residual[: len(change)] + adapted)
+        candidate, trials=trials, gains=by_row(problem, residual) - by_row(problem, residual[: len(change)] + adapted)
     )
 
 
@@ -78,20 +79,19 @@ def by_row(problem: SearchProblem, residual: Array) -> Array:
     return np.asarray(np.sum([np.sum(z**2, axis=0) for _, z in by_run(problem, residual[: problem.rows])], axis=0))
 
 
-def solve_beside(columns: Array, basis: Array, residual: Array) -> tuple[Array, float] | None:
+def solve_beside(columns: Array | Columns, nuisance: Nuisance) -> tuple[Array, float] | None:
     """Coefficients (c,) of `columns` X (R, c) by least squares beside the nuisance, and the decrease of χ².
 
-    With P = I − QQᵀ for the nuisance's orthonormal `basis` Q, and the `residual` z = P z, c = −(XᵀPX)⁻¹ Xᵀz and the
+    With P = I − QQᵀ for the nuisance's orthonormal basis Q, and its residual z = P z, c = −(XᵀPX)⁻¹ Xᵀz and the
     decrease is zᵀX (XᵀPX)⁻¹ Xᵀz. None where the nuisance spans the columns.
     """
-    # the square of a diverged state overflows
-    with np.errstate(over="ignore", invalid="ignore"):
-        together = columns.T @ columns
-    full = np.sqrt(np.diag(together))
+    together, along, score = products_of(columns, nuisance)
+    with np.errstate(invalid="ignore"):
+        full = np.sqrt(np.diag(together))
     if not np.all(full < DIVERGED):
         return None
     size = np.maximum(full, 1e-300)
-    along = basis.T @ columns / size
+    along = along / size
     gram = together / size / size[:, None] - along.T @ along
     left = np.sqrt(np.clip(np.diag(gram), 0.0, None))
     # a column that the nuisance spans, or that is zero but for rounding, carries no information
@@ -100,7 +100,7 @@ def solve_beside(columns: Array, basis: Array, residual: Array) -> tuple[Array, 
         return None
     scale = left[seen]
     known, axes = np.linalg.eigh(gram[np.ix_(seen, seen)] / np.outer(scale, scale))
-    score = (columns.T @ residual / size)[seen] / scale
+    score = (score / size)[seen] / scale
     distinct = known > LEAST_INFORMATION * known[-1]
     solution = -axes[:, distinct] @ (axes[:, distinct].T @ score / known[distinct])
     coefficients = np.zeros(len(full))

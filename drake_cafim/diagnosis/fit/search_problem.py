@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Self
 
+from drake_cafim.diagnosis.fit.columns import Columns
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.pictures import Pictures
@@ -14,9 +15,10 @@ from drake_cafim.effects.effect import Effect
 from drake_cafim.effects.joint_samples import JointSamples
 from drake_cafim.typing import Array
 
-Look = tuple[Array, Callable[[Array], Effect | None]]
-"""Whitened columns (R, c) along which an effect moves the rows, to first order, and the effect that coefficients (c,)
-of them stand for."""
+Build = Callable[[Array], Effect | None]
+"""The effect that coefficients (c,) stand for; None where there is none."""
+Look = tuple[Array | Columns, Build]
+"""Whitened columns (R, c) along which an effect moves the rows, to first order, and what their coefficients mean."""
 
 
 @dataclass(frozen=True)

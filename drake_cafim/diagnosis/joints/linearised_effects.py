@@ -1,6 +1,6 @@
 """Hypotheses for recordings of joints, and their first-order tests (looks): columns by which effects move the rows."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -9,6 +9,7 @@ import numpy as np
 from drake_cafim.diagnosis.fit.fitting import Fit
 from drake_cafim.diagnosis.fit.pushes import Push, push_over, search_once
 from drake_cafim.diagnosis.fit.search_problem import Look, Looks
+from drake_cafim.diagnosis.joints.joint_force_columns import JointForceColumns
 from drake_cafim.diagnosis.joints.linearised_contact_effects import contact_looks, surface_looks
 from drake_cafim.diagnosis.joints.plane_candidates import plane_looks
 from drake_cafim.diagnosis.joints.pulses import strongest_pushes
@@ -20,7 +21,7 @@ from drake_cafim.effects.actuator import ActuatorEffect
 from drake_cafim.effects.body import BodyForce, ExternalDisturbance, pulse
 from drake_cafim.effects.contact import ContactEffect
 from drake_cafim.effects.coupling import JointCoupling, RotorDrive
-from drake_cafim.effects.effect import Effect
+from drake_cafim.effects.effect import Effect, Start
 from drake_cafim.effects.joint import JointForce
 from drake_cafim.effects.joint_samples import JointSamples, concatenate
 from drake_cafim.effects.kinds import ByKind
@@ -33,8 +34,10 @@ from drake_cafim.scenario.physics import Physics
 from drake_cafim.scenario.unknown import inertials
 from drake_cafim.typing import Array
 
-CACHED_ROWS = 5_000
+CACHED_ROWS = 50_000
 """Largest number of rows of all recordings at which the looks at joint laws are cached, to limit memory."""
+AT_ONCE = 32
+"""Columns of a joint law that are integrated over the windows at once."""
 
 
 def hypotheses(problem: WeakFormRows) -> tuple[Effect, ...]:
@@ -153,21 +156,38 @@ def _force_looks(problem: WeakFormRows, physics: Physics, effect: JointForce) ->
     known = problem.force_looks.get(effect.key)
     if known is None or any(sample is not other for sample, other in zip(known[0], samples, strict=True)):
         found = _force_rows(problem, joint, effect, samples)
-        # of long recordings the columns of one start at a time are held
+        # of long recordings the columns of a few starts at a time are held
         known = samples, list(found) if problem.rows < CACHED_ROWS else found
         if problem.rows < CACHED_ROWS:
             problem.force_looks[effect.key] = known
-    for rows, shape in known[1]:
-        yield rows, partial(effect.from_coefficients, shape=shape)
+    for columns, shape in known[1]:
+        yield columns, partial(effect.from_coefficients, shape=shape)
 
 
 def _force_rows(
     problem: WeakFormRows, joint: int, effect: JointForce, samples: Sequence[JointSamples]
-) -> Iterator[tuple[Array, Mapping[str, float]]]:
-    """Whitened columns (R, c) of each start of the law, and its shape."""
+) -> Iterator[tuple[JointForceColumns, Mapping[str, float]]]:
+    """The columns of each start of the law, and its shape."""
     ends = np.cumsum([len(sample.q) for sample in samples])[:-1]
-    for start in effect.starts(concatenate(samples)):
-        yield problem.joint_columns(joint, np.split(start.columns, ends)), start.shape
+    for some in _batches(effect.starts(concatenate(samples))):
+        pieces = np.split(np.concatenate([start.columns for start in some], axis=1), ends)
+        # forces are subtracted in the equations of motion
+        integrals = [-(run.weak.samples.law_value @ piece) for run, piece in zip(problem.runs, pieces, strict=True)]
+        cuts = np.cumsum([start.columns.shape[1] for start in some])[:-1]
+        for start, forces in zip(some, np.split(np.concatenate(integrals), cuts, axis=1), strict=True):
+            yield JointForceColumns(problem, joint, forces), start.shape
+
+
+def _batches(starts: Iterable[Start]) -> Iterator[list[Start]]:
+    """The `starts`, as many at a time as have `AT_ONCE` columns together."""
+    some: list[Start] = []
+    for start in starts:
+        some.append(start)
+        if sum(other.columns.shape[1] for other in some) >= AT_ONCE:
+            yield some
+            some = []
+    if some:
+        yield some
 
 
 def _drive_looks(problem: WeakFormRows, physics: Physics, effect: ActuatorEffect) -> Iterator[Look]:

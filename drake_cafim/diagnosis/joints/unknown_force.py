@@ -111,12 +111,12 @@ def remarks(problem: WeakFormRows) -> tuple[str, ...]:
 def _parts(run: Run, physics: Physics) -> list[float]:
     """Σ of squared whitened rows of a window by a white force of unit density, for each joint."""
     return [
-        sum(float(np.sum(seen**2)) for _, seen in _whitened(run.whiten, factor)) / run.shape[0]
+        sum(float(np.sum(seen**2)) for _, seen in whitened_parts(run.whiten, factor)) / run.shape[0]
         for factor in unknown_force_factors(run.weak, physics)
     ]
 
 
-def _whitened(whiten: Whitening, factor: sp.csr_matrix) -> Iterator[tuple[slice, Array]]:
+def whitened_parts(whiten: Whitening, factor: sp.csr_matrix, faint: float = FAINT) -> Iterator[tuple[slice, Array]]:
     """Rows, and there L⁻¹ F of a `factor` F (R, M), by parts of its columns: a force is not felt long after it acted.
 
     Whole, it would take memory and time in proportion to the square of a recording's length.
@@ -129,7 +129,7 @@ def _whitened(whiten: Whitening, factor: sp.csr_matrix) -> Iterator[tuple[slice,
             rows = slice(first * each, min((first + PART + reach) * each, count))
             seen = whiten.factor.block(rows.start, rows.stop).solve(factor[rows, first : first + PART].toarray())
             late = float(np.sum(seen[-(reach // 4) * each :] ** 2))
-            felt = rows.stop < count and late > FAINT * float(np.sum(seen**2))
+            felt = rows.stop < count and late > faint * float(np.sum(seen**2))
             reach *= 2
         yield rows, seen
 
@@ -200,7 +200,7 @@ class _Whitened:
         white = self.rows + self.slopes @ change
         score, information = np.zeros(len(self.factors)), np.zeros(len(self.factors))
         for j, factor in enumerate(self.factors):
-            for rows, seen in _whitened(self.whiten, factor):
+            for rows, seen in whitened_parts(self.whiten, factor):
                 score[j] += 0.5 * float(np.sum((seen.T @ white[rows]) ** 2) - np.sum(seen**2))
                 # forces of two parts share next to nothing
                 information[j] += 0.5 * float(np.sum((seen.T @ seen) ** 2))

@@ -61,6 +61,8 @@ class WeakFormRows(Problem):
     """Cache: the pulses that are tested, by recording."""
     force_looks: dict[tuple[str, str], Any] = field(default_factory=dict, repr=False, compare=False)
     """Cache: the last looks at each joint law, with the samples that they are of."""
+    inverse_covariances: dict[tuple[int, int], Any] = field(default_factory=dict, repr=False, compare=False)
+    """Cache: by recording and joint, the part of C⁻¹ by the rows that forces there enter, see `joint_force_columns`."""
     _latest: "_Latest" = field(default_factory=lambda: _Latest(), repr=False, compare=False)
     _latest_of_first: "weakref.ref[_Latest] | None" = field(default=None, repr=False, compare=False)
 

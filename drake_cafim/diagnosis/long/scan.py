@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from drake_cafim.diagnosis.fit.adequacy import adequacy
+from drake_cafim.diagnosis.fit.columns import whitened
 from drake_cafim.diagnosis.fit.fitting import Fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Key, Model
 from drake_cafim.diagnosis.joints.problem import WeakProblem
@@ -114,7 +115,7 @@ def _informations(problem: WeakProblem, fitted: Fit) -> list[tuple[Key, float]]:
         look = next(iter(problem.looks(fitted, effect).found), None)
         if look is None:
             continue
-        columns = look[0]
+        columns = whitened(look[0])
         left = columns if basis is None else columns - basis @ (basis.T @ columns)
         size = float(np.sum(left**2))
         found.append((effect.key, size if np.isfinite(size) else 0.0))

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_cafim.diagnosis.fit.columns import Nuisance, whitened
 from drake_cafim.diagnosis.fit.fitting import Fit, fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.places import equations_of
 from drake_cafim.diagnosis.fit.screening import solve_beside
-from drake_cafim.diagnosis.fit.search_problem import Look, SearchProblem
+from drake_cafim.diagnosis.fit.search_problem import Build, SearchProblem
 from drake_cafim.effects.effect import Effect
 from drake_cafim.typing import Array
 
@@ -53,15 +54,14 @@ def _best_of(
     problem: SearchProblem, rest: Fit, laws: Sequence[Effect], price: Callable[[Effect], float], least: float
 ) -> tuple[Effect, Effect] | None:
     """The two of the `laws` that gain most beyond their prices, more than `least`, and act as their names say."""
-    basis = np.linalg.qr(rest.jacobian)[0]
-    residual = rest.residual - basis @ (basis.T @ rest.residual)
-    looks = [(law, look) for law in laws if (look := _best_look(problem, rest, law, basis, residual)) is not None]
+    nuisance = Nuisance.of(rest)
+    looks = [(law, look) for law in laws if (look := _best_look(problem, rest, law, nuisance)) is not None]
     best, most = None, least
     for (first, (own, build_first)), (second, (beside, build_second)) in itertools.combinations(looks, 2):
         if first.excludes(second) or second.excludes(first):
             continue
         columns = np.concatenate([own, beside], axis=1)
-        solved = solve_beside(columns, basis[: len(columns)], residual[: len(columns)])
+        solved = solve_beside(columns, nuisance)
         if solved is None or solved[1] - price(first) - price(second) <= most:
             continue
         built = build_first(solved[0][: own.shape[1]]), build_second(solved[0][own.shape[1] :])
@@ -70,12 +70,11 @@ def _best_of(
     return best
 
 
-def _best_look(problem: SearchProblem, rest: Fit, law: Effect, basis: Array, residual: Array) -> Look | None:
-    """The look at a law that gains most, whether it makes sense alone or not."""
+def _best_look(problem: SearchProblem, rest: Fit, law: Effect, nuisance: Nuisance) -> tuple[Array, Build] | None:
+    """The look at a law that gains most, whether it makes sense alone or not, with its whitened columns (R, c)."""
     best, most = None, 0.0
     for look in problem.looks(rest, law).found:
-        columns = look[0]
-        solved = solve_beside(columns, basis[: len(columns)], residual[: len(columns)])
+        solved = solve_beside(look[0], nuisance)
         if solved is not None and solved[1] > most:
             best, most = look, solved[1]
-    return best
+    return None if best is None else (whitened(best[0]), best[1])

@@ -1,0 +1,115 @@
+"""Columns of the whitened rows by forces at one joint, of which hundreds are tried: their products, unwhitened.
+
+A force at joint j enters one row of each window. With K = E_jᵀ C⁻¹ E_j, E_j those rows of the identity and C = L Lᵀ
+the rows' covariance, forces F over the windows have the products (L⁻¹E_jF)ᵀ(L⁻¹E_jF) = FᵀKF and
+(L⁻¹E_jF)ᵀz = Fᵀ E_jᵀ L⁻ᵀz: only what they are multiplied with is whitened, once for all of them.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from drake_cafim.diagnosis.fit.columns import Columns, Nuisance, Products
+from drake_cafim.diagnosis.joints.unknown_force import whitened_parts
+from drake_cafim.diagnosis.joints.weak_form_rows import WeakFormRows
+from drake_cafim.diagnosis.whitening.whitened_run import Run
+from drake_cafim.typing import Array
+
+FAINT = 1e-14
+"""Share of a force's squared whitened rows that is left out of K at most, where it is not felt any more."""
+
+
+@dataclass(frozen=True)
+class JointForceColumns(Columns):
+    """Rows by forces at the joint with index `joint`: their integrals `forces` (ΣM, c) over the windows of all runs."""
+
+    problem: WeakFormRows
+    joint: int
+    forces: Array
+
+    def whitened(self) -> Array:
+        return self._whitened(self.forces)
+
+    def times(self, coefficients: Array) -> Array:
+        return self._whitened(self.forces @ coefficients[:, None])[:, 0]
+
+    def _whitened(self, forces: Array) -> Array:
+        """The whitened rows (R, c) by `forces` (ΣM, c)."""
+        each = zip(self.problem.runs, _by_run(self.problem, forces), strict=True)
+        return np.concatenate([run.whitened(_in_rows(run, self.joint, part)) for run, part in each])
+
+    def products(self, nuisance: Nuisance) -> Products:
+        here = nuisance.known(self.joint, lambda: self._at_joint(nuisance))
+        beside = here.T @ self.forces
+        return Products(self.together, beside[:-1], beside[-1])
+
+    @cached_property
+    def together(self) -> Array:
+        """Σ FᵀKF (c, c)."""
+        parts = _by_run(self.problem, self.forces)
+        found = [part.T @ (inverse_at(self.problem, index, self.joint) @ part) for index, part in enumerate(parts)]
+        return np.asarray(np.sum(found, axis=0))
+
+    def _at_joint(self, nuisance: Nuisance) -> Array:
+        """(ΣM, p + 1) E_jᵀ L⁻ᵀ of the nuisance's basis and its residual."""
+        runs, found, start = self.problem.runs, [], 0
+        backwards = nuisance.known("transposed", lambda: self._transposed(nuisance))
+        for run in runs:
+            own = backwards[start : start + run.rows].reshape(*run.shape, -1)
+            found.append(own[:, run.weak.dynamic.start + self.joint])
+            start += run.rows
+        return np.concatenate(found)
+
+    def _transposed(self, nuisance: Nuisance) -> Array:
+        """(R, p + 1) L⁻ᵀ of the nuisance's basis and its residual."""
+        rows = np.column_stack([nuisance.basis, nuisance.residual])[: self.problem.rows]
+        ends = np.cumsum([run.rows for run in self.problem.runs])[:-1]
+        each = zip(self.problem.runs, np.split(rows, ends), strict=True)
+        return np.concatenate([run.whiten.transposed(part) for run, part in each])
+
+
+def _by_run(problem: WeakFormRows, forces: Array) -> list[Array]:
+    """The `forces` (ΣM, c) over the windows of each recording."""
+    return np.split(forces, np.cumsum([run.shape[0] for run in problem.runs])[:-1])
+
+
+def inverse_at(problem: WeakFormRows, index: int, joint: int) -> sp.csr_matrix:
+    """K (M, M) of a recording, by its `index`, and a joint; cached."""
+    known = problem.inverse_covariances
+    if (index, joint) not in known:
+        known[index, joint] = _inverse(problem.runs[index], joint)
+    return known[index, joint]
+
+
+def _inverse(run: Run, joint: int) -> sp.csr_matrix:
+    """K (M, M): the products of each two of the columns L⁻¹E_j that are felt in the same rows."""
+    M, r = run.shape
+    rows = r * np.arange(M) + run.weak.dynamic.start + joint
+    unit = sp.csr_matrix((np.ones(M), (rows, np.arange(M))), shape=(run.rows, M))
+    values, places = [], []
+    before: list[tuple[int, slice, Array]] = []
+    first = 0
+    for felt, seen in whitened_parts(run.whiten, unit, FAINT):
+        before = [entry for entry in before if entry[1].stop > felt.start]
+        before.append((first, felt, seen))
+        for start, where, other in before:
+            shared = slice(felt.start, min(where.stop, felt.stop))
+            block = other[shared.start - where.start : shared.stop - where.start].T @ seen[: shared.stop - shared.start]
+            i, j = np.meshgrid(start + np.arange(len(block)), first + np.arange(block.shape[1]), indexing="ij")
+            values.append(block.ravel())
+            places.append((i.ravel(), j.ravel()))
+            if start != first:
+                values.append(block.ravel())
+                places.append((j.ravel(), i.ravel()))
+        first += seen.shape[1]
+    row, column = (np.concatenate(each) for each in zip(*places, strict=True))
+    return sp.csr_matrix((np.concatenate(values), (row, column)), shape=(M, M))
+
+
+def _in_rows(run: Run, joint: int, part: Array) -> Array:
+    """(M, r, c) rows in which forces (M, c) over the windows stand at a joint."""
+    rows = np.zeros((*run.shape, part.shape[1]))
+    rows[:, run.weak.dynamic.start + joint] = part
+    return rows
