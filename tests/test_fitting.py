@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from drake_cafim.diagnosis.fit.columns import whitened
 from drake_cafim.diagnosis.fit.fitting import Fit, _subtract_excess, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
@@ -341,7 +342,9 @@ def test_looks_that_are_kept_are_those_of_the_samples_as_corrected(tmp_path: Pat
 
     def seen(model: Model, of: WeakProblem) -> np.ndarray:
         at = Fit(model, of.residual(model), of.jacobian(model), np.eye(len(model.vector)), of.rows)
-        return np.concatenate([columns for columns, _ in looks(of, at, JointCoulombFriction("rail")).found], axis=1)
+        return np.concatenate(
+            [whitened(columns) for columns, _ in looks(of, at, JointCoulombFriction("rail")).found], axis=1
+        )
 
     first, second, third = (seen(model, problem) for model in (prompt, late, prompt))
     np.testing.assert_array_equal(first, third)

@@ -118,8 +118,8 @@ def normal_force_derivatives(
     arguments = (penetration, rate, stiffness, damping, dissipation, narrowing, deficit)
     shape = np.broadcast_shapes(*map(np.shape, arguments))
     full = np.empty((len(arguments), *shape))
-    for row, argument in zip(full, arguments, strict=True):
-        row[...] = argument
+    for number, argument in enumerate(arguments):
+        full[number] = argument
     values = _each(index, *full.reshape(len(arguments), -1), smoothing)
     return NormalForce(*values.reshape(6, *shape))
 
