@@ -24,7 +24,7 @@ demo: $(STAMPS)/package
 	@echo "The run:       cafim-out/pinching/replay.html, error.svg, information.svg"
 	@echo "The diagnosis: cafim-out/pinching/diagnosis/report.html"
 
-# What a change must pass: about a quarter of an hour on two cores.
+# What a change must pass: about twenty minutes on two slow cores.
 test: $(STAMPS)/test
 	$(RUN)/python -m pytest -q -n 2 --dist worksteal -m "not ci and not long" tests
 
