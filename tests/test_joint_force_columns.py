@@ -1,14 +1,19 @@
 """Columns by forces at one joint: their products are those of the whitened columns."""
 
+import gc
+import weakref
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drake_cafim.diagnosis.fit.columns import Nuisance, change_by, products_of
+from drake_cafim.diagnosis.fit.fitting import fit
+from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.joints.joint_force_columns import JointForceColumns, inverse_at
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
+from drake_cafim.effects.joint import JointForce
 from tests import two_links
 
 CHANNELS = (two_links.CHANNELS, "channels: {q: {std: 2.0e-4, correlation_time: 0.02}, v: {std: 2.0e-3}, u: {std: 0.1}}")
@@ -44,3 +49,18 @@ def test_what_two_windows_share_is_that_of_the_inverse_covariance(tmp_path: Path
     rows = run.shape[1] * np.arange(run.shape[0]) + run.weak.dynamic.start + 1
     inverse = np.linalg.inv(run.whiten.covariance.toarray())[np.ix_(rows, rows)]
     assert np.allclose(inverse_at(problem, 1, 1).toarray(), inverse, atol=1e-6 * np.abs(inverse).max())
+
+
+def test_a_problem_that_was_screened_is_freed_at_once(tmp_path: Path) -> None:
+    """Its caches take hundreds of megabytes: nothing in them may refer to it."""
+    problem = _problem(tmp_path, two_links.CHANNELS)
+    fitted = fit(problem, problem.nominal())
+    assert screen(problem, fitted, [effect for effect in problem.hypotheses() if isinstance(effect, JointForce)])
+    assert problem.force_looks
+    seen = weakref.ref(problem)
+    gc.disable()
+    try:
+        del problem, fitted
+        assert seen() is None
+    finally:
+        gc.enable()

@@ -5,8 +5,7 @@ the rows' covariance, forces F over the windows have the products (L⁻¹E_jF)�
 (L⁻¹E_jF)ᵀz = Fᵀ E_jᵀ L⁻ᵀz: only what they are multiplied with is whitened, once for all of them.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sp
@@ -28,6 +27,8 @@ class JointForceColumns(Columns):
     problem: WeakFormRows
     joint: int
     forces: Array
+    known: list[Array] = field(default_factory=list, repr=False, compare=False)
+    """Σ FᵀKF (c, c), once it was computed: it outlives these columns where the forces are tried again."""
 
     def whitened(self) -> Array:
         return self._whitened(self.forces)
@@ -43,14 +44,11 @@ class JointForceColumns(Columns):
     def products(self, nuisance: Nuisance) -> Products:
         here = nuisance.known(self.joint, lambda: self._at_joint(nuisance))
         beside = here.T @ self.forces
-        return Products(self.together, beside[:-1], beside[-1])
-
-    @cached_property
-    def together(self) -> Array:
-        """Σ FᵀKF (c, c)."""
-        parts = _by_run(self.problem, self.forces)
-        found = [part.T @ (inverse_at(self.problem, index, self.joint) @ part) for index, part in enumerate(parts)]
-        return np.asarray(np.sum(found, axis=0))
+        if not self.known:
+            parts = enumerate(_by_run(self.problem, self.forces))
+            found = [part.T @ (inverse_at(self.problem, index, self.joint) @ part) for index, part in parts]
+            self.known.append(np.sum(found, axis=0))
+        return Products(self.known[0], beside[:-1], beside[-1])
 
     def _at_joint(self, nuisance: Nuisance) -> Array:
         """(ΣM, p + 1) E_jᵀ L⁻ᵀ of the nuisance's basis and its residual."""

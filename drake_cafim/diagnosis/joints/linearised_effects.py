@@ -155,19 +155,20 @@ def _force_looks(problem: WeakFormRows, physics: Physics, effect: JointForce) ->
     samples = tuple(run.weak.law_samples(physics)[joint] for run in problem.runs)
     known = problem.force_looks.get(effect.key)
     if known is None or any(sample is not other for sample, other in zip(known[0], samples, strict=True)):
-        found = _force_rows(problem, joint, effect, samples)
+        found = _force_rows(problem, effect, samples)
         # of long recordings the columns of a few starts at a time are held
         known = samples, list(found) if problem.rows < CACHED_ROWS else found
         if problem.rows < CACHED_ROWS:
             problem.force_looks[effect.key] = known
-    for columns, shape in known[1]:
-        yield columns, partial(effect.from_coefficients, shape=shape)
+    # not the columns are cached: they refer to the problem, which would stay in memory until cycles are collected
+    for forces, products, shape in known[1]:
+        yield JointForceColumns(problem, joint, forces, products), partial(effect.from_coefficients, shape=shape)
 
 
 def _force_rows(
-    problem: WeakFormRows, joint: int, effect: JointForce, samples: Sequence[JointSamples]
-) -> Iterator[tuple[JointForceColumns, Mapping[str, float]]]:
-    """The columns of each start of the law, and its shape."""
+    problem: WeakFormRows, effect: JointForce, samples: Sequence[JointSamples]
+) -> Iterator[tuple[Array, list[Array], Mapping[str, float]]]:
+    """The integrals (ΣM, c) over the windows of each start of the law, room for their products, and its shape."""
     ends = np.cumsum([len(sample.q) for sample in samples])[:-1]
     for some in _batches(effect.starts(concatenate(samples))):
         pieces = np.split(np.concatenate([start.columns for start in some], axis=1), ends)
@@ -175,7 +176,7 @@ def _force_rows(
         integrals = [-(run.weak.samples.law_value @ piece) for run, piece in zip(problem.runs, pieces, strict=True)]
         cuts = np.cumsum([start.columns.shape[1] for start in some])[:-1]
         for start, forces in zip(some, np.split(np.concatenate(integrals), cuts, axis=1), strict=True):
-            yield JointForceColumns(problem, joint, forces), start.shape
+            yield forces, [], start.shape
 
 
 def _batches(starts: Iterable[Start]) -> Iterator[list[Start]]:
