@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from drake_cafim.diagnosis.fit.columns import whitened
 from drake_cafim.diagnosis.fit.fitting import Fit, _subtract_excess, fit, unbiased_fit
 from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.problem import Problem
 from drake_cafim.diagnosis.fit.robust_covariance import wald_p_value
-from drake_cafim.diagnosis.joints.linearised_effects import looks
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.joints.pulses import DECAYED_SHARE, pulses_of, strongest_pushes
 from drake_cafim.diagnosis.rows.samples import samples_of
@@ -23,7 +21,7 @@ from drake_cafim.diagnosis.thresholds import REGRESSOR_SIGNAL_SHARE
 from drake_cafim.effects.actuator import ActuatorDelay
 from drake_cafim.effects.body import ExternalDisturbance, pulse
 from drake_cafim.effects.coupling import JointBacklash, JointCoupling, JointElasticity
-from drake_cafim.effects.joint import JointCoulombFriction, JointSpring, JointViscousFriction
+from drake_cafim.effects.joint import JointSpring, JointViscousFriction
 from drake_cafim.effects.link import Payload
 from drake_cafim.effects.sensor import SensorGainError
 from drake_cafim.effects.timing import SensorDelay
@@ -332,24 +330,6 @@ def test_a_velocity_steps_when_the_effort_acts(tmp_path: Path, delay: float) -> 
         for name, effects in (("late", (ActuatorDelay("rail", {"delay": delay}),)), ("at once", ()))
     }
     assert np.abs(rows["late"]).max() < 0.1 * np.abs(rows["at once"]).max()
-
-
-def test_looks_that_are_kept_are_those_of_the_samples_as_corrected(tmp_path: Path) -> None:
-    """A joint law looks elsewhere once a sensor is known to be late, and where it did once it no longer is."""
-    problem = sliding_mass(tmp_path, mass=2.0, friction=1.5, seed=0)
-    delays = [SensorDelay(f"{kind}.rail", {"delay": 0.02}) for kind in "qv"]
-    prompt, late = problem.nominal(), problem.nominal().with_effects(delays)
-
-    def seen(model: Model, of: WeakProblem) -> np.ndarray:
-        at = Fit(model, of.residual(model), of.jacobian(model), np.eye(len(model.vector)), of.rows)
-        return np.concatenate(
-            [whitened(columns) for columns, _ in looks(of, at, JointCoulombFriction("rail")).found], axis=1
-        )
-
-    first, second, third = (seen(model, problem) for model in (prompt, late, prompt))
-    np.testing.assert_array_equal(first, third)
-    np.testing.assert_array_equal(second, seen(late, sliding_mass(tmp_path, mass=2.0, friction=1.5, seed=0)))
-    assert np.linalg.norm(second - first) > 0.01 * np.linalg.norm(first)
 
 
 def test_the_strongest_push_is_where_it_was_and_gains_what_a_fit_does(tmp_path: Path) -> None:

@@ -7,13 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drake_cafim.diagnosis.fit.columns import Nuisance, change_by, products_of
-from drake_cafim.diagnosis.fit.fitting import fit
+from drake_cafim.diagnosis.fit.columns import Nuisance, change_by, products_of, whitened
+from drake_cafim.diagnosis.fit.fitting import Fit, fit
+from drake_cafim.diagnosis.fit.model import Model
 from drake_cafim.diagnosis.fit.screening import screen
 from drake_cafim.diagnosis.joints.joint_force_columns import JointForceColumns, inverse_at
+from drake_cafim.diagnosis.joints.linearised_effects import looks
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.effects.joint import JointForce
+from drake_cafim.effects.joint import JointCoulombFriction, JointForce
+from drake_cafim.effects.timing import SensorDelay
 from tests import two_links
 
 CHANNELS = (two_links.CHANNELS, "channels: {q: {std: 2.0e-4, correlation_time: 0.02}, v: {std: 2.0e-3}, u: {std: 0.1}}")
@@ -64,3 +67,21 @@ def test_a_problem_that_was_screened_is_freed_at_once(tmp_path: Path) -> None:
         assert seen() is None
     finally:
         gc.enable()
+
+
+def test_looks_that_are_kept_are_those_of_the_samples_as_corrected(tmp_path: Path) -> None:
+    """A joint law looks elsewhere once a sensor is known to be late, and where it did once it no longer is."""
+    problem = _problem(tmp_path, two_links.CHANNELS)
+    delays = [SensorDelay(f"{kind}.shoulder", {"delay": 0.02}) for kind in "qv"]
+    prompt, late = problem.nominal(), problem.nominal().with_effects(delays)
+
+    def seen(model: Model, of: WeakProblem) -> np.ndarray:
+        at = Fit(model, of.residual(model), of.jacobian(model), np.eye(len(model.vector)), of.rows)
+        return np.concatenate(
+            [whitened(columns) for columns, _ in looks(of, at, JointCoulombFriction("shoulder")).found], axis=1
+        )
+
+    first, second, third = (seen(model, problem) for model in (prompt, late, prompt))
+    np.testing.assert_array_equal(first, third)
+    np.testing.assert_array_equal(second, seen(late, _problem(tmp_path, two_links.CHANNELS)))
+    assert np.linalg.norm(second - first) > 0.01 * np.linalg.norm(first)
