@@ -15,7 +15,7 @@ from drake_cafim.diagnosis.joints.joint_force_columns import JointForceColumns, 
 from drake_cafim.diagnosis.joints.linearised_effects import looks
 from drake_cafim.diagnosis.joints.problem import WeakProblem
 from drake_cafim.diagnosis.preparation import prepare
-from drake_cafim.effects.joint import JointCoulombFriction, JointForce
+from drake_cafim.effects.joint import JointCoulombFriction, JointForce, JointViscousFriction
 from drake_cafim.effects.timing import SensorDelay
 from tests import two_links
 
@@ -85,3 +85,13 @@ def test_looks_that_are_kept_are_those_of_the_samples_as_corrected(tmp_path: Pat
     np.testing.assert_array_equal(first, third)
     np.testing.assert_array_equal(second, seen(late, _problem(tmp_path, two_links.CHANNELS)))
     assert np.linalg.norm(second - first) > 0.01 * np.linalg.norm(first)
+
+
+def test_a_force_is_tried_along_the_slope_that_it_has_in_a_fit(tmp_path: Path) -> None:
+    problem = _problem(tmp_path, two_links.CHANNELS)
+    viscous = JointViscousFriction("shoulder", {"coefficient": 0.1})
+    model = problem.nominal().with_effects([viscous])
+    at = Fit(model, problem.residual(model), problem.jacobian(model), np.eye(len(model.vector)), problem.rows)
+    [(columns, _)] = looks(problem, at, viscous).found
+    slope = problem.effect_columns(model, 0)[: problem.rows]
+    assert np.allclose(whitened(columns), slope, atol=1e-9 * np.abs(slope).max())

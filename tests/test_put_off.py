@@ -155,6 +155,18 @@ def test_a_search_for_many_effects_begins_with_those_that_were_found_before(
     assert effect.values["coefficient"] == pytest.approx(0.3, rel=0.02)
 
 
+def test_what_was_found_is_fitted_before_its_noise_is_taken_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.undo()
+    problem = arm_that_rubs(tmp_path, lambda v: 0.3 * v).nominal
+    viscous = effect_named("joint_viscous_friction")(problem.scene.tree.joint_names[0], {"coefficient": 0.1})
+    found: Any = SimpleNamespace(model=problem.nominal().with_effects([viscous]))
+    before: Any = SimpleNamespace(best=found, outcome=SimpleNamespace(unsupported=()))
+    [effect] = judgement.fit_again(problem, before).effects
+    assert effect.values["coefficient"] == pytest.approx(0.3, rel=0.02)
+
+
 @pytest.mark.parametrize(("name", "effects"), [(UNKNOWN_FORCES, 4), (UNKNOWN_FORCES, 2), ("", 2)])
 def test_many_effects_are_not_looked_for_again_under_less_noise(
     monkeypatch: pytest.MonkeyPatch, name: str, effects: int
